@@ -18,7 +18,7 @@ from gcs.model.quoting import cut
 ABSOLUTE: Final = re.compile(rb"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)(/.*)?", re.DOTALL)
 
 SECURE: Final = {"http": "http", "ws": "http", "https": "https", "wss": "https"}
-"""The scheme that a target has on a connection, of which ASGI says `ws` where a WebSocket is asked for."""
+"""Scheme of an absolute target by ASGI's scheme of the connection (`ws` for a WebSocket handshake)."""
 
 
 class AbsoluteTarget:
@@ -46,7 +46,7 @@ class AbsoluteTarget:
 
 
 def _problem(scheme: str, authority: bytes, expected: str) -> str:
-    """What is wrong with an absolute target; empty when nothing is."""
+    """The problem of an absolute target; empty when it is valid."""
     if SECURE.get(scheme) != expected:
         return f"the scheme is {scheme!r}; this listener answers {expected}:// alone"
     if b"@" in authority:
@@ -54,7 +54,7 @@ def _problem(scheme: str, authority: bytes, expected: str) -> str:
     try:
         parts = urlsplit(f"//{authority.decode('ascii')}")
         named = bool(parts.hostname) and (parts.port is None or parts.port > 0)
-    except ValueError:  # a port that is no port, half an IPv6 address
+    except ValueError:  # an invalid port, or an incomplete IPv6 address
         named = False
     return "" if named else "it names no host and port; a target is http://HOST:PORT/PATH"
 
@@ -62,7 +62,7 @@ def _problem(scheme: str, authority: bytes, expected: str) -> str:
 async def _refuse(detail: str, scope: Scope, receive: Receive, send: Send) -> None:
     response = error_response(HTTPStatus.BAD_REQUEST, detail)
     if scope["type"] == "websocket":
-        await receive()  # the connect message, without which an answer is no ASGI
+        await receive()  # ASGI: the connect message comes before any response
         await WebSocket(scope, receive, send).send_denial_response(response)
     else:
         await response(scope, receive, send)

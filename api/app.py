@@ -64,14 +64,14 @@ def create_app(
     console: Path = page.DIST,
     ground: GroundMap | None = None,
 ) -> FastAPI:
-    """The REST API, the stream and the operator's page over one service.
+    """Create the REST API, the stream and the operator's console over one service.
 
     Args:
-        service: the control side.
-        host_names: by which a browser may call this service, besides its IP addresses.
-        authorization: who may call; None: everybody on this machine, as often as they like.
-        console: the folder that the page was built into.
-        ground: the map that the page draws; None: a grid alone.
+        service: the port to the flight.
+        host_names: host names that a browser may use, besides the service's IP addresses.
+        authorization: rights and rates of callers; None: every caller has every right, without a rate limit.
+        console: the folder of the built console.
+        ground: the map that the console draws; None: only a grid.
     """
     authorization = authorization or Authorization()
     app = routed(asks_for_tokens=authorization.asks_for_tokens)
@@ -87,9 +87,10 @@ def create_app(
 
 
 def routed(*, asks_for_tokens: bool = True) -> FastAPI:
-    """Every route, and what OpenAPI says of it, without a service: nothing of it can be called.
+    """Create an app with every route for its OpenAPI document, without a service: no route can be called.
 
-    `asks_for_tokens`: whether OpenAPI demands a token, where a call needs one.
+    Args:
+        asks_for_tokens: whether the document demands a token for calls that need a right.
     """
     app = _Described(asks_for_tokens)
     app.include_router(routes.health)
@@ -107,7 +108,7 @@ def routed(*, asks_for_tokens: bool = True) -> FastAPI:
 
 
 class _Described(FastAPI):
-    """The app as it describes itself: a token is demanded only where the service demands one."""
+    """FastAPI whose OpenAPI document demands a token only where the service demands one."""
 
     def __init__(self, asks_for_tokens: bool) -> None:
         super().__init__(
@@ -115,7 +116,7 @@ class _Described(FastAPI):
             version="1",
             description=DESCRIPTION,
             servers=[{"url": "/", "description": "The service that answers with this document."}],
-            docs_url=None,  # the framework's page loads its scripts from the internet, which a field may lack
+            docs_url=None,  # FastAPI's page loads scripts from the internet, which a field may not have
             redoc_url=None,
             redirect_slashes=False,
             generate_unique_id_function=lambda route: route.name,
@@ -124,7 +125,7 @@ class _Described(FastAPI):
         self._asks_for_tokens = asks_for_tokens
 
     def openapi(self) -> dict[str, Any]:
-        """The document, made once."""
+        """Return the OpenAPI document; it is made once."""
         if self.openapi_schema is None:
             document = super().openapi()
             if not self._asks_for_tokens:
@@ -139,7 +140,7 @@ class _Described(FastAPI):
 
 async def _on_gcs_error(_request: Request, error: Exception) -> Response:
     status = next((STATUS[kind] for kind in type(error).__mro__ if kind in STATUS), None)
-    if status is None:  # ours, but nothing that a request can cause: a bug
+    if status is None:  # a GcsError that no request can cause: a bug
         raise error
     if isinstance(error, InvalidError):
         return invalid_response(
@@ -158,7 +159,7 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         raise error
     path, names = cut(request.url.path), ""
-    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:  # the framework names those of one route alone
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:  # Starlette names the methods of one route only
         names = ", ".join(allowed(request.app.routes, request.scope))
     details = {
         HTTPStatus.NOT_FOUND: f"there is no {path} here; /docs lists what there is",
@@ -172,12 +173,12 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
 
 
 async def _on_bug(_request: Request, _error: Exception) -> Response:
-    """Answer in the one shape; the server raises the error again and logs it."""
+    """Answer an unexpected exception in the common error shape; the server raises it again and logs it."""
     return error_response(HTTPStatus.INTERNAL_SERVER_ERROR, "an error of this service; its log says more")
 
 
 def _install(app: FastAPI) -> None:
-    """Let every error of `app` leave in the one shape."""
+    """Install the exception handlers that give every error of `app` the common shape."""
     app.add_exception_handler(GcsError, _on_gcs_error)
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_error)

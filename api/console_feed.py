@@ -1,4 +1,4 @@
-"""What the console's stream sends, made once per state however many watch."""
+"""Messages of the console's stream, made once per state for all viewers."""
 
 import time
 from collections.abc import Callable
@@ -12,22 +12,22 @@ from gcs.api.schemas.stream import Status
 from gcs.service import FleetView, Service
 
 STATUS_S: Final = 0.5
-"""What changes seldom is told no more often than that."""
+"""Least seconds between two status messages."""
 
 
 class Feed:
-    """Frames and status of one service. Used on the loop alone."""
+    """Frames and status of one service. Use it only on the event loop."""
 
     def __init__(
         self, service: Service, access: str, problem: Callable[[], str], ground: GroundMap | None = None
     ) -> None:
-        """`access` is the door's text; `problem` says why control is not alive now."""
+        """`access` is `Authorization.text`; `problem` says why control is not alive now, empty when it is."""
         self._service = service
         self._access = access
         self._problem = problem
         self._ground = ground
         self._began_unix_s = time.time()
-        self._reported: object = None  # what the status tells, without what a frame tells as well
+        self._reported: object = None  # content of the newest status, without what a frame contains as well
         self._made_s = 0.0
         self._status = ""
         self._revision = 0
@@ -35,7 +35,7 @@ class Feed:
         self._frame_of: tuple[FleetView, bool, int] | None = None
 
     def status(self, now_s: float) -> tuple[int, str]:
-        """Its revision, and the newest status as JSON text; at most STATUS_S old where something changed."""
+        """Return revision and JSON text of the newest status; changes appear within `STATUS_S`."""
         if not self._revision or now_s - self._made_s >= STATUS_S:
             self._made_s = now_s
             reported = self._tells()
@@ -46,14 +46,14 @@ class Feed:
         return self._revision, self._status
 
     def newest(self) -> Status:
-        """The status of the newest state."""
+        """Make the status of the newest state."""
         view, events = self._service.view.value, self._service.events()
         reported = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
         why = self._service.shows.why_not_kept
         return convert_status.status(view, self._service.frame, events, *reported, why)
 
     def frame(self) -> bytes:
-        """The newest state."""
+        """Return the newest state as a binary frame."""
         view, alive = self._service.view.value, not self._problem()
         if (
             self._frame_of is None

@@ -1,6 +1,6 @@
-"""The console at `/`: a built page and its assets, public, for it holds nothing of the flight.
+"""The console at `/`: the built page and its assets, public because they contain no data of the flight.
 
-It is built from `api/console/` (`make console`); an installed wheel brings it along.
+`make console` builds it from `api/console/`; a wheel contains it.
 """
 
 import mimetypes
@@ -20,7 +20,7 @@ from gcs.api.errors import error_response
 DIST: Final = Path(__file__).parent / "console" / "dist"
 
 ASSET: Final = re.compile(r"/assets/[A-Za-z0-9_-]{1,100}(\.[A-Za-z0-9_-]{1,20}){1,3}")
-"""One file, directly in the folder; its name holds a hash of what is in it."""
+"""Path of one asset, directly in the folder; its name contains a hash of its content."""
 
 HEADERS: Final = {
     "Content-Security-Policy": (
@@ -29,7 +29,7 @@ HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
 }
-"""What the page runs comes from here alone, and nobody else may show it within a page of theirs."""
+"""Headers of the page: its scripts come from this service only, and no other site may frame it."""
 
 FOR_EVER: Final = "public, max-age=31536000, immutable"
 
@@ -37,12 +37,12 @@ NOT_BUILT: Final = "The console is not built here: run make console, or install 
 
 
 def is_public(path: str) -> bool:
-    """Whether this is a path of the page or of one of its assets."""
+    """Whether this is the path of the page or of an asset."""
     return path == "/" or ASSET.fullmatch(path) is not None
 
 
 def headers(asked: str | None) -> dict[str, str]:
-    """What goes with the page, which may ask that origin for tiles of a map; None: nobody but us."""
+    """Headers of the page. `asked` is a foreign origin of map tiles; None: requests to this service only."""
     if asked is None:
         return HEADERS
     policy = f"{HEADERS['Content-Security-Policy']}; connect-src 'self' {asked}"
@@ -50,16 +50,16 @@ def headers(asked: str | None) -> dict[str, str]:
 
 
 def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
-    """The page that was built into `folder`; looked for with every call, so that it may be built later.
+    """Routes of the console that was built into `folder`; each call looks there, so it may be built later.
 
-    `asked`: the origin that it may ask for tiles of a map, besides us.
+    `asked` is a foreign origin from which the page may request map tiles.
     """
     router = APIRouter(include_in_schema=False)
     sent = headers(asked)
 
     @router.api_route("/", methods=["GET", "HEAD"])
     async def page(request: Request) -> Response:
-        """The console; asked for anew each time, since it names the assets of its own version."""
+        """The console. Browsers revalidate it each time: it names the assets of its own version."""
         index = folder / "index.html"
         if not index.is_file():
             return error_response(503, NOT_BUILT)
@@ -67,7 +67,7 @@ def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
 
     @router.api_route("/assets/{name}", methods=["GET", "HEAD"])
     async def asset(name: str, request: Request) -> Response:
-        """Never another one under the same name: it may be kept for ever."""
+        """One asset. Its content never changes under its name, so browsers may keep it for ever."""
         found = folder / "assets" / name
         if ASSET.fullmatch(f"/assets/{name}") is None or is_twin(name) or not found.is_file():
             raise HTTPException(404)
@@ -77,7 +77,7 @@ def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
 
 
 def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
-    """A file, in the form that this caller accepts; nothing of it where the caller has it already."""
+    """A file in the content coding that the caller accepts; 304 when the caller has it already."""
     form = chosen(file, request.headers.get("accept-encoding"))
     if form is None:
         detail = (

@@ -1,4 +1,4 @@
-"""What one app holds: the service, and the little that must be remembered between two requests."""
+"""State of one app: the service, and what must be remembered between two requests."""
 
 import asyncio
 from collections.abc import Iterator
@@ -20,14 +20,14 @@ from gcs.model.plan import Plan
 from gcs.service import FleetView, Service
 
 VIEWERS_MAX: Final = 32
-"""Each viewer costs time of the event loop, and memory for what it has not read yet."""
+"""Most viewers: each costs time of the event loop, and memory for what it has not read yet."""
 
 
 class Context:
     """The service as requests see it.
 
-    The service shows a changed plan with its next tick. Between the two, this remembers what was accepted,
-    so that a second change starts from the first, and a reader finds what was just written.
+    The service shows a changed plan after its next tick. Until then the context keeps the accepted plan, so
+    that a second change starts from the first one, and a client reads what it has just written.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class Context:
         self.authorization = authorization
         self.kill_switch = KillSwitch()
         self.feed = Feed(service, authorization.text, self.health_problem, ground)
-        self.emergency_port: int | None = None  # of the listener for emergency calls alone, once it listens
+        self.emergency_port: int | None = None  # of the emergency listener, once it listens
         self._accepted = service.view.value.plan
         self._accepted_during = service.view.value
         self._text = ""
@@ -48,17 +48,16 @@ class Context:
 
     @property
     def view(self) -> FleetView:
-        """The newest state."""
         return self.service.view.value
 
     @property
     def frame(self) -> ShowFrame:
-        """Where the show's origin lies."""
+        """The show frame."""
         return self.service.frame
 
     @property
     def plan(self) -> Plan:
-        """What is wanted, with everything that was accepted so far."""
+        """The plan with every change that was accepted so far."""
         return self._accepted if self._accepted_during is self.view else self.view.plan
 
     def accepted(self, plan: Plan) -> None:
@@ -66,19 +65,19 @@ class Context:
         self._accepted, self._accepted_during = plan, self.view
 
     def now_s(self) -> float:
-        """The loop's clock, which is the service's."""
+        """Time of the event loop, the clock of the service."""
         return asyncio.get_running_loop().time()
 
     def age_s(self) -> float:
-        """Since the newest state was made."""
+        """Age of the newest state."""
         return self.now_s() - self.view.time_s
 
     def health_problem(self) -> str:
-        """Why control cannot be called alive now; empty when it can."""
+        """Why control is not alive now; empty when it is."""
         return convert.health_problem(self.view, self.now_s())
 
     def fleet_json(self) -> str:
-        """Everything as JSON text, written once per state however many viewers there are."""
+        """The whole state as JSON text, made once per state for all viewers."""
         view, problem = self.view, self.health_problem()
         if self._text_of is None or self._text_of[0] is not view or self._text_of[1] != problem:
             self._text, self._text_of = (
@@ -88,13 +87,13 @@ class Context:
         return self._text
 
     def new_obstacle_id(self) -> str:
-        """An id that no obstacle has and that none was given before."""
+        """Return an id that no obstacle has and that was never given before."""
         taken = {box.id for box in self.plan.obstacles}
         return next(name for number in self._numbers if (name := f"box-{number}") not in taken)
 
     @contextmanager
     def viewer_slot(self) -> Iterator[None]:
-        """One viewer's place. Raises: RefusedError when all are taken."""
+        """Hold one viewer slot. Raises: RefusedError when all are taken."""
         if self._viewers >= VIEWERS_MAX:
             raise RefusedError(f"{VIEWERS_MAX} viewers watch already: close one of them")
         self._viewers += 1

@@ -15,16 +15,16 @@ HEADERS: Final = {
     "Content-Security-Policy": f"{page.HEADERS['Content-Security-Policy']}; img-src 'self' data:",
     "Cache-Control": "no-cache",
 }
-"""The console's, and the pictures that Swagger UI's own style sheet holds as data."""
+"""Headers of the console, plus permission for the images that Swagger UI's style sheet embeds as data."""
 
 
 def routes(folder: Path = page.DIST) -> APIRouter:
-    """The page that was built into `folder`; it asks for nothing but its assets and `/openapi.json`."""
+    """Route of the page in `folder`; the page requests only its assets and `/openapi.json`."""
     router = APIRouter(include_in_schema=False)
 
     @router.get("/docs")
     async def docs(request: Request) -> Response:
-        """Every operation, to read and to try."""
+        """Documentation of every operation, with a form to call it."""
         index = folder / "docs.html"
         if not index.is_file():
             return error_response(503, page.NOT_BUILT)

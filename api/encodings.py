@@ -1,24 +1,24 @@
-"""Which form of a file a caller is sent: compressed beforehand, or as it is (RFC 9110, 12.5.3 and 13.1.2)."""
+"""Content negotiation of files: compressed beforehand, or as they are (RFC 9110, 12.5.3 and 13.1.2)."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
 TWINS: Final[Mapping[str, str]] = {"br": ".br", "gzip": ".gz"}
-"""Ending of the compressed file's name beside the file, by content coding; the better compressed first."""
+"""Suffix of the compressed file beside the file, by content coding; the better compressed first."""
 
 IDENTITY: Final = "identity"
 
 
 class Form(NamedTuple):
-    """A file as it is sent."""
+    """A file in one content coding."""
 
     path: Path
     coding: str  # a key of TWINS, or IDENTITY
 
     @property
     def headers(self) -> dict[str, str]:
-        """What tells this form from the others. Raises: OSError when the file is gone."""
+        """Headers of this form: its ETag and coding. Raises: OSError when the file is gone."""
         stat = self.path.stat()
         reported = {
             "Vary": "Accept-Encoding",
@@ -28,12 +28,12 @@ class Form(NamedTuple):
 
 
 def is_twin(name: str) -> bool:
-    """Whether a file's name is that of a compressed form: it is no file of its own."""
+    """Whether a name belongs to the compressed form of another file."""
     return name.endswith(tuple(TWINS.values()))
 
 
 def chosen(file: Path, accept_encoding: str | None) -> Form | None:
-    """The form of `file` that the caller prefers, the smallest of equals; None: it accepts none."""
+    """Return the form of `file` that the caller prefers, the smallest of equals; None: it accepts none."""
     liked = qualities(accept_encoding)
     best: tuple[float, Form] | None = None
     for coding, ending in (*TWINS.items(), (IDENTITY, "")):
@@ -45,7 +45,7 @@ def chosen(file: Path, accept_encoding: str | None) -> Form | None:
 
 
 def qualities(accept_encoding: str | None) -> dict[str, float]:
-    """Quality by content coding, from the header; what cannot be read counts as refused. None: no header."""
+    """Parse the header (None: absent) into qualities by content coding; invalid entries count as refused."""
     found: dict[str, float] = {}
     for part in (accept_encoding or "").split(","):
         coding, _, parameter = part.partition(";")
@@ -70,11 +70,11 @@ def _quality(coding: str, liked: Mapping[str, float]) -> float:
     if coding in liked:
         return liked[coding]
     if coding == IDENTITY:
-        return 1e-4 if liked.get("*", 1.0) > 0.0 else 0.0  # whatever is named is liked better
+        return 1e-4 if liked.get("*", 1.0) > 0.0 else 0.0  # any coding that is named is preferred
     return liked.get("*", 0.0)
 
 
 def is_known(etag: str, if_none_match: str | None) -> bool:
-    """Whether the caller has this form already."""
+    """Whether `If-None-Match` contains this form's ETag."""
     known = {part.strip().removeprefix("W/") for part in (if_none_match or "").split(",")}
     return etag in known or "*" in known

@@ -1,4 +1,4 @@
-"""What routes have in common: how their errors and the token are documented, and what no fields means."""
+"""Common parts of routes: documentation of errors and of the token, and refusal of unexpected bodies."""
 
 from typing import Any, Final
 
@@ -26,12 +26,12 @@ MEANING: Final = {
 
 
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """How the errors that a route may answer are documented."""
+    """OpenAPI documentation of the errors that a route may return."""
     return {status: {"model": schemas.ErrorBody, "description": MEANING[status]} for status in statuses}
 
 
 async def _no_body(request: Request) -> None:
-    """Whoever sends details with a command that has none means something that would not happen."""
+    """Refuse a body of a command without parameters: the caller expects an effect that the command lacks."""
     body = await request.body()
     if body.strip() not in (b"", b"{}", b"null"):
         raise InvalidError("body", body.decode(errors="replace"), "empty: this request has no fields")

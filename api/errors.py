@@ -1,4 +1,4 @@
-"""The one shape in which every error leaves, and what is wrong with a request in our words."""
+"""The common shape of every error response, and descriptions of invalid requests in the project's words."""
 
 import json
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from gcs.model.quoting import cut, quoted
 ERROR_HEADERS: Final = {**HEADERS, "Cache-Control": "no-store"}
 
 DETAIL_MAX: Final = 4000
-"""Characters of one error's text, however many fields are wrong."""
+"""Most characters of one error's text, however many fields are wrong."""
 
 KINDS: Final = {
     "bool_type": "true or false",
@@ -26,22 +26,22 @@ KINDS: Final = {
     "none_required": "null",
     "tuple_type": "a list",
 }
-"""What is allowed, in JSON's words where pydantic has Python's."""
+"""Description of what is allowed, in terms of JSON, by pydantic's error type."""
 
 
 def echo(value: object) -> str | int | float | bool | None:
-    """A value from outside in a form that is JSON and short."""
+    """Return a received value as short JSON."""
     if isinstance(value, float) and not isfinite(value):
         return "NaN" if isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if value is None or isinstance(value, bool | float):
         return value
-    if isinstance(value, int) and value.bit_length() < 54:  # exact in every reader of JSON
+    if isinstance(value, int) and value.bit_length() < 54:  # exact in every JSON parser
         return value
     return cut(_text(value))
 
 
 def _text(value: object) -> str:
-    """A value as a sender of JSON would write it; text as it is."""
+    """Format a value as JSON; text without quotes."""
     if isinstance(value, str):
         return value
     if isinstance(value, bytes):
@@ -52,7 +52,7 @@ def _text(value: object) -> str:
 
 
 def error_response(status: int, detail: str, problems: Sequence[schemas.Problem] = ()) -> Response:
-    """An error in its one shape. Plain ASCII, so that no text from outside can break it."""
+    """Make an error response in the common shape, in plain ASCII, so that no received text can break it."""
     body = {
         "detail": detail if len(detail) <= DETAIL_MAX else detail[:DETAIL_MAX] + "…",
         "problems": [problem.model_dump() for problem in problems],
@@ -62,16 +62,16 @@ def error_response(status: int, detail: str, problems: Sequence[schemas.Problem]
 
 
 def invalid_response(problems: Sequence[schemas.Problem]) -> Response:
-    """Fields that are wrong: 422."""
+    """Make the response to invalid fields: 422."""
     detail = "; ".join(f"{problem.field} = {_text(problem.value)}: {problem.allowed}" for problem in problems)
     return error_response(HTTPStatus.UNPROCESSABLE_ENTITY, detail, problems)
 
 
 def from_pydantic(error: dict[str, Any]) -> schemas.Problem:
-    """One complaint of pydantic's, in our words."""
+    """Convert one error of pydantic."""
     kind, value = error["type"], error["input"]
     path = [str(part) for part in error["loc"][1:]]
-    if len(path) > 1 and path[0] in schemas.TARGET_FRAMES:  # which of two forms was meant: no field
+    if len(path) > 1 and path[0] in schemas.TARGET_FRAMES:  # the tag of the union, not a field
         path = path[1:]
     field = ".".join(path) or "body"
     allowed = KINDS.get(kind) or error["msg"].removeprefix("Input should be ")

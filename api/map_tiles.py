@@ -1,7 +1,7 @@
-"""The picture of the ground: tiles of a server that the page asks itself, or of a file that we serve.
+"""Map tiles: of a tile server that the page requests itself, or of a file that this service serves.
 
-Tiles are web mercator's, numbered by zoom, column and row from the north-west, as everybody's addresses have
-them. A file is an MBTiles file (specification 1.3): SQLite, rows from the south.
+Tiles are in web mercator, numbered by zoom, column and row from the north-west, as is usual in tile URLs.
+A file is an MBTiles file (specification 1.3): SQLite, rows from the south.
 """
 
 import asyncio
@@ -17,32 +17,32 @@ from gcs.model.errors import ConfigError, InvalidError, UnknownError
 from gcs.service.map_settings import ZOOM_MAX, MapSettings, is_address
 
 SERVED: Final = "/api/v1/map/{z}/{x}/{y}"
-"""Where a page finds the tiles of our own file."""
+"""URL template of the tiles of this service's own file."""
 
 TILE_MOST_BYTES: Final = 1 << 20
-"""Of a picture; what is larger is not read. Usual ones have some 10 kB."""
+"""Largest tile that is read; usual ones have some 10 kB."""
 
 MEDIA: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
-"""By what an MBTiles file calls its format."""
+"""Media type by the `format` of an MBTiles file."""
 
 
 class TileFile:
-    """An MBTiles file of pictures, open for reading. Not for several threads at once."""
+    """An MBTiles file of raster tiles, open for reading. Not for use by several threads at once."""
 
     def __init__(self, path: Path) -> None:
-        """Raises: ConfigError that names the file and what is wrong with it."""
+        """Raises: ConfigError that names the file and its problem."""
         self._path = path
         self._turn = asyncio.Semaphore()
         try:
             self.version = path.stat().st_mtime_ns
-            # nobody writes to it: so it can be read from a folder that cannot be written
+            # immutable: the file can then be read in a folder that is not writable
             address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
             self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
             reported = {
                 str(name): str(value) for name, value in self._read("SELECT name, value FROM metadata")
             }
             columns = "zoom_level, tile_column, tile_row, length(tile_data)"
-            if not self._read(f"SELECT {columns} FROM tiles LIMIT 1"):  # noqa: S608 - ours
+            if not self._read(f"SELECT {columns} FROM tiles LIMIT 1"):  # noqa: S608 - constant column names
                 raise ConfigError(f"map.tiles: {path}: there is no tile in it")
             self.zoom_min = self._zoom(reported.get("minzoom"), "SELECT min(zoom_level) FROM tiles")
             zoom_max = self._zoom(reported.get("maxzoom"), "SELECT max(zoom_level) FROM tiles")
@@ -69,14 +69,14 @@ class TileFile:
         return self._file.execute(sql, values).fetchall()
 
     def _zoom(self, reported: str | None, sql: str) -> int:
-        """What the file says, or else has. Raises: ValueError for no number."""
+        """Zoom of the file's metadata, else of its tiles. Raises: ValueError when it is not a number."""
         return int(str(self._read(sql)[0][0]) if reported is None else reported)
 
     def tile(self, zoom: int, column: int, row: int) -> bytes:
-        """A picture.
+        """Return the bytes of one tile; `row` counts from the north.
 
         Raises:
-            InvalidError: no tile can have these numbers.
+            InvalidError: there is no such tile in web mercator.
             UnknownError: the file has no such tile.
             sqlite3.Error: the file cannot be read.
         """
@@ -99,28 +99,27 @@ class TileFile:
         raise UnknownError(f"{self._path.name} has no {name}")
 
     async def read(self, zoom: int, column: int, row: int) -> bytes:
-        """As `tile`, one at a time in a thread: a slow disk holds that one, and not the loop."""
+        """As `tile`, one at a time in a thread, so that a slow disk does not block the event loop."""
         async with self._turn:
             return await asyncio.to_thread(self.tile, zoom, column, row)
 
     def close(self) -> None:
-        """Nothing can be read afterwards."""
         self._file.close()
 
 
 @dataclass(frozen=True, slots=True)
 class GroundMap:
-    """What the page is told of the map."""
+    """The map as the page needs it."""
 
-    tiles: str  # address, with {z}, {x} and {y}
+    tiles: str  # URL template with {z}, {x} and {y}
     attribution: str
     zoom_min: int
     zoom_max: int
-    file: TileFile | None = None  # None: the page asks somebody else
+    file: TileFile | None = None  # None: the page requests the tiles from another server
 
     @property
     def origin(self) -> str | None:
-        """Whom the page asks; None: us."""
+        """Origin of a foreign tile server; None: this service."""
         if self.file is not None:
             return None
         parts = urlsplit(self.tiles)
@@ -128,7 +127,7 @@ class GroundMap:
 
 
 def open_map(settings: MapSettings | None) -> GroundMap | None:
-    """The map that is configured. Raises: ConfigError when its file cannot be used."""
+    """Open the configured map. Raises: ConfigError when its file cannot be used."""
     if settings is None:
         return None
     if is_address(settings.tiles):
@@ -140,5 +139,5 @@ def open_map(settings: MapSettings | None) -> GroundMap | None:
         raise ConfigError(
             f"map.zoom_max = {settings.zoom_max}: {settings.tiles} begins with zoom {file.zoom_min}"
         )
-    tiles = f"{SERVED}?v={file.version:x}"  # another file has other addresses: browsers keep pictures
+    tiles = f"{SERVED}?v={file.version:x}"  # browsers cache tiles, so another file needs other URLs
     return GroundMap(tiles, settings.attribution or file.attribution, file.zoom_min, zoom_max, file)

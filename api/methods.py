@@ -1,4 +1,4 @@
-"""HEAD and OPTIONS of every path, and the methods that a path has."""
+"""HEAD and OPTIONS for every path, and the methods of a path."""
 
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Final
@@ -9,11 +9,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 METHODS: Final = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 EVERYTHING: Final = "*"
-"""The target of an OPTIONS request that asks about the whole service (RFC 9110, 7.1)."""
+"""Target of an OPTIONS request for the whole service (RFC 9110, 7.1)."""
 
 
 def allowed(routes: Sequence[BaseRoute], scope: Scope) -> list[str]:
-    """The methods that can be used where a request went, as in the header `Allow`; none where nothing is."""
+    """Methods of the request's path, as in the header `Allow`; empty when no route has that path."""
     if scope["path"] == EVERYTHING:
         return list(METHODS)
     found = {
@@ -31,12 +31,12 @@ class Methods:
     """ASGI middleware directly around the routes: HEAD is GET without the body, OPTIONS names the methods."""
 
     def __init__(self, app: ASGIApp, routes: Callable[[], Sequence[BaseRoute]]) -> None:
-        """`routes`: those of the app, which may still grow."""
+        """`routes` returns the routes of the app, which may still grow."""
         self._app = app
         self._routes = routes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer OPTIONS, translate HEAD, pass on the rest."""
+        """Answer OPTIONS, convert HEAD to GET, and pass on all other methods."""
         method = scope.get("method")
         if method == "OPTIONS" and (names := allowed(self._routes(), scope)):
             await Response(status_code=204, headers={"Allow": ", ".join(names)})(scope, receive, send)

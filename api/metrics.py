@@ -1,4 +1,4 @@
-"""What `/metrics` tells Prometheus, read from the newest state when it is asked for. Nothing is kept here."""
+"""Metrics for Prometheus at `/metrics`, computed from the newest state at each request; no state is kept."""
 
 import asyncio
 from collections.abc import Iterator, Mapping
@@ -55,17 +55,16 @@ def _of_vehicle(each: VehicleView) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class FleetCollector:
-    """Makes every metric from one state."""
+    """Makes all metrics of one state."""
 
     view: FleetView
-    problem: str  # why control is not alive; empty: it is
+    problem: str  # why control is not alive; empty when it is
     age_s: float
     access: str
     denied: int
     shed: int
 
     def collect(self) -> Iterator[Metric]:
-        """All of them."""
         yield from self._service()
         yield from _vehicles(self.view)
 
@@ -171,13 +170,13 @@ def _histogram(name: str, text: str, seen: Histogram) -> Metric:
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def metrics(context: ContextDep) -> Response:
-    """Every metric in Prometheus' text format."""
+    """Every metric in the text format of Prometheus."""
     authorization = context.authorization
     problem, age_s = context.health_problem(), max(0.0, context.age_s())
     collector = FleetCollector(
         context.view, problem, age_s, authorization.text, authorization.denied, authorization.shed
     )
-    # in a thread: of a thousand vehicles it is thousands of lines, and the loop has ticks to keep
+    # in a thread: a thousand vehicles need thousands of lines, which would delay ticks on the event loop
     text = await asyncio.to_thread(_text, collector)
     return Response(text, media_type=CONTENT_TYPE_PLAIN_1_0_0)
 

@@ -1,6 +1,6 @@
-"""What the API says of itself, as `/openapi.json` does, without a service: `python -m gcs.api.openapi`.
+"""Prints the OpenAPI document, as at `/openapi.json`, without a service: `python -m gcs.api.openapi`.
 
-The console's types are made of it (`api/console/src/schemas/schema.ts`).
+The console's types (`api/console/src/schemas/schema.ts`) are generated from it.
 """
 
 import json
@@ -10,7 +10,7 @@ from gcs.api.app import routed
 
 
 def text() -> str:
-    """OpenAPI as JSON, always in the same order."""
+    """Return the OpenAPI document as JSON, always in the same order."""
     return json.dumps(routed().openapi(), indent=1, sort_keys=True) + "\n"
 
 

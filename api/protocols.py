@@ -1,7 +1,7 @@
-"""Uvicorn's protocols, with every answer of their own in the one shape, and their log bounded.
+"""Uvicorn's protocols, with their own error responses in the common shape and a bounded log.
 
-What no application sees (a request that is no HTTP, one connection too many, a handshake that is none) is
-answered here, as every other error is.
+Errors that no application sees (an invalid HTTP request, one connection too many, an invalid WebSocket
+handshake) are answered here in the same shape as every other error.
 """
 
 import asyncio
@@ -26,28 +26,28 @@ from gcs.api.errors import error_response
 from gcs.api.rate_limit import Bucket
 
 CONNECTIONS_MAX: Final = 256
-"""Of each listener; one more is answered 503 and closed."""
+"""Most connections of one listener; one more is answered 503 and closed."""
 
 FULL: Final = f"{CONNECTIONS_MAX} connections are open already: close some, or call again in a second"
 NO_HTTP: Final = "this is no HTTP/1.1 request that can be read"
 
 LINES_PER_S: Final = 1.0
 LINES_BURST: Final = 10.0
-"""Warnings and errors of the server, of each kind; more of them than these are counted, or they would fill
-the disk.
+"""Log lines of each kind (warnings and errors of the server) at once; more are only counted, or they would
+fill the disk.
 """
 
 
 class Sparse(logging.Filter):
-    """Lets a few lines of each kind pass, and says with the next one how many were left out."""
+    """Log filter that limits the rate of each kind of line; the next line says how many were left out."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._buckets: dict[str, Bucket] = {}  # by the text before anything is filled in: a handful
+        self._buckets: dict[str, Bucket] = {}  # by the unformatted message, of which there are only a few
         self._left_out: dict[str, int] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether this line is written."""
+        """Whether this line is logged."""
         kind = str(record.msg)
         bucket = self._buckets.setdefault(kind, Bucket(LINES_PER_S, LINES_BURST))
         if not bucket.take(time.monotonic()):
@@ -62,12 +62,12 @@ SPARSE: Final = Sparse()
 
 
 def bound_log() -> None:
-    """Have the server log through the one filter; a second call changes nothing."""
+    """Add the shared filter to the server's log; a second call changes nothing."""
     logging.getLogger("uvicorn.error").addFilter(SPARSE)
 
 
 class Http(H11Protocol):
-    """HTTP/1.1."""
+    """HTTP/1.1 with a limit of connections and errors in the common shape."""
 
     def __init__(
         self,
@@ -90,11 +90,11 @@ class Http(H11Protocol):
             await self._served(scope, receive, send)
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what is no HTTP, and close. `msg` is the log's."""
+        """Answer an invalid HTTP request, and close. `msg` is not used."""
         del msg
         response = error_response(HTTPStatus.BAD_REQUEST, NO_HTTP)
         headers = [*response.raw_headers, (b"connection", b"close")]
-        if self.conn.our_state not in {h11.IDLE, h11.SEND_RESPONSE}:  # half an answer has left already
+        if self.conn.our_state not in {h11.IDLE, h11.SEND_RESPONSE}:  # a response was already begun
             self.transport.close()
             return
         answer = h11.Response(status_code=response.status_code, headers=headers, reason=b"Bad Request")
@@ -104,18 +104,18 @@ class Http(H11Protocol):
 
 
 class _Handshakes(ServerProtocol):
-    """Refuses a handshake in the one shape."""
+    """Refuses WebSocket handshakes in the common error shape."""
 
     def reject(self, status: int, text: str) -> Handshake:
-        """The answer to a handshake that is none, or that failed."""
+        """Make the response to an invalid or failed handshake."""
         response = error_response(status, text.strip() or "no WebSocket is opened here")
         return _handshake(response)
 
 
 class Viewer(WebSocketsSansIOProtocol):
-    """A WebSocket that keeps nothing but what is on its way, and says when all of it has left.
+    """A WebSocket without a queue of messages of its own, which signals when all written bytes have left.
 
-    What is sent next is then the newest at that time, not what waited.
+    The next message sent is then the newest at that time, not one that waited.
     """
 
     def __init__(
@@ -129,18 +129,18 @@ class Viewer(WebSocketsSansIOProtocol):
         self.conn = _Handshakes(max_size=config.ws_max_size, logger=self.logger)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Pause whoever sends as long as anything is left."""
+        """Pause senders while any byte is unsent."""
         super().connection_made(transport)
         self.transport.set_write_buffer_limits(high=0)
 
     def handle_connect(self, event: Request) -> None:
-        """Let the app know how to wait for that."""
+        """Give the app `state.drained`, with which it waits until all bytes are sent."""
         super().handle_connect(event)
         if self.handshake_initiated and not self.handshake_complete:
             self.scope["state"]["drained"] = self.writable.wait
 
     async def send(self, message: Any) -> None:
-        """Know that a denial is an answer: uvicorn would log an error for each, at a caller's pace."""
+        """Treat a denial response as a complete handshake; uvicorn would log an error for each one."""
         await super().send(message)
         if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
             self.handshake_complete = True

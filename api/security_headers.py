@@ -1,6 +1,6 @@
-"""Headers of every answer: its type, which pages may frame it, what it may load.
+"""Security headers of every response: content type, framing, and what a page may load.
 
-An answer that brings headers of its own, as the console's page does, keeps them.
+A response that sets one of these headers itself, as the console's page does, keeps its own value.
 """
 
 from collections.abc import Mapping
@@ -16,19 +16,19 @@ HEADERS: Final[Mapping[str, str]] = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""No page of another site can frame an answer, embed it, or have a browser guess what it is."""
+"""With these, no page of another site can frame or embed a response, and browsers do not guess its type."""
 
 STARTS: Final = frozenset({"http.response.start", "websocket.http.response.start"})
 
 
 class SecurityHeaders:
-    """ASGI middleware, the outermost: no answer leaves without them, refusals and bugs included."""
+    """The outermost ASGI middleware: every response has the headers, refusals and bugs included."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on; add what an answer lacks."""
+        """Add the headers that the response lacks."""
 
         async def answer(message: Message) -> None:
             if message["type"] in STARTS:

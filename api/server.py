@@ -1,6 +1,6 @@
 """The HTTP server, inside the caller's event loop.
 
-It installs no signal handlers and configures no logging: both are the composition root's. To stop it, cancel
+It installs no signal handlers and configures no logging: the composition root does both. Cancel it to stop
 it; it then closes every connection, viewers included, within `SHUTDOWN_S`.
 """
 
@@ -27,48 +27,49 @@ PORT_MAX: Final = 65_535
 SHUTDOWN_S: Final = 2
 
 SEND_BUFFER_BYTES: Final = 64 * 1024
-"""Of the kernel, per connection: what a slow viewer has not read yet is old, so little of it is kept."""
+"""Kernel send buffer of each connection: small, because data that a slow viewer has not read yet is old."""
 
 SILENT_S: Final = 10.0
 CROWDED_S: Final = 0.5
-"""A connection that asks nothing for so long, or sends half a request, is cut: it holds another's place.
-Sooner when half of the places are taken, so that no number of silent ones keeps a caller out.
+"""A connection without a request for `SILENT_S`, or with an unfinished one, is closed: it holds a place that
+others need. With more than half of the places taken the limit is `CROWDED_S`, so that silent connections
+cannot keep callers out.
 """
 
 BACKLOG: Final = 64
-"""Connections that wait to be taken in: all of them are, at once, in one turn of the loop."""
+"""Connections that wait to be accepted; one turn of the event loop accepts all of them."""
 
 STALLED_MS: Final = 20_000
-"""A connection whose peer takes nothing for so long is cut."""
+"""A connection whose peer acknowledges no data for this long is closed."""
 
 
 class _Server(uvicorn.Server):
-    """Uvicorn without its signal handlers, which also says when it listens."""
+    """Uvicorn without its signal handlers; it reports its port, and closes silent connections."""
 
     def __init__(self, config: uvicorn.Config, listening: asyncio.Future[int] | None) -> None:
         super().__init__(config)
         self._listening = listening
-        self._silent: dict[object, tuple[object, float]] = {}  # their last request, and silent since when
+        self._silent: dict[object, tuple[object, float]] = {}  # last request, and silent since when
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave the signals to whoever owns the process."""
+        """Install no signal handlers; the composition root handles signals."""
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, then tell the port."""
+        """Start, then set `listening` to the port."""
         await super().startup(sockets=sockets)
         if sockets and self._listening is not None and not self._listening.done():
             self._listening.set_result(sockets[0].getsockname()[1])
 
     async def on_tick(self, counter: int) -> bool:
-        """Ten times a second: cut who is silent."""
+        """Close silent connections; called ten times a second."""
         now_s = asyncio.get_running_loop().time()
         connections = list(self.server_state.connections)
         patience_s = CROWDED_S if len(connections) > CONNECTIONS_MAX // 2 else SILENT_S
         before, self._silent = self._silent, {}
         for connection in connections:
-            request: Any = getattr(connection, "cycle", connection)  # a WebSocket has none, and may be silent
+            request: Any = getattr(connection, "cycle", connection)  # WebSockets have none, and may be silent
             if request is connection or not (request is None or request.response_complete):
                 continue
             asked, since_s = before.get(connection, (request, now_s))
@@ -81,7 +82,7 @@ class _Server(uvicorn.Server):
         return await super().on_tick(counter)
 
     def cut(self) -> None:
-        """Drop the connections that did not close in time: their peers read nothing."""
+        """Abort the connections that did not close in time because their peers read nothing."""
         for connection in list(self.server_state.connections):
             connection.transport.abort()
 
@@ -94,16 +95,16 @@ async def serve(
     listening: asyncio.Future[int] | None = None,
     tls: TlsSettings | None = None,
 ) -> None:
-    """Serve until cancelled.
+    """Serve HTTP and WebSockets until cancelled.
 
     Args:
         app: from `create_app`, or an `EmergencyLane` of it.
         host: name or address of the interface.
-        port: 0: any that is free.
-        listening: is given the port as soon as requests are answered.
-        tls: serve https and wss alone.
+        port: TCP port; 0: any free port.
+        listening: receives the port as soon as requests are answered.
+        tls: certificate and key; then only https and wss are served. None: http and ws.
 
-    Raises: LinkError when the address cannot be had, ConfigError when certificate or key cannot be used.
+    Raises: LinkError when the address is not available, ConfigError when certificate or key cannot be used.
     """
     _check_tls(tls)
     listener = await _listen(host, port)
@@ -117,8 +118,8 @@ async def serve(
         server_header=False,
         http=Http,
         ws=Viewer,
-        ws_max_size=4096,  # viewers have nothing to say
-        ws_per_message_deflate=False,  # compression would take time from the control loop beside us
+        ws_max_size=4096,  # viewers send no messages
+        ws_per_message_deflate=False,  # compression would take time from the control loop
         timeout_graceful_shutdown=SHUTDOWN_S,
         backlog=BACKLOG,
         ssl_certfile=None if tls is None else tls.certificate_file,
@@ -147,13 +148,13 @@ def _check_tls(tls: TlsSettings | None) -> None:
         ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(
             tls.certificate_file, tls.key_file
         )
-    except OSError as error:  # SSLError is one
+    except OSError as error:  # includes SSLError
         files = f"{tls.certificate_file}, {tls.key_file}"
         raise ConfigError(f"access.tls: {files}: no PEM certificate and its key: {error}") from None
 
 
 async def _listen(host: str, port: int) -> socket.socket:
-    if not 0 <= port <= PORT_MAX:  # the resolver would silently take it modulo 65536
+    if not 0 <= port <= PORT_MAX:  # the resolver would silently reduce it modulo 65536
         raise LinkError(f"cannot listen on {host} port {port}: a port is from 0 to {PORT_MAX}")
     try:
         found = await asyncio.get_running_loop().getaddrinfo(

@@ -1,7 +1,7 @@
-"""Every call that may change something, and every one that was denied, stands in the record first.
+"""Records every call that may change something, and every denied call, before its response is sent.
 
-What was accepted is carried out at once; its answer leaves when the record has it. So nothing that anybody
-was told of is missing there, and nothing that is urgent waits for a disk.
+An accepted call is executed at once; its response is sent when the record holds the call. No call that was
+answered is missing in the record, and no urgent command waits for a disk.
 """
 
 from http import HTTPStatus
@@ -16,21 +16,21 @@ READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 DENIED: Final = frozenset({HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN, HTTPStatus.TOO_MANY_REQUESTS})
 
 BODY_MAX_BYTES: Final = 4096
-"""Of what is noted: the rest of a long body is not."""
+"""Bytes of a body that are recorded; the rest is left out."""
 
 WHO_KEY: Final = "gcs.who"
-"""In the scope: who calls, once that is known. Whoever lets callers in sets it, and `gcs.service.WHO`."""
+"""Key of the ASGI scope for the caller's name. The access middleware sets it, and `gcs.service.WHO`."""
 
 
 class Audited:
-    """ASGI middleware around the whole app, outside of all that may deny a call."""
+    """ASGI middleware around the whole app, outside every middleware that may deny a call."""
 
     def __init__(self, app: ASGIApp, audit: Audit) -> None:
         self._app = app
         self._audit = audit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on; note the answer before it leaves."""
+        """Pass the call on; record it before its response is sent."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return

@@ -1,7 +1,6 @@
-"""Who comes in: what a call needs, who calls, how fast; and who is told of those turned away.
+"""Authorization: the right that a call needs, its caller, rate limits, and the audit of denied calls.
 
-Emergency calls are counted apart, so that no number of other calls uses up what is theirs; so are pictures of
-the map.
+Emergency calls and map tiles have rate limits of their own, which other calls cannot use up.
 """
 
 import asyncio
@@ -25,13 +24,13 @@ from gcs.service.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, R
 log = logging.getLogger(__name__)
 
 PUBLIC: Final = frozenset({"/healthz", "/readyz", "/docs", "/openapi.json"})
-"""Tells nothing of the flight but whether the service is well: for probes, which have no secrets. So does the
-console's page, which asks for the token.
+"""Paths without a token. They reveal only whether the service is healthy, and probes have no secrets. The
+console's page is public as well: it asks for the token.
 """
 
 PROBES: Final = frozenset({"/healthz", "/readyz"})
-"""Never too many: a flood of other calls must not make a probe believe that the service is ill, and have it
-restarted while vehicles fly. An answer costs no more than a refusal.
+"""Paths without a rate limit: a flood of calls must not fail a probe and so restart the service while
+vehicles fly. A response costs no more than a refusal.
 """
 
 READING: Final = frozenset({"GET", "HEAD", "OPTIONS", "WEBSOCKET"})
@@ -43,30 +42,32 @@ EMERGENCIES: Final = frozenset(
         *(VehicleAction.HOLD, VehicleAction.RETURN, VehicleAction.LAND),
     }
 )
-"""Orders that only ever make less of a flight."""
+"""Commands that can only reduce a flight."""
 
 KILL: Final = frozenset({"/api/v1/kill", "/api/v1/kill/confirm"})
-"""Likewise."""
+"""Paths of a kill, which are emergency calls as well."""
 
 MAP: Final = "/api/v1/map/"
-"""Whose pictures a page asks for by the dozen."""
+"""Path prefix of map tiles; a page requests dozens at a time."""
 
 SUBPROTOCOL: Final = "gcs.v1"
 BEARER: Final = "bearer."
-"""A browser cannot give a WebSocket headers: it offers the subprotocols `gcs.v1` and `bearer.TOKEN`."""
+"""Prefix of the token as a subprotocol. A browser cannot set headers of a WebSocket: it offers the
+subprotocols `gcs.v1` and `bearer.TOKEN`.
+"""
 
 TELL_PER_S: Final = 10.0
 TELL_BURST: Final = 100.0
-"""Denied calls told one by one; faster ones are summed up each second, or they would fill the disk."""
+"""Denied calls that are audited one by one; more are summed up each second, or they would fill the disk."""
 
 
 def log_denied(denied: Denied) -> None:
-    """The audit of a service without records."""
+    """Audit of a service without a record: log the denied call."""
     log.warning("access_denied", extra=asdict(denied))
 
 
 def is_emergency(method: str, path: str) -> bool:
-    """Whether this is a call of the emergency lane."""
+    """Whether this call belongs to the emergency lane."""
     start, _, action = path.rpartition("/")
     ours = start in {"/api/v1/show", "/api/v1/vehicles", "/api/v1/fleet"} or start.startswith(
         "/api/v1/vehicles/"
@@ -76,7 +77,7 @@ def is_emergency(method: str, path: str) -> bool:
 
 
 def needed(method: str, path: str) -> Right | None:
-    """What a call needs; None: nothing. What is not known to be harmless needs most."""
+    """The right that a call needs; None: no right. Calls not known to be harmless need `OPERATE`."""
     if path in PUBLIC or (is_public(path) and method in READING):
         return None
     if method in READING:
@@ -85,7 +86,7 @@ def needed(method: str, path: str) -> Right | None:
 
 
 class Lane(Enum):
-    """Calls that are counted apart: no number of one kind uses up what is another's."""
+    """Kinds of calls with separate rate limits: calls of one kind cannot use up the rate of another."""
 
     EMERGENCY = auto()
     MAP = auto()
@@ -94,7 +95,7 @@ class Lane(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Principal:
-    """Who calls, and what they may."""
+    """The caller and its rights."""
 
     name: str
     rights: frozenset[Right]
@@ -103,7 +104,7 @@ class Principal:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """What is known of a call before its body is read."""
+    """A call before its body is read."""
 
     method: str  # WEBSOCKET for the stream
     path: str
@@ -113,14 +114,14 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a call is not answered."""
+    """HTTP status and reason of a denied call."""
 
     status: int
     reason: str
 
 
 class Authorization:
-    """Judges every call. Used on the loop alone."""
+    """Decides about every call. Use it only on the event loop."""
 
     def __init__(
         self,
@@ -131,12 +132,12 @@ class Authorization:
         audit: Audit = log_denied,
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Without tokens everybody may do everything, as befits the loopback interface alone."""
+        """Without `tokens` every caller has every right, which is safe on the loopback interface only."""
         self._tokens = tokens
         self._calls_per_s, self._burst = calls_per_s, burst
         self._audit = audit
         self._clock_s = clock_s
-        self._buckets: dict[tuple[str, Lane], Bucket] = {}  # as many as there are names, three times
+        self._buckets: dict[tuple[str, Lane], Bucket] = {}  # one for each name and lane
         self._telling = Bucket(TELL_PER_S, TELL_BURST)
         self._untold = 0
         self.denied = 0
@@ -144,18 +145,18 @@ class Authorization:
 
     @property
     def asks_for_tokens(self) -> bool:
-        """Whether a caller needs one."""
+        """Whether callers need a token."""
         return self._tokens is not None
 
     @property
     def text(self) -> str:
-        """What an operator should know of access."""
+        """Description of the access rules for an operator."""
         if self._tokens is None:
             return "off: whoever reaches this service may do everything; it listens on the loopback interface"
         return "tokens"
 
     def principal(self, headers: Headers) -> Principal:
-        """Who calls."""
+        """The caller, from its token; anonymous without a valid one."""
         if self._tokens is None:
             return Principal(LOCAL, RIGHTS[Role.OPERATE])
         token = _token(headers)
@@ -165,11 +166,11 @@ class Authorization:
         return Principal(entry.name, RIGHTS[entry.role], entry)
 
     def is_authorized(self, principal: Principal) -> bool:
-        """Whether somebody who came in may still be here: their token is not revoked."""
+        """Whether an admitted caller is still authorized: its token is not revoked."""
         return self._tokens is None or principal.entry is None or self._tokens.has(principal.entry)
 
     def refusal(self, principal: Principal, call: Call) -> Refusal | None:
-        """Why this call is turned away; None when it may pass."""
+        """Why this call is denied; None when it is allowed."""
         right = needed(call.method, call.path)
         in_lane = right is Right.EMERGENCY and right in principal.rights
         is_probe = call.path in PROBES and call.method in READING
@@ -185,7 +186,7 @@ class Authorization:
         return Refusal(403, f"{principal.name} may not: this needs a token of role {roles}")
 
     def turned_away(self, principal: Principal, call: Call, refusal: Refusal) -> None:
-        """Tell the audit, at a rate that it can bear."""
+        """Report a denied call to the audit, at a limited rate."""
         self.denied += 1
         reported = Denied(
             time.time(),
@@ -215,7 +216,7 @@ class Authorization:
 
 
 def _token(headers: Headers) -> str:
-    """The token that came along; empty when none did."""
+    """The token of the request; empty when it has none."""
     kind, _, token = headers.get("authorization", "").partition(" ")
     if kind.lower() == "bearer":
         return token.strip()

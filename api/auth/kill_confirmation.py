@@ -1,4 +1,4 @@
-"""The two steps of a kill: first armed for named vehicles, then confirmed with the code that names them."""
+"""The two steps of a kill: arming for named vehicles returns a code, and the code confirms the kill."""
 
 import secrets
 from collections.abc import Callable, Sequence
@@ -9,10 +9,12 @@ from gcs.model.errors import RefusedError
 from gcs.model.state import VehicleId
 
 VALID_S: Final = 20.0
-"""Long enough to read who it is and to type the code; too short to be found again in a terminal's history."""
+"""Seconds that a code is valid: enough to read the vehicles and type the code, too short for a code from a
+terminal's history.
+"""
 
 WAITING_MAX: Final = 100
-"""More cannot be meant; the oldest is forgotten."""
+"""Most armed kills at a time; one more drops the oldest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,19 +28,19 @@ class Armed:
 
 
 def random_code() -> str:
-    """Six hexadecimal digits: nobody guesses one within its time."""
+    """Return six hexadecimal digits, which cannot be guessed within `VALID_S`."""
     return secrets.token_hex(3)
 
 
 class KillSwitch:
-    """Remembers what was armed. Each code works once, in time, and for whoever armed it."""
+    """Holds the armed kills. A code works once, within `VALID_S`, and for the caller that armed it."""
 
     def __init__(self, make_code: Callable[[], str] = random_code) -> None:
         self._make_code = make_code
         self._waiting: dict[str, Armed] = {}
 
     def arm(self, vehicles: Sequence[VehicleId], who: str, now_s: float) -> Armed:
-        """Make a code for these vehicles; nothing happens to them yet."""
+        """Make a code for these vehicles; nothing is sent to them yet."""
         self._waiting = {code: one for code, one in self._waiting.items() if one.until_s > now_s}
         while len(self._waiting) >= WAITING_MAX:
             del self._waiting[next(iter(self._waiting))]
@@ -47,7 +49,7 @@ class KillSwitch:
         return armed
 
     def confirm(self, code: str, who: str, now_s: float) -> tuple[VehicleId, ...]:
-        """Whom the code kills. Raises: RefusedError when it is none, was used, or came too late."""
+        """Return a code's vehicles. Raises: RefusedError when it is unknown, used, expired or not `who`'s."""
         armed = self._waiting.get(code)
         if armed is None or armed.who != who:
             raise RefusedError(f"{code!r} confirms nothing: arm the kill first; a code works once")

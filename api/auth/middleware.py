@@ -1,9 +1,9 @@
-"""What is refused before any route sees it: who may not, too much, and what a foreign web page sends.
+"""Refuses requests before any route: without the right, too large or too slow, or from a foreign web page.
 
-On the loopback interface the API may ask for no token, so any page open in a browser on the same machine
-could post to it, and by a name it controls (DNS rebinding) also read. Hence: a request must name this
-service by an IP address or a known name, and one that comes from a page must come from a page of this
-service.
+On the loopback interface the API may ask for no token. A page open in a browser on the same machine could
+then post to it and, under a host name that the page controls (DNS rebinding), also read from it. Therefore a
+request must name this service by an IP address or a known host name, and a request from a web page must come
+from a page of this service.
 """
 
 import asyncio
@@ -25,13 +25,13 @@ from gcs.model.quoting import cut
 from gcs.service import WHO
 
 BODY_MAX_BYTES: Final = 64 * 1024
-"""The largest proper request, a start with thousands of names, fits."""
+"""Limit of a request body; the largest valid one, a start with thousands of names, is smaller."""
 
 BODY_S: Final = 10.0
-"""Half a request that stays half holds another caller's place."""
+"""Seconds for a whole body to arrive: an unfinished request holds a connection that others need."""
 
 DRAIN_MAX_BYTES: Final = 1024 * 1024
-"""Read and thrown away, so that whoever sends too much still hears why, and is not just cut off."""
+"""Bytes of a body that are read at most; an oversized one is dropped, and the client receives the reason."""
 
 
 class AccessMiddleware:
@@ -43,7 +43,6 @@ class AccessMiddleware:
         self._names = frozenset(name.lower() for name in names)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse, or pass on."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -74,7 +73,7 @@ class AccessMiddleware:
         except TimeoutError:
             await error_response(408, f"the body did not come within {BODY_S:g} s")(scope, receive, send)
             return
-        except ClientDisconnect:  # half a request is none, and nobody will read the answer
+        except ClientDisconnect:  # the request is incomplete, and no client is left to answer
             return
         if body is None:
             detail = f"the body is larger than {BODY_MAX_BYTES} bytes"
@@ -93,7 +92,7 @@ class AccessMiddleware:
         await self._app(scope, _replay(body, receive), send)
 
     def _foreign(self, call: Call) -> str:
-        """Why this request is not ours to answer; empty when it is."""
+        """Why this request is not accepted by its host, origin or embedding page; empty when it is."""
         host = call.headers.get("host", "")
         if not self._is_ours(host):
             return f"host name {cut(host)!r} is not accepted; use the service's IP address"
@@ -108,18 +107,17 @@ class AccessMiddleware:
         try:
             name = urlsplit(f"//{host}").hostname or ""
             return name in self._names or bool(ip_address(name))
-        except ValueError:  # neither an address nor a proper name
+        except ValueError:  # neither an address nor a valid name
             return False
 
 
 class EmergencyLane:
-    """The app as a listener of its own shows it: emergency calls, and nothing else."""
+    """ASGI middleware of the emergency listener: it passes emergency calls and `/healthz`, others get 404."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse, or pass on."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -132,10 +130,10 @@ class EmergencyLane:
 
 
 def _is_embedded(call: Call) -> bool:
-    """Whether a page of another site asks, for a picture, a frame or whatever needs no `Origin`.
+    """Whether a page of another site embeds the resource (image, frame): a request without `Origin`.
 
-    Such a request is refused before it is counted: it must not use up the calls of the operator's own page.
-    A link from another site is followed: an operator opens the console with it.
+    Such a request is refused before the rate limit counts it: it must not use up the calls of the operator's
+    own page. A link from another site is allowed: an operator may open the console with it.
     """
     if call.headers.get("sec-fetch-site", "none") in {"none", "same-origin"}:
         return False
@@ -162,14 +160,14 @@ async def _turn_away(refusal: Refusal, scope: Scope, receive: Receive, send: Sen
     elif refusal.status == 429:
         response.headers["Retry-After"] = "1"
     if scope["type"] == "websocket":
-        await receive()  # the connect message, without which an answer is no ASGI
+        await receive()  # ASGI: the connect message comes before any response
         await WebSocket(scope, receive, send).send_denial_response(response)
     else:
         await response(scope, receive, send)
 
 
 async def _read(receive: Receive) -> bytes | None:
-    """The whole body, or None when it is too large. Raises: ClientDisconnect when it does not come."""
+    """Read the whole body; None when it is too large. Raises: ClientDisconnect when the client has gone."""
     body, size, more = b"", 0, True
     while more and size <= DRAIN_MAX_BYTES:
         message = await receive()
@@ -183,7 +181,7 @@ async def _read(receive: Receive) -> bytes | None:
 
 
 def _replay(body: bytes, receive: Receive) -> Receive:
-    """A channel which gives the body in one piece, then goes on as before."""
+    """Return a receive channel that yields the body in one message, then continues with `receive`."""
     waiting: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def next_message() -> Message:

@@ -1,7 +1,7 @@
-"""JSON that a request may not contain, although Python's reader takes it.
+"""Refuses JSON that Python's reader accepts but a request must not contain.
 
-A name that is given twice has two meanings, and the last one would count. Very deep JSON and very long
-numbers are refused here, so that nothing behind has to survive them.
+With a repeated name Python's reader would silently use the last value. Very deep JSON and very long numbers
+are refused here, so that no later code has to handle them.
 """
 
 import json
@@ -16,16 +16,16 @@ from gcs.api.schemas import rest as schemas
 from gcs.model.quoting import cut
 
 DEPTH_MAX: Final = 32
-"""Of objects and lists inside each other; the deepest proper request has 3."""
+"""Most nested objects and lists; the deepest valid request has 3."""
 
 DIGITS_MAX: Final = 300
-"""Of a whole number; the largest float has 309."""
+"""Most digits of an integer; the largest float has 309."""
 
 _MARKS: Final = re.compile(r'"(?:[^"\\]|\\.)*"?|[\[{]|[\]}]', re.DOTALL)
 
 
 class _Twice(dict[str, Any]):
-    """A JSON object in which one name stands twice."""
+    """A JSON object with a repeated name."""
 
     def __init__(self, pairs: Sequence[tuple[str, Any]]) -> None:
         super().__init__(pairs)
@@ -34,15 +34,15 @@ class _Twice(dict[str, Any]):
 
 
 class _Long(str):
-    """The digits of a whole number that is too long."""
+    """The digits of an integer that is too long."""
 
     __slots__ = ()
 
 
 def find_problem(headers: Headers, body: bytes) -> schemas.Problem | None:
-    """What is wrong with a body that says it is JSON; None when nothing is, or when it is not JSON at all.
+    """Return the first problem of a body that is declared as JSON; None when it has none.
 
-    A body that is no JSON is left to the route, which knows what it wants.
+    A body that cannot be parsed as JSON also returns None: its route reports the error.
     """
     kind = headers.get("content-type", "").partition(";")[0].strip().lower()
     if not body.strip() or not (kind == "application/json" or kind.endswith("+json")):
@@ -61,7 +61,7 @@ def find_problem(headers: Headers, body: bytes) -> schemas.Problem | None:
 
 
 def _depth(text: str) -> int:
-    """How deep objects and lists stand inside each other, at least `DEPTH_MAX` + 1 where it is more."""
+    """Nesting depth of objects and lists; counting stops above `DEPTH_MAX`."""
     depth = deepest = 0
     for mark in _MARKS.finditer(text):
         depth += (mark[0] in "[{") - (mark[0] in "]}")
@@ -81,7 +81,7 @@ def _whole(digits: str) -> int | _Long:
 
 
 def _problems(value: object, path: tuple[str, ...]) -> Iterator[schemas.Problem]:
-    """Every problem inside a value, by the dotted name of its field."""
+    """Yield every problem inside a value, with the dotted name of its field."""
     if isinstance(value, _Twice):
         name = _field((*path, value.name))
         yield schemas.Problem(field=name, value=echo(value[value.name]), allowed="given once, not twice")

@@ -25,11 +25,11 @@ log = logging.getLogger(__name__)
 RANDOM_BYTES: Final = 32
 
 RESERVED: Final = frozenset({ANONYMOUS, LOCAL, "service"})
-"""Names that say in records that nobody's token was used."""
+"""Names that records use for calls without a token."""
 
 
 class Entry(Settings):
-    """One token, as the file knows it."""
+    """One token of the file: its name, role and hash."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}$")]
     role: Role
@@ -38,13 +38,13 @@ class Entry(Settings):
 
 
 class TokenFile(Settings):
-    """All of the file."""
+    """The whole token file."""
 
     tokens: tuple[Entry, ...] = ()
 
 
 def read_tokens(path: Path) -> tuple[Entry, ...]:
-    """Raises: ConfigError that names the file and what is wrong in it."""
+    """Read the token file. Raises: ConfigError that names the file and its problem."""
     try:
         text = path.read_bytes()
         mode = path.stat().st_mode
@@ -68,9 +68,9 @@ def read_tokens(path: Path) -> tuple[Entry, ...]:
 
 
 def create_token(path: Path, name: str, role: Role) -> str:
-    """A new token, whose name and hash are added to the file. Nobody can read it from there again.
+    """Create a token and add its name and hash to the file. The token itself cannot be read from the file.
 
-    Raises: ConfigError when the file is none or cannot be written; RefusedError for a name that is taken.
+    Raises: ConfigError when the file is invalid or cannot be written; RefusedError for a name that is taken.
     """
     token = f"gcs_{secrets.token_urlsafe(RANDOM_BYTES)}"
     if name in RESERVED:
@@ -91,7 +91,7 @@ def create_token(path: Path, name: str, role: Role) -> str:
 
 
 def revoke_token(path: Path, name: str) -> None:
-    """Forget a token; a running service notices with its next call. Raises: ConfigError, UnknownError."""
+    """Remove a token; a running service notices at its next call. Raises: ConfigError, UnknownError."""
     with _changing(path):
         entries = read_tokens(path)
         left = tuple(entry for entry in entries if entry.name != name)
@@ -102,15 +102,15 @@ def revoke_token(path: Path, name: str) -> None:
 
 
 def hashed(token: str) -> str:
-    """What the file keeps. Without salt or stretching: 256 random bits cannot be guessed."""
+    """Hash of a token, as stored. Without salt or stretching: 256 random bits cannot be guessed."""
     return sha256(token.encode()).hexdigest()
 
 
 class Tokens:
-    """The tokens of a file, read again when it has changed."""
+    """The tokens of a file, which is read again when it has changed."""
 
     def __init__(self, path: Path) -> None:
-        """Raises: ConfigError when the file is none, or holds no token."""
+        """Raises: ConfigError when the file is invalid or holds no token."""
         self._path = path
         self._entries = read_tokens(path)
         self._version = self._look()
@@ -118,7 +118,7 @@ class Tokens:
             raise ConfigError(f"{path}: no token in it; gcs token create NAME --role operate --file {path}")
 
     def find(self, token: str) -> Entry | None:
-        """Whose token this is. Takes as long whichever it is, or if it is none."""
+        """Return the entry of a token, in constant time for every token, valid or not."""
         self._refresh()
         given = hashed(token)
         found = None
@@ -128,7 +128,7 @@ class Tokens:
         return found
 
     def has(self, entry: Entry) -> bool:
-        """Whether this one still counts."""
+        """Whether an entry is still in the file."""
         self._refresh()
         return entry in self._entries
 
@@ -140,7 +140,7 @@ class Tokens:
         return found.st_ino, found.st_mtime_ns, found.st_size
 
     def _refresh(self) -> None:
-        """A file that has become unreadable changes nothing: whoever must stop the fleet can do so still."""
+        """Read a changed file. An unreadable one changes nothing: operators can still stop the fleet."""
         version = self._look()
         if version == self._version:
             return
@@ -155,7 +155,7 @@ class Tokens:
 
 @contextmanager
 def _changing(path: Path) -> Iterator[None]:
-    """One at a time: two commands at once would lose a token."""
+    """Lock the file: two commands at the same time would lose a token."""
     try:
         folder = os.open(path.parent, os.O_RDONLY)
     except OSError as error:
@@ -168,7 +168,7 @@ def _changing(path: Path) -> Iterator[None]:
 
 
 def _write(path: Path, entries: tuple[Entry, ...]) -> None:
-    """The whole file or nothing of it, readable for nobody else."""
+    """Write the file atomically, readable by its owner only."""
     try:
         handle, new = mkstemp(dir=path.parent, prefix=f".{path.name}.")  # mode 600
         with os.fdopen(handle, "w", encoding="utf-8") as file:

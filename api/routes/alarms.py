@@ -1,4 +1,4 @@
-"""Routes of the alarms. They translate, and decide nothing."""
+"""Routes of the alarms. They only translate."""
 
 from fastapi import APIRouter
 
@@ -15,7 +15,7 @@ router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)
 
 @router.get("", summary="Every alarm, and the state of the whole")
 async def list_alarms(context: ContextDep) -> AlarmList:
-    """What an operator should know now: the most severe first, none left out."""
+    """Every alarm, the most severe first, and the overall severity."""
     return convert_alarms.alarm_list(context.view, context.health_problem())
 
 
@@ -26,7 +26,7 @@ async def list_alarms(context: ContextDep) -> AlarmList:
     responses=COMMAND,
 )
 async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
-    """Returns the alarms that were not acknowledged before. Ended ones are removed from the list."""
+    """Returns the alarms that were not acknowledged before. Ended alarms are removed from the list."""
     return [convert_alarms.alarm(each) for each in context.service.acknowledge_alarms()]
 
 
@@ -37,7 +37,7 @@ async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
     responses=COMMAND | errors(404),
 )
 async def acknowledge_alarm(alarm_id: AlarmId, context: ContextDep) -> Alarm:
-    """It stays listed while its cause lasts, with the name and time of the first acknowledgement."""
+    """The alarm stays listed while its cause lasts, with name and time of the first acknowledgement."""
     if alarm_id == AlarmCause.CONTROL_STOPPED.value:
         raise RefusedError("control-stopped is not acknowledged: it stays on top until control runs again")
     return convert_alarms.alarm(context.service.acknowledge_alarm(alarm_id))

@@ -1,4 +1,4 @@
-"""Every route: it translates, and decides nothing."""
+"""Routes of health, fleet, show, commands, formation, target and obstacles. They only translate."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -41,7 +41,7 @@ async def healthz(context: ContextDep) -> schemas.Health:
 
 @health.get("/readyz", summary="Can anybody be ordered anything?", responses=errors(503))
 async def readyz(context: ContextDep) -> schemas.Readiness:
-    """200 only while control is alive and a vehicle is ready to start, or flies."""
+    """200 only while control is alive and at least one vehicle is ready to start or airborne."""
     problem = convert.readiness_problem(context.view, context.now_s())
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
@@ -53,32 +53,32 @@ async def readyz(context: ContextDep) -> schemas.Readiness:
 
 @api.get("/fleet", tags=["fleet"], summary="Everything at one instant", response_model=schemas.Fleet)
 async def get_fleet(context: ContextDep) -> Response:
-    """The show, the formation, the target, the obstacles and every vehicle, as the newest tick left them."""
+    """The show, the formation, the target, the obstacles and every vehicle, as of the newest tick."""
     return Response(context.fleet_json(), media_type="application/json")
 
 
 @api.get("/status", tags=["fleet"], summary="What changes seldom, for who draws", response_model=Status)
 async def get_status(context: ContextDep) -> Response:
-    """What the console's stream tells beside its frames; see docs/stream.md."""
+    """The status message of the console's stream: data that changes seldom (docs/stream.md)."""
     return Response(context.feed.newest().model_dump_json(), media_type="application/json")
 
 
 @api.get("/access", tags=["fleet"], summary="Who am I, and what may I do?")
 async def get_access(connection: HTTPConnection, context: ContextDep) -> Access:
-    """The name of the token that came along, and its rights."""
+    """The name of the request's token, and its rights."""
     principal = context.authorization.principal(connection.headers)
     return Access(who=principal.name, rights=sorted(principal.rights))
 
 
 @api.get("/vehicles", tags=["fleet"], summary="Every vehicle")
 async def list_vehicles(context: ContextDep) -> list[schemas.Vehicle]:
-    """All configured vehicles, heard or not."""
+    """All configured vehicles, including those without telemetry."""
     return convert.vehicles(context.view, context.frame)
 
 
 @api.get("/vehicles/{vehicle_id}", tags=["fleet"], summary="One vehicle", responses=READ | errors(404))
 async def get_vehicle(vehicle_id: VehicleId, context: ContextDep) -> schemas.Vehicle:
-    """One vehicle, as the service believes it to be."""
+    """One vehicle, as the service estimates it."""
     for each in convert.vehicles(context.view, context.frame):
         if each.id == vehicle_id:
             return each
@@ -178,7 +178,7 @@ for _group_action, _summary in GROUP_SUMMARY.items():
 
 @api.get("/show", tags=["show"], summary="Where the show stands")
 async def get_show(context: ContextDep) -> schemas.Show:
-    """The show's phase, and what may be asked of it now."""
+    """The show's phase, and the commands that it accepts now."""
     return convert.show(context.view)
 
 
@@ -192,7 +192,7 @@ async def get_show(context: ContextDep) -> schemas.Show:
 async def start_show(
     context: ContextDep, response: Response, body: schemas.StartBody | None = None
 ) -> schemas.Command:
-    """With the vehicles named, or all online; now, or at a clock time. A selected show by its hash."""
+    """Starts the named vehicles or all online ones, now or later; a selected show needs its hash."""
     given = body or schemas.StartBody()
     record = context.service.command_show(
         ShowAction.START,
@@ -248,13 +248,13 @@ for _offer, _summary in OFFER_SUMMARY.items():
 
 @api.get("/commands", tags=["show"], summary="The last orders")
 async def list_commands(context: ContextDep) -> list[schemas.Command]:
-    """The newest first, as many as are remembered."""
+    """The commands that the service remembers, the newest first."""
     return [convert.command(record) for record in context.service.commands()]
 
 
 @api.get("/commands/{command_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
 async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Command:
-    """How far an accepted order has got, vehicle by vehicle."""
+    """An accepted command and its outcome for each vehicle."""
     return convert.command(context.service.command_record(command_id))
 
 
@@ -263,13 +263,13 @@ async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Com
 
 @api.get("/formation", tags=["formation"], summary="Radius and height, wanted and now")
 async def get_formation(context: ContextDep) -> schemas.Formation:
-    """What was asked for, and what is commanded now on the way there."""
+    """The desired formation, and the radius and height that are commanded now."""
     return convert.formation(context.plan.formation, context.view)
 
 
 @api.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
 async def change_formation(body: schemas.FormationChange, context: ContextDep) -> schemas.Formation:
-    """It follows without a jump. A radius too small for the fleet is refused with the smallest that works."""
+    """Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one."""
     desired = replace(context.plan.formation, **body.given())
     context.service.set_formation(desired)
     context.accepted(replace(context.plan, formation=desired))
@@ -278,14 +278,14 @@ async def change_formation(body: schemas.FormationChange, context: ContextDep) -
 
 @api.get("/target", tags=["target"], summary="Where the target is now")
 async def get_target(context: ContextDep) -> schemas.Target:
-    """The target's place and velocity, in both frames; it goes on with its velocity."""
+    """The target's position and velocity, in both frames; it keeps moving with that velocity."""
     target = context.plan.target
     return convert.target(target, target.position_m(context.now_s()), context.frame)
 
 
 @api.put("/target", tags=["target"], summary="Say where the target is", responses=COMMAND)
 async def put_target(body: schemas.TargetPut, context: ContextDep) -> schemas.Target:
-    """In the show frame or as latitude and longitude. A velocity left out is 0."""
+    """Position in the show frame or as latitude and longitude. An absent velocity is 0."""
     now_s = context.now_s()
     desired = convert.target_desired(body, context.frame, now_s)
     context.service.set_target(desired)
@@ -295,13 +295,13 @@ async def put_target(body: schemas.TargetPut, context: ContextDep) -> schemas.Ta
 
 @api.get("/orbit", tags=["target"], summary="How the formation circles the target")
 async def get_orbit(context: ContextDep) -> schemas.Orbit:
-    """Radius, speed and direction."""
+    """Radius, speed and direction of the orbit around the target."""
     return convert.orbit(context.plan.orbit)
 
 
 @api.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
 async def change_orbit(body: schemas.OrbitChange, context: ContextDep) -> schemas.Orbit:
-    """The formation follows without a jump."""
+    """Changes the given fields. The formation follows continuously."""
     desired = replace(context.plan.orbit, **body.given())
     context.service.set_orbit(desired)
     context.accepted(replace(context.plan, orbit=desired))
@@ -316,7 +316,7 @@ async def get_yaw(context: ContextDep) -> schemas.Yaw:
 
 @api.patch("/yaw", tags=["formation"], summary="Change where the vehicles look", responses=COMMAND)
 async def change_yaw(body: schemas.YawChange, context: ContextDep) -> schemas.Yaw:
-    """The policy, the heading for the policy `fixed`, or both."""
+    """Changes the policy, the heading for the policy `fixed`, or both."""
     desired = convert.yaw_desired(body, context.plan.yaw, context.frame)
     context.service.set_yaw(desired)
     context.accepted(replace(context.plan, yaw=desired))
@@ -335,13 +335,13 @@ def _box(context: Context, obstacle_id: str) -> Obstacle:
 
 @api.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
 async def list_obstacles(context: ContextDep) -> list[schemas.Obstacle]:
-    """All boxes that the fleet keeps clear of."""
+    """All boxes that the vehicles avoid."""
     return [convert.obstacle(box, context.now_s()) for box in context.plan.obstacles]
 
 
 @api.get("/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404))
 async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.Obstacle:
-    """One box."""
+    """One box that the vehicles avoid."""
     return convert.obstacle(_box(context, obstacle_id), context.now_s())
 
 
@@ -355,7 +355,7 @@ async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.
 async def add_obstacle(
     body: schemas.ObstaclePost, context: ContextDep, response: Response
 ) -> schemas.Obstacle:
-    """Refused when its id is taken, or it would stand on a vehicle in the air or too close ahead of one."""
+    """Refused if its id is taken, or if it would contain an airborne vehicle or be too close ahead of one."""
     box = convert.obstacle_desired(body, body.id or context.new_obstacle_id(), context.now_s())
     context.service.add_obstacle(box)
     context.accepted(replace(context.plan, obstacles=(*context.plan.obstacles, box)))
@@ -372,7 +372,7 @@ async def add_obstacle(
 async def change_obstacle(
     obstacle_id: ObstacleId, body: schemas.ObstaclePut, context: ContextDep
 ) -> schemas.Obstacle:
-    """Replace the box of this id. Refused when it would stand on a vehicle or too close ahead of one."""
+    """Replaces the box of this id. Refused when it would contain a vehicle or be too close ahead of one."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
     box = convert.obstacle_desired(body, obstacle_id, context.now_s())
@@ -393,7 +393,7 @@ async def change_obstacle(
     responses=COMMAND | errors(404),
 )
 async def remove_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> None:
-    """Forget a box."""
+    """Removes a box."""
     context.service.remove_obstacle(obstacle_id)
     left = tuple(box for box in context.plan.obstacles if box.id != obstacle_id)
     context.accepted(replace(context.plan, obstacles=left))

@@ -1,4 +1,4 @@
-"""Routes of a kill, in two steps. They translate, and decide nothing."""
+"""Routes of a kill, in two steps. They only translate."""
 
 from http import HTTPStatus
 
@@ -19,7 +19,7 @@ kill = APIRouter(prefix="/kill", tags=["fleet"], dependencies=TOKEN)
 
 @kill.post("", summary="Arm a kill: the first of two steps", responses=COMMAND | errors(404))
 async def arm_kill(context: ContextDep, body: kill_schemas.KillBody | None = None) -> kill_schemas.KillArmed:
-    """Names whom the code will kill, all that are not offline where nobody is named. Nothing happens yet."""
+    """Returns a code and its vehicles: the named ones, else all that are not offline. Nothing is sent yet."""
     phases = {each.id: each.phase for each in context.view.vehicles}
     named = (body or kill_schemas.KillBody()).vehicles
     for name in named or ():
@@ -45,7 +45,7 @@ async def arm_kill(context: ContextDep, body: kill_schemas.KillBody | None = Non
 async def confirm_kill(
     body: kill_schemas.KillConfirmation, context: ContextDep, response: Response
 ) -> schemas.Command:
-    """Those that the code names. Accepted as an order; a code works once, and for a short time."""
+    """Kills the code's vehicles. A code works once, and for a short time."""
     vehicles = context.kill_switch.confirm(body.code, WHO.get(), context.now_s())
     command = convert.command(context.service.kill(vehicles))
     response.headers["Location"] = f"/api/v1/commands/{command.id}"

@@ -1,4 +1,4 @@
-"""Tiles of the map that the service serves itself: pictures for the page, told by `map` in the status."""
+"""Tiles of the service's own map file, to which `map` in the status refers."""
 
 import sqlite3
 from http import HTTPStatus
@@ -16,7 +16,7 @@ HEADERS = {"Cache-Control": "private, max-age=3600", "X-Content-Type-Options": "
 
 @router.get("/map/{z}/{x}/{y}")
 async def get_tile(z: int, x: int, y: int, context: ContextDep) -> Response:
-    """One tile, rows counted from the north."""
+    """One tile as an image. Rows count from the north."""
     ground = context.ground
     if ground is None or ground.file is None:
         raise UnknownError("no map is served here: map.tiles of the configuration names an .mbtiles file")

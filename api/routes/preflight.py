@@ -1,4 +1,4 @@
-"""Routes of preflight. They translate, and decide nothing."""
+"""Routes of preflight. They only translate."""
 
 from http import HTTPStatus
 from typing import Annotated
@@ -50,7 +50,7 @@ def _vehicle(one: checks.VehicleChecks) -> preflight_schemas.VehicleChecks:
     responses=READ | errors(404, 409, 503),
 )
 async def get_preflight(context: ContextDep, vehicles: Named = None) -> preflight_schemas.Preflight:
-    """Every check of every vehicle and of the fleet; made at most once a second, and only on the ground."""
+    """Every check of every vehicle and of the fleet, at most once a second, and only on the ground."""
     report = context.service.preflight(vehicles)
     return preflight_schemas.Preflight(
         passes=report.passes,
@@ -77,7 +77,7 @@ async def exclude_vehicle(
     response: Response,
     body: preflight_schemas.ExcludeBody | None = None,
 ) -> schemas.Command:
-    """On the ground: no start takes it along until it is included again. An order, with who gave it."""
+    """Only on the ground. The vehicle takes part in no start until it is included again."""
     reason = "" if body is None else body.reason
     record = context.service.exclude(vehicle_id, reason)
     response.headers["Location"] = f"/api/v1/commands/{record.id}"
@@ -93,7 +93,7 @@ async def exclude_vehicle(
     responses=COMMAND | errors(404),
 )
 async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: Response) -> schemas.Command:
-    """On the ground: it has to pass every check, as everybody else."""
+    """Only on the ground. The vehicle must then pass every check, as all others."""
     record = context.service.include(vehicle_id)
     response.headers["Location"] = f"/api/v1/commands/{record.id}"
     return convert.command(record)

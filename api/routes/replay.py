@@ -1,4 +1,4 @@
-"""Routes of a replay. They translate, and decide nothing."""
+"""Routes of a replay. They only translate."""
 
 from fastapi import APIRouter
 
@@ -13,7 +13,7 @@ router = APIRouter(dependencies=TOKEN, tags=["replay"])
 
 
 def _replaying(context: Context) -> Replaying:
-    """Raises: RefusedError where vehicles fly."""
+    """Return the replay of the service. Raises: RefusedError when the service controls real vehicles."""
     replaying = context.service.replaying
     if replaying is None:
         raise RefusedError("this service flies vehicles, and replays nothing: gcs replay FILE shows a record")
@@ -22,23 +22,23 @@ def _replaying(context: Context) -> Replaying:
 
 @router.get("/replay", summary="How the record is played", responses=READ | errors(409))
 async def get_replay(context: ContextDep) -> replay_schemas.Replay:
-    """Where in the record it is, and how fast; `409` where vehicles fly."""
+    """Position and speed of the replay; `409` when the service controls vehicles."""
     return convert_status.replay(_replaying(context).playback)
 
 
 @router.post("/replay", summary="Pause, go on, at another speed, from elsewhere", responses=COMMAND)
 async def change_replay(body: replay_schemas.ReplayChange, context: ContextDep) -> replay_schemas.Replay:
-    """What is given changes, at once; `409` where vehicles fly, and for going on behind the end."""
+    """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
     return convert_status.replay(_replaying(context).change(**body.given()))
 
 
 @router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
 async def get_replay_marks(context: ContextDep) -> replay_schemas.ReplayMarks:
-    """All of the record at once, for a scrubber; it never changes."""
+    """Phases, cues, events and idle times of the whole record, for a timeline; they never change."""
     return convert_status.replay_marks(_replaying(context).marks)
 
 
 @router.get("/replay/report", summary="What the flight kept and broke", responses=READ | errors(409))
 async def get_flight_report(context: ContextDep) -> replay_schemas.FlightReport:
-    """Answers at once. The first call begins the judgement beside the replay: ask again until it is done."""
+    """Answers at once. The first call starts the analysis beside the replay; poll until it is done."""
     return convert_status.flight_report(_replaying(context).make_flight_report())

@@ -1,4 +1,4 @@
-"""Routes of written shows. They translate, and decide nothing."""
+"""Routes of written shows. They only translate."""
 
 from http import HTTPStatus
 from typing import Annotated, Any, Final
@@ -20,7 +20,7 @@ YAML_BODY: Final[dict[str, Any]] = {
         "description": "A show file, in UTF-8, at most 64 KiB. Kept as it is; its check finds what is wrong.",
         "content": {
             "application/yaml": {
-                "schema": {},  # any YAML: what is wrong with it, its check tells
+                "schema": {},  # any YAML: the show's check reports its errors
                 "example": "about: A ring that stands.\norigin: {latitude_deg: 47.397742, ...}\n",
             }
         },
@@ -33,19 +33,19 @@ selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 
 @files.get("", summary="Every show file", responses=errors(409))
 async def list_shows(context: ContextDep) -> list[show_schemas.StoredShow]:
-    """All files that were uploaded, by name."""
+    """All uploaded show files, by name."""
     return [convert.stored_show(each) for each in await context.service.shows.list_shows()]
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))
 async def get_show_file(name: Name, context: ContextDep) -> show_schemas.ShowText:
-    """As it was uploaded."""
+    """The show file as it was uploaded."""
     return show_schemas.ShowText(name=name, text=await context.service.shows.text(name))
 
 
 @files.put("/{name}", summary="Upload a show file", responses=COMMAND, openapi_extra=YAML_BODY)
 async def put_show_file(name: Name, request: Request, context: ContextDep) -> show_schemas.StoredShow:
-    """Kept under that name, in place of what had it. What is selected or flies does not change by that."""
+    """Stores the file, and replaces one of the same name. A selected or flying show does not change."""
     return convert.stored_show(await context.service.shows.store(name, await request.body()))
 
 
@@ -57,7 +57,7 @@ async def put_show_file(name: Name, request: Request, context: ContextDep) -> sh
     responses=COMMAND | errors(404),
 )
 async def remove_show_file(name: Name, context: ContextDep) -> None:
-    """Forget a file. What is selected or flies does not change by that."""
+    """Deletes the file. A selected or flying show does not change."""
     await context.service.shows.remove(name)
 
 
@@ -69,19 +69,19 @@ async def remove_show_file(name: Name, context: ContextDep) -> None:
     responses=COMMAND | errors(404),
 )
 async def check_show(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
-    """Fly it in virtual time, in a process of its own at the lowest priority; GET tells how far that is."""
+    """Flies the show in virtual time, in a process of the lowest priority; GET returns its progress."""
     return convert.show_check(context.service.shows.check(name))
 
 
 @files.get("/{name}/check", summary="What a check found", responses=READ | errors(404))
 async def get_show_check(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
-    """Of the newest check since this service began."""
+    """The newest check of this show since the service started."""
     return convert.show_check(context.service.shows.checked(name))
 
 
 @files.post("/{name}/select", summary="Have a show fly next", responses=COMMAND | errors(404))
 async def select_show(name: Name, body: show_schemas.SelectBody, context: ContextDep) -> schemas.SelectedShow:
-    """On the ground. Refused when it was never checked, is not good, has changed since, or does not fit."""
+    """Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet."""
     return convert.selected_show(context.service.select_show(name, body.hash))
 
 
@@ -93,11 +93,11 @@ async def select_show(name: Name, body: show_schemas.SelectBody, context: Contex
     responses=COMMAND,
 )
 async def deselect_show(context: ContextDep) -> None:
-    """On the ground."""
+    """Only on the ground. Manual control: formation, target and orbit follow the operator's commands."""
     context.service.deselect_show()
 
 
 @selected.post("/seek", summary="Begin at a cue", responses=COMMAND | errors(404))
 async def seek_show(body: show_schemas.SeekBody, context: ContextDep) -> schemas.SelectedShow:
-    """On the ground: the show begins with that cue, the first time that it is played."""
+    """Only on the ground. The show begins at the first occurrence of that cue."""
     return convert.selected_show(context.service.seek_show(body.cue))

@@ -1,7 +1,8 @@
-"""The fleet over a WebSocket: the newest state, at the viewer's pace.
+"""The fleet over a WebSocket: the newest state, as fast as the viewer reads.
 
-The stream samples; it queues nothing. A reader that is slow gets fewer frames, each the newest when it was
-sent, and delays nobody. States are sent right behind the tick that made them, when the loop has most time.
+The stream samples the state and queues nothing. A slow viewer receives fewer frames, each the newest when it
+was sent, and delays no other viewer. A state is sent right after the tick that made it, when the event loop
+has most time.
 """
 
 import asyncio
@@ -21,22 +22,22 @@ RATE_MIN_HZ: Final = 1.0
 RATE_MAX_HZ: Final = 20.0
 
 EARLY: Final = 0.25
-"""A state may be sent that share of the period before it is due: the next might come much later."""
+"""Share of the period by which a state may be sent early: the next state might come much later."""
 
 REPEAT_S: Final = 0.5
-"""An unchanged state is sent again after this, so that a viewer learns when control has died."""
+"""An unchanged state is sent again after this time, so that a viewer notices when control has stopped."""
 
 POLICY_VIOLATION: Final = 1008
 TRY_AGAIN_LATER: Final = 1013
 
 Messages: TypeAlias = Callable[[Context], list[str | bytes]]
-"""What one viewer is sent at one moment."""
+"""Makes the messages that one viewer is sent at one time."""
 
 router = APIRouter()
 
 
 def rate_hz(text: str | None) -> float:
-    """The rate asked for. Raises: InvalidError when it is none, or out of bounds."""
+    """Parse the requested rate. Raises: InvalidError when it is not a number, or out of bounds."""
     if text is None:
         return RATE_DEFAULT_HZ
     allowed = f"a number from {RATE_MIN_HZ:g} to {RATE_MAX_HZ:g}"
@@ -51,13 +52,13 @@ def rate_hz(text: str | None) -> float:
 
 @router.websocket("/stream")
 async def stream(websocket: WebSocket, context: ContextDep) -> None:
-    """Send the fleet until the viewer has gone. A bad request is told why with the close frame."""
+    """Send the fleet until the viewer disconnects. The close frame has the reason of a refusal."""
     await _watched(websocket, context, lambda context: [context.fleet_json()])
 
 
 @router.websocket("/stream/console")
 async def console(websocket: WebSocket, context: ContextDep) -> None:
-    """The same for who draws: frames, and before them the status where it has changed. docs/stream.md."""
+    """The console's stream: binary frames, each after the status if that has changed (docs/stream.md)."""
     seen = 0
 
     def messages(context: Context) -> list[str | bytes]:
@@ -91,7 +92,7 @@ async def _watch(websocket: WebSocket, context: Context, period_s: float, messag
 
 
 async def _send(websocket: WebSocket, context: Context, period_s: float, messages: Messages) -> None:
-    """Sample and send; returns when the viewer has gone."""
+    """Sample and send until the viewer disconnects or its token is revoked."""
     async with aclosing(_moments(websocket, context, period_s)) as moments:
         async for _ in moments:
             if not websocket.state.is_authorized():
@@ -108,14 +109,14 @@ async def _send(websocket: WebSocket, context: Context, period_s: float, message
 
 
 async def _moments(websocket: WebSocket, context: Context, period_s: float) -> AsyncGenerator[None, None]:
-    """When to look: at once, then with the tick that comes when one is due; never with something unsent."""
+    """Yield when to sample: at once, then at the tick that follows each due time, when nothing is unsent."""
     loop = asyncio.get_running_loop()
     early_s = EARLY * period_s
     due_s = loop.time()
     while True:
         await websocket.state.drained()
         yield
-        due_s = max(due_s + period_s, loop.time() - early_s)  # what a slow reader missed is not made up
+        due_s = max(due_s + period_s, loop.time() - early_s)  # missed frames are not sent later
         await asyncio.sleep(due_s - early_s - loop.time())
         with suppress(TimeoutError):
             async with asyncio.timeout(REPEAT_S):
@@ -123,6 +124,6 @@ async def _moments(websocket: WebSocket, context: Context, period_s: float) -> A
 
 
 async def _gone(websocket: WebSocket) -> None:
-    """Returns when the viewer has closed; what it says meanwhile is not listened to."""
+    """Return when the viewer disconnects; its messages are ignored."""
     while (await websocket.receive())["type"] != "websocket.disconnect":
         pass

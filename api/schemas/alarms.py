@@ -6,7 +6,7 @@ from gcs.service.alarms import AlarmSeverity, OverallSeverity
 
 
 class Alarm(BaseModel):
-    """One cause that an operator should know of, with all vehicles that it concerns."""
+    """One condition that an operator should know, with all vehicles that it concerns."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -44,7 +44,7 @@ class Alarm(BaseModel):
 
 
 class AlarmList(BaseModel):
-    """All alarms, and the state of the whole."""
+    """All alarms, and the overall severity."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 

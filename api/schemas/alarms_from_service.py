@@ -1,4 +1,4 @@
-"""Alarms, between the service's types and the wire's."""
+"""Converts alarms from the service's types to the API's schemas."""
 
 from gcs.api.schemas.alarms import Alarm as AlarmSchema
 from gcs.api.schemas.alarms import AlarmList
@@ -7,9 +7,9 @@ from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overa
 
 
 def current(view: FleetView, problem: str) -> tuple[Alarm, ...]:
-    """The alarms of a state; first of all, that control has stopped, which a state cannot say of itself.
+    """Return the alarms of a state, first the alarm that control has stopped, which a state cannot contain.
 
-    `problem` is `convert.health_problem`'s answer. A replay has no control that could stop.
+    `problem` is the result of `convert.health_problem`. A replay has no control that could stop.
     """
     if not problem or view.playback is not None:
         return view.alarms
@@ -31,7 +31,6 @@ def _control_stopped(view: FleetView, problem: str) -> Alarm:
 
 
 def alarm(known: Alarm) -> AlarmSchema:
-    """One of them."""
     return AlarmSchema(
         id=known.id,
         severity=known.severity,
@@ -49,15 +48,15 @@ def alarm(known: Alarm) -> AlarmSchema:
 
 
 def alarms(view: FleetView, problem: str) -> list[AlarmSchema]:
-    """All of a state, the most severe first."""
+    """All alarms of a state, the most severe first."""
     return [alarm(each) for each in current(view, problem)]
 
 
 def severity(view: FleetView, problem: str) -> OverallSeverity:
-    """The state of the whole."""
+    """The overall severity: that of the worst alarm that lasts."""
     return overall(current(view, problem))
 
 
 def alarm_list(view: FleetView, problem: str) -> AlarmList:
-    """All of them, and the state of the whole."""
+    """All alarms, and the overall severity."""
     return AlarmList(severity=severity(view, problem), alarms=alarms(view, problem))

@@ -1,7 +1,7 @@
-"""One state as bytes, for viewers that draw: see docs/stream.md.
+"""One state as bytes for the console: see docs/stream.md.
 
-A header, then columns one after another, each as long as the fleet: single precision first, then bytes.
-Everything is little-endian. What is not known is NaN.
+A header, then one column after another with one value per vehicle: single precision first, then bytes.
+All values are little-endian. Unknown values are NaN.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ FLOATS: Final = (
     *("battery", "position_age_s", "heartbeat_age_s", "uncertainty_m", "link_quality"),
     *("low_s", "empty_s"),
 )
-"""Columns of single precision, in their order."""
+"""Columns in single precision, in their order."""
 
 BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
 """Columns of bytes, in their order."""
@@ -49,7 +49,7 @@ ARMED, READY, LIMITED, COMMANDED, LIT = (1 << bit for bit in range(5))
 """Bits of `flags`."""
 
 NO_ROW: Final = 2**32 - 1
-"""The row number that means none."""
+"""Row number for no row."""
 
 UPWARDS: Final = np.array([1.0, 1.0, -1.0])
 
@@ -60,13 +60,13 @@ _SHOW: Final = {phase: number for number, phase in enumerate(ShowPhase)}
 
 
 def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> bytes:
-    """One state, `HEADER.itemsize` + 75 bytes a vehicle long.
+    """Encode one state: `HEADER.itemsize` bytes + 75 bytes per vehicle.
 
     Args:
         view: the state.
-        frame: of the show.
-        revision: of the status that it belongs to.
-        alive: whether control is, judged by the clock now.
+        frame: the show frame.
+        revision: of the status that belongs to it.
+        alive: whether control is alive now.
     """
     rows = view.rows
     n = len(rows.ids)
@@ -130,7 +130,7 @@ def _fill_floats(
     table[14] = rows.link_quality
     table[15] = np.nan if found is None else found.low_s
     table[16] = np.nan if found is None else found.empty_s
-    table[6][table[6] == 360.0] = 0.0  # a hair below it is rounded up
+    table[6][table[6] == 360.0] = 0.0  # single precision rounds headings just below 360 up
     table += 0.0  # no -0
     table[~np.isfinite(table)] = np.nan
 

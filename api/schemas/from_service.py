@@ -1,4 +1,4 @@
-"""Between the service's types and the wire's, in both directions."""
+"""Converts between the service's types and the API's schemas, in both directions."""
 
 from dataclasses import asdict, replace
 from math import degrees, hypot, isfinite, pi, radians
@@ -29,20 +29,20 @@ from gcs.service.vehicle_table import VehicleView
 Triple = tuple[float, float, float]
 
 ALWAYS_IN_THE_AIR: Final = frozenset({ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT})
-"""Accepted whenever anything is airborne."""
+"""Commands that are accepted whenever a vehicle is airborne."""
 
 VIEW_AGE_MAX_S: Final = 1.0
-"""PX4 gives up on a silent ground station after 1.0 s: an older state tells nothing about now."""
+"""Oldest valid state: PX4 leaves OFFBOARD after 1.0 s without setpoints (COM_OF_LOSS_T)."""
 
 
 def health_problem(view: FleetView, now_s: float) -> str:
-    """Why control cannot be called alive at `now_s` (loop clock); empty when it can.
+    """Why control is not alive at `now_s` (loop clock); empty when it is.
 
-    A replay has no control loop that could stop: only that it shows nothing new is wrong with it.
+    A replay has no control loop that could stop; its only problem is an old state.
     """
     age_s = now_s - view.time_s
     replays = view.playback is not None
-    if not abs(age_s) <= VIEW_AGE_MAX_S:  # so written that NaN is unhealthy, too
+    if not abs(age_s) <= VIEW_AGE_MAX_S:  # NaN is unhealthy as well
         stands = "the replay does not go on" if replays else "the control loop does not run"
         return f"the newest state is {age_s:.1f} s old: {stands}"
     if not (view.control_alive or replays):
@@ -51,7 +51,7 @@ def health_problem(view: FleetView, now_s: float) -> str:
 
 
 def readiness_problem(view: FleetView, now_s: float) -> str:
-    """Why no vehicle can be ordered anything at `now_s`; empty when one can."""
+    """Why no vehicle can be commanded at `now_s`; empty when at least one can."""
     problem = health_problem(view, now_s)
     if problem:
         return problem
@@ -62,7 +62,7 @@ def readiness_problem(view: FleetView, now_s: float) -> str:
 
 
 def readiness(view: FleetView) -> schemas.Readiness:
-    """Who could fly, and who does."""
+    """Numbers of vehicles that are ready and airborne."""
     return schemas.Readiness(
         ready=True,
         vehicles_ready=sum(each.ready for each in view.vehicles),
@@ -82,20 +82,20 @@ def _velocity(vector_m_s: Triple | None) -> schemas.VelocityOut | None:
 
 
 def heading_deg(yaw_rad: float, frame: ShowFrame) -> float:
-    """A yaw of the show frame as degrees clockwise from north, 0 up to but not including 360."""
+    """Convert a yaw in the show frame to degrees clockwise from north, in [0, 360)."""
     heading = (degrees(yaw_rad) + frame.heading_deg) % 360.0
-    return 0.0 if heading == 360.0 else heading  # a negative hair rounds up to 360
+    return 0.0 if heading == 360.0 else heading  # a tiny negative angle rounds up to 360
 
 
 def yaw_rad(heading: float, frame: ShowFrame) -> float:
-    """Degrees clockwise from north as a yaw of the show frame, within [-pi, pi)."""
+    """Convert degrees clockwise from north to a yaw in the show frame, in [-pi, pi)."""
     return (radians(heading - frame.heading_deg) + pi) % (2 * pi) - pi
 
 
 def vehicle(
     view: VehicleView, frame: ShowFrame, low_s: float | None = None, empty_s: float | None = None
 ) -> schemas.Vehicle:
-    """One vehicle for the wire; how long its battery lasts, None: not known."""
+    """Convert one vehicle; `low_s` and `empty_s`: how long its battery lasts, None when not known."""
     x_m, y_m, down_m = view.position_m if view.position_m is not None else (None, None, None)
     return schemas.Vehicle(
         id=view.id,
@@ -131,7 +131,6 @@ def vehicle(
 
 
 def estimates(view: FleetView) -> schemas.Estimates | None:
-    """Energy and time for the wire."""
     found, ids = view.estimates, view.rows.ids
     if found is None:
         return None
@@ -148,7 +147,6 @@ def estimates(view: FleetView) -> schemas.Estimates | None:
 
 
 def vehicles(view: FleetView, frame: ShowFrame) -> list[schemas.Vehicle]:
-    """All vehicles for the wire."""
     found = view.estimates
     if found is None:
         return [vehicle(each, frame) for each in view.vehicles]
@@ -168,7 +166,6 @@ def _possible(phase: ShowPhase, action: ShowAction) -> bool:
 
 
 def show(view: FleetView) -> schemas.Show:
-    """The show for the wire."""
     flies = view.counts.airborne > 0
     possible = [
         action
@@ -186,27 +183,22 @@ def show(view: FleetView) -> schemas.Show:
 
 
 def counts(reported: Counts) -> schemas.Counts:
-    """How many vehicles are where, for the wire."""
     return schemas.Counts(airborne=reported.airborne, **asdict(reported))
 
 
 def selected_show(selected: SelectedShow) -> schemas.SelectedShow:
-    """The selected show for the wire."""
     return schemas.SelectedShow(**asdict(selected))
 
 
 def stored_show(stored: StoredShow) -> show_schemas.StoredShow:
-    """A show file for the wire."""
     return show_schemas.StoredShow(**asdict(stored))
 
 
 def show_check(check: ShowCheck) -> show_schemas.ShowCheck:
-    """A show's check for the wire."""
     return show_schemas.ShowCheck(**asdict(check))
 
 
 def command(record: CommandRecord) -> schemas.Command:
-    """An order for the wire."""
     return schemas.Command(
         id=record.id,
         action=record.action,
@@ -221,7 +213,7 @@ def command(record: CommandRecord) -> schemas.Command:
 
 
 def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
-    """The formation for the wire: wanted, and commanded now."""
+    """Convert the desired formation, with the radius and height commanded now."""
     return schemas.Formation(
         radius_m=desired.radius_m,
         height_m=desired.height_m,
@@ -231,7 +223,7 @@ def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
 
 
 def center(view: FleetView, frame: ShowFrame) -> schemas.Center | None:
-    """The formation's centre for the wire; None while no formation flies."""
+    """Convert the formation's centre; None while no formation flies."""
     if view.center_m is None:
         return None
     latitude_deg, longitude_deg, altitude_amsl_m = frame.geodetic(np.array([view.center_m]))
@@ -249,7 +241,7 @@ def center(view: FleetView, frame: ShowFrame) -> schemas.Center | None:
 
 
 def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFrame) -> schemas.Target:
-    """The target for the wire, in both frames; `position_m` is where it is now."""
+    """Convert the target into both frames; `position_m` is its position now, show frame."""
     latitude_deg, longitude_deg, _ = frame.geodetic(np.array([[*position_m, 0.0]]))
     ned_m_s = frame.into_ned(np.array([[desired.velocity_x_m_s, desired.velocity_y_m_s, 0.0]]))
     return schemas.Target(
@@ -265,17 +257,15 @@ def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFra
 
 
 def orbit(desired: plan.Orbit) -> schemas.Orbit:
-    """The orbit for the wire."""
     return schemas.Orbit(radius_m=desired.radius_m, speed_m_s=desired.speed_m_s, direction=desired.direction)
 
 
 def yaw(desired: plan.Yaw, frame: ShowFrame) -> schemas.Yaw:
-    """The yaw for the wire."""
     return schemas.Yaw(policy=desired.policy, heading_deg=heading_deg(desired.fixed_rad, frame))
 
 
 def obstacle(box: plan.Obstacle, now_s: float) -> schemas.Obstacle:
-    """An obstacle for the wire, where it is at `now_s`."""
+    """Convert an obstacle, at its position at `now_s`."""
     x_m, y_m = box.position_m(now_s)
     return schemas.Obstacle(
         id=box.id,
@@ -290,7 +280,7 @@ def obstacle(box: plan.Obstacle, now_s: float) -> schemas.Obstacle:
 
 
 def origin(frame: ShowFrame) -> schemas.Origin:
-    """Where the show frame lies, for the wire."""
+    """Convert origin and heading of the show frame."""
     return schemas.Origin(
         latitude_deg=frame.latitude_deg,
         longitude_deg=frame.longitude_deg,
@@ -300,7 +290,7 @@ def origin(frame: ShowFrame) -> schemas.Origin:
 
 
 def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schemas.Fleet:
-    """Everything for the wire; `problem` is `health_problem`'s answer, `access` the door's text."""
+    """Convert the whole state; `problem` is the result of `health_problem`, `access` `Authorization.text`."""
     return schemas.Fleet(
         time_s=view.time_s,
         unix_time_s=view.unix_time_s,
@@ -336,7 +326,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
 
 
 def interrupted(found: InterruptedFlight) -> recovery_schemas.InterruptedFlight:
-    """A flight that was cut off, for the wire."""
+    """Convert an interrupted flight."""
     selected = None
     if found.written is not None:
         selected = recovery_schemas.WrittenShow(**asdict(found.written))
@@ -355,9 +345,9 @@ def interrupted(found: InterruptedFlight) -> recovery_schemas.InterruptedFlight:
 def target_desired(
     body: schemas.ShowTarget | schemas.GeodeticTarget, frame: ShowFrame, now_s: float
 ) -> plan.Target:
-    """The target in the show frame, at `now_s`.
+    """Convert a requested target into the show frame, at `now_s`.
 
-    Raises: InvalidError when a place on the globe is too far away for a flat frame.
+    Raises: InvalidError when a geodetic position is too far away for a flat frame.
     """
     if isinstance(body, schemas.ShowTarget):
         return plan.Target(**body.model_dump(), time_s=now_s)
@@ -368,7 +358,7 @@ def target_desired(
     )
     velocity_m_s = frame.from_ned(np.array([[body.velocity_north_m_s, body.velocity_east_m_s, 0.0]]))
     x_m, y_m = float(place_m[0, 0]), float(place_m[0, 1])
-    # With z: seen from here, the other side of the globe is straight below.
+    # z is included: the opposite side of the globe is straight below the origin.
     if not hypot(x_m, y_m, float(place_m[0, 2])) <= schemas.LENGTH_MAX_M:
         allowed = f"within {schemas.LENGTH_MAX_M / 1000:.0f} km of the show's origin"
         raise InvalidError(
@@ -378,17 +368,17 @@ def target_desired(
 
 
 def yaw_desired(body: schemas.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
-    """The yaw after a change."""
+    """Return the yaw after a requested change."""
     given = body.given()
     fixed_rad = yaw_rad(given["heading_deg"], frame) if "heading_deg" in given else current.fixed_rad
     return replace(current, policy=given.get("policy", current.policy), fixed_rad=fixed_rad)
 
 
 def obstacle_desired(body: schemas.Box, obstacle_id: str, now_s: float) -> plan.Obstacle:
-    """The box under the id that it shall have, there at `now_s`."""
+    """Convert a requested box, at its position at `now_s`."""
     return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}), time_s=now_s)
 
 
 def fleet_json(view: FleetView, frame: ShowFrame, problem: str, access: str) -> str:
-    """Everything, as JSON text."""
+    """The whole state as JSON text."""
     return fleet(view, frame, problem, access).model_dump_json()

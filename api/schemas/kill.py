@@ -1,4 +1,4 @@
-"""The JSON names of a kill, in two steps."""
+"""JSON schemas of a kill, in two steps."""
 
 from typing import Annotated
 
@@ -14,7 +14,7 @@ CODE_PATTERN = r"^[0-9a-f]{6}$"
 
 
 class KillBody(Inward):
-    """Whose motors are to be stopped."""
+    """The vehicles whose motors are to be stopped."""
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
@@ -24,7 +24,7 @@ class KillBody(Inward):
 
 
 class KillConfirmation(Inward):
-    """The second step."""
+    """The second step of a kill: its code."""
 
     code: Annotated[
         str, Field(pattern=CODE_PATTERN, description="As the first step told.", examples=["a1b2c3"])
@@ -35,7 +35,7 @@ class KillConfirmation(Inward):
 
 
 class KillArmed(Outward):
-    """Whom the code will kill; nothing has happened to them yet."""
+    """The vehicles that the code will kill; nothing has been sent to them yet."""
 
     code: str
     vehicles: list[str]

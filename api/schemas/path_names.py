@@ -1,4 +1,4 @@
-"""Names in paths, bounded as those in bodies are."""
+"""Names in paths, bounded as in bodies."""
 
 from typing import Annotated
 

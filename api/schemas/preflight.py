@@ -1,4 +1,4 @@
-"""The JSON names of preflight: what is checked before a start, and who is taken out of it."""
+"""JSON schemas of preflight: the checks before a start, and the exclusion of vehicles."""
 
 from typing import Annotated
 
@@ -13,7 +13,7 @@ REASON_MAX = 200
 
 
 class ExcludeBody(Inward):
-    """Why a vehicle is taken out of the show."""
+    """Why a vehicle is excluded from the show."""
 
     reason: Annotated[str, Field(max_length=REASON_MAX, examples=["a propeller is cracked"])] = ""
 
@@ -22,7 +22,7 @@ class ExcludeBody(Inward):
 
 
 class Check(Outward):
-    """One thing that is looked at before a start."""
+    """One check before a start."""
 
     name: str
     state: State = Field(description="What is unknown counts as failed.")
@@ -34,7 +34,7 @@ class Check(Outward):
 
 
 class VehicleChecks(Outward):
-    """One vehicle before a start."""
+    """All checks of one vehicle before a start."""
 
     id: str
     passes: bool
@@ -44,7 +44,7 @@ class VehicleChecks(Outward):
 
 
 class Preflight(Outward):
-    """Everything that a start looks at."""
+    """All checks before a start."""
 
     passes: bool = Field(description="Whether a start would be accepted now.")
     unix_time_s: float = Field(description="When it was looked at; in the air: before take-off.")

@@ -1,4 +1,4 @@
-"""The JSON names of a flight that was cut off."""
+"""JSON schemas of an interrupted flight."""
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -7,13 +7,13 @@ from gcs.model.lifecycle import Phase, ShowPhase
 
 
 class _Outward(BaseModel):
-    """As `api.wire.Outward`, which needs what is here."""
+    """As `Outward` of `api.schemas.rest`, which imports this module."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
 
 class Remaining(_Outward):
-    """One vehicle that was in the air, and what is known of it now."""
+    """One vehicle that was airborne, and its state now."""
 
     before: Phase = Field(description="Where the record ends.")
     pad_known: bool = Field(description="Whether it can be brought home.")
@@ -22,7 +22,7 @@ class Remaining(_Outward):
 
 
 class WrittenShow(_Outward):
-    """The written show that was flown, and where in it."""
+    """The written show that was flown, and its position."""
 
     name: str
     hash: str
@@ -31,7 +31,7 @@ class WrittenShow(_Outward):
 
 
 class InterruptedFlight(_Outward):
-    """A flight that was cut off when the service ended or stalled. Nothing of it is taken over by itself."""
+    """A flight that was interrupted when the service ended or stalled. An operator must resume or end it."""
 
     session: str
     unix_time_s: float = Field(description="When it was cut off.")

@@ -1,4 +1,4 @@
-"""JSON names of a replay: how it is played, and the judgement of its record."""
+"""JSON schemas of a replay: playback, marks, and the flight report of its record."""
 
 from typing import Annotated, Final, Literal
 
@@ -13,7 +13,7 @@ SPEED_MAX: Final = 100.0
 
 
 class ReplayChange(Change):
-    """Play the record otherwise; at least one field."""
+    """Changes of the playback; at least one field."""
 
     paused: bool = Field(default=ABSENT)
     speed: Annotated[float, Field(gt=0, le=SPEED_MAX, examples=[4.0])] = Field(
@@ -28,7 +28,7 @@ class ReplayChange(Change):
 
 
 class Replay(Outward):
-    """A recorded flight that is played as if live."""
+    """A recorded flight that is played back as if live."""
 
     file: str
     began_unix_time_s: float = Field(description="Of the first recorded state.")
@@ -41,7 +41,7 @@ class Replay(Outward):
 
 
 class PhaseSpan(Outward):
-    """The show stands in one phase. Times since the first recorded state."""
+    """A period in one phase of the show. Times are in seconds since the first recorded state."""
 
     phase: ShowPhase
     from_s: float
@@ -49,14 +49,14 @@ class PhaseSpan(Outward):
 
 
 class CueMark(Outward):
-    """A cue of the written show begins."""
+    """The start of a cue of the written show."""
 
     cue: str
     at_s: float
 
 
 class EventMark(Outward):
-    """An alarm, or a warning or error of the log."""
+    """An alarm, or a warning or error of the event log."""
 
     at_s: float
     severity: Severity
@@ -66,14 +66,14 @@ class EventMark(Outward):
 
 
 class IdleSpan(Outward):
-    """Nothing flies, nor is about to."""
+    """A period in which no vehicle flies or is about to."""
 
     from_s: float
     until_s: float
 
 
 class ReplayMarks(Outward):
-    """What a scrubber shows of the whole record; empty where no audit lies beside the flight data."""
+    """Marks of the whole record for a timeline; empty when the flight data has no audit beside it."""
 
     phases: list[PhaseSpan]
     cues: list[CueMark]
@@ -82,7 +82,7 @@ class ReplayMarks(Outward):
 
 
 class ReportCheck(Outward):
-    """One limit: kept or not, and the worst that was."""
+    """One limit: whether it was kept, and the worst value."""
 
     name: str = Field(examples=["greatest height"])
     limit: Measured = Field(description="That held then: a written show has its own.")
@@ -97,7 +97,7 @@ class ReportCheck(Outward):
 
 
 class NearestPair(Outward):
-    """Two vehicles, when they were nearest in the floor's metric."""
+    """Two vehicles at the time when they were nearest, in the metric of the minimum separation."""
 
     vehicles: list[str]
     distance_m: Measured
@@ -107,7 +107,7 @@ class NearestPair(Outward):
 
 
 class ReportBody(Outward):
-    """What `gcs report --json` tells of a record."""
+    """The flight report, as `gcs report --json` prints it."""
 
     source: str
     verdict: Literal["kept", "broken", "incomplete"] = Field(
@@ -125,7 +125,7 @@ class ReportBody(Outward):
 
 
 class FlightReport(Outward):
-    """How far the judgement of the record has got."""
+    """The flight report of the record, or its progress."""
 
     state: CheckState
     reason: str = Field(description="Why it failed, empty when it did not.")

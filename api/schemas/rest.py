@@ -1,8 +1,8 @@
-"""Every JSON name of the REST API, and nothing else: what comes in, what goes out.
+"""JSON schemas of the REST API: request and response bodies.
 
-Units are in the names. Positions are in the show frame, with heights positive up (`height_m`, above the
-show's origin); headings are degrees clockwise from north. A number that is not known is null, never NaN.
-What comes in is strict: an unknown field, a number in quotes, NaN and infinities are refused.
+Names end in their unit. Positions are in the show frame, with heights positive up (`height_m`, above the
+show's origin); headings are in degrees clockwise from north. An unknown number is null, never NaN.
+Requests are strict: an unknown field, a number in quotes, NaN and infinities are refused.
 """
 
 from math import isfinite
@@ -21,26 +21,26 @@ from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import OverallSeverity
 
 LENGTH_MAX_M: Final = 100_000.0
-"""Beyond this a flat show frame means nothing, and geodesy answers nonsense."""
+"""Largest coordinate: beyond it a flat show frame and its conversion to and from WGS84 are invalid."""
 
 SPEED_MAX_M_S: Final = 1_000.0
-"""No bound of flight, only of sense: what may be flown is the service's decision."""
+"""Largest plausible speed; the service decides which speeds can be flown."""
 
 
 def _known(value: object) -> object:
-    """What is not a finite number is not known."""
+    """Convert NaN and infinities to None (not known)."""
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _whole_change(value: object) -> object:
-    """A change that changes nothing is a mistake somewhere."""
+    """Refuse a change without any field: it is a mistake of the client."""
     if isinstance(value, dict) and not value:
         raise PydanticCustomError("empty_change", "at least one field")
     return value
 
 
 def without_defaults(schema: dict[str, Any]) -> None:
-    """An absent field is left as it is; the placeholder that says so is nobody's business."""
+    """Remove defaults from the schema: they are internal placeholders of absent fields."""
     for field in schema.get("properties", {}).values():
         field.pop("default", None)
 
@@ -50,13 +50,13 @@ HASH_EXAMPLE: Final = "4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1
 
 
 def _at_least_one(schema: dict[str, Any]) -> None:
-    """And a change without any is refused."""
+    """Remove defaults, and demand at least one field."""
     without_defaults(schema)
     schema["minProperties"] = 1
 
 
 ABSENT: Final[Any] = None
-"""Placeholder of fields that may be left out; never read, for only what was given counts."""
+"""Placeholder of optional fields; never read, because only given fields count."""
 
 Measured = Annotated[float | None, BeforeValidator(_known)]
 Coordinate = Annotated[float, Field(ge=-LENGTH_MAX_M, le=LENGTH_MAX_M, examples=[12.5])]
@@ -70,25 +70,25 @@ Policy = Annotated[YawPolicy, Field(strict=False)]
 
 
 class Inward(BaseModel):
-    """What comes from outside: strict, and complete before anything is done with it."""
+    """Base of request bodies: strict, and validated as a whole before use."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class Change(Inward):
-    """Fields to change; those absent stay as they are."""
+    """Base of changes: absent fields stay as they are."""
 
     model_config = ConfigDict(json_schema_extra=_at_least_one)
 
     _something = model_validator(mode="before")(_whole_change)
 
     def given(self) -> dict[str, Any]:
-        """The fields that were sent, by name."""
+        """Return the fields of the request, by name."""
         return self.model_dump(exclude_unset=True)
 
 
 class Outward(BaseModel):
-    """What goes out. An older client passes over fields it does not know."""
+    """Base of response bodies. Clients ignore fields that they do not know."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -97,14 +97,14 @@ class Outward(BaseModel):
 
 
 class FormationChange(Change):
-    """Another radius or height of the formation; it follows without a jump."""
+    """New radius or height of the formation, which changes continuously."""
 
     radius_m: Length = Field(default=ABSENT, description="Of the virtual sphere.")
     height_m: Coordinate = Field(default=ABSENT, description="Of its centre, above the show's origin.")
 
 
 class OrbitChange(Change):
-    """Another way for the formation's centre to circle the target."""
+    """New radius, speed or direction of the orbit of the formation's centre around the target."""
 
     radius_m: Annotated[float, Field(ge=0, le=LENGTH_MAX_M)] = Field(
         default=ABSENT, description="0: the formation stands above the target.", examples=[30.0]
@@ -114,14 +114,14 @@ class OrbitChange(Change):
 
 
 class YawChange(Change):
-    """Another way for the vehicles to look; the heading counts for the policy `fixed`."""
+    """New yaw policy or heading of the vehicles; the heading applies to the policy `fixed`."""
 
     policy: Policy = Field(default=ABSENT)
     heading_deg: Heading = Field(default=ABSENT)
 
 
 class ShowTarget(Inward):
-    """The target's place and velocity in the show frame."""
+    """The target's position and velocity in the show frame."""
 
     x_m: Coordinate
     y_m: Coordinate
@@ -130,7 +130,7 @@ class ShowTarget(Inward):
 
 
 class GeodeticTarget(Inward):
-    """The target's place and velocity on the globe, WGS84."""
+    """The target's position and velocity in WGS84."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90, examples=[47.3977])]
     longitude_deg: Annotated[float, Field(ge=-180, le=180, examples=[8.5456])]
@@ -142,7 +142,7 @@ TARGET_FRAMES: Final[dict[str, type[Inward]]] = {"show frame": ShowTarget, "geod
 
 
 def _target_frame(value: object) -> str | None:
-    """Which of the two forms was meant; None: neither, or a mixture."""
+    """Return the tag of the frame whose fields are given; None: of neither, or of both."""
     if not isinstance(value, dict):
         return None
     meant = [tag for tag, model in TARGET_FRAMES.items() if value.keys() & model.model_fields.keys()]
@@ -163,7 +163,7 @@ TargetPut = Annotated[
 
 
 class Box(Inward):
-    """A box on the ground, edges along the show frame's axes, where it is now; it goes on as it moves."""
+    """A box on the ground, edges along the show frame's axes, at its position now; it keeps its velocity."""
 
     x_m: Coordinate = Field(description="Of its centre.")
     y_m: Coordinate
@@ -175,7 +175,7 @@ class Box(Inward):
 
 
 class ObstaclePost(Box):
-    """A new obstacle; without an id it is given one."""
+    """A new obstacle; without an id the service assigns one."""
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
@@ -183,7 +183,7 @@ class ObstaclePost(Box):
 
 
 class ObstaclePut(Box):
-    """The obstacle as it shall be; an id, where given, must be the path's."""
+    """The new state of an obstacle; an id, if given, must be that of the path."""
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
@@ -191,7 +191,7 @@ class ObstaclePut(Box):
 
 
 class StartBody(Inward):
-    """Who flies."""
+    """The vehicles, the selected show and the time of a start."""
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
@@ -207,7 +207,7 @@ class StartBody(Inward):
 
 
 class GroupBody(Inward):
-    """Which vehicles a command is for."""
+    """The vehicles of a command."""
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
@@ -220,7 +220,7 @@ class GroupBody(Inward):
 
 
 class Problem(Outward):
-    """One field that is wrong."""
+    """One invalid field."""
 
     field: str = Field(description="Dotted name; `body` for the whole.", examples=["radius_m"])
     value: str | int | float | bool | None = Field(
@@ -230,14 +230,14 @@ class Problem(Outward):
 
 
 class ErrorBody(Outward):
-    """The one shape of every error."""
+    """The common shape of every error."""
 
     detail: str = Field(description="For a person.", examples=["radius_m = 1.0: at least 6.2 m"])
     problems: list[Problem] = Field(description="For a program; empty when no field is to blame.")
 
 
 class Health(Outward):
-    """The control loop runs and its newest state is fresh."""
+    """Whether the control loop runs and its newest state is fresh."""
 
     alive: bool
     view_age_s: float = Field(description="Since the newest state was made.")
@@ -247,7 +247,7 @@ class Health(Outward):
 
 
 class Readiness(Outward):
-    """Somebody can be ordered to do something."""
+    """Whether at least one vehicle can be commanded."""
 
     ready: bool
     vehicles_ready: int = Field(description="Could be started now.")
@@ -256,7 +256,7 @@ class Readiness(Outward):
 
 
 class Position(Outward):
-    """A place, in both frames as far as known."""
+    """A position in both frames, as far as known."""
 
     x_m: Measured
     y_m: Measured
@@ -275,7 +275,7 @@ class VelocityOut(Outward):
 
 
 class Vehicle(Outward):
-    """One vehicle, as the service believes it to be."""
+    """One vehicle, as the service estimates it."""
 
     id: str
     system_id: int
@@ -310,7 +310,7 @@ class Vehicle(Outward):
 
 
 class Counts(Outward):
-    """How many vehicles are where."""
+    """Numbers of vehicles by where they are and what controls them."""
 
     airborne: int = Field(description="controlled + uncontrolled.")
     controlled: int = Field(description="Airborne, under this station's control.")
@@ -321,7 +321,7 @@ class Counts(Outward):
 
 
 class Estimates(Outward):
-    """Energy and time of the fleet, refreshed once a second. null: not known, or not going on."""
+    """Energy and times of the fleet, updated once a second. null: not known, or not in progress."""
 
     battery_least: Measured = Field(
         description="0 to 1, of the vehicles that fly; where none does, of those that report."
@@ -342,7 +342,7 @@ class Estimates(Outward):
 
 
 class SelectedShow(Outward):
-    """The written show that will be, or is, flown, and how far it has got."""
+    """The written show that is or will be flown, and its progress."""
 
     name: str
     hash: str
@@ -355,7 +355,7 @@ class SelectedShow(Outward):
 
 
 class Show(Outward):
-    """Where the show stands, and what may be asked of it now."""
+    """The show's phase, and the commands that it accepts now."""
 
     phase: ShowPhase
     reason: str
@@ -366,14 +366,14 @@ class Show(Outward):
 
 
 class CommandPart(Outward):
-    """One vehicle's part of an order."""
+    """Outcome of a command for one vehicle."""
 
     outcome: Outcome
     reason: str
 
 
 class Command(Outward):
-    """An accepted order and what has become of it."""
+    """An accepted command and its outcome."""
 
     id: str
     action: str
@@ -384,7 +384,7 @@ class Command(Outward):
 
 
 class Formation(Outward):
-    """What the formation shall be, and what it is commanded to be now, on its way there."""
+    """Radius and height of the formation: desired, and commanded now."""
 
     radius_m: float
     height_m: float
@@ -400,7 +400,7 @@ class Center(Outward):
 
 
 class Target(Outward):
-    """Where the target is now, and how it moves, in both frames."""
+    """Position and velocity of the target now, in both frames."""
 
     x_m: Measured
     y_m: Measured
@@ -413,7 +413,7 @@ class Target(Outward):
 
 
 class Orbit(Outward):
-    """How the formation's centre circles the target."""
+    """The orbit of the formation's centre around the target."""
 
     radius_m: float
     speed_m_s: float
@@ -421,14 +421,14 @@ class Orbit(Outward):
 
 
 class Yaw(Outward):
-    """Where the vehicles look."""
+    """Yaw policy and heading of the vehicles."""
 
     policy: YawPolicy
     heading_deg: float = Field(description="Counts for the policy `fixed`.")
 
 
 class Obstacle(Outward):
-    """A box on the ground, where it is now."""
+    """A box on the ground, at its position now."""
 
     id: str
     x_m: float
@@ -441,7 +441,7 @@ class Obstacle(Outward):
 
 
 class Origin(Outward):
-    """Where the show frame lies: its origin, and which way its x axis points."""
+    """The show frame: its origin, and the heading of its x axis."""
 
     latitude_deg: float
     longitude_deg: float
@@ -450,7 +450,7 @@ class Origin(Outward):
 
 
 class Tick(Outward):
-    """How the control loop keeps its time."""
+    """Timing of the control loop."""
 
     rate_hz: Measured
     count: int
@@ -461,7 +461,7 @@ class Tick(Outward):
 
 
 class Fleet(Outward):
-    """Everything, at one instant."""
+    """The whole state at one instant."""
 
     time_s: float = Field(description="The service's monotonic clock.")
     unix_time_s: float

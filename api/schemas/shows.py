@@ -1,4 +1,4 @@
-"""The JSON names of show files and their checks."""
+"""JSON schemas of show files and their checks."""
 
 from typing import Annotated
 
@@ -23,13 +23,13 @@ ShowHash = Annotated[
 
 
 class SelectBody(Inward):
-    """Which show is meant: the one that was checked."""
+    """The hash of the checked show that is to be selected."""
 
     hash: ShowHash
 
 
 class SeekBody(Inward):
-    """Where the show begins."""
+    """The cue with which the show begins."""
 
     cue: Annotated[str, Field(min_length=1, max_length=60, examples=["walk round"])]
 
@@ -38,7 +38,7 @@ class SeekBody(Inward):
 
 
 class StoredShow(Outward):
-    """A show file that the service keeps."""
+    """A stored show file."""
 
     name: str
     size_bytes: int
@@ -46,14 +46,14 @@ class StoredShow(Outward):
 
 
 class ShowText(Outward):
-    """A show file and what is in it."""
+    """A show file and its text."""
 
     name: str
     text: str = Field(description="YAML, as it was uploaded.")
 
 
 class ShowProblem(Outward):
-    """One thing that is wrong with a show, and where to mend it."""
+    """One problem of a show, and where to fix it."""
 
     line: int
     cue: str | None
@@ -61,7 +61,7 @@ class ShowProblem(Outward):
 
 
 class CueFigures(Outward):
-    """One passage of a cue, as it flew in virtual time."""
+    """One pass through a cue, as flown in virtual time."""
 
     cue: str
     line: int
@@ -76,7 +76,7 @@ class CueFigures(Outward):
 
 
 class VerticalOverlap(Outward):
-    """Two vehicles, one above the other in the check: they cannot both come straight down."""
+    """Two vehicles, one above the other during the check: they cannot both descend vertically."""
 
     upper: int = Field(description="Vehicle of the show, from 1.")
     lower: int
@@ -85,7 +85,7 @@ class VerticalOverlap(Outward):
 
 
 class ShowFigures(Outward):
-    """How a show flew in virtual time, by true positions."""
+    """Figures of a show flown in virtual time, from true positions."""
 
     vehicles: int
     show_s: float
@@ -107,7 +107,7 @@ class ShowFigures(Outward):
 
 
 class ShowCheck(Outward):
-    """What is known of a show that is, or was, checked; only a good one may be selected."""
+    """A running or finished check of a show; only a show that passed may be selected."""
 
     name: str
     state: CheckState

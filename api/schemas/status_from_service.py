@@ -1,4 +1,4 @@
-"""What changes seldom, between the service's types and the wire's."""
+"""Converts the status (data that changes seldom) from the service's types to the API's schemas."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -29,10 +29,10 @@ def status(
     ground: GroundMap | None,
     shows_refused: str,
 ) -> stream_schemas.Status:
-    """What changes seldom.
+    """Make the status message.
 
-    `problem` is `health_problem`'s answer, `access` the door's text,
-    `shows_refused` the shows' `why_not_kept`.
+    `problem` is the result of `health_problem`, `access` is `Authorization.text`, and `shows_refused` is
+    `why_not_kept` of the shows.
     """
     plan, selected = view.plan, view.selected
     return stream_schemas.Status(
@@ -70,7 +70,6 @@ def status(
 
 
 def replay(playback: Playback) -> replay_schemas.Replay:
-    """How a record is played."""
     return replay_schemas.Replay(
         file=playback.file,
         began_unix_time_s=playback.began_unix_s,
@@ -84,7 +83,6 @@ def replay(playback: Playback) -> replay_schemas.Replay:
 
 
 def replay_marks(marks: ReplayMarks) -> replay_schemas.ReplayMarks:
-    """What a scrubber shows of a record."""
     return replay_schemas.ReplayMarks(
         phases=[replay_schemas.PhaseSpan(**asdict(span)) for span in marks.phases],
         cues=[replay_schemas.CueMark(**asdict(mark)) for mark in marks.cues],
@@ -94,7 +92,6 @@ def replay_marks(marks: ReplayMarks) -> replay_schemas.ReplayMarks:
 
 
 def flight_report(found: ReportState) -> replay_schemas.FlightReport:
-    """The judgement of a record."""
     return replay_schemas.FlightReport(state=found.state, reason=found.reason, report=_report(found.report))
 
 
@@ -103,7 +100,7 @@ def _report(reported: dict[str, Any] | None) -> replay_schemas.ReportBody | None
 
 
 def fixes(rows: VehicleTable) -> list[int | None]:
-    """What each receiver has; None: not known."""
+    """GPS_FIX_TYPE of each vehicle; None: not known."""
     known = np.isfinite(rows.fix_type).tolist()
     numbers = np.nan_to_num(rows.fix_type).astype(np.int64).tolist()
     return [fix if is_known else None for fix, is_known in zip(numbers, known, strict=True)]

@@ -1,4 +1,4 @@
-"""JSON names of what the stream of the console tells beside its frames: what changes seldom."""
+"""JSON schemas of the console's stream beside its binary frames: data that changes seldom."""
 
 from typing import Annotated
 
@@ -25,21 +25,21 @@ from gcs.service.event_log import Severity
 
 
 class Access(Outward):
-    """Who calls, and what they may."""
+    """The caller and its rights."""
 
     who: str = Field(description="The token's name; `local` without any.", examples=["local"])
     rights: list[Right] = Field(description="watch: read; emergency: also pause, land, kill; operate: all.")
 
 
 class CueTime(Outward):
-    """A cue as it is played: one in a loop comes several times."""
+    """A cue as it is played; a cue in a loop occurs several times."""
 
     cue: str
     at_s: float = Field(description="On the show's clock.")
 
 
 class Fence(Outward):
-    """Where vehicles may be: heights above the show's origin, distance from it over the ground."""
+    """The volume that no vehicle may leave: heights above the show's origin, horizontal distance from it."""
 
     height_min_m: float = Field(description="For who flies in the formation.")
     height_max_m: float
@@ -47,7 +47,7 @@ class Fence(Outward):
 
 
 class Map(Outward):
-    """The picture of the ground, as tiles of web mercator."""
+    """The map of the ground, as tiles in web mercator."""
 
     tiles: str = Field(
         description=(
@@ -62,7 +62,7 @@ class Map(Outward):
 
 
 class Separation(Outward):
-    """How near two may come: semi-axes of the ellipsoid around one that no other's centre may be inside."""
+    """The minimum separation: semi-axes of the ellipsoid around a vehicle that no other may enter."""
 
     horizontal_m: float
     vertical_m: float = Field(description="Greater, for the air below a vehicle goes down.")
@@ -70,7 +70,7 @@ class Separation(Outward):
 
 
 class Home(Outward):
-    """Where a vehicle took off, in the show frame."""
+    """Take-off position of a vehicle, in the show frame."""
 
     x_m: float
     y_m: float
@@ -78,7 +78,7 @@ class Home(Outward):
 
 
 class LogEvent(Outward):
-    """Something that happened, as the service's log tells it."""
+    """One event of the service's log."""
 
     number: int = Field(description="Counts up since the service began.")
     unix_time_s: float
@@ -88,7 +88,7 @@ class LogEvent(Outward):
 
 
 class StatusVehicle(Outward):
-    """Of one vehicle what changes seldom. Its place in the list is its place in the frames' columns."""
+    """Data of one vehicle that changes seldom. Its index in the list is its row in the frames' columns."""
 
     id: str
     system_id: int
@@ -102,7 +102,7 @@ class StatusVehicle(Outward):
 
 
 class Status(Outward):
-    """What changes seldom: the text messages of the console's stream."""
+    """Data that changes seldom: the text messages of the console's stream."""
 
     revision: int = Field(description="Counts up with every change; a frame names the one it belongs to.")
     time_s: float = Field(description="The service's monotonic clock.")

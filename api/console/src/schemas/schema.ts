@@ -13,7 +13,7 @@ export interface paths {
         };
         /**
          * Who am I, and what may I do?
-         * @description The name of the token that came along, and its rights.
+         * @description The name of the request's token, and its rights.
          */
         get: operations["get_access"];
         put?: never;
@@ -33,7 +33,7 @@ export interface paths {
         };
         /**
          * Every alarm, and the state of the whole
-         * @description What an operator should know now: the most severe first, none left out.
+         * @description Every alarm, the most severe first, and the overall severity.
          */
         get: operations["list_alarms"];
         put?: never;
@@ -55,7 +55,7 @@ export interface paths {
         put?: never;
         /**
          * Acknowledge one alarm
-         * @description It stays listed while its cause lasts, with the name and time of the first acknowledgement.
+         * @description The alarm stays listed while its cause lasts, with name and time of the first acknowledgement.
          */
         post: operations["acknowledge_alarm"];
         delete?: never;
@@ -75,7 +75,7 @@ export interface paths {
         put?: never;
         /**
          * Acknowledge every alarm
-         * @description Returns the alarms that were not acknowledged before. Ended ones are removed from the list.
+         * @description Returns the alarms that were not acknowledged before. Ended alarms are removed from the list.
          */
         post: operations["acknowledge_all_alarms"];
         delete?: never;
@@ -93,7 +93,7 @@ export interface paths {
         };
         /**
          * The last orders
-         * @description The newest first, as many as are remembered.
+         * @description The commands that the service remembers, the newest first.
          */
         get: operations["list_commands"];
         put?: never;
@@ -113,7 +113,7 @@ export interface paths {
         };
         /**
          * An order's outcome
-         * @description How far an accepted order has got, vehicle by vehicle.
+         * @description An accepted command and its outcome for each vehicle.
          */
         get: operations["get_command"];
         put?: never;
@@ -133,7 +133,7 @@ export interface paths {
         };
         /**
          * Everything at one instant
-         * @description The show, the formation, the target, the obstacles and every vehicle, as the newest tick left them.
+         * @description The show, the formation, the target, the obstacles and every vehicle, as of the newest tick.
          */
         get: operations["get_fleet"];
         put?: never;
@@ -253,7 +253,7 @@ export interface paths {
         };
         /**
          * Radius and height, wanted and now
-         * @description What was asked for, and what is commanded now on the way there.
+         * @description The desired formation, and the radius and height that are commanded now.
          */
         get: operations["get_formation"];
         put?: never;
@@ -263,7 +263,7 @@ export interface paths {
         head?: never;
         /**
          * Change radius or height
-         * @description It follows without a jump. A radius too small for the fleet is refused with the smallest that works.
+         * @description Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one.
          */
         patch: operations["change_formation"];
         trace?: never;
@@ -279,7 +279,7 @@ export interface paths {
         put?: never;
         /**
          * Arm a kill: the first of two steps
-         * @description Names whom the code will kill, all that are not offline where nobody is named. Nothing happens yet.
+         * @description Returns a code and its vehicles: the named ones, else all that are not offline. Nothing is sent yet.
          */
         post: operations["arm_kill"];
         delete?: never;
@@ -299,7 +299,7 @@ export interface paths {
         put?: never;
         /**
          * Stop the motors now, even in the air: the second step
-         * @description Those that the code names. Accepted as an order; a code works once, and for a short time.
+         * @description Kills the code's vehicles. A code works once, and for a short time.
          */
         post: operations["confirm_kill"];
         delete?: never;
@@ -317,13 +317,13 @@ export interface paths {
         };
         /**
          * Every obstacle
-         * @description All boxes that the fleet keeps clear of.
+         * @description All boxes that the vehicles avoid.
          */
         get: operations["list_obstacles"];
         put?: never;
         /**
          * Add an obstacle
-         * @description Refused when its id is taken, or it would stand on a vehicle in the air or too close ahead of one.
+         * @description Refused if its id is taken, or if it would contain an airborne vehicle or be too close ahead of one.
          */
         post: operations["add_obstacle"];
         delete?: never;
@@ -341,18 +341,18 @@ export interface paths {
         };
         /**
          * One obstacle
-         * @description One box.
+         * @description One box that the vehicles avoid.
          */
         get: operations["get_obstacle"];
         /**
          * Move or resize an obstacle
-         * @description Replace the box of this id. Refused when it would stand on a vehicle or too close ahead of one.
+         * @description Replaces the box of this id. Refused when it would contain a vehicle or be too close ahead of one.
          */
         put: operations["change_obstacle"];
         post?: never;
         /**
          * Remove an obstacle
-         * @description Forget a box.
+         * @description Removes a box.
          */
         delete: operations["remove_obstacle"];
         options?: never;
@@ -369,7 +369,7 @@ export interface paths {
         };
         /**
          * How the formation circles the target
-         * @description Radius, speed and direction.
+         * @description Radius, speed and direction of the orbit around the target.
          */
         get: operations["get_orbit"];
         put?: never;
@@ -379,7 +379,7 @@ export interface paths {
         head?: never;
         /**
          * Change the orbit
-         * @description The formation follows without a jump.
+         * @description Changes the given fields. The formation follows continuously.
          */
         patch: operations["change_orbit"];
         trace?: never;
@@ -393,7 +393,7 @@ export interface paths {
         };
         /**
          * What a start would find
-         * @description Every check of every vehicle and of the fleet; made at most once a second, and only on the ground.
+         * @description Every check of every vehicle and of the fleet, at most once a second, and only on the ground.
          */
         get: operations["get_preflight"];
         put?: never;
@@ -413,13 +413,13 @@ export interface paths {
         };
         /**
          * How the record is played
-         * @description Where in the record it is, and how fast; `409` where vehicles fly.
+         * @description Position and speed of the replay; `409` when the service controls vehicles.
          */
         get: operations["get_replay"];
         put?: never;
         /**
          * Pause, go on, at another speed, from elsewhere
-         * @description What is given changes, at once; `409` where vehicles fly, and for going on behind the end.
+         * @description Changes the given fields at once; `409` when the service controls vehicles, or to play past the end.
          */
         post: operations["change_replay"];
         delete?: never;
@@ -437,7 +437,7 @@ export interface paths {
         };
         /**
          * Phases, cues, events, idle time
-         * @description All of the record at once, for a scrubber; it never changes.
+         * @description Phases, cues, events and idle times of the whole record, for a timeline; they never change.
          */
         get: operations["get_replay_marks"];
         put?: never;
@@ -457,7 +457,7 @@ export interface paths {
         };
         /**
          * What the flight kept and broke
-         * @description Answers at once. The first call begins the judgement beside the replay: ask again until it is done.
+         * @description Answers at once. The first call starts the analysis beside the replay; poll until it is done.
          */
         get: operations["get_flight_report"];
         put?: never;
@@ -477,7 +477,7 @@ export interface paths {
         };
         /**
          * Where the show stands
-         * @description The show's phase, and what may be asked of it now.
+         * @description The show's phase, and the commands that it accepts now.
          */
         get: operations["get_show"];
         put?: never;
@@ -539,7 +539,7 @@ export interface paths {
         put?: never;
         /**
          * Fly what is told instead
-         * @description On the ground.
+         * @description Only on the ground. Manual control: formation, target and orbit follow the operator's commands.
          */
         post: operations["deselect_show"];
         delete?: never;
@@ -599,7 +599,7 @@ export interface paths {
         put?: never;
         /**
          * Begin at a cue
-         * @description On the ground: the show begins with that cue, the first time that it is played.
+         * @description Only on the ground. The show begins at the first occurrence of that cue.
          */
         post: operations["seek_show"];
         delete?: never;
@@ -619,7 +619,7 @@ export interface paths {
         put?: never;
         /**
          * Check, take off, assemble and fly
-         * @description With the vehicles named, or all online; now, or at a clock time. A selected show by its hash.
+         * @description Starts the named vehicles or all online ones, now or later; a selected show needs its hash.
          */
         post: operations["start_show"];
         delete?: never;
@@ -677,7 +677,7 @@ export interface paths {
         };
         /**
          * Every show file
-         * @description All files that were uploaded, by name.
+         * @description All uploaded show files, by name.
          */
         get: operations["list_shows"];
         put?: never;
@@ -697,18 +697,18 @@ export interface paths {
         };
         /**
          * One show file
-         * @description As it was uploaded.
+         * @description The show file as it was uploaded.
          */
         get: operations["get_show_file"];
         /**
          * Upload a show file
-         * @description Kept under that name, in place of what had it. What is selected or flies does not change by that.
+         * @description Stores the file, and replaces one of the same name. A selected or flying show does not change.
          */
         put: operations["put_show_file"];
         post?: never;
         /**
          * Remove a show file
-         * @description Forget a file. What is selected or flies does not change by that.
+         * @description Deletes the file. A selected or flying show does not change.
          */
         delete: operations["remove_show_file"];
         options?: never;
@@ -725,13 +725,13 @@ export interface paths {
         };
         /**
          * What a check found
-         * @description Of the newest check since this service began.
+         * @description The newest check of this show since the service started.
          */
         get: operations["get_show_check"];
         put?: never;
         /**
          * Check a show
-         * @description Fly it in virtual time, in a process of its own at the lowest priority; GET tells how far that is.
+         * @description Flies the show in virtual time, in a process of the lowest priority; GET returns its progress.
          */
         post: operations["check_show"];
         delete?: never;
@@ -751,7 +751,7 @@ export interface paths {
         put?: never;
         /**
          * Have a show fly next
-         * @description On the ground. Refused when it was never checked, is not good, has changed since, or does not fit.
+         * @description Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet.
          */
         post: operations["select_show"];
         delete?: never;
@@ -769,7 +769,7 @@ export interface paths {
         };
         /**
          * What changes seldom, for who draws
-         * @description What the console's stream tells beside its frames; see docs/stream.md.
+         * @description The status message of the console's stream: data that changes seldom (docs/stream.md).
          */
         get: operations["get_status"];
         put?: never;
@@ -789,12 +789,12 @@ export interface paths {
         };
         /**
          * Where the target is now
-         * @description The target's place and velocity, in both frames; it goes on with its velocity.
+         * @description The target's position and velocity, in both frames; it keeps moving with that velocity.
          */
         get: operations["get_target"];
         /**
          * Say where the target is
-         * @description In the show frame or as latitude and longitude. A velocity left out is 0.
+         * @description Position in the show frame or as latitude and longitude. An absent velocity is 0.
          */
         put: operations["put_target"];
         post?: never;
@@ -813,7 +813,7 @@ export interface paths {
         };
         /**
          * Every vehicle
-         * @description All configured vehicles, heard or not.
+         * @description All configured vehicles, including those without telemetry.
          */
         get: operations["list_vehicles"];
         put?: never;
@@ -833,7 +833,7 @@ export interface paths {
         };
         /**
          * One vehicle
-         * @description One vehicle, as the service believes it to be.
+         * @description One vehicle, as the service estimates it.
          */
         get: operations["get_vehicle"];
         put?: never;
@@ -875,7 +875,7 @@ export interface paths {
         put?: never;
         /**
          * Take a vehicle out of the show
-         * @description On the ground: no start takes it along until it is included again. An order, with who gave it.
+         * @description Only on the ground. The vehicle takes part in no start until it is included again.
          */
         post: operations["exclude_vehicle"];
         delete?: never;
@@ -915,7 +915,7 @@ export interface paths {
         put?: never;
         /**
          * Take a vehicle into the show again
-         * @description On the ground: it has to pass every check, as everybody else.
+         * @description Only on the ground. The vehicle must then pass every check, as all others.
          */
         post: operations["include_vehicle"];
         delete?: never;
@@ -1023,7 +1023,7 @@ export interface paths {
         head?: never;
         /**
          * Change where the vehicles look
-         * @description The policy, the heading for the policy `fixed`, or both.
+         * @description Changes the policy, the heading for the policy `fixed`, or both.
          */
         patch: operations["change_yaw"];
         trace?: never;
@@ -1057,7 +1057,7 @@ export interface paths {
         };
         /**
          * For Prometheus
-         * @description Every metric in Prometheus' text format.
+         * @description Every metric in the text format of Prometheus.
          */
         get: operations["metrics"];
         put?: never;
@@ -1077,7 +1077,7 @@ export interface paths {
         };
         /**
          * Can anybody be ordered anything?
-         * @description 200 only while control is alive and a vehicle is ready to start, or flies.
+         * @description 200 only while control is alive and at least one vehicle is ready to start or airborne.
          */
         get: operations["readyz"];
         put?: never;
@@ -1094,7 +1094,7 @@ export interface components {
     schemas: {
         /**
          * Access
-         * @description Who calls, and what they may.
+         * @description The caller and its rights.
          */
         Access: {
             /**
@@ -1111,7 +1111,7 @@ export interface components {
         };
         /**
          * Alarm
-         * @description One cause that an operator should know of, with all vehicles that it concerns.
+         * @description One condition that an operator should know, with all vehicles that it concerns.
          */
         Alarm: {
             /**
@@ -1173,7 +1173,7 @@ export interface components {
         };
         /**
          * AlarmList
-         * @description All alarms, and the state of the whole.
+         * @description All alarms, and the overall severity.
          */
         AlarmList: {
             /**
@@ -1200,7 +1200,7 @@ export interface components {
         };
         /**
          * Check
-         * @description One thing that is looked at before a start.
+         * @description One check before a start.
          */
         Check: {
             /**
@@ -1238,7 +1238,7 @@ export interface components {
         CheckState: "waiting" | "running" | "done" | "failed";
         /**
          * Command
-         * @description An accepted order and what has become of it.
+         * @description An accepted command and its outcome.
          */
         Command: {
             /** Accepted Unix Time S */
@@ -1261,7 +1261,7 @@ export interface components {
         };
         /**
          * CommandPart
-         * @description One vehicle's part of an order.
+         * @description Outcome of a command for one vehicle.
          */
         CommandPart: {
             outcome: components["schemas"]["Outcome"];
@@ -1270,7 +1270,7 @@ export interface components {
         };
         /**
          * Counts
-         * @description How many vehicles are where.
+         * @description Numbers of vehicles by where they are and what controls them.
          */
         Counts: {
             /**
@@ -1300,7 +1300,7 @@ export interface components {
         };
         /**
          * CueFigures
-         * @description One passage of a cue, as it flew in virtual time.
+         * @description One pass through a cue, as flown in virtual time.
          */
         CueFigures: {
             /** At S */
@@ -1329,7 +1329,7 @@ export interface components {
         };
         /**
          * CueMark
-         * @description A cue of the written show begins.
+         * @description The start of a cue of the written show.
          */
         CueMark: {
             /** At S */
@@ -1339,7 +1339,7 @@ export interface components {
         };
         /**
          * CueTime
-         * @description A cue as it is played: one in a loop comes several times.
+         * @description A cue as it is played; a cue in a loop occurs several times.
          */
         CueTime: {
             /**
@@ -1358,7 +1358,7 @@ export interface components {
         Direction: "clockwise" | "counterclockwise";
         /**
          * ErrorBody
-         * @description The one shape of every error.
+         * @description The common shape of every error.
          */
         ErrorBody: {
             /**
@@ -1375,7 +1375,7 @@ export interface components {
         };
         /**
          * Estimates
-         * @description Energy and time of the fleet, refreshed once a second. null: not known, or not going on.
+         * @description Energy and times of the fleet, updated once a second. null: not known, or not in progress.
          */
         Estimates: {
             /**
@@ -1415,7 +1415,7 @@ export interface components {
         };
         /**
          * EventMark
-         * @description An alarm, or a warning or error of the log.
+         * @description An alarm, or a warning or error of the event log.
          */
         EventMark: {
             /** At S */
@@ -1433,7 +1433,7 @@ export interface components {
         };
         /**
          * ExcludeBody
-         * @description Why a vehicle is taken out of the show.
+         * @description Why a vehicle is excluded from the show.
          */
         ExcludeBody: {
             /**
@@ -1445,7 +1445,7 @@ export interface components {
         };
         /**
          * Fence
-         * @description Where vehicles may be: heights above the show's origin, distance from it over the ground.
+         * @description The volume that no vehicle may leave: heights above the show's origin, horizontal distance from it.
          */
         Fence: {
             /** Distance Max M */
@@ -1460,7 +1460,7 @@ export interface components {
         };
         /**
          * Fleet
-         * @description Everything, at one instant.
+         * @description The whole state at one instant.
          */
         Fleet: {
             /**
@@ -1522,7 +1522,7 @@ export interface components {
         };
         /**
          * FlightReport
-         * @description How far the judgement of the record has got.
+         * @description The flight report of the record, or its progress.
          */
         FlightReport: {
             /**
@@ -1536,7 +1536,7 @@ export interface components {
         };
         /**
          * Formation
-         * @description What the formation shall be, and what it is commanded to be now, on its way there.
+         * @description Radius and height of the formation: desired, and commanded now.
          */
         Formation: {
             /** Height M */
@@ -1550,7 +1550,7 @@ export interface components {
         };
         /**
          * FormationChange
-         * @description Another radius or height of the formation; it follows without a jump.
+         * @description New radius or height of the formation, which changes continuously.
          */
         FormationChange: {
             /**
@@ -1568,7 +1568,7 @@ export interface components {
         };
         /**
          * GeodeticTarget
-         * @description The target's place and velocity on the globe, WGS84.
+         * @description The target's position and velocity in WGS84.
          */
         GeodeticTarget: {
             /**
@@ -1596,7 +1596,7 @@ export interface components {
         };
         /**
          * GroupBody
-         * @description Which vehicles a command is for.
+         * @description The vehicles of a command.
          */
         GroupBody: {
             /**
@@ -1611,7 +1611,7 @@ export interface components {
         };
         /**
          * Health
-         * @description The control loop runs and its newest state is fresh.
+         * @description Whether the control loop runs and its newest state is fresh.
          */
         Health: {
             /**
@@ -1637,7 +1637,7 @@ export interface components {
         };
         /**
          * Home
-         * @description Where a vehicle took off, in the show frame.
+         * @description Take-off position of a vehicle, in the show frame.
          */
         Home: {
             /** Height M */
@@ -1649,7 +1649,7 @@ export interface components {
         };
         /**
          * IdleSpan
-         * @description Nothing flies, nor is about to.
+         * @description A period in which no vehicle flies or is about to.
          */
         IdleSpan: {
             /** From S */
@@ -1659,7 +1659,7 @@ export interface components {
         };
         /**
          * InterruptedFlight
-         * @description A flight that was cut off when the service ended or stalled. Nothing of it is taken over by itself.
+         * @description A flight that was interrupted when the service ended or stalled. An operator must resume or end it.
          */
         InterruptedFlight: {
             /**
@@ -1694,7 +1694,7 @@ export interface components {
         };
         /**
          * KillArmed
-         * @description Whom the code will kill; nothing has happened to them yet.
+         * @description The vehicles that the code will kill; nothing has been sent to them yet.
          */
         KillArmed: {
             /** Code */
@@ -1709,7 +1709,7 @@ export interface components {
         };
         /**
          * KillBody
-         * @description Whose motors are to be stopped.
+         * @description The vehicles whose motors are to be stopped.
          */
         KillBody: {
             /**
@@ -1723,7 +1723,7 @@ export interface components {
         };
         /**
          * KillConfirmation
-         * @description The second step.
+         * @description The second step of a kill: its code.
          */
         KillConfirmation: {
             /**
@@ -1735,7 +1735,7 @@ export interface components {
         };
         /**
          * LogEvent
-         * @description Something that happened, as the service's log tells it.
+         * @description One event of the service's log.
          */
         LogEvent: {
             /**
@@ -1756,7 +1756,7 @@ export interface components {
         };
         /**
          * Map
-         * @description The picture of the ground, as tiles of web mercator.
+         * @description The map of the ground, as tiles in web mercator.
          */
         Map: {
             /**
@@ -1783,7 +1783,7 @@ export interface components {
         Mode: "unknown" | "ready" | "takeoff" | "hold" | "offboard" | "return" | "land" | "position" | "other";
         /**
          * NearestPair
-         * @description Two vehicles, when they were nearest in the floor's metric.
+         * @description Two vehicles at the time when they were nearest, in the metric of the minimum separation.
          */
         NearestPair: {
             /** At S */
@@ -1805,7 +1805,7 @@ export interface components {
         };
         /**
          * Obstacle
-         * @description A box on the ground, where it is now.
+         * @description A box on the ground, at its position now.
          */
         Obstacle: {
             /** Half Length X M */
@@ -1827,7 +1827,7 @@ export interface components {
         };
         /**
          * ObstaclePost
-         * @description A new obstacle; without an id it is given one.
+         * @description A new obstacle; without an id the service assigns one.
          */
         ObstaclePost: {
             /**
@@ -1876,7 +1876,7 @@ export interface components {
         };
         /**
          * ObstaclePut
-         * @description The obstacle as it shall be; an id, where given, must be the path's.
+         * @description The new state of an obstacle; an id, if given, must be that of the path.
          */
         ObstaclePut: {
             /**
@@ -1931,7 +1931,7 @@ export interface components {
         Offer: "take-over" | "bring-home";
         /**
          * Orbit
-         * @description How the formation's centre circles the target.
+         * @description The orbit of the formation's centre around the target.
          */
         Orbit: {
             direction: components["schemas"]["Direction"];
@@ -1942,7 +1942,7 @@ export interface components {
         };
         /**
          * OrbitChange
-         * @description Another way for the formation's centre to circle the target.
+         * @description New radius, speed or direction of the orbit of the formation's centre around the target.
          */
         OrbitChange: {
             /** @description Seen from above. */
@@ -1962,7 +1962,7 @@ export interface components {
         };
         /**
          * Origin
-         * @description Where the show frame lies: its origin, and which way its x axis points.
+         * @description The show frame: its origin, and the heading of its x axis.
          */
         Origin: {
             /** Altitude Amsl M */
@@ -1994,7 +1994,7 @@ export interface components {
         Phase: "offline" | "standby" | "takeoff" | "hold" | "formation" | "return" | "landing" | "lost" | "pilot" | "killed";
         /**
          * PhaseSpan
-         * @description The show stands in one phase. Times since the first recorded state.
+         * @description A period in one phase of the show. Times are in seconds since the first recorded state.
          */
         PhaseSpan: {
             /** From S */
@@ -2005,7 +2005,7 @@ export interface components {
         };
         /**
          * Position
-         * @description A place, in both frames as far as known.
+         * @description A position in both frames, as far as known.
          */
         Position: {
             /** Altitude Amsl M */
@@ -2023,7 +2023,7 @@ export interface components {
         };
         /**
          * Preflight
-         * @description Everything that a start looks at.
+         * @description All checks before a start.
          */
         Preflight: {
             /** Fleet */
@@ -2059,7 +2059,7 @@ export interface components {
         };
         /**
          * Problem
-         * @description One field that is wrong.
+         * @description One invalid field.
          */
         Problem: {
             /**
@@ -2083,7 +2083,7 @@ export interface components {
         };
         /**
          * Readiness
-         * @description Somebody can be ordered to do something.
+         * @description Whether at least one vehicle can be commanded.
          */
         Readiness: {
             /** Ready */
@@ -2103,7 +2103,7 @@ export interface components {
         };
         /**
          * Remaining
-         * @description One vehicle that was in the air, and what is known of it now.
+         * @description One vehicle that was airborne, and its state now.
          */
         Remaining: {
             /** @description Where the record ends. */
@@ -2123,7 +2123,7 @@ export interface components {
         };
         /**
          * Replay
-         * @description A recorded flight that is played as if live.
+         * @description A recorded flight that is played back as if live.
          */
         Replay: {
             /**
@@ -2160,7 +2160,7 @@ export interface components {
         };
         /**
          * ReplayChange
-         * @description Play the record otherwise; at least one field.
+         * @description Changes of the playback; at least one field.
          */
         ReplayChange: {
             /** Paused */
@@ -2185,7 +2185,7 @@ export interface components {
         };
         /**
          * ReplayMarks
-         * @description What a scrubber shows of the whole record; empty where no audit lies beside the flight data.
+         * @description Marks of the whole record for a timeline; empty when the flight data has no audit beside it.
          */
         ReplayMarks: {
             /** Cues */
@@ -2205,7 +2205,7 @@ export interface components {
         };
         /**
          * ReportBody
-         * @description What `gcs report --json` tells of a record.
+         * @description The flight report, as `gcs report --json` prints it.
          */
         ReportBody: {
             /**
@@ -2250,7 +2250,7 @@ export interface components {
         };
         /**
          * ReportCheck
-         * @description One limit: kept or not, and the worst that was.
+         * @description One limit: whether it was kept, and the worst value.
          */
         ReportCheck: {
             /**
@@ -2303,7 +2303,7 @@ export interface components {
         Right: "watch" | "operate" | "emergency";
         /**
          * SeekBody
-         * @description Where the show begins.
+         * @description The cue with which the show begins.
          */
         SeekBody: {
             /**
@@ -2314,7 +2314,7 @@ export interface components {
         };
         /**
          * SelectBody
-         * @description Which show is meant: the one that was checked.
+         * @description The hash of the checked show that is to be selected.
          */
         SelectBody: {
             /**
@@ -2326,7 +2326,7 @@ export interface components {
         };
         /**
          * SelectedShow
-         * @description The written show that will be, or is, flown, and how far it has got.
+         * @description The written show that is or will be flown, and its progress.
          */
         SelectedShow: {
             /**
@@ -2360,7 +2360,7 @@ export interface components {
         };
         /**
          * Separation
-         * @description How near two may come: semi-axes of the ellipsoid around one that no other's centre may be inside.
+         * @description The minimum separation: semi-axes of the ellipsoid around a vehicle that no other may enter.
          */
         Separation: {
             /** Horizontal M */
@@ -2384,7 +2384,7 @@ export interface components {
         Severity: "info" | "warning" | "error";
         /**
          * Show
-         * @description Where the show stands, and what may be asked of it now.
+         * @description The show's phase, and the commands that it accepts now.
          */
         Show: {
             /** Countdown S */
@@ -2410,7 +2410,7 @@ export interface components {
         ShowAction: "start" | "stop" | "pause" | "resume" | "abort";
         /**
          * ShowCheck
-         * @description What is known of a show that is, or was, checked; only a good one may be selected.
+         * @description A running or finished check of a show; only a show that passed may be selected.
          */
         ShowCheck: {
             /** @description null: not flown. */
@@ -2440,7 +2440,7 @@ export interface components {
         };
         /**
          * ShowFigures
-         * @description How a show flew in virtual time, by true positions.
+         * @description Figures of a show flown in virtual time, from true positions.
          */
         ShowFigures: {
             /** Assembled S */
@@ -2495,7 +2495,7 @@ export interface components {
         ShowPhase: "idle" | "countdown" | "preflight" | "arming" | "assembling" | "running" | "paused" | "returning" | "aborting" | "landed" | "uncontrolled";
         /**
          * ShowProblem
-         * @description One thing that is wrong with a show, and where to mend it.
+         * @description One problem of a show, and where to fix it.
          */
         ShowProblem: {
             /** Cue */
@@ -2507,7 +2507,7 @@ export interface components {
         };
         /**
          * ShowTarget
-         * @description The target's place and velocity in the show frame.
+         * @description The target's position and velocity in the show frame.
          */
         ShowTarget: {
             /**
@@ -2535,7 +2535,7 @@ export interface components {
         };
         /**
          * ShowText
-         * @description A show file and what is in it.
+         * @description A show file and its text.
          */
         ShowText: {
             /** Name */
@@ -2548,7 +2548,7 @@ export interface components {
         };
         /**
          * StartBody
-         * @description Who flies.
+         * @description The vehicles, the selected show and the time of a start.
          */
         StartBody: {
             /**
@@ -2581,7 +2581,7 @@ export interface components {
         State: "pass" | "fail" | "unknown";
         /**
          * Status
-         * @description What changes seldom: the text messages of the console's stream.
+         * @description Data that changes seldom: the text messages of the console's stream.
          */
         Status: {
             /**
@@ -2666,7 +2666,7 @@ export interface components {
         };
         /**
          * StatusVehicle
-         * @description Of one vehicle what changes seldom. Its place in the list is its place in the frames' columns.
+         * @description Data of one vehicle that changes seldom. Its index in the list is its row in the frames' columns.
          */
         StatusVehicle: {
             /**
@@ -2695,7 +2695,7 @@ export interface components {
         };
         /**
          * StoredShow
-         * @description A show file that the service keeps.
+         * @description A stored show file.
          */
         StoredShow: {
             /** Name */
@@ -2710,7 +2710,7 @@ export interface components {
         };
         /**
          * Target
-         * @description Where the target is now, and how it moves, in both frames.
+         * @description Position and velocity of the target now, in both frames.
          */
         Target: {
             /** Latitude Deg */
@@ -2732,7 +2732,7 @@ export interface components {
         };
         /**
          * Tick
-         * @description How the control loop keeps its time.
+         * @description Timing of the control loop.
          */
         Tick: {
             /** Count */
@@ -2750,7 +2750,7 @@ export interface components {
         };
         /**
          * Vehicle
-         * @description One vehicle, as the service believes it to be.
+         * @description One vehicle, as the service estimates it.
          */
         Vehicle: {
             /** Armed */
@@ -2822,7 +2822,7 @@ export interface components {
         };
         /**
          * VehicleChecks
-         * @description One vehicle before a start.
+         * @description All checks of one vehicle before a start.
          */
         VehicleChecks: {
             /** Checks */
@@ -2856,7 +2856,7 @@ export interface components {
         };
         /**
          * VerticalOverlap
-         * @description Two vehicles, one above the other in the check: they cannot both come straight down.
+         * @description Two vehicles, one above the other during the check: they cannot both descend vertically.
          */
         VerticalOverlap: {
             /**
@@ -2879,7 +2879,7 @@ export interface components {
         };
         /**
          * WrittenShow
-         * @description The written show that was flown, and where in it.
+         * @description The written show that was flown, and its position.
          */
         WrittenShow: {
             /** Clock S */
@@ -2893,7 +2893,7 @@ export interface components {
         };
         /**
          * Yaw
-         * @description Where the vehicles look.
+         * @description Yaw policy and heading of the vehicles.
          */
         Yaw: {
             /**
@@ -2905,7 +2905,7 @@ export interface components {
         };
         /**
          * YawChange
-         * @description Another way for the vehicles to look; the heading counts for the policy `fixed`.
+         * @description New yaw policy or heading of the vehicles; the heading applies to the policy `fixed`.
          */
         YawChange: {
             /**
