@@ -40,5 +40,5 @@ def test_a_retired_name_is_found(path: str, source: str) -> None:
         ("a.md", "what was said"),
     ],
 )
-def test_prose_and_common_words_are_not_judged(path: str, source: str) -> None:
+def test_prose_and_common_terms_are_not_judged(path: str, source: str) -> None:
     assert vocabulary.findings(path, source) == []

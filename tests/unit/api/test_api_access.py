@@ -90,7 +90,7 @@ EMERGENCIES = [
 
 
 @pytest.mark.parametrize("path", READS)
-def test_whoever_has_a_token_may_read_and_nobody_else(station: Station, path: str) -> None:
+def test_any_token_may_read_and_no_other_caller(station: Station, path: str) -> None:
     for role in Role:
         assert station(role.value, "GET", path).status_code in {200, 404}
     for token in ("", "gcs_guess"):
@@ -101,7 +101,7 @@ def test_whoever_has_a_token_may_read_and_nobody_else(station: Station, path: st
 
 
 @pytest.mark.parametrize(("method", "path"), COMMANDS)
-def test_only_an_operator_may_order(station: Station, method: str, path: str) -> None:
+def test_only_an_operator_may_command(station: Station, method: str, path: str) -> None:
     before = station.service.plan, station.service.show, dict(station.service.phases)
     assert station("", method, path).status_code == 401
     for role in ("watch", "emergency"):
@@ -113,7 +113,7 @@ def test_only_an_operator_may_order(station: Station, method: str, path: str) ->
 
 
 @pytest.mark.parametrize("path", EMERGENCIES)
-def test_an_emergency_token_can_bring_them_down_and_a_watcher_cannot(station: Station, path: str) -> None:
+def test_emergency_token_can_land_and_a_viewer_token_cannot(station: Station, path: str) -> None:
     station.service.fly()
     assert station("", "POST", path).status_code == 401
     assert station("watch", "POST", path).status_code == 403
@@ -129,7 +129,7 @@ def test_probes_and_the_documentation_need_no_token(station: Station) -> None:
         assert station("", "GET", path).status_code == 200, path
 
 
-def test_an_order_says_whose_token_gave_it(station: Station) -> None:
+def test_command_records_the_name_of_its_token(station: Station) -> None:
     assert station("operate", "POST", "/api/v1/show/start").json()["by"] == "operate-token"
     station.service.fly()
     assert station("emergency", "POST", "/api/v1/show/stop").json()["by"] == "emergency-token"
@@ -139,7 +139,7 @@ def test_an_order_says_whose_token_gave_it(station: Station) -> None:
     ]
 
 
-def test_access_says_what_it_is(station: Station) -> None:
+def test_access_describes_its_own_rights(station: Station) -> None:
     assert station("", "GET", "/healthz").json()["access"] == "tokens"
     assert station("watch", "GET", "/api/v1/fleet").json()["access"] == "tokens"
     station.app = create_app(FakeService())
@@ -167,7 +167,7 @@ def test_a_revoked_token_is_none(station: Station) -> None:
     assert station("operate", "GET", "/api/v1/show").status_code == 401
 
 
-def test_each_token_has_a_rate_of_its_own_and_emergencies_another(tmp_path: Path) -> None:
+def test_each_token_has_a_rate_and_emergencies_another(tmp_path: Path) -> None:
     station = Station(tmp_path, calls_per_s=10.0, burst=5.0)
     assert [station("operate", "GET", "/api/v1/show").status_code for _ in range(7)] == [200] * 5 + [429] * 2
     late = station("operate", "GET", "/api/v1/show")
@@ -182,7 +182,7 @@ def test_each_token_has_a_rate_of_its_own_and_emergencies_another(tmp_path: Path
     assert [station("operate", "GET", "/api/v1/show").status_code for _ in range(4)] == [200] * 3 + [429]
 
 
-def test_junk_with_emergency_paths_uses_up_nothing_of_the_emergency_lane(tmp_path: Path) -> None:
+def test_junk_on_emergency_paths_uses_no_emergency_rate(tmp_path: Path) -> None:
     station = Station(tmp_path, calls_per_s=1.0, burst=3.0)
     junk = [station("", "POST", "/api/v1/show/stop").status_code for _ in range(5)]
     assert junk == [401, 401, 401, 429, 429]
@@ -221,14 +221,14 @@ def test_the_emergency_lane_answers_nothing_else(station: Station) -> None:
     assert station("emergency", "POST", "/api/v1/show/stop", lane=True).status_code == 202
 
 
-def test_a_page_from_elsewhere_is_reported_nothing_of_cross_origin_calls(station: Station) -> None:
+def test_cross_origin_page_gets_no_cors_headers(station: Station) -> None:
     preflight = {"Origin": "http://evil.example", "Access-Control-Request-Method": "POST"}
     answer = station("operate", "OPTIONS", "/api/v1/show/stop", headers=preflight)
     assert answer.status_code == 403
     assert not [name for name in answer.headers if name.startswith("access-control")]
 
 
-def test_ready_says_whether_anybody_can_be_ordered_anything(station: Station) -> None:
+def test_ready_reports_whether_commands_are_possible(station: Station) -> None:
     assert station("", "GET", "/readyz").json() == {
         "ready": True,
         "vehicles_ready": 3,

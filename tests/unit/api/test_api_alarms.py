@@ -29,7 +29,7 @@ def api() -> Api:
 
 
 @pytest.mark.parametrize("path", ["/api/v1/fleet", "/api/v1/status", "/api/v1/alarms"])
-def test_alarms_are_listed_the_most_severe_first_with_the_state_of_the_whole(api: Api, path: str) -> None:
+def test_alarms_are_listed_by_severity_with_the_overall_state(api: Api, path: str) -> None:
     answered = api("GET", path).json()
     assert answered["severity"] == "emergency"
     assert [alarm["severity"] for alarm in answered["alarms"]] == ["emergency", "warning", "information"]
@@ -43,7 +43,7 @@ def test_without_alarms_the_state_of_the_whole_is_normal() -> None:
     assert Api()("GET", "/api/v1/alarms").json() == {"severity": "normal", "alarms": []}
 
 
-def test_an_acknowledged_alarm_names_its_operator_and_stays_while_its_cause_lasts(api: Api) -> None:
+def test_acknowledged_alarm_names_its_operator_and_stays(api: Api) -> None:
     alarm_id = api("GET", "/api/v1/alarms").json()["alarms"][0]["id"]
     answer = api("POST", f"/api/v1/alarms/{alarm_id}/acknowledge")
     assert answer.status_code == 200
@@ -68,7 +68,7 @@ def test_an_alarm_that_is_not_listed_cannot_be_acknowledged(api: Api) -> None:
     assert "killed-" in answer.json()["detail"]
 
 
-def test_that_control_has_stopped_is_on_top_and_cannot_be_acknowledged_away(api: Api) -> None:
+def test_stopped_control_is_first_and_stays_after_acknowledging(api: Api) -> None:
     api.service.control_alive = False
     api.service.tick()
     for path in ("/api/v1/fleet", "/api/v1/status", "/api/v1/alarms"):

@@ -28,7 +28,7 @@ def test_a_call_is_in_the_record_when_its_answer_comes(tmp_path: Path) -> None:
     assert call["body"] == '{"radius_m":12.0}'
 
 
-def test_what_was_refused_or_denied_is_noted_and_what_only_reads_is_not(tmp_path: Path) -> None:
+def test_refused_and_denied_calls_are_audited_reads_are_not(tmp_path: Path) -> None:
     with Record(tmp_path, "{}", VEHICLES, flight=False) as record:
         service = FakeService()
         service.audit = record.audit
@@ -47,7 +47,7 @@ def test_what_was_refused_or_denied_is_noted_and_what_only_reads_is_not(tmp_path
     ]
 
 
-def test_without_a_disk_orders_are_carried_out_and_the_answer_says_that_they_are_not_recorded(
+def test_without_a_disk_commands_run_and_report_no_recording(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "runs").touch()  # a file where the folder should be

@@ -75,7 +75,7 @@ NUMBERS: list[tuple[str, str, str, dict[str, Any]]] = [
 
 @pytest.mark.parametrize("bad", BAD_VALUES, ids=lambda bad: str(bad[0]))
 @pytest.mark.parametrize("place", NUMBERS, ids=lambda place: f"{place[1]}:{place[2]}")
-def test_a_bad_number_is_422_with_field_value_and_what_is_allowed(
+def test_bad_number_is_422_with_field_value_and_allowed_range(
     api: Api, place: tuple[str, str, str, dict[str, Any]], bad: tuple[str, Any, str]
 ) -> None:
     method, path, field, rest = place
@@ -259,14 +259,14 @@ def test_a_compressed_body_is_refused(api: Api, coding: str) -> None:
         ("POST", "/show/stop", '{"why": null}'),
     ],
 )
-def test_no_word_of_python_is_answered(api: Api, method: str, path: str, body: str) -> None:
+def test_no_python_text_in_answers(api: Api, method: str, path: str, body: str) -> None:
     answer = raw(api, method, path, body)
     problems(answer)
     for word in ("None", "True", "False", "dict", "tuple", "b'", "{'"):
         assert word not in answer.text
 
 
-def test_a_body_sent_as_another_type_is_echoed_as_text_not_as_bytes(api: Api) -> None:
+def test_body_of_another_type_is_echoed_as_text(api: Api) -> None:
     answer = api(
         "PATCH", "/api/v1/formation", content=b'{"radius_m": 12}', headers={"Content-Type": "text/plain"}
     )
@@ -304,7 +304,7 @@ def test_a_long_wrong_value_is_echoed_short(api: Api) -> None:
     assert len(problem.field) == 80
 
 
-def test_a_whole_number_too_large_for_json_readers_is_echoed_as_text(api: Api) -> None:
+def test_integer_too_large_for_json_is_echoed_as_text(api: Api) -> None:
     (problem,) = problems(raw(api, "PATCH", "/orbit", f'{{"radius_m": {10**20}}}'))
     assert problem.value == str(10**20)
 
@@ -350,7 +350,7 @@ def test_an_unknown_path_or_method_has_the_same_error_shape(
         ("/api/v1/obstacles/tower", "DELETE, GET, HEAD, OPTIONS, PUT"),
     ],
 )
-def test_every_path_names_its_methods_and_answers_head_and_options(api: Api, path: str, allow: str) -> None:
+def test_every_path_names_its_methods_for_head_and_options(api: Api, path: str, allow: str) -> None:
     options = api("OPTIONS", path)
     assert (options.status_code, options.headers["allow"], options.content) == (204, allow, b"")
     refused = api("DELETE" if "DELETE" not in allow else "POST", path)

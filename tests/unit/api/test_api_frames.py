@@ -35,7 +35,7 @@ def encoded(service: FakeService, **changes: Any) -> tuple[Any, dict[str, NDArra
     return decoded(frames.encode(view, FRAME, revision=7, alive=True))
 
 
-def test_a_frame_tells_what_the_fleet_answers() -> None:
+def test_frame_encodes_the_snapshot() -> None:
     service = FakeService()
     service.fly()
     service.phases["d3"] = Phase.LOST
@@ -81,7 +81,7 @@ def test_what_is_not_there_is_not_made_up() -> None:
     assert columns["red"].tolist() == [0, 0, 0]
 
 
-def test_counters_that_are_too_long_go_round_and_a_heading_stays_below_360() -> None:
+def test_counters_wrap_and_headings_stay_below_360() -> None:
     service = FakeService()
     view = service.view.value
     rows = replace(view.rows, yaw_rad=np.radians([-90.0 - 1e-9, 270.0, 0.0]))
@@ -92,7 +92,7 @@ def test_counters_that_are_too_long_go_round_and_a_heading_stays_below_360() -> 
     assert columns["heading_deg"].tolist() == [0.0, 0.0, 90.0]
 
 
-def test_the_document_tells_the_bytes_as_they_are() -> None:
+def test_document_describes_the_bytes_as_they_are() -> None:
     fields = frames.HEADER.fields
     assert fields is not None
     reported = {

@@ -30,7 +30,7 @@ def test_a_body_too_large_is_413(api: Api, size: int) -> None:
     assert answer.json() == {"detail": "the body is larger than 65536 bytes", "problems": []}
 
 
-def test_a_body_too_large_in_pieces_is_413_and_a_large_one_in_bounds_is_read(api: Api) -> None:
+def test_oversized_chunked_body_is_413_and_smaller_is_read(api: Api) -> None:
     assert api("POST", "/api/v1/show/start", content=chunks(5, 16 * 1024)).status_code == 413
     assert api.service.show is ShowPhase.IDLE
     json_type = {"Content-Type": "application/json"}
@@ -55,7 +55,7 @@ FRAME = {"Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "iframe"}
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
-def test_what_a_page_of_another_site_embeds_is_refused_before_it_is_counted(site: str) -> None:
+def test_cross_site_embeds_are_refused_before_being_counted(site: str) -> None:
     clock_s = 0.0
     authorization = Authorization(calls_per_s=1.0, burst=3.0, clock_s=lambda: clock_s, audit=lambda _: None)
     api = Api()

@@ -27,7 +27,7 @@ def test_health_is_green_while_ticks_come() -> None:
 
 
 @pytest.mark.parametrize("age_s", [1.5, 3600.0, -5.0, math.nan])
-def test_health_is_red_once_the_state_is_not_of_now_whatever_it_says(age_s: float) -> None:
+def test_health_is_red_with_old_state_whatever_it_reports(age_s: float) -> None:
     api = Api()
     view = api.service.view.value
     api.service.view.set(replace(view, time_s=view.time_s - age_s, control_alive=True))
@@ -38,7 +38,7 @@ def test_health_is_red_once_the_state_is_not_of_now_whatever_it_says(age_s: floa
     assert (fleet["control_alive"], bool(fleet["control_reason"])) == (False, True)
 
 
-def test_health_is_red_when_control_says_so_itself() -> None:
+def test_health_is_red_when_control_reports_a_failure() -> None:
     api = Api()
     api.service.control_alive = False
     api.service.tick()
@@ -62,7 +62,7 @@ def context_time_s() -> float:
     return asyncio.get_running_loop().time()
 
 
-def test_the_json_of_a_state_is_written_once_for_all_viewers_until_it_gets_old() -> None:
+def test_json_of_a_state_is_encoded_once_for_all_viewers() -> None:
     first, second, old, next_state = asyncio.run(texts_around_the_moment_a_state_gets_old())
     assert first is second
     assert '"control_alive":true' in first
@@ -70,7 +70,7 @@ def test_the_json_of_a_state_is_written_once_for_all_viewers_until_it_gets_old()
     assert '"control_alive":true' in next_state
 
 
-def test_there_are_seats_for_so_many_viewers_and_they_are_given_back() -> None:
+def test_viewer_slots_are_limited_and_returned() -> None:
     context = Context(FakeService(), Authorization())
     for _ in range(2 * VIEWERS_MAX):
         with context.viewer_slot():

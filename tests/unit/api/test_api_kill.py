@@ -13,7 +13,7 @@ def api() -> Api:
     return Api()
 
 
-def test_nothing_happens_before_the_code_comes_back_and_then_to_those_it_names(api: Api) -> None:
+def test_kill_needs_its_code_and_reaches_only_those_named(api: Api) -> None:
     api.service.fly()
     armed = api("POST", "/api/v1/kill", json={"vehicles": ["d2", "d2"]})
     assert (armed.status_code, armed.json()["vehicles"], armed.json()["valid_s"]) == (200, ["d2"], VALID_S)
@@ -27,7 +27,7 @@ def test_nothing_happens_before_the_code_comes_back_and_then_to_those_it_names(a
     assert (again.status_code, "a code works once" in again.json()["detail"]) == (409, True)
 
 
-def test_everybody_that_is_not_offline_where_nobody_is_named(api: Api) -> None:
+def test_kill_without_names_means_all_that_are_not_offline(api: Api) -> None:
     api.service.fly()
     api.service.phases["d3"] = Phase.OFFLINE
     api.service.tick()
@@ -38,7 +38,7 @@ def test_everybody_that_is_not_offline_where_nobody_is_named(api: Api) -> None:
     assert (nobody.status_code, "--direct" in nobody.json()["detail"]) == (409, True)
 
 
-def test_who_is_unknown_or_offline_is_named(api: Api) -> None:
+def test_unknown_or_offline_vehicles_are_named(api: Api) -> None:
     api.service.phases["d3"] = Phase.OFFLINE
     api.service.tick()
     unknown = api("POST", "/api/v1/kill", json={"vehicles": ["d1", "d9"]})

@@ -39,7 +39,7 @@ def field(tmp_path: Path) -> GroundMap | None:
     return open_map(MapSettings(tiles=str(path), attribution="© Crew"))
 
 
-def test_a_tile_of_the_file_is_a_picture_and_the_status_says_where(field: GroundMap | None) -> None:
+def test_map_tile_is_an_image_and_status_gives_its_place(field: GroundMap | None) -> None:
     reported = ask(field, "/api/v1/status").json()["map"]
     assert reported["tiles"].startswith("/api/v1/map/{z}/{x}/{y}?v=")
     assert reported == {
@@ -54,7 +54,7 @@ def test_a_tile_of_the_file_is_a_picture_and_the_status_says_where(field: Ground
     assert answer.headers["x-content-type-options"] == "nosniff"
 
 
-def test_where_there_is_none_it_says_so(field: GroundMap | None) -> None:
+def test_without_a_map_the_status_says_so(field: GroundMap | None) -> None:
     assert ask(None, "/api/v1/status").json()["map"] is None
     for ground in (None, open_map(MapSettings(tiles=ADDRESS))):
         answer = ask(ground, "/api/v1/map/3/1/1")
@@ -72,7 +72,7 @@ def test_a_disk_that_fails_is_not_the_edge_of_the_map(field: GroundMap | None) -
     assert "the map cannot be read" in answer.json()["detail"]
 
 
-def test_pictures_do_not_use_up_the_calls_that_orders_need(field: GroundMap | None) -> None:
+def test_tiles_do_not_use_up_the_rate_of_commands(field: GroundMap | None) -> None:
     authorization = Authorization(calls_per_s=1e-6, burst=1.0)
     codes = [ask(field, path, authorization).status_code for path in ("/api/v1/map/3/1/1",) * 2]
     assert codes == [200, 429]
@@ -100,9 +100,7 @@ def test_a_tile_is_for_whoever_may_watch(field: GroundMap | None, tmp_path: Path
     assert ask(field, "/api/v1/map/3/1/1", authorization, token).content == PICTURE
 
 
-def test_the_page_may_ask_the_configured_origin_and_nobody_else(
-    field: GroundMap | None, tmp_path: Path
-) -> None:
+def test_page_may_fetch_from_the_configured_origin_only(field: GroundMap | None, tmp_path: Path) -> None:
     assets = tmp_path / "assets"
     assets.mkdir()
     (assets / "a.js").write_text("fly()")

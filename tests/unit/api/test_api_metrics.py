@@ -29,7 +29,7 @@ def samples() -> dict[tuple[str, ...], float]:
     }
 
 
-def test_it_tells_what_the_fleet_does(samples: dict[tuple[str, ...], float]) -> None:
+def test_metrics_report_the_fleet(samples: dict[tuple[str, ...], float]) -> None:
     assert samples["gcs_control_alive",] == 1.0
     assert samples["gcs_show_phase", "running"] == 1.0
     assert sum(value for key, value in samples.items() if key[0] == "gcs_show_phase") == 1.0
@@ -44,7 +44,7 @@ def test_it_tells_what_the_fleet_does(samples: dict[tuple[str, ...], float]) -> 
     assert samples["gcs_vehicle_ready", "d3"] == 0.0
 
 
-def test_alarms_are_counted_by_severity_with_the_state_of_the_whole() -> None:
+def test_alarm_counts_by_severity_with_the_overall_state() -> None:
     service = FakeService()
     service.conditions = (
         Condition(AlarmCause.LOW_BATTERY, "battery at 15%", ("d2",)),
@@ -83,7 +83,7 @@ def test_a_dead_control_loop_is_reported() -> None:
     assert "gcs_control_alive 0.0" in api("GET", "/metrics").text
 
 
-def test_the_dashboard_asks_for_nothing_that_is_not_reported(samples: dict[tuple[str, ...], float]) -> None:
+def test_dashboard_uses_only_reported_metrics(samples: dict[tuple[str, ...], float]) -> None:
     reported = {name for name, *_ in samples}
     panels = json.loads(DASHBOARD.read_text())["panels"]
     asked = {

@@ -26,7 +26,7 @@ def operations(document: Any) -> dict[str, Any]:
     }
 
 
-def test_every_operation_has_a_name_of_its_own_a_summary_and_a_tag(operations: dict[str, Any]) -> None:
+def test_every_operation_has_its_own_name_a_summary_and_a_tag(operations: dict[str, Any]) -> None:
     names = [operation["operationId"] for operation in operations.values()]
     assert len(names) == len(set(names)) == 63
     assert all(name.isidentifier() for name in names)
@@ -60,7 +60,7 @@ def test_every_command_documents_what_it_may_answer(operations: dict[str, Any]) 
     assert "503" in operations["get /healthz"]["responses"]
 
 
-def test_every_reference_leads_somewhere_and_no_placeholder_leaks(document: Any) -> None:
+def test_every_reference_resolves_and_no_placeholder_leaks(document: Any) -> None:
     text = json.dumps(document)
     schemas = document["components"]["schemas"]
     used = {part.split('"')[0] for part in text.split('"#/components/schemas/')[1:]}
@@ -113,7 +113,7 @@ def test_a_token_is_demanded_only_where_one_is(document: Any, tmp_path: Path) ->
     assert set(guarded["components"]["securitySchemes"]) == {"HTTPBearer"}
 
 
-def test_the_document_says_where_the_service_is_and_how_long_a_name_may_be(document: Any) -> None:
+def test_document_names_the_server_and_the_longest_name(document: Any) -> None:
     assert [server["url"] for server in document["servers"]] == ["/"]
     asked = [
         parameter

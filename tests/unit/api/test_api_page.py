@@ -68,7 +68,7 @@ def raw(folder: Path, path: str, headers: dict[str, str]) -> Sent:
     return asyncio.run(once())
 
 
-def test_the_page_is_asked_for_anew_its_assets_are_kept(built: Path) -> None:
+def test_page_is_revalidated_and_its_assets_are_cached(built: Path) -> None:
     page, script = ask(built, "/"), ask(built, f"/assets/{SCRIPT}")
     assert (page.status_code, page.text) == (200, f"<script src=/assets/{SCRIPT}></script>")
     assert page.headers["cache-control"] == "no-cache"
@@ -112,14 +112,14 @@ def test_a_path_with_dots_that_no_browser_sends_is_not_the_page(path: str) -> No
     assert needed("GET", path) is Right.WATCH
 
 
-def test_where_the_page_is_not_built_a_sentence_says_how(tmp_path: Path) -> None:
+def test_page_that_is_not_built_explains_how_to_build_it(tmp_path: Path) -> None:
     answer = ask(tmp_path / "dist", "/")
     assert (answer.status_code, answer.headers["content-type"]) == (503, "application/json")
     assert "make console" in answer.text
     assert ask(tmp_path / "dist", "/assets/index.js").status_code == 404
 
 
-def test_the_page_that_is_built_here_runs_nothing_inline_and_names_assets_that_are_there() -> None:
+def test_built_page_has_no_inline_code_and_existing_assets() -> None:
     text = (DIST / "index.html").read_text(encoding="utf-8")
     names = [part.partition('"')[0] for part in text.split('"/assets/')[1:]]
     assert len(names) >= 2
@@ -176,16 +176,14 @@ def test_a_script_comes_in_the_form_that_the_caller_accepts(
 
 
 @pytest.mark.parametrize("refused", ["identity;q=0", "*;q=0", "br;q=0, gzip;q=0, identity;q=0"])
-def test_a_request_that_accepts_no_form_is_answered_with_those_there_are(
-    compressed: Path, refused: str
-) -> None:
+def test_request_without_acceptable_encoding_lists_encodings(compressed: Path, refused: str) -> None:
     answer = raw(compressed, f"/assets/{SCRIPT}", {"accept-encoding": refused})
     assert answer.status_code == 406
     assert b"br, gzip or identity" in answer.content
     assert answer.headers["vary"] == "Accept-Encoding"
 
 
-def test_each_form_has_its_own_tag_and_is_not_sent_again_to_a_matching_one(compressed: Path) -> None:
+def test_each_encoding_has_its_etag_and_a_match_is_not_resent(compressed: Path) -> None:
     path = f"/assets/{SCRIPT}"
     forms = {
         coding: raw(compressed, path, {"accept-encoding": coding}) for coding in ("br", "gzip", "identity")
@@ -208,7 +206,7 @@ def test_a_compressed_form_is_no_asset_of_its_own(compressed: Path, ending: str)
     assert ask(compressed, f"/assets/{SCRIPT}{ending}").status_code == 404
 
 
-def test_the_page_that_is_built_here_is_compressed_and_its_bytes_are_the_same() -> None:
+def test_built_page_is_compressed_to_equal_bytes() -> None:
     scripts = [file for file in (DIST / "assets").iterdir() if file.suffix in {".js", ".css"}]
     assert scripts
     for file in scripts:

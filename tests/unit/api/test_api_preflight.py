@@ -16,7 +16,7 @@ def api() -> Api:
     return Api()
 
 
-def test_every_check_is_answered_with_its_state_value_unit_and_limit(api: Api) -> None:
+def test_every_check_has_state_value_unit_and_limit(api: Api) -> None:
     api.service.battery = 0.2
     reported = api("GET", PREFLIGHT).json()
     assert reported["passes"] is False
@@ -35,7 +35,7 @@ def test_every_check_is_answered_with_its_state_value_unit_and_limit(api: Api) -
     assert reported["not_checked"] == ["start pattern: there is none"]
 
 
-def test_who_is_taken_out_is_named_with_who_did_it_and_why_until_included(api: Api) -> None:
+def test_excluded_vehicle_is_named_with_operator_and_reason(api: Api) -> None:
     answer = api("POST", f"{D2}/exclude", json={"reason": "cracked"})
     assert answer.status_code == 202
     assert answer.headers["Location"] == f"/api/v1/commands/{answer.json()['id']}"
@@ -62,7 +62,7 @@ def test_who_is_taken_out_is_named_with_who_did_it_and_why_until_included(api: A
         ("POST", PREFLIGHT, {}, 405, "POST is not possible"),
     ],
 )
-def test_what_is_wrong_is_refused_with_a_reason_and_changes_nothing(
+def test_bad_exclusion_is_refused_with_a_reason(
     api: Api, method: str, path: str, options: dict[str, Any], status: int, says: str
 ) -> None:
     answer = api(method, path, **options)
@@ -70,16 +70,14 @@ def test_what_is_wrong_is_refused_with_a_reason_and_changes_nothing(
     assert api("GET", PREFLIGHT).json()["not_flying"] == {}
 
 
-def test_in_the_air_nobody_is_taken_out(api: Api) -> None:
+def test_in_the_air_no_vehicle_is_excluded(api: Api) -> None:
     api.service.fly()
     assert api("POST", f"{D2}/exclude").status_code == 409
     assert api("GET", PREFLIGHT).status_code == 409
 
 
 @pytest.mark.parametrize(("role", "may"), [("watch", False), ("emergency", False), ("operate", True)])
-def test_whoever_watches_may_read_and_only_an_operator_may_take_somebody_out(
-    tmp_path: Path, role: str, may: bool
-) -> None:
+def test_viewer_may_read_only_an_operator_may_exclude(tmp_path: Path, role: str, may: bool) -> None:
     station = Station(tmp_path)
     assert station(role, "GET", PREFLIGHT).status_code == 200
     answer = station(role, "POST", f"{D2}/exclude", json={"reason": "cracked"})

@@ -35,13 +35,13 @@ def playing() -> tuple[Api, FakeRecord]:
 @pytest.mark.parametrize(
     ("method", "path"), [("GET", "replay"), ("POST", "replay"), ("GET", "replay/report")]
 )
-def test_a_service_that_flies_replays_nothing_and_says_so(method: str, path: str) -> None:
+def test_flying_service_refuses_replay(method: str, path: str) -> None:
     answer = Api()(method, f"/api/v1/{path}", json={"speed": 2.0} if method == "POST" else None)
     assert answer.status_code == 409
     assert "this service flies vehicles, and replays nothing" in answer.json()["detail"]
 
 
-def test_what_is_given_changes_and_the_status_tells_it() -> None:
+def test_replay_changes_are_shown_by_its_status() -> None:
     api, _ = playing()
     assert api("GET", "/api/v1/replay").json()["paused"] is False
     reported = api("POST", "/api/v1/replay", json={"paused": True, "position_s": 12.5}).json()
@@ -78,7 +78,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(body: dict[str, Any]
     assert (record.playback.position_s, record.playback.speed) == (5.0, 1.0)
 
 
-def test_the_certificate_is_reported_once_it_is_made() -> None:
+def test_flight_report_is_shown_once_it_is_made() -> None:
     api, record = playing()
     assert api("GET", "/api/v1/replay/report").json() == {
         "state": "running",
@@ -107,7 +107,7 @@ def test_the_certificate_is_reported_once_it_is_made() -> None:
     assert api("GET", "/api/v1/replay/report").json()["reason"] == "the disk is gone"
 
 
-def test_the_marks_of_the_record_are_listed_and_idle_time_can_be_played() -> None:
+def test_record_marks_are_listed_and_idle_time_can_be_played() -> None:
     api, record = playing()
     record.marks = ReplayMarks(
         phases=(PhaseSpan(ShowPhase.RUNNING, 0.0, 60.0),),

@@ -77,7 +77,7 @@ def test_what_is_not_known_is_null_and_never_nan(api: Api) -> None:
     assert answer.json()["center"] is None
 
 
-def test_heights_and_climbs_are_positive_up_and_headings_from_north(api: Api) -> None:
+def test_heights_are_positive_up_and_headings_from_north(api: Api) -> None:
     api.service.fly()
     vehicle = api("GET", "/api/v1/vehicles/d2").json()
     assert vehicle["position"]["height_m"] == 20.0
@@ -108,7 +108,7 @@ def test_vehicles_are_listed_and_an_unknown_one_is_named(api: Api) -> None:
         (VehicleAction.CONFIRM_DOWN, Phase.LOST, Phase.OFFLINE),
     ],
 )
-def test_a_vehicle_command_is_accepted_with_an_order(
+def test_vehicle_command_is_accepted_with_an_id(
     api: Api, action: VehicleAction, before: Phase, after: Phase
 ) -> None:
     api.service.phases["d2"] = before
@@ -120,9 +120,7 @@ def test_a_vehicle_command_is_accepted_with_an_order(
 
 
 @pytest.mark.parametrize("action", sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN}))
-def test_one_command_reaches_a_selection_and_names_those_that_it_does_not_reach(
-    api: Api, action: VehicleAction
-) -> None:
+def test_command_to_a_selection_names_those_not_reached(api: Api, action: VehicleAction) -> None:
     before = {VehicleAction.JOIN: Phase.HOLD, VehicleAction.TAKE_CONTROL: Phase.PILOT}
     api.service.phases["d2"] = before.get(action, Phase.FORMATION)
     answer = api("POST", f"/api/v1/fleet/{action}", json={"vehicles": ["d1", "d2"]})
@@ -137,7 +135,7 @@ def test_one_command_reaches_a_selection_and_names_those_that_it_does_not_reach(
     assert api("POST", f"/api/v1/fleet/{action}", json={"vehicles": []}).status_code == 422
 
 
-def test_a_lost_vehicle_and_those_on_their_pads_are_not_counted_as_airborne(api: Api) -> None:
+def test_lost_vehicle_and_those_on_pads_are_not_airborne(api: Api) -> None:
     api.service.phases |= {"d1": Phase.FORMATION, "d2": Phase.LOST, "d3": Phase.STANDBY}
     api.service.tick()
     desired = {"airborne": 1, "controlled": 1, "uncontrolled": 0, "unknown": 1, "on_ground": 1, "offline": 0}
@@ -167,7 +165,7 @@ def test_a_command_in_the_wrong_phase_is_refused_with_the_reason(api: Api) -> No
         ("abort", ShowPhase.RUNNING, ShowPhase.ABORTING, 202),
     ],
 )
-def test_a_show_command_is_accepted_and_only_what_makes_less_of_the_flight_can_be_ordered_again(
+def test_show_commands_repeat_only_if_they_reduce_the_flight(
     api: Api, action: str, before: ShowPhase, after: ShowPhase, again: int
 ) -> None:
     api.service.show = before
@@ -197,7 +195,7 @@ def test_start_with_an_unknown_vehicle_is_404_and_starts_nothing(api: Api) -> No
     assert api.service.show is ShowPhase.IDLE
 
 
-def test_an_order_tells_its_outcome_per_vehicle(api: Api) -> None:
+def test_command_reports_its_outcome_per_vehicle(api: Api) -> None:
     command_id = api("POST", "/api/v1/show/start").json()["id"]
     api.service.finish(command_id, Outcome.FAILED, "no GPS")
     command = api("GET", f"/api/v1/commands/{command_id}").json()
@@ -212,7 +210,7 @@ def test_a_change_of_the_formation_leaves_the_rest_as_it_is(api: Api) -> None:
     assert api.service.plan.formation.radius_m == 12.0
 
 
-def test_two_changes_within_one_tick_both_count_and_are_read_back(api: Api) -> None:
+def test_two_changes_within_a_tick_both_count(api: Api) -> None:
     api("PATCH", "/api/v1/formation", json={"radius_m": 12})
     api("PATCH", "/api/v1/formation", json={"height_m": 30})
     api("PATCH", "/api/v1/orbit", json={"radius_m": 40})
@@ -224,7 +222,7 @@ def test_two_changes_within_one_tick_both_count_and_are_read_back(api: Api) -> N
     assert api("GET", "/api/v1/fleet").json()["formation"]["height_m"] == 30.0
 
 
-def test_after_a_tick_the_service_has_the_last_word_on_the_plan(api: Api) -> None:
+def test_after_a_tick_the_plan_of_the_service_counts(api: Api) -> None:
     api("PATCH", "/api/v1/formation", json={"radius_m": 12})
     api.service.plan = FakeService().plan
     api.service.tick()
@@ -313,7 +311,7 @@ def test_an_obstacle_that_moves_is_reported_where_it_is_now(api: Api) -> None:
     assert (reported.x_m, reported.y_m) == pytest.approx((box.x_m + 4.0, box.y_m - 2.0))
 
 
-def test_an_obstacle_without_an_id_is_given_one_that_was_never_used(api: Api) -> None:
+def test_obstacle_without_an_id_gets_one_never_used(api: Api) -> None:
     api("POST", "/api/v1/obstacles", json={"id": "box-2", **BOX})
     ids = [api("POST", "/api/v1/obstacles", json=BOX).json()["id"] for _ in range(2)]
     assert ids == ["box-1", "box-3"]

@@ -44,7 +44,7 @@ def detail(answer: httpx.Response, status: int) -> str:
     return str(answer.json()["detail"])
 
 
-def test_a_show_that_was_uploaded_is_listed_and_read_as_it_was_given(api: Api) -> None:
+def test_uploaded_show_is_listed_and_read_back_unchanged(api: Api) -> None:
     assert api("GET", "/api/v1/shows").json() == []
     answer = api("PUT", PATH, content=LIGHTHOUSE.encode())
     assert answer.status_code == 200
@@ -71,7 +71,7 @@ def test_a_show_that_is_removed_is_gone(api: Api) -> None:
         (b"x" * (SIZE_MAX_BYTES + 1), 413, "larger than"),
     ],
 )
-def test_what_is_no_text_or_too_much_is_refused_and_what_was_there_stays(
+def test_invalid_or_oversized_upload_keeps_the_existing_show(
     api: Api, content: bytes, status: int, says: str
 ) -> None:
     api("PUT", PATH, content=LIGHTHOUSE.encode())
@@ -97,7 +97,7 @@ def test_a_folder_that_is_full_or_cannot_be_written_is_stated_so(api: Api, tmp_p
     assert "cannot be kept" in detail(blocked("PUT", PATH, content=b"about: x"), 409)
 
 
-def test_a_service_without_a_folder_says_what_is_missing() -> None:
+def test_service_without_a_folder_names_what_is_missing() -> None:
     api = Api()
     assert api("GET", "/api/v1/shows").json() == []
     for method, path in (("PUT", PATH), ("GET", PATH), ("POST", f"{PATH}/check")):
@@ -122,7 +122,7 @@ def test_only_the_show_that_was_checked_can_be_selected(api: Api) -> None:
     assert "has changed since it was checked" in detail(select(SHOW.digest), 409)
 
 
-def test_the_selected_show_is_seen_sought_started_by_its_hash_and_deselected(api: Api) -> None:
+def test_selected_show_is_shown_sought_started_and_deselected(api: Api) -> None:
     api("PUT", PATH, content=LIGHTHOUSE.encode())
     show_hash = pass_check(api)
     assert "no show is selected" in detail(api("POST", "/api/v1/show/seek", json={"cue": "lamp"}), 409)
@@ -153,7 +153,7 @@ def test_the_selected_show_is_seen_sought_started_by_its_hash_and_deselected(api
     assert api("GET", "/api/v1/show").json()["selected"] is None
 
 
-def test_a_check_that_was_never_made_is_unknown_and_a_missing_file_is_a_check_that_failed(api: Api) -> None:
+def test_unknown_check_is_404_and_missing_file_fails_its_check(api: Api) -> None:
     assert "has not been checked" in detail(api("GET", f"{PATH}/check"), 404)
     shows = api.service.shows
 
@@ -185,7 +185,7 @@ def test_at_most_two_checks_are_under_way(api: Api) -> None:
 
 
 @pytest.mark.parametrize("levels", [5, 9])
-def test_a_yaml_bomb_is_a_problem_with_line_and_column_and_a_short_answer(api: Api, levels: int) -> None:
+def test_yaml_bomb_is_a_short_problem_with_line_and_column(api: Api, levels: int) -> None:
     """Before: 351 MB of text with 8 levels, parsed on the loop."""
     lines = ["about: &a0 [" + "lol, " * 9 + "]"]
     lines += [f"k{level}: &a{level} [" + f"*a{level - 1}, " * 9 + "]" for level in range(1, levels)]
@@ -208,7 +208,7 @@ def test_a_yaml_bomb_is_a_problem_with_line_and_column_and_a_short_answer(api: A
     assert api("POST", f"{PATH}/select", json={"hash": SHOW.digest}).status_code == 409
 
 
-def test_the_status_says_why_no_show_can_be_uploaded(api: Api) -> None:
+def test_status_explains_why_no_show_can_be_uploaded(api: Api) -> None:
     assert api("GET", "/api/v1/status").json()["shows_refused"] == ""
     nowhere = Api(FakeService())
     reason = nowhere("GET", "/api/v1/status").json()["shows_refused"]

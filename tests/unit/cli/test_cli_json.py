@@ -71,9 +71,7 @@ def test_there_are_commands_to_look_at() -> None:
 
 
 @pytest.mark.parametrize("name", COMMAND_NAMES)
-def test_every_command_takes_json_and_says_wrong_arguments_in_it(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_reports_wrong_arguments_as_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, error = wrong(f"{name} --no-such-option --json", capsys)
     assert code == 2
     assert error["detail"]
@@ -82,7 +80,7 @@ def test_every_command_takes_json_and_says_wrong_arguments_in_it(
 
 
 @pytest.mark.parametrize("name", ASKING)
-def test_every_command_that_asks_a_service_says_in_json_that_none_answers(
+def test_every_remote_command_reports_no_service_as_json(
     name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (leaf,) = (each for other, each in every_command() if other == name)
@@ -129,7 +127,7 @@ def test_every_command_that_asks_a_service_says_in_json_that_none_answers(
         ("--json", 2, "a command is missing"),
     ],
 )
-def test_what_is_wrong_is_one_line_of_json_with_the_exit_code_of_the_text(
+def test_errors_are_one_json_line_with_the_text_exit_code(
     line: str, code: int, says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found, error = wrong(line, capsys)
@@ -154,12 +152,12 @@ def test_what_was_found_is_one_document(line: str, capsys: pytest.CaptureFixture
     assert printed.err == ""
 
 
-def test_after_two_dashes_json_is_an_ordinary_word(capsys: pytest.CaptureFixture[str]) -> None:
+def test_after_two_dashes_json_is_an_ordinary_argument(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["vehicle", "show", "--url", NO_SERVICE, "--", "--json"]) == 3
     assert capsys.readouterr().err.startswith("gcs: no answer")
 
 
-def test_the_lines_of_a_file_and_the_field_of_a_request_stand_by_themselves(
+def test_file_lines_and_request_fields_are_separate_documents(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = tmp_path / "mine.yaml"
@@ -187,7 +185,7 @@ def test_a_document_has_no_number_that_json_has_not(capsys: pytest.CaptureFixtur
     assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == {"a": [None, 1.5], "b": [None]}
 
 
-def test_the_commands_that_go_on_say_that_they_print_lines() -> None:
+def test_continuous_commands_document_that_they_print_lines() -> None:
     assert {name for name, command in COMMANDS.items() if command.json == LINES} == {
         "demo",
         "serve",
@@ -197,7 +195,7 @@ def test_the_commands_that_go_on_say_that_they_print_lines() -> None:
     }
 
 
-def test_the_fake_fleet_says_in_json_where_it_can_be_reached() -> None:
+def test_fake_fleet_prints_its_addresses_as_json() -> None:
     command = [
         sys.executable,
         "-m",

@@ -66,7 +66,7 @@ def test_a_call_is_sent_before_any_model_or_array_is_loaded(line: str) -> None:
     assert loaded(line) & {*HEAVY, *MODELS} == set()
 
 
-def test_the_client_of_a_program_loads_neither_arrays_nor_the_server() -> None:
+def test_client_loads_neither_arrays_nor_the_server() -> None:
     command = [sys.executable, "-c", "import sys, gcs.client.fleet_client; print(*sys.modules)"]
     result = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     assert set(result.stdout.split()) & {*HEAVY, *MODELS} == set()
@@ -83,7 +83,7 @@ def test_every_command_is_in_the_help_with_a_text_of_its_own(capsys: pytest.Capt
     assert all(len(line) <= 100 for line in shown.splitlines())
 
 
-def test_what_the_table_names_is_there_and_every_command_has_help() -> None:
+def test_every_listed_command_exists_and_has_help() -> None:
     for command in COMMANDS.values():
         assert callable(load(command.options))
         assert not command.run or callable(load(command.run))
@@ -159,7 +159,7 @@ def test_a_reader_that_has_enough_gets_no_traceback() -> None:
     assert (result.returncode, result.stderr) == (141, "")
 
 
-def test_ctrl_c_while_a_command_is_loaded_ends_it_without_a_traceback(tmp_path: Path) -> None:
+def test_ctrl_c_while_loading_ends_without_a_traceback(tmp_path: Path) -> None:
     (tmp_path / "numba.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
     command = [sys.executable, "-m", "gcs", "serve", "--config", "demo"]
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}

@@ -40,7 +40,7 @@ def test_each_vehicle_has_one_line_with_its_phase_and_mode_whole(fleet: schemas.
     assert all(len(line) <= width for line in lines(fleet, width))
 
 
-def test_eighty_columns_have_every_figure_and_reasons_stand_below(fleet: schemas.Fleet) -> None:
+def test_eighty_columns_hold_all_values_with_reasons_below(fleet: schemas.Fleet) -> None:
     shown = "\n".join(lines(fleet, 80))
     assert table(fleet, 80)[0].split() == [
         "vehicle",
@@ -61,7 +61,7 @@ def test_eighty_columns_have_every_figure_and_reasons_stand_below(fleet: schemas
     assert len(lines(fleet, 80)) <= 12 + len(fleet.vehicles) + 2 * len(NOT_ORDINARY)
 
 
-def test_with_room_the_reason_is_the_last_column_and_only_for_what_is_not_ordinary(
+def test_wide_status_puts_unusual_reasons_in_the_last_column(
     fleet: schemas.Fleet,
 ) -> None:
     rows = {row.split()[0]: row for row in table(fleet, 120)}

@@ -33,7 +33,7 @@ def test_without_a_section_there_is_no_map() -> None:
     assert open_map(parse(SMALLEST, "my.yaml").map) is None
 
 
-def test_an_address_is_the_pages_own_business_and_names_whom_it_asks() -> None:
+def test_tile_address_is_fetched_by_the_page_and_named() -> None:
     ground = open_map(configured(tiles=ADDRESS, attribution="© Example", zoom_max=17))
     assert ground is not None
     assert (ground.tiles, ground.attribution, ground.zoom_min, ground.zoom_max) == (
@@ -89,7 +89,7 @@ def test_the_rest_of_the_section_is_checked_too(settings: dict[str, Any], stated
     assert stated in str(refused.value)
 
 
-def test_a_file_tells_its_zooms_and_whom_to_thank_and_is_read_from_the_north(tmp_path: Path) -> None:
+def test_map_file_reports_zooms_and_attribution_from_north(tmp_path: Path) -> None:
     reported = {"format": "jpg", "attribution": '<a href="https://x">&copy; Crew</a>'}
     path = mbtiles(
         tmp_path / "field.mbtiles", reported, {(3, 1, 0): b"south", (3, 1, 7): b"north", (5, 2, 2): b"t"}
@@ -146,7 +146,7 @@ def test_another_file_of_that_name_has_other_addresses(tmp_path: Path) -> None:
     assert addresses() != before
 
 
-def test_a_map_that_is_gone_keeps_nobody_from_flying(tmp_path: Path) -> None:
+def test_missing_map_does_not_prevent_flight(tmp_path: Path) -> None:
     section = yaml.safe_dump({"map": {"tiles": str(tmp_path / "gone.mbtiles")}})
     ground, problems = open_ground(parse(SMALLEST + section, "my.yaml"))
     assert ground is None
@@ -182,7 +182,7 @@ def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> 
             open_map(MapSettings(tiles=str(tmp_path / f"{name}.mbtiles")))
 
 
-def test_a_replay_has_the_recorded_map_or_says_why_not(
+def test_replay_has_the_recorded_map_or_gives_a_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = mbtiles(tmp_path / "field.mbtiles", {"format": "png"}, {(3, 1, 0): b"a"})

@@ -51,7 +51,7 @@ def test_every_configuration_that_comes_with_the_package_loads(path: Path) -> No
     assert config.plan.formation.radius_m == config.formation.radius_m
 
 
-def test_both_promised_configurations_are_there_and_found_by_name() -> None:
+def test_both_shipped_configurations_are_found_by_name() -> None:
     assert {"demo", "px4-sitl"} <= {path.stem for path in SHIPPED}
     for name in ("demo", "demo.yaml", "configs/demo.yaml"):
         assert find(name).stem == "demo"
@@ -64,7 +64,7 @@ def test_a_path_of_ones_own_is_taken_as_it_is(tmp_path: Path) -> None:
     assert load(own).ids == ("a", "b")
 
 
-def test_a_name_that_does_not_exist_is_refused_with_those_that_do() -> None:
+def test_unknown_name_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.yaml.*demo.*px4-sitl"):
         find("nowhere.yaml")
     with pytest.raises(ConfigError, match="no such file"):
@@ -386,7 +386,7 @@ def test_what_cannot_be_flown_is_refused_with_file_key_and_value(what: str) -> N
         ("  radius_m: {a: 1}", "line 4: formation.radius_m: a number is needed"),
     ],
 )
-def test_a_formation_is_refused_with_line_key_value_and_what_was_meant(line: str, reported: str) -> None:
+def test_formation_is_refused_with_line_key_value_and_hint(line: str, reported: str) -> None:
     stated = refusal(f"{SIX}formation:\n{line}\n  height_m: 25.0\n")
     assert reported in stated, stated
     assert not [words for words in FOREIGN if words in stated], stated
@@ -446,13 +446,13 @@ FOREIGN = (
         (SIX.replace("ports: 6", "ports: 6.5") + FORMED, "links.0.ports = 6.5: a whole number is needed"),
     ],
 )
-def test_a_configuration_is_refused_in_words_of_its_own(text: str, reported: str) -> None:
+def test_invalid_configuration_has_its_own_message(text: str, reported: str) -> None:
     stated = refusal(text)
     assert reported in stated, stated
     assert not [words for words in FOREIGN if words in stated], stated
 
 
-def test_yes_and_no_still_answer_what_is_asked_so() -> None:
+def test_yes_and_no_are_booleans_where_the_schema_wants_one() -> None:
     config = parse(SIX + FORMED + "operation: {pilot_takes_over: no, require_parameters: yes}\n", "my.yaml")
     assert (config.operation.pilot_takes_over, config.operation.require_parameters) == (False, True)
 
@@ -480,7 +480,7 @@ def test_a_folder_given_as_a_file_and_another_encoding_are_named(
         ),
     ],
 )
-def test_an_address_that_this_computer_does_not_have_is_refused_where_it_would_be_listened_on(
+def test_listen_address_of_another_host_is_refused(
     tmp_path: Path, change: tuple[str, str], reported: str
 ) -> None:
     file = tmp_path / "mine.yaml"
@@ -492,7 +492,7 @@ def test_an_address_that_this_computer_does_not_have_is_refused_where_it_would_b
     assert load_here("demo").ids
 
 
-def test_every_problem_is_named_at_once_and_whole_sections_are_not_printed() -> None:
+def test_every_problem_is_listed_without_whole_sections() -> None:
     def spoil(raw: dict[str, Any]) -> None:
         raw["formation"].update(radius_m=-1.0)
         raw["show_frame"].update(latitude_deg=100.0)

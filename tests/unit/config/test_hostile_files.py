@@ -39,7 +39,7 @@ def refused(read: Callable[[str, str], object], text: str) -> FileError:
 
 @pytest.mark.parametrize("levels", LEVELS)
 @pytest.mark.parametrize("read", [parse_config, parse_show])
-def test_a_yaml_bomb_is_refused_with_line_and_column_before_it_goes_off(
+def test_yaml_bomb_is_refused_with_line_before_expansion(
     read: Callable[[str, str], object], levels: int
 ) -> None:
     text = bomb(levels)
@@ -90,7 +90,7 @@ def test_what_is_not_read_is_refused_where_it_stands(text: str, words: str) -> N
     assert words in str(refused(Source, text))
 
 
-def test_words_are_numbers_only_where_they_look_like_it() -> None:
+def test_scalars_are_numbers_only_in_number_form() -> None:
     text = "[yes, no, on, off, 12:30, 1_000, 010, 1e3, -.5, .inf, true, ~, 0x10, 2020-01-01, '7']"
     parsed: Any = Source(text, "x").value()
     infinite = float("inf")
@@ -149,7 +149,7 @@ def asked(file: str, **bounds: Any) -> tuple[dict[str, Any], list[object]]:
     return asyncio.run(ask())
 
 
-def test_an_answer_is_read_in_a_process_of_its_own_and_parsed_off_the_loop(broken_show: str) -> None:
+def test_answer_is_read_in_a_process_and_parsed_off_the_loop(broken_show: str) -> None:
     answer, given = asked(broken_show)
     assert answer["good"] is False
     assert json.loads in given
@@ -160,6 +160,6 @@ def test_a_process_that_prints_too_much_is_ended(broken_show: str) -> None:
         asked(broken_show, answer_max_bytes=100)
 
 
-def test_a_process_that_takes_too_much_memory_fails_and_says_so(broken_show: str) -> None:
+def test_process_above_its_memory_limit_fails_with_a_message(broken_show: str) -> None:
     with pytest.raises(RefusedError, match="it ended with"):
         asked(broken_show, memory_max_bytes=96 << 20)

@@ -18,7 +18,7 @@ def one(horizontal_m: float, vertical_m: float, since_s: float = NEVER, configur
     return float(wide_m[0])
 
 
-def test_a_usual_fix_and_one_that_says_nothing_have_the_configured_margin() -> None:
+def test_usual_or_unreported_accuracy_has_configured_margin() -> None:
     assert one(0.9, 1.78) == one(np.nan, np.nan) == one(0.0, 0.0) == 0.35
 
 
@@ -26,7 +26,7 @@ def test_a_usual_fix_and_one_that_says_nothing_have_the_configured_margin() -> N
     ("horizontal_m", "vertical_m", "wide_m"),
     [(2.0, 1.0, 0.75), (1.0, 4.0, 0.75), (np.nan, 4.0, 0.75), (9.0, 1.0, 1.5), (np.inf, np.inf, 1.5)],
 )
-def test_what_is_reported_beyond_the_usual_widens_it_up_to_the_cap(
+def test_worse_accuracy_widens_the_margin_up_to_the_cap(
     horizontal_m: float, vertical_m: float, wide_m: float
 ) -> None:
     assert one(horizontal_m, vertical_m) == pytest.approx(wide_m)
@@ -47,7 +47,7 @@ def test_what_is_configured_above_the_cap_stays() -> None:
     st.floats(width=32),
     st.floats(allow_nan=False, allow_infinity=True),
 )
-def test_no_report_makes_a_margin_less_than_configured_or_infinite(
+def test_no_report_makes_the_margin_smaller_or_infinite(
     configured_m: float, horizontal_m: float, vertical_m: float, since_s: float
 ) -> None:
     assert configured_m <= one(horizontal_m, vertical_m, since_s, configured_m) <= max(configured_m, 1.5)

@@ -29,14 +29,14 @@ def reported(endurance_s: float, until_s: float, noise: float = 0.0) -> BatteryH
 
 
 @pytest.mark.parametrize("endurance_s", [60.0, 300.0, 1200.0, 3600.0])
-def test_a_steady_battery_is_foretold_within_a_few_percent_once_it_is_known(endurance_s: float) -> None:
+def test_steady_battery_is_predicted_within_a_few_percent(endurance_s: float) -> None:
     for share in (0.06, 0.2, 0.5, 0.9):
         now_s = float(round(share * endurance_s + 6.0))
         left_s = float(reported(endurance_s, now_s).left_s(0.0, now_s)[0])
         assert left_s == pytest.approx(endurance_s - now_s, abs=max(3.0, 0.1 * endurance_s))
 
 
-def test_time_left_is_unknown_before_three_percent_were_used_in_the_air() -> None:
+def test_time_left_is_unknown_before_three_percent_in_the_air() -> None:
     assert np.isnan(reported(1200.0, 35.0).rate_per_s(35.0)).all()
     assert np.isnan(reported(1e9, 3000.0).rate_per_s(3000.0)).all()
 
@@ -46,7 +46,7 @@ def test_noise_of_a_percent_does_not_spoil_it() -> None:
     assert left_s == pytest.approx(0.8 * 1200.0 - 300.0, rel=0.25)
 
 
-def test_the_estimate_soon_follows_a_battery_that_is_used_more_slowly() -> None:
+def test_estimate_soon_follows_a_slower_battery_drain() -> None:
     history, remaining = reported(600.0, 120.0), 0.8
     before_s = float(history.left_s(0.0, 120.0)[0])
     for now_s in np.arange(121.0, 241.0):
@@ -54,7 +54,7 @@ def test_the_estimate_soon_follows_a_battery_that_is_used_more_slowly() -> None:
     assert float(history.left_s(0.0, 240.0)[0]) > 1.3 * before_s
 
 
-def test_a_vehicle_that_lands_begins_anew_and_one_below_the_threshold_has_no_time_left() -> None:
+def test_landing_restarts_the_estimate_and_low_has_no_time_left() -> None:
     history = reported(300.0, 270.0)
     assert history.left_s(0.2, 270.0)[0] == 0.0
     assert 0.0 < history.left_s(0.0, 270.0)[0] < 60.0
@@ -77,7 +77,7 @@ def of(remaining: Array, flying: list[bool], received: list[bool]) -> list[float
     return [None if value is None else round(value, 6) for value in known]
 
 
-def test_least_and_median_are_of_flying_vehicles_else_of_all_that_report() -> None:
+def test_least_and_median_prefer_flying_vehicles() -> None:
     remaining = np.array([0.9, 0.5, 0.3, np.nan])
     assert of(remaining, [True, True, False, True], [True] * 4) == [0.5, 0.7]
     assert of(remaining, [False] * 4, [True, False, True, True]) == [0.3, 0.6]
@@ -85,7 +85,7 @@ def test_least_and_median_are_of_flying_vehicles_else_of_all_that_report() -> No
     assert of(np.full(4, np.nan), [True] * 4, [True] * 4) == [None, None]
 
 
-def test_a_vehicle_that_is_low_already_is_the_first_to_be_low_whatever_its_rate() -> None:
+def test_vehicle_already_low_is_first_whatever_its_rate() -> None:
     all_fly = np.array([True, True, True])
     found = batteries(BatteryHistory(3), np.array([0.9, 0.18, np.nan]), all_fly, all_fly, 0.2, 0.0)
     assert found.low_row == 1
@@ -100,7 +100,7 @@ def test_a_way_is_flown_at_the_speed_and_its_end_is_drawn_out() -> None:
     assert there_s == 0.0
 
 
-def test_the_last_one_to_its_slot_counts_and_to_climb_takes_longer() -> None:
+def test_assembly_time_counts_the_last_vehicle_and_the_climb() -> None:
     here_m = np.array([[0.0, 0.0, -10.0], [0.0, 0.0, -10.0]])
     level_s = to_slots_s(here_m, here_m + np.array([[1.0, 0.0, 0.0], [20.0, 0.0, 0.0]]), 1.0, SPEEDS)
     up_s = to_slots_s(here_m, here_m + np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -20.0]]), 1.0, SPEEDS)

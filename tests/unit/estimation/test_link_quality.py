@@ -22,7 +22,7 @@ def test_it_is_the_share_of_positions_that_arrive(arrive: float, share: float) -
     assert shares_after(arrive, 60.0) == pytest.approx(share, abs=0.25 if arrive == 0.5 else 0.06)
 
 
-def test_it_falls_when_a_vehicle_falls_silent_and_is_never_above_one() -> None:
+def test_falls_when_a_vehicle_is_silent_and_never_exceeds_one() -> None:
     quality = LinkQuality(np.array([5.0]))
     for tick in range(400):
         quality.note(np.array([tick / 20]), tick / 20)

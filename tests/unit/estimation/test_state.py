@@ -54,7 +54,7 @@ def test_the_table_rotates_everything_into_the_show_frame() -> None:
     assert state.age_s[0] == 0.0
 
 
-def test_positions_are_brought_forward_with_their_velocity_but_not_for_long() -> None:
+def test_positions_are_extrapolated_by_velocity_for_a_while() -> None:
     table = Table(("a",), FRAME)
     fresh = table.state([telemetry(("a",), received_s=10.0)], 10.3)
     old = table.state([telemetry(("a",), received_s=10.0)], 17.0)
@@ -63,7 +63,7 @@ def test_positions_are_brought_forward_with_their_velocity_but_not_for_long() ->
     assert old.age_s[0] == pytest.approx(7.0)
 
 
-def test_rows_follow_the_fleets_order_and_who_was_never_received_is_unknown() -> None:
+def test_rows_follow_the_vehicle_order_and_may_be_unknown() -> None:
     table = Table(("a", "b", "c"), FRAME)
     parts = [telemetry(("c",), received_s=1.0, altitude_amsl_m=430.0), telemetry(("a",), received_s=0.5)]
     state = table.state(parts, 1.0)
@@ -122,7 +122,7 @@ def test_a_target_goes_on_with_its_velocity() -> None:
         (lambda: Yaw(fixed_rad=nan), "fixed_rad"),
     ],
 )
-def test_a_plan_that_can_never_be_flown_is_refused_by_its_fields_name(make: object, field: str) -> None:
+def test_impossible_plan_is_refused_by_field_name(make: object, field: str) -> None:
     with pytest.raises(InvalidError) as refused:
         make()  # type: ignore[operator]
     assert refused.value.field == field

@@ -97,7 +97,7 @@ def test_nothing_happens_and_nothing_is_desired() -> None:
         ({"unbelieved": one(1.0, 0.0).astype(np.bool_)}, 0.3, Cause.BAD_POSITION, Action.HOLD),
     ],
 )
-def test_a_cause_begins_when_it_has_lasted_and_ends_when_it_is_gone_for_a_while(
+def test_cause_starts_after_its_delay_and_ends_after_absence(
     changes: dict[str, Any], after_s: float, cause: Cause, action: Action
 ) -> None:
     rules, bad = Rules(), calm(**changes)
@@ -119,11 +119,11 @@ def test_a_cause_begins_when_it_has_lasted_and_ends_when_it_is_gone_for_a_while(
         {"desired_m_s": np.full((N, 3), np.nan), "velocity_m_s": np.full((N, 3), 4.0) * [1, 1, 0]},
     ],
 )
-def test_at_the_threshold_and_where_nothing_is_known_nothing_happens(changes: dict[str, Any]) -> None:
+def test_at_the_threshold_or_unknown_nothing_happens(changes: dict[str, Any]) -> None:
     assert Rules().see(calm(**changes), 20.0) == ()
 
 
-def test_a_battery_about_its_limit_is_one_low_battery_until_it_is_clearly_above() -> None:
+def test_battery_near_its_limit_is_one_low_battery_event() -> None:
     rules = Rules()
     for _ in range(5):
         assert describe(rules.see(calm(battery=one(0.195, 0.8)), 8.0)) == [
@@ -151,7 +151,7 @@ def test_a_critical_battery_is_more_severe_than_a_low_one() -> None:
     assert "9%" in requests[0].reason
 
 
-def test_a_bad_position_that_lasts_is_landed_and_only_that_vehicle() -> None:
+def test_lasting_bad_position_lands_only_that_vehicle() -> None:
     rules, bad = Rules(), calm(horizontal_m=one(9.0, 0.9))
     rules.see(bad, 8.0)
     both = calm(horizontal_m=np.where(np.arange(N) < 2, 9.0, 0.9))
@@ -191,7 +191,7 @@ def test_the_fence_is_ahead_where_the_way_leads_out_of_it(
     assert describe(requests) == ([(Cause.FENCE, Action.RETURN, (0,))] if crosses else [])
 
 
-def test_whoever_brakes_for_the_fence_as_the_filter_allows_is_not_about_to_cross_it() -> None:
+def test_braking_at_the_fence_as_filtered_is_no_fence_breach() -> None:
     """v t + v^2 / 2 a = gap, with the filter's 0.8 s and 2 m/s^2: see decision 0004."""
     for gap_m in np.linspace(0.0, 20.0, N):
         speed_m_s = 2.0 * (np.sqrt(0.8**2 + gap_m) - 0.8)
@@ -202,7 +202,7 @@ def test_whoever_brakes_for_the_fence_as_the_filter_allows_is_not_about_to_cross
 
 
 @pytest.mark.parametrize(("blown", "found"), [(3, False), (4, True)])
-def test_wind_is_too_strong_when_half_of_them_cannot_fly_as_reported(blown: int, found: bool) -> None:
+def test_wind_is_too_strong_when_half_cannot_follow_setpoints(blown: int, found: bool) -> None:
     flown_m_s = np.where((np.arange(N) < blown)[:, None], (1.8, 0.0, 0.0), 0.0)
     rules, windy = Rules(), calm(velocity_m_s=flown_m_s)
     assert rules.see(windy, 5.0) == ()
@@ -212,14 +212,14 @@ def test_wind_is_too_strong_when_half_of_them_cannot_fly_as_reported(blown: int,
     assert describe(rules.see(windy, 2.0)) == ([(Cause.WIND, Action.RETURN, ())] if found else [])
 
 
-def test_whoever_swings_about_what_it_is_reported_is_not_blown_away() -> None:
+def test_oscillation_about_the_setpoint_is_not_wind() -> None:
     rules = Rules()
     for beat in range(40):
         flown_m_s = np.full((N, 3), 2.5 if beat % 2 else -2.5) * (1.0, 0.0, 0.0)
         assert rules.see(calm(velocity_m_s=flown_m_s), 0.4) == ()
 
 
-def test_wind_that_lasts_after_an_operator_resumed_does_not_grow_into_a_way_home() -> None:
+def test_wind_after_a_resume_does_not_escalate_to_a_return() -> None:
     rules, windy = Rules(), calm(velocity_m_s=np.full((N, 3), 2.0) * (1.0, 0.0, 0.0))
     assert describe(rules.see(windy, 40.0)) == [(Cause.WIND, Action.PAUSE, ())]
 
@@ -242,7 +242,7 @@ def test_a_target_is_stale_when_it_was_not_renewed() -> None:
     assert rules.see(calm(target_age_s=0.1), 5.2) == ()
 
 
-def test_a_service_is_late_when_it_is_so_for_a_while_and_not_after_one_long_stall() -> None:
+def test_service_is_late_when_it_lasts_not_after_one_stall() -> None:
     rules = Rules()
     assert rules.see(calm(late_s=0.1), 3.0) == ()
     assert describe(rules.see(calm(late_s=0.1), 1.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]
@@ -302,7 +302,7 @@ def test_the_most_severe_wins() -> None:
     assert describe(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
 
 
-def test_nothing_that_goes_on_is_replaced_by_something_weaker_or_as_strong() -> None:
+def test_running_action_is_not_replaced_by_an_equal_or_weaker() -> None:
     return_settings = standing(SEVERITY[Action.RETURN], v0=SEVERITY[Action.RETURN])
     assert due([LOST_MANY, LOW, POOR, WINDY], return_settings, {}, 0.5) == (None, ())
     show, vehicles = due([CRITICAL, LOW], return_settings, {}, 0.5)
@@ -310,12 +310,12 @@ def test_nothing_that_goes_on_is_replaced_by_something_weaker_or_as_strong() -> 
     assert describe(vehicles) == [(Cause.CRITICAL_BATTERY, Action.LAND, (0,))]
 
 
-def test_a_vehicle_that_is_not_ours_is_left_alone() -> None:
+def test_vehicle_not_under_our_control_is_left_alone() -> None:
     not_ours = replace(standing(), vehicles=one(np.nan, 0.0))
     assert due([CRITICAL, LOW, POOR], not_ours, {}, 0.5) == (None, ())
 
 
-def test_what_was_answered_is_not_ordered_again_unless_it_grows_more_severe() -> None:
+def test_handled_request_repeats_only_with_higher_severity() -> None:
     acted = {(Cause.LOW_BATTERY, 0): LOW.severity, (Cause.WIND, SHOW_ROW): WINDY.severity}
     assert due([LOW, WINDY], standing(), acted, 0.5) == (None, ())
     worse = request(Cause.WIND, Action.RETURN, whole_show=True)
@@ -326,7 +326,7 @@ def test_what_was_answered_is_not_ordered_again_unless_it_grows_more_severe() ->
     assert describe(due([both], standing(), acted, 0.5)[1]) == [(Cause.LOW_BATTERY, Action.RETURN, (1,))]
 
 
-def test_when_many_have_to_leave_everybody_comes_home() -> None:
+def test_when_many_must_leave_the_whole_fleet_returns() -> None:
     half = request(Cause.LOW_BATTERY, Action.RETURN, 0, 1, 2, 3)
     show, vehicles = due([half], standing(), {}, 0.5)
     assert show is not None
@@ -337,7 +337,7 @@ def test_when_many_have_to_leave_everybody_comes_home() -> None:
     assert due([fewer], standing(), {}, 0.5) == (None, (fewer,))
 
 
-def test_what_cannot_be_ordered_now_waits() -> None:
+def test_request_that_is_not_possible_now_waits() -> None:
     climbing = replace(standing(), possible=frozenset({Action.RETURN, Action.LAND}))
     assert due([WINDY], climbing, {}, 0.5) == (None, ())
     assert due([WINDY], standing(), {}, 0.5)[0] is WINDY
@@ -394,7 +394,7 @@ def test_strays_over_poor_links_are_late_links_and_no_wind(poor: dict[str, Any])
     assert "8 of 8" in requests[0].reason
 
 
-def test_a_late_service_that_is_on_time_again_sends_no_vehicle_home() -> None:
+def test_late_service_that_recovers_sends_no_vehicle_home() -> None:
     """As it was flown: "16 ms late on average, at most 50 ms; a pause of 10 s did not help"."""
     rules, late = Rules(), calm(late_s=0.09)
     assert describe(rules.see(late, 6.0)) == [(Cause.SERVICE_LATE, Action.PAUSE, ())]

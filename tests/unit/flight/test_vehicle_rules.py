@@ -50,7 +50,7 @@ def test_one_received_on_the_ground_is_on_standby() -> None:
 
 @pytest.mark.parametrize("phase", [Phase.OFFLINE, Phase.STANDBY])
 @pytest.mark.parametrize("landed", [Landed.IN_AIR, Landed.TAKEOFF, Landed.LANDING])
-def test_one_found_in_the_air_without_an_order_of_ours_is_a_pilots(phase: Phase, landed: Landed) -> None:
+def test_airborne_without_a_command_is_pilot_control(phase: Phase, landed: Landed) -> None:
     subject = vehicle(phase)
     assert subject.observe(status(landed=landed), SILENCE_S)
     assert subject.phase is Phase.PILOT
@@ -62,13 +62,13 @@ def test_an_armed_vehicle_on_the_ground_is_still_on_standby() -> None:
     assert not subject.observe(status(landed=Landed.ON_GROUND, mode=Mode.HOLD), SILENCE_S)
 
 
-def test_an_armed_vehicle_that_may_be_in_the_air_does_not_count_as_on_the_ground() -> None:
+def test_armed_and_possibly_airborne_is_not_on_the_ground() -> None:
     subject = vehicle(Phase.STANDBY)
     assert subject.observe(status(landed=Landed.UNKNOWN, mode=Mode.HOLD), SILENCE_S)
     assert subject.phase is Phase.PILOT
 
 
-def test_one_that_does_not_say_whether_it_flies_stays_offline_and_the_reason_says_so() -> None:
+def test_unknown_landed_state_keeps_it_offline_with_the_reason() -> None:
     subject = vehicle(Phase.OFFLINE)
     assert not subject.observe(status(landed=Landed.UNKNOWN), SILENCE_S)
     assert subject.reason == "heard, but it does not say yet whether it flies"
@@ -92,7 +92,7 @@ def test_one_silent_in_the_air_is_lost(phase: Phase) -> None:
 
 @pytest.mark.parametrize("phase", COMMANDED)
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.RETURN, Mode.LAND, Mode.OTHER, Mode.UNKNOWN])
-def test_a_mode_that_no_order_explains_hands_the_vehicle_to_the_pilot(phase: Phase, mode: Mode) -> None:
+def test_unexplained_mode_gives_the_pilot_control(phase: Phase, mode: Mode) -> None:
     subject = vehicle(phase)
     assert subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.PILOT
@@ -101,7 +101,7 @@ def test_a_mode_that_no_order_explains_hands_the_vehicle_to_the_pilot(phase: Pha
 
 @pytest.mark.parametrize("phase", COMMANDED)
 @pytest.mark.parametrize("mode", sorted(FLOWN_BY_US))
-def test_a_mode_that_an_order_explains_changes_nothing(phase: Phase, mode: Mode) -> None:
+def test_mode_explained_by_a_command_changes_nothing(phase: Phase, mode: Mode) -> None:
     subject = vehicle(phase)
     assert not subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is phase
@@ -122,13 +122,13 @@ def test_a_pilots_vehicle_stays_the_pilots_in_every_mode(mode: Mode) -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.OFFBOARD, Mode.HOLD])
-def test_a_lost_vehicle_that_still_waits_for_us_is_left_to_an_order_to_hold(mode: Mode) -> None:
+def test_lost_vehicle_that_waits_needs_a_hold_command(mode: Mode) -> None:
     subject = vehicle(Phase.LOST)
     assert not subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.LOST
 
 
-def test_an_order_to_hold_takes_a_lost_vehicle_on() -> None:
+def test_hold_command_takes_control_of_a_lost_vehicle() -> None:
     subject = vehicle(Phase.LOST)
     subject.apply(Event.HOLD, "holds on order")
     assert subject.phase is Phase.HOLD
@@ -136,7 +136,7 @@ def test_an_order_to_hold_takes_a_lost_vehicle_on() -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.TAKEOFF, Mode.LAND])
-def test_a_lost_vehicle_received_again_in_a_mode_that_was_ordered_is_not_the_pilots(mode: Mode) -> None:
+def test_lost_vehicle_back_in_a_commanded_mode_is_not_piloted(mode: Mode) -> None:
     subject = vehicle(Phase.LOST)
     subject.modes = frozenset({mode})
     assert not subject.observe(status(mode=mode), SILENCE_S)
@@ -144,7 +144,7 @@ def test_a_lost_vehicle_received_again_in_a_mode_that_was_ordered_is_not_the_pil
 
 
 @pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.OFFBOARD, Mode.HOLD}))
-def test_a_lost_vehicle_received_again_in_a_mode_nobody_ordered_is_the_pilots(mode: Mode) -> None:
+def test_lost_vehicle_back_in_an_uncommanded_mode_is_piloted(mode: Mode) -> None:
     subject = vehicle(Phase.LOST)
     subject.modes = frozenset({Mode.OFFBOARD})
     assert subject.observe(status(mode=mode), SILENCE_S)
@@ -152,7 +152,7 @@ def test_a_lost_vehicle_received_again_in_a_mode_nobody_ordered_is_the_pilots(mo
     assert "received again" in subject.reason
 
 
-def test_a_lost_vehicle_received_again_with_its_motors_off_is_on_standby() -> None:
+def test_lost_vehicle_back_with_motors_off_is_on_standby() -> None:
     subject = vehicle(Phase.LOST)
     assert subject.observe(ON_GROUND, SILENCE_S)
     assert subject.phase is Phase.STANDBY
@@ -176,7 +176,7 @@ def test_nothing_that_is_received_brings_a_killed_vehicle_back(telemetry: Vehicl
     ("phase", "event"),
     [(Phase.FORMATION, Event.HOLD), (Phase.RETURN, Event.SILENT), (Phase.LANDING, Event.TAKEN_OVER)],
 )
-def test_leaving_the_phases_that_are_flown_forgets_goal_and_handover(phase: Phase, event: Event) -> None:
+def test_leaving_flown_phases_clears_goal_and_handover(phase: Phase, event: Event) -> None:
     subject = vehicle(phase)
     subject.goal_m, subject.entering_offboard, subject.handed_over = HERE_M, True, True
     subject.apply(event, "for a test")
@@ -205,7 +205,7 @@ def test_a_required_phase_names_the_vehicle_and_what_is_possible() -> None:
 
 
 @pytest.mark.parametrize("show", sorted(ShowPhase))
-def test_in_formation_the_law_flies_while_the_show_moves_and_the_place_is_held_otherwise(
+def test_in_formation_follows_the_law_or_holds_its_place(
     show: ShowPhase,
 ) -> None:
     subject = vehicle(Phase.FORMATION)
@@ -219,7 +219,7 @@ def test_in_formation_the_law_flies_while_the_show_moves_and_the_place_is_held_o
 
 
 @pytest.mark.parametrize("phase", [Phase.RETURN, Phase.LANDING])
-def test_on_its_way_down_a_vehicle_is_flown_until_its_autopilot_takes_over(phase: Phase) -> None:
+def test_descending_vehicle_is_flown_until_the_autopilot_lands(phase: Phase) -> None:
     subject = vehicle(phase)
     subject.goal_m = HERE_M
     task, goal_m = subject.task(ShowPhase.RETURNING, 0.0)
@@ -230,13 +230,13 @@ def test_on_its_way_down_a_vehicle_is_flown_until_its_autopilot_takes_over(phase
 
 
 @pytest.mark.parametrize("phase", sorted(set(Phase) - {Phase.FORMATION, Phase.RETURN, Phase.LANDING}))
-def test_nobody_else_is_sent_anything(phase: Phase) -> None:
+def test_no_other_vehicle_is_sent_setpoints(phase: Phase) -> None:
     subject = vehicle(phase)
     subject.goal_m = subject.hold_m = HERE_M
     assert subject.task(ShowPhase.RUNNING, 0.0) == (Task.NONE, None)
 
 
-def test_while_it_engages_a_holding_vehicle_is_sent_its_own_place() -> None:
+def test_engaging_vehicle_is_sent_its_own_position() -> None:
     subject = vehicle(Phase.HOLD)
     subject.hold_m, subject.entering_offboard = HERE_M, True
     task, goal_m = subject.task(ShowPhase.RUNNING, 0.0)
@@ -253,7 +253,7 @@ def test_while_it_engages_a_holding_vehicle_is_sent_its_own_place() -> None:
         (Phase.FORMATION, False, False),
     ],
 )
-def test_from_a_climb_and_once_handed_over_a_vehicle_comes_down_alone(
+def test_landing_from_climb_or_after_handover_needs_no_setpoint(
     phase: Phase, handed_over: bool, alone: bool
 ) -> None:
     subject = vehicle(phase)
@@ -262,7 +262,7 @@ def test_from_a_climb_and_once_handed_over_a_vehicle_comes_down_alone(
 
 
 @pytest.mark.parametrize("mode", sorted(Mode))
-def test_what_a_pilot_had_before_a_silence_is_the_pilots_behind_it(mode: Mode) -> None:
+def test_piloted_before_a_silence_is_piloted_after_it(mode: Mode) -> None:
     subject = vehicle(Phase.FORMATION)
     assert subject.observe(status(mode=Mode.POSITION), SILENCE_S)
     assert subject.observe(status(age_s=3.0), SILENCE_S)
@@ -273,28 +273,28 @@ def test_what_a_pilot_had_before_a_silence_is_the_pilots_behind_it(mode: Mode) -
 
 
 @pytest.mark.parametrize("ends", [Event.TAKE_CONTROL, Event.TOUCHED_DOWN])
-def test_control_taken_or_on_the_ground_it_is_nobodys_but_ours(ends: Event) -> None:
+def test_taken_or_on_the_ground_it_is_under_our_control(ends: Event) -> None:
     subject = vehicle(Phase.FORMATION)
     subject.apply(Event.TAKEN_OVER, "for a test")
     subject.apply(ends, "for a test")
     assert not subject.pilot_in_control
 
 
-def test_a_pilots_vehicle_that_comes_down_while_silent_is_on_standby() -> None:
+def test_piloted_vehicle_landing_while_silent_is_on_standby() -> None:
     subject = vehicle(Phase.PILOT)
     subject.apply(Event.SILENT, "for a test")
     assert subject.observe(ON_GROUND, SILENCE_S)
     assert (subject.phase, subject.pilot_in_control) == (Phase.STANDBY, False)
 
 
-def test_a_lost_vehicle_in_hold_is_the_pilots_where_its_failsafe_would_not_hold_it() -> None:
+def test_lost_vehicle_in_hold_is_piloted_if_failsafe_differs() -> None:
     for lost_holds, phase in ((True, Phase.LOST), (False, Phase.PILOT)):
         subject = vehicle(Phase.LOST, modes=frozenset({Mode.OFFBOARD}))
         subject.observe(status(mode=Mode.HOLD), SILENCE_S, lost_holds=lost_holds)
         assert subject.phase is phase
 
 
-def test_a_lost_vehicle_in_offboard_to_which_nobody_ordered_it_is_the_pilots() -> None:
+def test_lost_vehicle_in_uncommanded_offboard_is_piloted() -> None:
     subject = vehicle(Phase.LOST, modes=frozenset({Mode.HOLD}))
     assert subject.observe(status(mode=Mode.OFFBOARD), SILENCE_S)
     assert subject.phase is Phase.PILOT

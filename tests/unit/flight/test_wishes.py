@@ -39,7 +39,7 @@ def refusal(request: Callable[[], None]) -> InvalidError:
     return refused.value
 
 
-def test_a_change_is_refused_by_the_field_that_was_changed_with_what_fits() -> None:
+def test_change_is_refused_by_its_field_with_what_fits() -> None:
     async def story(service: Orchestrator) -> None:
         orbit = refusal(lambda: service.set_orbit(Orbit(5000.0)))
         assert (orbit.field, orbit.value) == ("radius_m", 5000.0)
@@ -56,7 +56,7 @@ def test_a_change_is_refused_by_the_field_that_was_changed_with_what_fits() -> N
     request(story)
 
 
-def test_a_radius_that_is_too_large_is_refused_with_the_greatest_and_the_height_is_not_blamed() -> None:
+def test_too_large_radius_names_the_greatest_not_the_height() -> None:
     """Before: height_m = 20.0: at least 503.0 m."""
 
     async def story(service: Orchestrator) -> None:
@@ -71,7 +71,7 @@ def test_a_radius_that_is_too_large_is_refused_with_the_greatest_and_the_height_
     request(story)
 
 
-def test_orbit_and_sphere_are_checked_against_where_the_target_is_by_then() -> None:
+def test_orbit_and_sphere_are_checked_at_the_current_target() -> None:
     async def story(service: Orchestrator) -> None:
         service.set_target(Target(0.0, 0.0, 3.0, 0.0))
         service.set_orbit(Orbit(100.0))
@@ -83,7 +83,7 @@ def test_orbit_and_sphere_are_checked_against_where_the_target_is_by_then() -> N
     request(story)
 
 
-def test_once_the_target_is_beyond_reach_whatever_is_no_larger_can_still_be_wished_for() -> None:
+def test_beyond_reach_a_change_that_is_no_larger_is_accepted() -> None:
     async def story(service: Orchestrator) -> None:
         service.set_target(Target(0.0, 0.0, 4.0, 0.0))
         await asyncio.sleep(300.0)
@@ -95,7 +95,7 @@ def test_once_the_target_is_beyond_reach_whatever_is_no_larger_can_still_be_wish
     request(story)
 
 
-def test_more_obstacles_than_can_be_looked_at_every_tick_are_refused_with_their_number() -> None:
+def test_too_many_obstacles_are_refused_with_their_number() -> None:
     async def story(service: Orchestrator) -> None:
         for index in range(MAX_OBSTACLES):
             service.add_obstacle(Obstacle(str(index), 10.0 * index, 50.0, 1.0, 1.0, 5.0))

@@ -68,7 +68,7 @@ def test_the_sphere_stands_in_its_best_shape(count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8, 20])
-def test_the_sphere_does_not_stand_while_everybody_is_on_its_lower_half(count: int) -> None:
+def test_sphere_is_unstable_with_all_on_its_lower_half(count: int) -> None:
     direction = best_configuration(count, starts=4)
     direction[:, 2] = np.abs(direction[:, 2]) + 0.8
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -92,7 +92,7 @@ def test_small_charges_may_settle_closer_together() -> None:
     assert not at(flight(3), CENTER_M + RADIUS_M * direction).assembled()
 
 
-def test_while_all_fly_in_formation_nobody_has_a_goal_but_who_is_frozen_or_returns() -> None:
+def test_in_formation_only_frozen_or_returning_have_a_goal() -> None:
     subject = at(flight(3), CENTER_M + RADIUS_M * best_configuration(3, starts=4))
     subject.show = ShowPhase.RUNNING
     tasks = subject.tasks()
@@ -114,7 +114,7 @@ def test_while_all_fly_in_formation_nobody_has_a_goal_but_who_is_frozen_or_retur
 
 
 @pytest.mark.parametrize(("phase", "climbs"), [(Phase.LOST, True), (Phase.KILLED, False)])
-def test_one_lost_on_its_way_up_keeps_its_whole_climb_free_and_its_drift(phase: Phase, climbs: bool) -> None:
+def test_vehicle_lost_in_its_climb_keeps_climb_and_drift_free(phase: Phase, climbs: bool) -> None:
     subject = flight(1, link=Climbing)
     (vehicle,) = subject.vehicles.values()
     vehicle.phase, vehicle.home_m = phase, np.zeros(3)

@@ -32,7 +32,7 @@ def at(*x_m: float) -> Array:
     return np.array([[x, 0.0, 0.0] for x in x_m])
 
 
-def test_a_round_takes_metropolis_weights_and_leans_towards_the_own_sighting() -> None:
+def test_round_uses_metropolis_weights_and_its_own_sighting() -> None:
     # in a row 0 - 1 - 2 the middle has two neighbours: every weight is 1/3
     hears = np.array([[False, True, False], [True, False, True], [False, True, False]])
     belief = Belief(at(0.0, 3.0, 9.0), np.zeros((3, 3)))
@@ -45,7 +45,7 @@ def test_a_round_takes_metropolis_weights_and_leans_towards_the_own_sighting() -
     assert leaning.center_m == pytest.approx(at(1.0, 4.0 + 10.0 * lean, 7.0))
 
 
-def test_who_knows_nothing_takes_its_own_sighting_else_its_neighbours_mean() -> None:
+def test_unknown_belief_takes_own_sighting_or_neighbour_mean() -> None:
     hears = np.array([[False, False, False], [True, False, False], [False, False, False]])
     nothing = np.full(3, np.nan)
     known = Belief(
@@ -64,7 +64,7 @@ def test_who_knows_nothing_takes_its_own_sighting_else_its_neighbours_mean() -> 
     assert np.isnan(lonely.center_m).all()
 
 
-def test_all_agree_on_the_mean_of_what_they_see_although_messages_are_lost() -> None:
+def test_all_agree_on_the_mean_sighting_despite_lost_messages() -> None:
     random = np.random.default_rng(1)
     n = 20
     seen = Belief(random.normal(0.0, 1.0, (n, 3)), np.zeros((n, 3)))
@@ -76,7 +76,7 @@ def test_all_agree_on_the_mean_of_what_they_see_although_messages_are_lost() -> 
     assert belief.center_m.mean(axis=0) == pytest.approx(seen.center_m.mean(axis=0), abs=0.05)
 
 
-def test_those_who_are_reported_carry_all_along_with_a_centre_that_moves() -> None:
+def test_vehicles_with_sightings_lead_all_to_a_moving_centre() -> None:
     n, speed = 20, 1.0
     firm = ConsensusSettings(sighting_rate_per_s=5.0)
     belief = Belief.nothing(n)

@@ -48,21 +48,21 @@ def random_directions(count: int, seed: int) -> Array:
     return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True))
 
 
-def test_two_drones_step_apart_as_newtons_method_says() -> None:
+def test_two_vehicles_step_apart_by_newtons_method() -> None:
     # 90 degrees apart, chord sqrt(2), range 2: share 1/2, window 1/2; the push along the tangent is
     # (1/2) / 2^1.5, the stiffness (1/4 + 1/2) / 2^1.5: a step of 2/3, and the other one the other way
     aside = aside_of(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), 2.0)
     assert aside == pytest.approx(np.array([[0.0, -2 / 3, 0.0], [-2 / 3, 0.0, 0.0]]))
 
 
-def test_the_step_is_at_right_angles_to_the_radius_and_the_same_on_any_sphere() -> None:
+def test_step_is_tangential_and_equal_on_any_sphere() -> None:
     direction = random_directions(12, 1)
     aside = aside_of(direction, 1.2)
     assert (aside * direction).sum(axis=1) == pytest.approx(np.zeros(12), abs=1e-12)
     assert aside_of(7.0 * direction + 3.0, 7.0 * 1.2, np.full(3, 3.0)) == pytest.approx(aside)
 
 
-def test_who_is_beyond_the_range_unknown_or_in_the_same_place_does_not_count() -> None:
+def test_out_of_range_unknown_or_coincident_is_no_neighbour() -> None:
     place = np.array([[1.0, 0.0, 0.0]])
     inbox = np.array([[[-1.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [1.0, 0.0, 0.0]]])
     assert not step_aside(place, np.zeros((1, 3)), inbox, np.ones((1, 3)), 1.9).any()
@@ -80,7 +80,7 @@ def test_a_neighbour_counts_less_and_less_up_to_the_range() -> None:
 
 
 @pytest.mark.parametrize("count", [20, 50])
-def test_with_a_dozen_neighbours_any_start_becomes_as_even_as_with_all(count: int) -> None:
+def test_a_dozen_neighbours_are_as_even_as_all(count: int) -> None:
     least = {20: 150.881568, 50: 1055.182315}[count]
     range_m = 2.0 * np.sqrt(12 / (count - 1))
     place = random_directions(count, 3)
@@ -91,7 +91,7 @@ def test_with_a_dozen_neighbours_any_start_becomes_as_even_as_with_all(count: in
     assert nearest_m(place) > 0.95 * 3.1 / np.sqrt(count)
 
 
-def test_the_velocity_is_the_step_at_the_laws_rate_and_no_faster_than_its_bound() -> None:
+def test_velocity_is_the_step_at_the_law_rate_within_its_bound() -> None:
     place = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(3.0), np.sin(3.0), 0.0]])
     sight = Sight(everybody(place), np.ones((2, 1)), 2.0 * RADIUS_M)
     aside = aside_of(place, 2.0 * RADIUS_M)
@@ -102,7 +102,7 @@ def test_the_velocity_is_the_step_at_the_laws_rate_and_no_faster_than_its_bound(
     assert np.linalg.norm(velocity_of(close, sight), axis=1) == pytest.approx(LAW.speed_m_s)
 
 
-def test_each_flies_about_the_centre_it_believes_in_and_rests_without_one() -> None:
+def test_each_flies_about_its_believed_centre_or_rests() -> None:
     place = np.array([[12.0, 0.0, 0.0], [10.0, 5.0, 0.0]])
     alone = np.full((2, 1, 3), np.nan)
     belief = Belief(np.array([[2.0, 0.0, 0.0], [np.nan] * 3]), np.array([[0.5, 0.0, 0.0], [np.nan] * 3]))

@@ -86,7 +86,7 @@ def test_tangents_of_a_circle_are_those_of_the_textbook() -> None:
 
 
 @pytest.mark.parametrize("side", [LEFT, RIGHT])
-def test_a_tangent_just_misses_the_ellipse_and_a_little_inside_of_it_one_meets_it(side: float) -> None:
+def test_tangent_misses_the_ellipse_and_inside_of_it_one_meets(side: float) -> None:
     for place in OUTSIDE:
         ahead = tangent_of(AROUND, place, side)
         for off_rad, meets in ((1e-3, side == LEFT), (-1e-3, side == RIGHT)):
@@ -94,13 +94,13 @@ def test_a_tangent_just_misses_the_ellipse_and_a_little_inside_of_it_one_meets_i
             assert (met_m(AROUND, place, turned) < inf) == meets
 
 
-def test_left_and_right_are_as_the_one_who_passes_sees_them() -> None:
+def test_left_and_right_are_seen_from_the_passing_vehicle() -> None:
     # looking along +x with y to the right: left is -y
     assert tangent(-20.0, 0.0, 5.0, 5.0, LEFT)[1] < 0.0 < tangent(-20.0, 0.0, 5.0, 5.0, RIGHT)[1]
 
 
 @pytest.mark.parametrize("x_m", [-5.0, -2.0])
-def test_on_and_inside_the_ellipse_the_tangents_follow_its_contour(x_m: float) -> None:
+def test_on_and_inside_the_ellipse_tangents_follow_the_contour(x_m: float) -> None:
     assert tangent(x_m, 0.0, 5.0, 5.0, LEFT) == pytest.approx((0.0, -1.0), abs=1e-9)
     assert tangent(x_m, 0.0, 5.0, 5.0, RIGHT) == pytest.approx((0.0, 1.0), abs=1e-9)
 
@@ -119,7 +119,7 @@ def test_contact_is_how_far_one_flies_until_the_ellipse() -> None:
     assert contact_m(-4.0, 0.0, 5.0, 5.0, -1.0, 0.0) == inf
 
 
-def test_a_box_that_moves_is_where_dead_reckoning_says() -> None:
+def test_moving_box_is_where_dead_reckoning_says() -> None:
     box = Obstacle("b", 1.0, 2.0, 3.0, 4.0, 5.0, velocity_x_m_s=0.5, velocity_y_m_s=-1.0, time_s=10.0)
     reported = Ellipse.around(box, margin_m=2.0, headroom_m=3.0)
     later = Ellipse.around(box, margin_m=2.0, headroom_m=3.0, time_s=14.0)
@@ -161,7 +161,7 @@ def test_the_very_centre_is_inside_and_has_a_way_out() -> None:
     assert not AROUND.contains(OUTSIDE).any()
 
 
-def test_near_the_obstacle_the_velocity_is_turned_along_the_tangent() -> None:
+def test_near_the_obstacle_velocity_turns_along_the_tangent() -> None:
     place = np.array([-8.0, 0.1, -5.0])  # just at near_m: only the tangent counts
     result = flown(place, np.array([2.0, 0.0, -0.5]), side=RIGHT, sliding_m_s=2.0)
     right = np.array(tangent(-8.0, 0.1, 5.0, 5.0, RIGHT))
@@ -185,7 +185,7 @@ def test_between_lookahead_and_near_both_count() -> None:
         ((-2.0, 0.0, -20.5), (2.0, 0.0, 0.0)),  # well above the box
     ],
 )
-def test_who_need_not_avoid_is_left_alone(
+def test_vehicle_without_an_encounter_is_left_alone(
     place: tuple[float, float, float], velocity: tuple[float, float, float]
 ) -> None:
     assert flown(np.array(place), np.array(velocity)).tolist() == list(velocity)
@@ -199,19 +199,19 @@ def test_one_inside_is_led_out_whatever_it_wants(place: tuple[float, float, floa
         assert result[:2] @ ROUND.outward(here[None])[0] >= AVOIDANCE.lead_out_m_s - 1e-9
 
 
-def test_with_no_side_given_the_tangent_that_changes_less_is_taken() -> None:
+def test_without_a_side_the_smaller_change_is_taken() -> None:
     place = np.array([-8.0, 0.0, -5.0])
     assert flown(place, np.array([2.0, 0.4, 0.0]))[1] > 0.4
     assert flown(place, np.array([2.0, -0.4, 0.0]))[1] < -0.4
 
 
-def test_straight_at_the_obstacle_one_waits_or_slides_as_reported() -> None:
+def test_straight_at_the_obstacle_it_waits_or_slides_as_set() -> None:
     place, straight = np.array([-6.0, 0.0, -5.0]), np.array([1.0, 0.0, 0.0])
     assert np.hypot(*flown(place, straight, sliding_m_s=3.0)[:2]) > 2.5
     assert np.hypot(*flown(place, straight, sliding_m_s=0.0)[:2]) < 1.5
 
 
-def test_one_in_the_notch_between_two_that_overlap_is_led_out_round_either_and_not_into_the_other() -> None:
+def test_notch_between_overlapping_obstacles_is_left_outwards() -> None:
     pair = {"a": Ellipse(0.0, -4.0, 5.0, 5.0, 20.0), "b": Ellipse(0.0, 4.0, 5.0, 5.0, 20.0)}
     notch = np.array([-3.2, 0.0, -5.0])
     for side in (LEFT, RIGHT):
@@ -230,7 +230,7 @@ def test_of_two_in_a_row_neither_is_met() -> None:
         assert met_m(ellipse, place, around, 0.99) == inf
 
 
-def test_past_an_obstacle_that_moves_the_relative_velocity_is_along_the_tangent() -> None:
+def test_moving_obstacle_is_passed_on_the_relative_tangent() -> None:
     crossing = Ellipse(8.0, -8.0, 3.0, 3.0, 100.0, 0.0, 1.5)  # would be in the way just in time
     place, desired = np.array([2.0, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
     around = flown(place, desired, sliding_m_s=2.0, ellipses={"c": crossing})
@@ -246,7 +246,7 @@ def test_one_that_rests_makes_way_for_an_obstacle_that_comes() -> None:
     assert np.hypot(away[0], away[1]) < 2.0
 
 
-def test_the_side_that_turns_the_formation_least_is_chosen_and_kept() -> None:
+def test_side_that_turns_the_formation_least_is_kept() -> None:
     center, desired = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
     around, sides = led(center, desired, {"r": ROUND})
     assert sides == {"r": LEFT}
@@ -283,14 +283,14 @@ def test_the_centre_keeps_the_whole_sphere_clear() -> None:
     assert center == pytest.approx([60.0, 0.0, -10.0], abs=0.5)
 
 
-def test_of_a_sphere_that_is_mostly_above_the_box_only_what_is_below_counts() -> None:
+def test_sphere_mostly_above_the_box_counts_only_below_its_top() -> None:
     desired = np.array([2.0, 0.0, 0.0])
     assert led(np.array([-40.0, 10.0, -21.0]), desired, {"r": ROUND})[0][1] > 0.0
     assert led(np.array([-40.0, 10.0, -29.9]), desired, {"r": ROUND})[0].tolist() == desired.tolist()
     assert led(np.array([-40.0, 0.0, -30.1]), desired, {"r": ROUND})[0].tolist() == desired.tolist()
 
 
-def test_a_destination_close_to_an_obstacle_is_reached_and_one_within_it_is_not_circled() -> None:
+def test_close_destination_is_reached_and_inside_is_not_circled() -> None:
     desired = np.array([2.0, 0.0, 0.0])
     beside = Way(np.array([-9.0, 0.0]), 3.0)
     assert (
@@ -301,14 +301,14 @@ def test_a_destination_close_to_an_obstacle_is_reached_and_one_within_it_is_not_
     assert np.hypot(waits[0], waits[1]) < 0.9
 
 
-def test_a_side_is_forgotten_when_nobody_is_near_any_more_and_the_way_is_free() -> None:
+def test_side_is_forgotten_when_clear_and_the_path_is_free() -> None:
     desired = np.array([2.0, 0.0, 0.0])
     assert led(np.array([60.0, 1.0, -5.0]), desired, {"r": ROUND}, {"r": LEFT})[1] == {}
     assert led(np.array([20.0, 1.0, -5.0]), desired, {"r": ROUND}, {"r": LEFT})[1] == {"r": LEFT}
     assert led(np.array([-15.0, 1.0, -5.0]), -desired, {"r": ROUND})[1] == {}
 
 
-def test_a_side_once_chosen_is_kept_although_turning_back_would_change_less() -> None:
+def test_chosen_side_is_kept_although_turning_back_is_shorter() -> None:
     boxes = (
         Obstacle("by", -11.3, 84.5, 4.8, 4.4, 32.8),
         Obstacle("ahead", -4.8, 120.5, 3.6, 2.5, 40.2),
@@ -324,7 +324,7 @@ def test_a_side_once_chosen_is_kept_although_turning_back_would_change_less() ->
         assert sides["ahead"] == side
 
 
-def test_a_formation_that_hovers_makes_way_for_an_obstacle_that_comes_and_not_for_one_that_does_not() -> None:
+def test_hovering_formation_avoids_only_approaching_obstacles() -> None:
     coming = Ellipse(-25.0, 3.0, 5.0, 5.0, 100.0, 1.5, 0.0)
     center = np.array([0.0, 0.0, -20.0])
     here = Way(center[:2], 0.0)
@@ -335,7 +335,7 @@ def test_a_formation_that_hovers_makes_way_for_an_obstacle_that_comes_and_not_fo
     assert led(center, np.zeros(3), {"c": going}, way=here)[0].tolist() == [0.0, 0.0, 0.0]
 
 
-def test_the_way_ahead_ends_at_the_target_goes_round_it_or_is_none_while_assembling() -> None:
+def test_path_ahead_ends_at_the_target_or_is_none_in_assembly() -> None:
     plan = Plan(Formation(10.0, 20.0), Orbit(0.0, 2.0), Target(30.0, 40.0))
     center = np.array([0.0, 0.0, -20.0])
     way = way_ahead(center, plan, 0.0, moves=True, reach_m=200.0)
@@ -350,7 +350,7 @@ def test_the_way_ahead_ends_at_the_target_goes_round_it_or_is_none_while_assembl
     assert circling.straight_m == 30.0
 
 
-def test_obstacles_out_of_everybodys_reach_cost_nothing_and_change_nothing() -> None:
+def test_obstacles_out_of_reach_cost_and_change_nothing() -> None:
     random = np.random.default_rng(4)
     ellipses = {
         str(index): Ellipse(x_m, y_m, 4.0, 6.0, 100.0)

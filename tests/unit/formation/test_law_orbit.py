@@ -41,7 +41,7 @@ def test_on_the_orbit_the_field_is_along_it() -> None:
     assert field(15.0, 0.0, direction=Direction.CLOCKWISE) == pytest.approx(np.array([0.0, 12.0]))
 
 
-def test_off_the_orbit_the_field_is_the_lyapunov_field_divided_by_rho() -> None:
+def test_off_the_orbit_the_field_is_lyapunov_divided_by_rho() -> None:
     # rho = 30, r = 15: v_d / (30 (900 + 225)) (-30 (900 - 225), -30 (2 * 30 * 15))
     factor = 12.0 / (30.0 * 1125.0)
     assert field(30.0, 0.0) == pytest.approx(factor * np.array([-30.0 * 675.0, -30.0 * 900.0]))
@@ -49,7 +49,7 @@ def test_off_the_orbit_the_field_is_the_lyapunov_field_divided_by_rho() -> None:
 
 @pytest.mark.parametrize("direction", list(Direction))
 @pytest.mark.parametrize("start_m", [(40.0, 5.0), (0.5, 0.0)])
-def test_the_centre_comes_onto_the_circle_and_turns_the_named_way(
+def test_centre_joins_the_circle_in_the_named_direction(
     direction: Direction, start_m: tuple[float, float]
 ) -> None:
     place, turned_rad = np.array(start_m), 0.0
@@ -97,7 +97,7 @@ def test_with_nothing_relative_only_the_target_counts() -> None:
     assert within_ground_speed(np.array([1.0, 1.0]), np.zeros(2), 5.0) == pytest.approx(np.ones(2))
 
 
-def test_the_centre_moves_no_harder_than_its_limit_and_says_so() -> None:
+def test_centre_acceleration_is_limited_and_reported() -> None:
     moved = advance_center(Center.at_rest(np.zeros(3)), np.array([3.0, 4.0, 0.0]), 0.1, 2.0)
     assert moved.velocity_m_s == pytest.approx(np.array([0.12, 0.16, 0.0]))
     assert moved.acceleration_m_s2 == pytest.approx(np.array([1.2, 1.6, 0.0]))
@@ -129,7 +129,7 @@ def test_a_moving_target_is_orbited_where_it_is_by_now() -> None:
     assert desired == pytest.approx(np.array([1.0 + 2.0, 0.0, 0.0]))
 
 
-def test_named_directions_are_what_a_person_below_a_map_would_say() -> None:
+def test_named_directions_are_as_seen_on_a_map() -> None:
     for direction, sign in ((Direction.CLOCKWISE, 1.0), (Direction.COUNTERCLOCKWISE, -1.0)):
         for angle_rad in np.linspace(0.0, 2 * pi, 7):
             velocity = field(15.0 * cos(angle_rad), 15.0 * sin(angle_rad), direction=direction)
@@ -143,7 +143,7 @@ def test_a_target_within_reach_is_followed_itself() -> None:
     assert velocity.tolist() == [1.0, -2.0]
 
 
-def test_a_target_beyond_reach_is_followed_to_its_projection_and_not_outwards() -> None:
+def test_target_beyond_reach_is_followed_at_its_projection() -> None:
     place, velocity = followed_target(np.array([60.0, 80.0]), np.array([0.6, 0.8]), 50.0)
     assert place == pytest.approx(np.array([30.0, 40.0]))
     assert velocity == pytest.approx(np.zeros(2), abs=1e-12)
@@ -163,12 +163,12 @@ def test_with_no_reach_at_all_the_origin_is_followed() -> None:
     assert velocity == pytest.approx(np.zeros(2))
 
 
-def test_orbit_sphere_and_what_is_kept_to_the_fence_are_taken_from_the_reach() -> None:
+def test_orbit_sphere_and_fence_margin_reduce_the_reach() -> None:
     assert target_reach_m(300.0, 15.0, 10.0) == 273.0
     assert target_reach_m(30.0, 25.0, 10.0) == 0.0
 
 
-def test_the_outward_motion_is_bounded_by_what_can_still_be_stopped() -> None:
+def test_outward_motion_is_bounded_by_stopping_distance() -> None:
     # 8 m are left: from 4 m/s one stops within them at 1 m/s^2
     held = held_within(np.array([6.0, 3.0]), np.array([92.0, 0.0]), 100.0, 1.0)
     assert held == pytest.approx(np.array([4.0, 3.0]))
@@ -177,7 +177,7 @@ def test_the_outward_motion_is_bounded_by_what_can_still_be_stopped() -> None:
     assert beyond == pytest.approx(np.array([0.0, 3.0]))
 
 
-def test_the_orbit_slows_down_while_somebody_is_left_behind_and_speeds_up_again() -> None:
+def test_orbit_slows_down_for_a_vehicle_left_behind() -> None:
     slowed = next_pace(1.0, 2.0, 0.05)
     assert slowed == pytest.approx(1.0 - 0.05 * PACE_LOST_MAX_PER_S)
     assert slowed < next_pace(slowed, 0.0, 0.05) < 1.0

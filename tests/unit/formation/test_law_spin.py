@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from gcs.formation.spin import spin_velocity, turned
 
 
-def test_positive_is_from_x_towards_y_which_is_clockwise_from_above() -> None:
+def test_positive_is_x_to_y_clockwise_from_above() -> None:
     ahead = np.array([[10.0, 0.0, -3.0]])
     assert np.allclose(turned(ahead, np.pi / 2), [[0.0, 10.0, -3.0]])
     assert np.allclose(spin_velocity(ahead, 0.1, 0.0), [[0.0, 1.0, 0.0]])

@@ -27,34 +27,34 @@ def led(position: Array, place: Array) -> Array:
     return slot_velocity(direction, distance_m, place, 10.0, LAW.slot_rate_per_s, LAW.speed_m_s)
 
 
-def test_in_its_place_nobody_moves_relative_to_the_centre() -> None:
+def test_at_its_slot_no_vehicle_moves_relative_to_the_centre() -> None:
     assert led(CENTER + 10.0 * OCTAHEDRON, OCTAHEDRON) == pytest.approx(np.zeros((6, 3)), abs=1e-9)
 
 
-def test_near_its_place_everybody_flies_straight_there_at_the_rate() -> None:
+def test_near_its_slot_each_flies_straight_at_the_rate() -> None:
     off = np.random.default_rng(1).normal(size=(6, 3)) * 0.01
     velocity = led(CENTER + 10.0 * OCTAHEDRON + off, OCTAHEDRON)
     assert velocity == pytest.approx(-LAW.slot_rate_per_s * off, abs=1e-4)
 
 
-def test_the_way_to_the_other_side_leads_along_the_sphere_and_not_through_it() -> None:
+def test_path_to_the_other_side_follows_the_sphere() -> None:
     velocity = led(CENTER + np.array([[10.0, 0.0, 0.0]]), np.array([[-0.99, 0.0, -np.sqrt(1 - 0.99**2)]]))
     assert velocity == pytest.approx(np.array([[0.0, 0.0, -LAW.speed_m_s]]), abs=1e-9)
 
 
-def test_nobody_is_led_faster_than_the_laws_speed() -> None:
+def test_no_vehicle_exceeds_the_law_speed() -> None:
     far = CENTER + 300.0 * OCTAHEDRON[::-1]
     assert np.linalg.norm(led(far, OCTAHEDRON), axis=1) == pytest.approx(np.full(6, LAW.speed_m_s))
 
 
-def test_one_at_the_very_centre_and_one_opposite_its_place_are_led_somewhere_finite() -> None:
+def test_at_the_centre_or_opposite_the_slot_velocity_is_finite() -> None:
     position = CENTER + np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
     velocity = led(position, np.array([[0.0, 0, -1], [-1.0, 0, 0]]))
     assert np.isfinite(velocity).all()
     assert velocity[0, 2] < 0.0
 
 
-def test_an_exactly_symmetric_start_is_broken_at_once_and_by_little() -> None:
+def test_symmetric_start_is_broken_at_once_by_a_small_offset() -> None:
     place = begun(SQUARE, NAMES, np.arange(4), LAW)
     assert np.abs(place[:, 2]).max() > 1e-3
     assert np.linalg.norm(place - SQUARE, axis=1).max() <= LAW.symmetry_rad
@@ -84,7 +84,7 @@ def test_straight_above_the_centre_there_is_a_kick_too() -> None:
     )
 
 
-def test_a_goal_far_away_is_approached_at_the_laws_speed_and_a_near_one_gently() -> None:
+def test_far_goal_at_the_law_speed_and_near_goal_slowly() -> None:
     place = np.zeros((2, 3))
     goal = np.array([[300.0, 400.0, 0.0], [0.0, 0.0, -0.5]])
     assert goal_velocity(place, goal, settings=LAW) == pytest.approx(

@@ -33,13 +33,13 @@ ORIGIN = np.zeros(3)
 # the sphere
 
 
-def test_near_the_shell_the_pull_is_the_rate_times_the_radial_error() -> None:
+def test_near_the_shell_the_pull_is_rate_times_radial_error() -> None:
     place = np.array([[0.0, 10.01, 0.0], [0.0, 0.0, -9.99]])
     velocity = sphere_velocity(place, ORIGIN, radius_m=10.0, rate_per_s=0.8, speed_max_m_s=4.0)
     assert velocity == pytest.approx(np.array([[0.0, -0.008, 0.0], [0.0, 0.0, -0.008]]), abs=1e-5)
 
 
-def test_far_away_the_pull_is_the_speed_bound_straight_at_the_centre() -> None:
+def test_far_away_the_pull_is_the_speed_bound_to_the_centre() -> None:
     velocity = sphere_velocity(
         np.array([[300.0, 400.0, 0.0]]), ORIGIN, radius_m=10.0, rate_per_s=0.8, speed_max_m_s=4.0
     )
@@ -82,7 +82,7 @@ def test_eight_drones_off_a_cube_settle_in_the_square_antiprism() -> None:
     assert energy(settled) == pytest.approx(19.675288, rel=1e-5)
 
 
-def test_one_sweep_turns_nobody_by_more_than_it_may() -> None:
+def test_one_sweep_keeps_its_turn_limit() -> None:
     crowded = np.array([[1.0, 0.0, 0.0], [1.0, 1e-3, 0.0]])
     crowded = crowded / np.linalg.norm(crowded, axis=1, keepdims=True)
     turned = np.linalg.norm(spread(crowded, sweeps=1) - crowded, axis=1)
@@ -132,12 +132,12 @@ def test_a_larger_charge_keeps_the_others_farther_away() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 8, 13])
-def test_on_the_smallest_sphere_the_best_shape_keeps_the_separation(count: int) -> None:
+def test_best_shape_keeps_separation_on_the_smallest_sphere(count: int) -> None:
     radius_m = smallest_radius_m(count, 4.5)
     assert nearest_m(radius_m * best_configuration(count, starts=3)) >= 4.5 * (1 - 1e-5)
 
 
-def test_a_pair_a_triangle_and_a_single_drone_have_their_own_smallest_spheres() -> None:
+def test_one_two_and_three_vehicles_have_own_smallest_spheres() -> None:
     assert smallest_radius_m(1, 4.0) == 0.0
     assert smallest_radius_m(2, 4.0) == pytest.approx(2.0)
     assert smallest_radius_m(3, 4.0) == pytest.approx(4.0 / sqrt(3.0))
@@ -165,7 +165,7 @@ def test_a_vector_too_fast_in_one_way_is_shortened_as_a_whole() -> None:
     assert scaled == pytest.approx(by_hand)
 
 
-def test_the_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
+def test_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
     # sideways 2 + 1.5 (2 - 1) + 0.5 * 0.4; down 1 + 0.2 (1 - 0.5)
     setpoint = compensate(
         np.array([[2.0, 0.0, 1.0]]),
@@ -178,14 +178,14 @@ def test_the_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
     assert setpoint == pytest.approx(np.array([[3.7, 0.0, 1.1]]))
 
 
-def test_the_desired_velocity_changes_no_faster_than_the_acceleration() -> None:
+def test_desired_velocity_keeps_the_acceleration_limit() -> None:
     before = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     desired = np.array([[3.0, 4.0, 0.0], [1.05, 0.0, 0.0]])
     followed = limit_change(desired, before, before, 2.0, 0.1)
     assert followed == pytest.approx(np.array([[0.12, 0.16, 0.0], [1.05, 0.0, 0.0]]))
 
 
-def test_who_was_not_commanded_before_starts_from_the_measured_velocity() -> None:
+def test_newly_commanded_vehicle_starts_at_its_velocity() -> None:
     desired, unknown, measured = (
         np.array([[3.0, 4.0, 0.0]]),
         np.full((1, 3), np.nan),
@@ -198,7 +198,7 @@ def test_who_was_not_commanded_before_starts_from_the_measured_velocity() -> Non
 LIMITLESS = np.full(1, np.inf)
 
 
-def test_what_is_common_to_all_is_kept_and_the_relative_part_shrinks() -> None:
+def test_common_part_is_kept_and_the_relative_part_shrinks() -> None:
     base = np.array([3.0, 0.0, 0.0])
     # |(3 + 4 s, 0)| = 5 and 1 m/s of climbing out of 2
     ahead = shrink_relative(base, np.array([[4.0, 0.0, 0.0]]), 5.0, 1.0, 1.0, LIMITLESS)
@@ -209,7 +209,7 @@ def test_what_is_common_to_all_is_kept_and_the_relative_part_shrinks() -> None:
     assert slow == pytest.approx(np.array([[3.0, 0.0, -sqrt(3.5**2 - 9.0)]]))
 
 
-def test_a_formation_faster_than_the_limit_leaves_nothing_for_the_relative_part() -> None:
+def test_formation_above_the_limit_leaves_no_relative_part() -> None:
     base = np.array([6.0, 0.0, 0.0])
     assert shrink_relative(base, np.array([[-1.0, 1.0, 0.0]]), 5.0, 1.0, 1.0, LIMITLESS) == pytest.approx(
         base[None]
@@ -239,7 +239,7 @@ def trimmed(measured: Array, *, requested: float = 0.0, trim: float = 0.0, ticks
     return trim_m_s
 
 
-def test_a_vehicle_that_stays_too_slow_is_reported_to_fly_faster_and_no_more_than_so() -> None:
+def test_slow_vehicle_is_trimmed_faster_up_to_the_limit() -> None:
     slow = np.array([[0.5, 0.0, 0.0]])
     assert 0.0 < trimmed(slow)[0, 0] < trimmed(slow, ticks=20)[0, 0]
     assert trimmed(slow, ticks=4000) == pytest.approx(np.array([[4.0, 0.0, 0.0]]))
@@ -254,7 +254,7 @@ def test_a_vehicle_that_answers_as_expected_is_not_trimmed() -> None:
     assert np.abs(trimmed(np.array([[2.0, 0.0, 0.0]]), ticks=400)).max() < 1e-9
 
 
-def test_who_is_not_commanded_is_forgotten() -> None:
+def test_trim_of_an_uncommanded_vehicle_is_forgotten() -> None:
     here, nobody = np.ones((1, 3)), np.zeros(1, dtype=bool)
     trim, expected = correct_trim(here, here, here, here, here, nobody, here, here, 0.05, 0.4, 1.0, 0.5, 4.0)
     assert (trim == 0.0).all()
@@ -277,7 +277,7 @@ def test_fixed_yaw_is_the_same_for_all_and_wrapped() -> None:
     assert yaw == pytest.approx(np.full(2, 3.5 - 2 * pi))
 
 
-def test_everybody_looks_at_the_target() -> None:
+def test_all_vehicles_face_the_target() -> None:
     yaw = desired_yaw_rad(Yaw(YawPolicy.TARGET), HELD, PLACE, np.zeros(2))
     assert np.cos(yaw) == pytest.approx([-1.0, 0.0], abs=1e-9)  # one looks back along x, one along y
     assert np.sin(yaw) == pytest.approx([0.0, 1.0], abs=1e-9)

@@ -51,7 +51,7 @@ def run(main: Callable[[Bench], Coroutine[None, None, None]]) -> None:
         runner.run(main(Bench()))
 
 
-def test_a_command_is_sent_again_until_it_is_answered_counting_the_tries() -> None:
+def test_command_is_repeated_until_answered_with_its_count() -> None:
     async def main(bench: Bench) -> None:
         asyncio.get_running_loop().call_later(1.2, bench.ack, 0, ARM)
         await bench.commands.command(0, ARM, (1.0,), bench.may_leave)
@@ -63,7 +63,7 @@ def test_a_command_is_sent_again_until_it_is_answered_counting_the_tries() -> No
     run(main)
 
 
-def test_only_the_same_vehicles_answer_to_the_same_command_counts() -> None:
+def test_only_the_same_vehicle_answers_the_same_command() -> None:
     async def main(bench: Bench) -> None:
         loop = asyncio.get_running_loop()
         loop.call_later(0.1, bench.ack, 1, ARM)
@@ -105,7 +105,7 @@ def test_nothing_leaves_after_a_kill_and_what_waits_ends_at_once() -> None:
     run(main)
 
 
-def test_a_parameter_is_set_as_what_it_is_and_believed_when_it_is_reported_back() -> None:
+def test_parameter_is_set_by_type_and_confirmed_by_readback() -> None:
     async def main(bench: Bench) -> None:
         whole = float(np.array([5], np.int32).view(np.float32)[0])
         loop = asyncio.get_running_loop()

@@ -63,7 +63,7 @@ def both(each: VehicleTelemetry, fleet: FleetTelemetry, messages: tuple[Any, ...
     fleet.take(flat, frames, frames[:, SYSTEM] - 1, np.full(len(frames), time_s))
 
 
-def test_accuracies_restarts_and_resets_are_read_as_the_wire_reads_them() -> None:
+def test_accuracies_restarts_and_resets_match_the_framed_link() -> None:
     fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
     for time_s, messages in enumerate(STORY):
         both(each, fleet, messages, float(time_s))
@@ -79,7 +79,7 @@ def test_accuracies_restarts_and_resets_are_read_as_the_wire_reads_them() -> Non
     assert (each.reboot_count, each.position_resets, each.connection_count) == (3, 3, 4)
 
 
-def test_who_is_silent_and_speaks_again_is_met_again() -> None:
+def test_silent_vehicle_that_returns_is_discovered_again() -> None:
     fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
     for time_s, connection_count in ((1.0, 1), (3.9, 1), (7.0, 2), (8.0, 2), (20.0, 3)):
         both(each, fleet, (BEAT, BEAT), time_s)

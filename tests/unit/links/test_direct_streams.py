@@ -33,7 +33,7 @@ class Bench:
         self.streams.take_acks(np.array(rows), reported)
 
 
-def test_each_interval_is_asked_for_when_the_one_before_was_answered() -> None:
+def test_each_interval_is_requested_after_the_previous_answer() -> None:
     bench = Bench()
     bench.watch(0.0)
     assert bench.asked == [(5, 33, 100_000.0), (6, 33, 100_000.0)]
@@ -44,7 +44,7 @@ def test_each_interval_is_asked_for_when_the_one_before_was_answered() -> None:
     assert bench.streams.settled.tolist() == [True, False]
 
 
-def test_who_does_not_answer_is_asked_again_and_given_up_in_the_end() -> None:
+def test_unanswered_request_is_repeated_and_given_up_in_the_end() -> None:
     bench = Bench()
     bench.connection_count[1] = 0  # never heard
     for now_s in np.arange(0.0, 10.0, 0.1):
@@ -53,7 +53,7 @@ def test_who_does_not_answer_is_asked_again_and_given_up_in_the_end() -> None:
     assert bench.streams.settled.tolist() == [True, True]
 
 
-def test_a_vehicle_is_asked_again_after_silence_and_after_a_reboot() -> None:
+def test_streams_are_requested_again_after_silence_and_reboot() -> None:
     bench = Bench()
 
     def settle(now_s: float) -> int:
@@ -72,7 +72,7 @@ def test_a_vehicle_is_asked_again_after_silence_and_after_a_reboot() -> None:
     assert bench.asked[-1][:2] == (6, 33)
 
 
-def test_positions_at_a_wrong_rate_are_asked_for_again_but_not_for_ever() -> None:
+def test_wrong_position_rate_is_requested_again_with_a_limit() -> None:
     bench = Bench()
     for step in range(1000):
         bench.streams.watch(

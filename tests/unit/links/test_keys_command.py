@@ -6,7 +6,7 @@ from gcs.cli.main import main
 from gcs.links.signing_keys import load_key
 
 
-def test_a_key_is_made_for_nobody_else_and_never_over_another(
+def test_key_file_is_private_and_never_overwritten(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "fleet"

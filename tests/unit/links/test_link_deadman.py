@@ -23,7 +23,7 @@ def test_a_vehicle_no_longer_listed_is_forbidden_at_once() -> None:
     assert setpoint_watchdog.allows(2, 10.25)
 
 
-def test_everybody_is_never_allowed() -> None:
+def test_broadcast_is_never_allowed() -> None:
     setpoint_watchdog = SetpointWatchdog(0.2)
     setpoint_watchdog.refresh([0, 1], 10.0)
     assert not setpoint_watchdog.allows(0, 10.0)
@@ -35,7 +35,7 @@ def test_a_time_that_is_no_number_allows_nothing() -> None:
     assert not setpoint_watchdog.allows(1, 10.0)
 
 
-def test_only_what_was_asked_last_is_new() -> None:
+def test_only_the_newest_request_is_new() -> None:
     asked = ExpectedSetpoints()
     assert not asked.is_newest(1, b"")
     asked.replace({1: b"north", 2: b"east"})

@@ -71,7 +71,7 @@ def test_noise_before_between_and_behind_is_counted_and_skipped() -> None:
     assert garbage == 2 + 1 + len(two) - 1
 
 
-def test_a_message_nobody_reported_us_about_is_skipped_whole() -> None:
+def test_unknown_message_is_skipped_whole() -> None:
     known = framed(beat())
     unknown = known[:7] + (410).to_bytes(3, "little") + known[10:]
     frames, garbage, unknown_bytes = split(known + unknown + known + unknown)
@@ -114,7 +114,7 @@ def _filled(single: Any, length: int) -> Any:
     return single * length if isinstance(single, bytes) else [single] * length
 
 
-def test_a_target_cut_off_with_the_trailing_zeros_is_everybody() -> None:
+def test_target_truncated_with_trailing_zeros_is_broadcast() -> None:
     command = dialect.MAVLink_command_long_message(0, 0, 512, 0, 0, 0, 0, 0, 0, 0, 0)
     frame = only(framed(command))
     assert len(frame.payload) == 30
@@ -154,7 +154,7 @@ def test_px4s_modes_have_our_names(main: int, sub: int, mode: Mode) -> None:
     assert px4_mode(main << 16 | sub << 24) is mode
 
 
-def test_a_heartbeat_tells_arming_mode_and_whether_it_is_an_autopilots() -> None:
+def test_heartbeat_gives_arming_mode_and_autopilot() -> None:
     assert heartbeat(only(framed(beat(base_mode=0x81)))) == (True, True, Mode.HOLD, False)
     assert heartbeat(only(framed(beat(base_mode=0x01)))) == (True, False, Mode.HOLD, False)
     assert heartbeat(only(framed(beat(base_mode=0x80)))) == (True, True, Mode.OTHER, False)
@@ -183,7 +183,7 @@ def test_ready_is_the_prearm_bit(health: int) -> None:
     assert prearm_ok(only(framed(status))) is bool(health & 0x10000000)
 
 
-def test_a_status_text_ends_at_its_zero_or_goes_on_in_the_next_chunk() -> None:
+def test_status_text_ends_at_zero_or_continues_in_a_chunk() -> None:
     short = status_text(only(framed(dialect.MAVLink_statustext_message(4, b"hello"))))
     assert (short.text, short.last) == (b"hello", True)
     long = status_text(only(framed(dialect.MAVLink_statustext_message(4, b"x" * 50, id=3, chunk_seq=0))))

@@ -42,7 +42,7 @@ def test_heartbeats_and_positions_have_times_of_their_own() -> None:
     assert (telemetry.armed, telemetry.mode) == (True, Mode.OFFBOARD)
 
 
-def test_a_camera_on_board_does_not_speak_for_the_autopilot() -> None:
+def test_onboard_camera_does_not_count_as_the_autopilot() -> None:
     telemetry = VehicleTelemetry()
     take(telemetry, 1.0, beat(), position(), component=100)
     take(telemetry, 1.5, beat(autopilot=8))
@@ -51,7 +51,7 @@ def test_a_camera_on_board_does_not_speak_for_the_autopilot() -> None:
     assert telemetry.time_s == 1.5
 
 
-def test_a_heartbeat_is_news() -> None:
+def test_heartbeat_counts_as_telemetry() -> None:
     telemetry = VehicleTelemetry()
     waiting = telemetry.news
     take(telemetry, 1.0, position())
@@ -90,7 +90,7 @@ def odometry(counter: int) -> Any:
     )
 
 
-def test_accuracy_is_what_the_receiver_reports_else_its_dilution_and_none_without_a_fix() -> None:
+def test_accuracy_is_reported_or_by_dilution_and_needs_a_fix() -> None:
     telemetry = VehicleTelemetry()
     assert all(isnan(value) for value in telemetry.accuracy)
     take(telemetry, 1.0, gps(900, 1780))
@@ -103,7 +103,7 @@ def test_accuracy_is_what_the_receiver_reports_else_its_dilution_and_none_withou
     assert telemetry.accuracy == (inf, inf)
 
 
-def test_a_boot_clock_that_goes_back_is_a_reboot_unless_the_datagram_was_late() -> None:
+def test_boot_clock_going_back_is_a_reboot_unless_late() -> None:
     telemetry = VehicleTelemetry()
     for clock_ms, reboot_count in ((5000, 0), (6000, 0), (5500, 0), (200, 1), (300, 1), (900_000, 1), (0, 2)):
         take(telemetry, 1.0, dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8))

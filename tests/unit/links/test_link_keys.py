@@ -72,7 +72,7 @@ def signed_time(signing: Signing) -> int:
     return int.from_bytes(signed[-12:-6], "little")
 
 
-def test_time_goes_on_after_a_restart_though_the_clock_was_set_back(tmp_path: Path) -> None:
+def test_time_goes_on_after_a_restart_with_the_clock_set_back(tmp_path: Path) -> None:
     path = key_file(tmp_path)
     times = []
     for wall_s in (WALL_S, WALL_S - 86400.0, WALL_S - 400 * 86400.0):

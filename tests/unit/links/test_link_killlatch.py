@@ -10,7 +10,7 @@ def test_the_latch_is_open_until_a_kill() -> None:
     assert not latch.is_shut(99)
 
 
-def test_only_an_order_given_after_the_kill_opens_it() -> None:
+def test_only_a_command_after_the_kill_opens_it() -> None:
     latch = KillLatch([1])
     before = latch.ticket(1)
     latch.shut(1)

@@ -42,7 +42,7 @@ def test_what_is_no_place_is_refused_by_name(url: str, ports: int, cause: str) -
     assert str(refused.value).startswith(f"{url}: ")
 
 
-def test_every_port_has_an_endpoint_and_only_those_with_a_far_end_may_be_spoken_to_first() -> None:
+def test_every_port_has_an_endpoint_and_some_may_send_first() -> None:
     places: list[Place] = [
         Listen("127.0.0.1", 14540, 2),
         UdpOut("10.0.0.7", 14580, 2),

@@ -37,7 +37,7 @@ class Vehicle:
         return asked
 
 
-def test_nobody_is_asked_before_being_received_and_who_is_received_is_asked_for_all_once() -> None:
+def test_streams_are_requested_once_after_the_first_message() -> None:
     vehicle = Vehicle()
     vehicle.speaks = False
     assert vehicle.run(10.0) == []
@@ -45,7 +45,7 @@ def test_nobody_is_asked_before_being_received_and_who_is_received_is_asked_for_
     assert vehicle.run(300.0) == ALL
 
 
-def test_who_restarted_or_was_silent_is_asked_again() -> None:
+def test_restart_or_silence_requests_streams_again() -> None:
     vehicle = Vehicle()
     assert vehicle.run(2.0) == ALL
     vehicle.telemetry.connection_count += 1
@@ -56,7 +56,7 @@ def test_who_restarted_or_was_silent_is_asked_again() -> None:
     assert vehicle.run(2.0) == ALL
 
 
-def test_a_silence_that_nobody_saw_is_noticed_afterwards() -> None:
+def test_unobserved_silence_is_noticed_afterwards() -> None:
     vehicle = Vehicle()
     assert vehicle.run(2.0) == ALL
     vehicle.now_s += 3.1  # nobody looked meanwhile
@@ -64,7 +64,7 @@ def test_a_silence_that_nobody_saw_is_noticed_afterwards() -> None:
 
 
 @pytest.mark.parametrize(("message_id", "rate_hz"), [(33, 60.0), (33, 0.0), (30, 20.0)])
-def test_a_wrong_rate_is_asked_for_again_ever_more_seldom(message_id: int, rate_hz: float) -> None:
+def test_wrong_rate_is_requested_again_at_growing_intervals(message_id: int, rate_hz: float) -> None:
     vehicle = Vehicle()
     vehicle.sends_hz[message_id] = rate_hz
     assert vehicle.run(2.0) == ALL
@@ -77,12 +77,12 @@ def test_a_wrong_rate_is_asked_for_again_ever_more_seldom(message_id: int, rate_
     assert vehicle.run(600.0) == []
 
 
-def test_positions_are_desired_ten_times_a_second_unless_configured() -> None:
+def test_positions_are_requested_at_ten_hertz_by_default() -> None:
     assert desired(StreamSettings())[33] == 10.0
     assert desired(StreamSettings(position_hz=4.0))[33] == 4.0
     rates_hz = desired(StreamSettings(others_hz=2.0))
     assert (rates_hz[30], rates_hz[245], rates_hz[1]) == (2.0, 5.0, 2.0)
 
 
-def test_the_estimators_reset_counter_is_asked_for_whatever_others_want() -> None:
+def test_reset_counter_stream_is_always_requested() -> None:
     assert desired(StreamSettings())[331] == 1.0

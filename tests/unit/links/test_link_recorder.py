@@ -41,7 +41,7 @@ def test_a_record_is_a_time_and_the_frame() -> None:
     assert record(0x0102030405060708, b"\xfd\x00") == b"\x01\x02\x03\x04\x05\x06\x07\x08\xfd\x00"
 
 
-def test_pymavlink_reads_every_frame_in_order_and_its_time(tmp_path: Path) -> None:
+def test_pymavlink_reads_every_frame_in_order_with_its_time(tmp_path: Path) -> None:
     recorder, counters = a_recorder(tmp_path)
     recorder.open()
     began_s = time.time()
@@ -57,7 +57,7 @@ def test_pymavlink_reads_every_frame_in_order_and_its_time(tmp_path: Path) -> No
     assert (counters.recorded, counters.not_recorded) == (3000, 0)
 
 
-def test_an_arrival_dated_back_does_not_turn_the_order(tmp_path: Path) -> None:
+def test_arrival_dated_back_keeps_the_order(tmp_path: Path) -> None:
     recorder, _ = a_recorder(tmp_path)
     recorder.open()
     now_s = time.monotonic()

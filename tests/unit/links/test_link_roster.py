@@ -56,7 +56,7 @@ def test_a_vehicle_that_was_silent_may_come_back_from_elsewhere() -> None:
     assert address_book.conflicts(SILENT_AFTER_S + 0.1) == {}
 
 
-def test_an_address_that_is_gone_leaves_its_systems_free_to_come_back_from_anywhere() -> None:
+def test_address_that_is_gone_frees_its_system_ids() -> None:
     address_book = AddressBook([3, 4])
     address_book.hear(3, A, 0.0)
     address_book.hear(4, B, 0.0)

@@ -45,7 +45,7 @@ def leaving(datagrams: list[bytes], awaited: np.ndarray = EVERYBODY) -> list[tup
     return list(zip(places.tolist(), rows.tolist(), strict=True))
 
 
-def test_what_was_asked_for_leaves_once_to_each_the_last_that_says_it() -> None:
+def test_each_expected_setpoint_leaves_once_the_last_of_equals() -> None:
     first, second, third = (
         setpoint(system_id, VELOCITY_M_S[row]) for row, system_id in enumerate((7, 9, 250))
     )
@@ -61,17 +61,17 @@ def test_what_was_asked_for_leaves_once_to_each_the_last_that_says_it() -> None:
         pytest.param(setpoint(8, VELOCITY_M_S[0]), id="to somebody who is not ours"),
     ],
 )
-def test_what_was_not_asked_for_does_not_leave(datagram: bytes) -> None:
+def test_unexpected_setpoint_does_not_leave(datagram: bytes) -> None:
     assert leaving([datagram]) == []
 
 
-def test_nothing_leaves_to_whom_nothing_is_awaited() -> None:
+def test_nothing_leaves_to_a_vehicle_without_expected_setpoint() -> None:
     datagrams = [setpoint(7, VELOCITY_M_S[0]), setpoint(9, VELOCITY_M_S[1])]
     assert leaving(datagrams, np.array([False, True, True])) == [(1, 1)]
 
 
 @given(st.lists(st.one_of(st.binary(max_size=LONGEST), st.just(setpoint(7, VELOCITY_M_S[0]))), max_size=ROOM))
-def test_a_setpoint_is_one_whole_unsigned_frame_and_nothing_else_is_taken_for_one(
+def test_setpoint_is_exactly_one_whole_unsigned_frame(
     datagrams: list[bytes],
 ) -> None:
     data, length = written(datagrams)

@@ -68,7 +68,7 @@ def test_without_or_with_a_wrong_signature_nothing_is_believed() -> None:
     assert signer.judge(frame(good)) is Judgement.GOOD
 
 
-def test_a_sender_not_received_before_may_be_a_minute_late_not_more() -> None:
+def test_new_signing_sender_may_be_at_most_a_minute_late() -> None:
     for late_s, judged in ((59, Judgement.GOOD), (61, Judgement.REPLAYED)):
         signer = a_signer()
         signer.begin(NOW)
@@ -97,7 +97,7 @@ def test_time_never_goes_back_though_the_clock_does() -> None:
     assert times_of([signer.sign(raw) or b"" for _ in range(4)]) == [NOW, NOW + 1, NOW + 2, NOW + 3]
 
 
-def test_a_vehicle_whose_clock_is_ahead_still_believes_us() -> None:
+def test_vehicle_with_its_clock_ahead_still_accepts_our_frames() -> None:
     signer = a_signer()
     ahead = NOW + 3600 * UNITS_PER_S
     signer.judge(frame(bytes(messages()[0].pack(a_packer(time=ahead)))))

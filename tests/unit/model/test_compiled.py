@@ -26,7 +26,7 @@ def answer(folder: Path) -> float:
     return float(done.stdout)
 
 
-def test_a_change_in_a_kernel_that_another_file_calls_is_flown_at_once(tmp_path: Path) -> None:
+def test_change_in_a_called_kernel_recompiles_its_caller(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     (tmp_path / "callee.py").write_text(CALLEE.format(factor=2.0))
     assert answer(tmp_path) == 2.0

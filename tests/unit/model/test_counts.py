@@ -12,7 +12,7 @@ CONTROLLED, UNCONTROLLED, UNKNOWN, ON_GROUND, OFFLINE = Whereabouts
 
 
 @pytest.mark.parametrize("phase", sorted(AIRBORNE))
-def test_a_vehicle_under_control_is_airborne_only_once_it_has_left_the_ground(phase: Phase) -> None:
+def test_controlled_vehicle_is_airborne_only_above_the_ground(phase: Phase) -> None:
     def where(landed: Landed) -> Whereabouts:
         return whereabouts(phase, landed, armed=True, heartbeat_age_s=0.5)
 
@@ -35,7 +35,7 @@ def test_a_vehicle_under_control_is_airborne_only_once_it_has_left_the_ground(ph
         (Phase.KILLED, Landed.ON_GROUND, False, 60.0, UNKNOWN),
     ],
 )
-def test_a_vehicle_not_under_control_is_counted_as_what_is_known_of_it(
+def test_vehicle_not_under_control_counts_as_last_known(
     phase: Phase, landed: Landed, *, armed: bool, age_s: float, where: Whereabouts
 ) -> None:
     assert whereabouts(phase, landed, armed=armed, heartbeat_age_s=age_s) is where

@@ -19,7 +19,7 @@ PER_DEG_NORTH_M = (A_M * (1.0 - E2) / W**3 + ALTITUDE) * pi / 180.0
 PER_DEG_EAST_M = (A_M / W + ALTITUDE) * cos(radians(LATITUDE)) * pi / 180.0
 
 
-def test_a_thousandth_of_a_degree_is_as_many_metres_as_the_ellipsoid_says() -> None:
+def test_a_thousandth_of_a_degree_in_metres_on_the_ellipsoid() -> None:
     place = NORTH.position_m(
         np.array([LATITUDE + 1e-3, LATITUDE]), np.array([LONGITUDE, LONGITUDE + 1e-3]), np.full(2, ALTITUDE)
     )

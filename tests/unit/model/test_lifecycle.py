@@ -19,7 +19,7 @@ from gcs.model.lifecycle import (
 
 
 @pytest.mark.parametrize("phase", Phase)
-def test_a_vehicle_goes_where_the_table_says_or_the_refusal_says_from_where_it_could(phase: Phase) -> None:
+def test_vehicle_follows_the_table_or_names_allowed_phases(phase: Phase) -> None:
     for event in Event:
         if (phase, event) in NEXT:
             assert advance(phase, event) is NEXT[phase, event]
@@ -32,7 +32,7 @@ def test_a_vehicle_goes_where_the_table_says_or_the_refusal_says_from_where_it_c
 
 
 @pytest.mark.parametrize("phase", ShowPhase)
-def test_the_show_goes_where_the_table_says_or_the_refusal_says_from_where_it_could(phase: ShowPhase) -> None:
+def test_show_follows_the_table_or_names_allowed_phases(phase: ShowPhase) -> None:
     for event in ShowEvent:
         if (phase, event) in SHOW_NEXT:
             assert advance_show(phase, event) is SHOW_NEXT[phase, event]
@@ -52,7 +52,7 @@ def test_an_ordinary_flight_leads_from_standby_back_to_standby() -> None:
     assert phase is Phase.STANDBY
 
 
-def test_an_ordinary_show_leads_from_idle_to_landed_and_may_start_again() -> None:
+def test_ordinary_show_goes_from_idle_to_landed_and_again() -> None:
     phase = ShowPhase.IDLE
     way = [ShowEvent.START, ShowEvent.CHECKED, ShowEvent.ALL_UP, ShowEvent.ASSEMBLED, ShowEvent.PAUSE]
     for event in [*way, ShowEvent.RESUME, ShowEvent.STOP, ShowEvent.ALL_DOWN]:
@@ -62,7 +62,7 @@ def test_an_ordinary_show_leads_from_idle_to_landed_and_may_start_again() -> Non
 
 
 @pytest.mark.parametrize("phase", sorted(AIRBORNE))
-def test_whoever_falls_silent_in_the_air_is_lost_and_whoever_is_taken_over_is_the_pilots(
+def test_silent_in_the_air_is_lost_and_taken_over_is_piloted(
     phase: Phase,
 ) -> None:
     assert advance(phase, Event.SILENT) is Phase.LOST
@@ -70,7 +70,7 @@ def test_whoever_falls_silent_in_the_air_is_lost_and_whoever_is_taken_over_is_th
 
 
 @pytest.mark.parametrize("phase", sorted(set(Phase) - {Phase.OFFLINE, Phase.KILLED}))
-def test_everybody_who_is_received_can_be_killed(phase: Phase) -> None:
+def test_every_received_vehicle_can_be_killed(phase: Phase) -> None:
     assert advance(phase, Event.KILL) is Phase.KILLED
 
 
@@ -80,7 +80,8 @@ def test_a_show_in_the_air_can_always_be_aborted(phase: ShowPhase) -> None:
 
 
 @pytest.mark.parametrize("phase", [Phase.PILOT, Phase.LOST, Phase.KILLED])
-def test_nobody_leads_from_a_pilot_a_lost_or_a_killed_vehicle_straight_into_flight(phase: Phase) -> None:
+def test_no_event_leads_from_lost_or_killed_straight_to_flight(phase: Phase) -> None:
+    """Pilot control, loss and kill never lead straight into a flown phase."""
     assert all(after not in FLOWN for (before, _), after in NEXT.items() if before is phase)
 
 

@@ -47,16 +47,16 @@ STACKED = [(0.0, 0.0, -20.0), (0.5, 0.0, -30.0), (20.0, 0.0, -20.0)]
 
 
 @pytest.mark.parametrize("action", ["descend", "land"])
-def test_who_is_above_another_sinks_onto_it(action: Action) -> None:
+def test_upper_vehicle_descends_onto_the_lower(action: Action) -> None:
     assert found(STACKED, action) == [(0, 1)]
 
 
-def test_who_holds_stays_apart() -> None:
+def test_holding_vehicles_stay_apart() -> None:
     assert found(STACKED, "hold") == []
 
 
 @pytest.mark.parametrize(("apart_m", "clash"), [(1.4, True), (1.6, False)])
-def test_beside_one_that_stands_there_is_room_from_the_pads_height_on(apart_m: float, clash: bool) -> None:
+def test_beside_a_standing_vehicle_there_is_room_above_its_pad(apart_m: float, clash: bool) -> None:
     """2 m above it, where pads become exempt, the floor is still 2 sqrt(1 - (2/3)^2) = 1.49 m wide."""
     assert bool(found([(0.0, 0.0, -20.0), (apart_m, 0.0, -30.0)], "descend")) is clash
 
@@ -71,7 +71,7 @@ def test_uncertainty_widens_what_is_kept(action: Action) -> None:
     assert (0, 1) in found(beside, action, uncertainty_m=0.4)
 
 
-def test_who_notices_late_flies_on_towards_one_that_has_stopped() -> None:
+def test_late_failsafe_flies_on_towards_a_stopped_vehicle() -> None:
     beside = [(0.0, 0.0, -20.0), (2.5, 0.0, -20.0)]
     assert found(beside, "hold") == []
     assert found(beside, "hold", speed_m_s=5.0) == [(0, 1)]
@@ -94,7 +94,7 @@ def test_one_above_the_other_climbs_into_it() -> None:
     assert found([(0.0, 0.0, -10.0), (0.0, 0.5, -20.0)], "return", home_m=homes_m) == [(0, 1)]
 
 
-def test_nobody_and_one_clash_with_nobody() -> None:
+def test_none_and_one_have_no_conflict() -> None:
     assert found([(0.0, 0.0, -20.0)], "descend") == []
     empty = np.zeros((0, 3))
     nothing = clashes(
@@ -103,7 +103,7 @@ def test_nobody_and_one_clash_with_nobody() -> None:
     assert nothing == []
 
 
-def test_upright_the_nearest_two_stand_one_above_the_other_and_nothing_else_changes() -> None:
+def test_upright_turn_stacks_the_nearest_two_and_keeps_the_rest() -> None:
     center_m = np.array([1.0, 2.0, -30.0])
     before_m = center_m + np.random.default_rng(1).normal(size=(6, 3)) * 8.0
     after_m = turned_upright(before_m, center_m)
@@ -151,9 +151,7 @@ def test_holding_is_safe_in_any_formation_that_may_be_flown(count: int) -> None:
 
 @pytest.mark.parametrize("action", ["descend", "land", "return"])
 @pytest.mark.parametrize("count", [2, 4, 8, 100])
-def test_an_action_that_brings_them_together_is_refused_with_the_pairs_and_a_better_one(
-    count: int, action: Action
-) -> None:
+def test_conflicting_action_is_refused_with_pairs_and_a_better(count: int, action: Action) -> None:
     text = refusal(count, action, 40.0 if count == 100 else 15.0, orbit_m=15.0)
     assert f"'{action}' would bring d" in text
     assert " and d" in text
@@ -161,7 +159,7 @@ def test_an_action_that_brings_them_together_is_refused_with_the_pairs_and_a_bet
     assert "gcs params apply" in text
 
 
-def test_a_sphere_too_small_for_any_action_says_so() -> None:
+def test_sphere_too_small_for_any_action_is_reported() -> None:
     assert "no action would keep them apart: a larger radius is needed" in refusal(8, "hold", 3.0)
 
 
@@ -170,7 +168,7 @@ def test_one_vehicle_may_do_as_it_likes(action: Action) -> None:
     assert refusal(1, action) == ""
 
 
-def test_a_formation_that_spins_needs_more_room_and_the_cue_that_asks_for_it_is_named() -> None:
+def test_spinning_formation_needs_room_and_its_cue_is_named() -> None:
     def refused_at(spin_rad_s: float) -> str:
         standing = Plan(Formation(12.0, 22.0), target=Target(6.0, 4.0))
         small = Plan(Formation(5.0, 22.0, spin_rad_s), target=Target(6.0, 4.0))

@@ -29,18 +29,18 @@ def flown(
     return pace.time_s - before_s
 
 
-def test_a_plan_that_everybody_keeps_up_with_goes_by_the_clock() -> None:
+def test_plan_that_all_keep_up_with_follows_the_clock() -> None:
     assert flown(PathProgress(abreast()), 5.0, np.full((2, 3), 0.5), BOTH) == pytest.approx(5.0)
 
 
-def test_it_stands_still_for_one_that_is_held_back_and_goes_on_when_it_is_free_again() -> None:
+def test_progress_waits_for_a_held_vehicle_and_continues() -> None:
     pace = PathProgress(abreast())
     held_m = np.array([[0.0, 0.0, 0.0], [-6.0, 0.0, 0.0]])
     assert flown(pace, 2.0, held_m, BOTH) == pytest.approx(0.0)
     assert flown(pace, 2.0, 0.2 * held_m, BOTH) == pytest.approx(2.0)
 
 
-def test_the_farther_behind_somebody_is_the_slower_it_goes() -> None:
+def test_progress_slows_with_the_greatest_lag() -> None:
     went_s = [
         flown(PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [-m, 0.0, 0.0]]), BOTH)
         for m in (3.0, 3.8, 4.6)
@@ -54,13 +54,13 @@ def test_it_waits_so_long_in_all_and_no_longer() -> None:
 
 
 @pytest.mark.parametrize("away_m", [20.0, np.nan])
-def test_nobody_waits_for_one_that_has_gone_elsewhere_or_is_not_received(away_m: float) -> None:
+def test_no_wait_for_a_vehicle_gone_elsewhere_or_not_received(away_m: float) -> None:
     assert flown(
         PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [away_m, 0.0, 0.0]]), BOTH
     ) == pytest.approx(2.0)
 
 
-def test_nobody_waits_for_one_that_was_ordered_to_do_something_else() -> None:
+def test_no_wait_for_a_vehicle_with_another_command() -> None:
     only_first = np.array([True, False])
     assert flown(
         PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [-6.0, 0.0, 0.0]]), only_first

@@ -16,7 +16,7 @@ def config_of(*words: str) -> Config:
     return demo.make_config(parser.parse_args(words))
 
 
-def test_three_hundred_fly_over_two_links_that_carry_the_same_system_ids() -> None:
+def test_three_hundred_fly_on_two_links_with_equal_system_ids() -> None:
     config = config_of("--vehicles", "300", "--transport", "native", "--seconds", "120")
     ids = [[vehicle.system_id for vehicle in link.fleet] for link in config.links]
     assert ids == [list(range(1, 151))] * 2
@@ -53,6 +53,6 @@ def test_without_a_transport_it_is_mavsdks_with_a_port_for_each() -> None:
         (("--vehicles", "8", "--seconds", "120"), "at least 170 for 8"),
     ],
 )
-def test_what_cannot_be_flown_is_refused_in_words(words: tuple[str, ...], says: str) -> None:
+def test_impossible_arguments_are_refused_with_a_message(words: tuple[str, ...], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         config_of(*words)

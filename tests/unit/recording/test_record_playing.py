@@ -8,7 +8,7 @@ from gcs.model.errors import InvalidError, RefusedError
 from gcs.recording.replay.playhead import Playhead
 
 
-def test_it_moves_at_its_speed_unless_it_is_paused_and_stays_at_the_end() -> None:
+def test_moves_at_its_speed_unless_paused_and_stops_at_the_end() -> None:
     head = Playhead(60.0, 2.0, now_s=100.0)
     assert (head.position_s(100.0), head.position_s(110.0), head.position_s(200.0)) == (0.0, 20.0, 60.0)
     assert head.left_s(30.0, 110.0) == 5.0
@@ -23,7 +23,7 @@ def test_it_moves_at_its_speed_unless_it_is_paused_and_stays_at_the_end() -> Non
 
 
 @pytest.mark.parametrize("position_s", [-0.1, 60.1, nan, inf])
-def test_a_place_outside_the_record_is_refused_with_what_is_inside(position_s: float) -> None:
+def test_time_outside_the_record_is_refused_with_its_range(position_s: float) -> None:
     head = Playhead(60.0, 1.0, now_s=0.0)
     with pytest.raises(InvalidError, match=r"position_s = .*: from 0 to 60.00, its duration"):
         head.change(1.0, paused=True, speed=3.0, position_s=position_s)

@@ -14,12 +14,12 @@ from gcs.service.alarms import AlarmCause, AlarmSeverity
 FILE = Path("flight.mcap")
 
 
-def test_the_alarms_of_a_moment_are_read_back_as_they_were() -> None:
+def test_alarms_of_an_instant_are_read_back() -> None:
     status = json.loads(status_message(sample()))
     assert recorded(status, FILE, 1.7e9) == (FULL,)
 
 
-def test_a_record_from_before_there_were_alarms_shows_its_problems() -> None:
+def test_record_without_alarms_shows_its_problems() -> None:
     (note,) = recorded({"problems": ["record: the disk is full"]}, FILE, 1.7e9)
     assert note.text == "Note: record: the disk is full."
     assert (note.cause, note.severity) == (AlarmCause.SERVICE_NOTE, AlarmSeverity.INFORMATION)
@@ -31,7 +31,7 @@ def test_alarms_that_are_none_are_named_with_the_file(alarms: object) -> None:
         recorded({"alarms": alarms}, FILE, 1.7e9)
 
 
-def test_a_replay_says_that_nothing_flies_and_when_the_record_has_ended() -> None:
+def test_replay_reports_no_flight_and_the_end_of_the_record() -> None:
     alarm = replay_alarm(FILE, 1.7e9, ended=True, cut="It was cut off.")
     assert alarm.severity is AlarmSeverity.INFORMATION
     assert alarm.text == (

@@ -46,7 +46,7 @@ def soon(holds: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def test_an_order_is_read_back_with_who_gave_it_and_its_outcome_per_vehicle(tmp_path: Path) -> None:
+def test_command_is_read_back_with_operator_and_outcomes(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         book = CommandLog(record.audit)
         book.open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
@@ -112,7 +112,7 @@ def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> Non
     assert reported == ["vehicle_mode", "vehicle_mode", "pad", "plan"]
 
 
-def test_a_session_has_ended_when_nobody_of_ours_is_in_the_air(tmp_path: Path) -> None:
+def test_session_ended_when_no_controlled_vehicle_is_airborne(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         record.note(sample(), [])
         record.note(sample(time_s=101.0, phases=[Phase.STANDBY, Phase.PILOT]), [])
@@ -121,7 +121,7 @@ def test_a_session_has_ended_when_nobody_of_ours_is_in_the_air(tmp_path: Path) -
     assert session.ended_unix_s is not None
 
 
-def test_a_session_that_has_received_nobody_forgets_nothing_of_the_one_before(tmp_path: Path) -> None:
+def test_session_without_telemetry_keeps_the_previous_one(tmp_path: Path) -> None:
     places = Places(d1=Address("10.0.0.7", 14580, 0))
     home_m = np.array([1.0, 2.0, -0.5])
     with Record(tmp_path, CONFIG, VEHICLES) as first:
@@ -149,7 +149,7 @@ def test_what_changes_nothing_writes_nothing(tmp_path: Path) -> None:
     assert PLAN.formation.radius_m == last_known(tmp_path).show.plan["formation"]["radius_m"]  # type: ignore[union-attr]
 
 
-def test_a_written_show_moves_the_plan_all_the_time_and_is_reported_cue_by_cue(tmp_path: Path) -> None:
+def test_written_show_is_reported_cue_by_cue_not_every_tick(tmp_path: Path) -> None:
     cues = ("stand", "walk")
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         for tick in range(100):
@@ -165,7 +165,7 @@ def test_a_written_show_moves_the_plan_all_the_time_and_is_reported_cue_by_cue(t
     assert shown[3]["detail"]["obstacles"][0]["id"] == "tower"
 
 
-def test_who_is_out_of_the_show_is_read_back_with_whom_why_and_since_when(tmp_path: Path) -> None:
+def test_exclusion_is_read_back_with_operator_reason_and_time(tmp_path: Path) -> None:
     assert exclusions(tmp_path) == {}, "no record yet"
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         for event, vehicle, reason in (
@@ -242,7 +242,7 @@ def test_a_truncated_audit_is_refused_with_a_reason(tmp_path: Path) -> None:
         last_known(tmp_path)
 
 
-def test_a_disk_that_fails_is_reported_of_and_what_was_noted_meanwhile_is_written_once_it_works(
+def test_failing_disk_is_reported_and_notes_are_written_later(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     root = tmp_path / "runs"

@@ -116,7 +116,7 @@ def test_low_over_their_pads_vehicles_may_stand_close(tmp_path: Path) -> None:
     assert (code, check(report, "separation")["worst"]) == (0, None)
 
 
-def test_a_limit_that_an_answer_passed_by_what_is_tolerated_says_so(
+def test_limit_passed_within_its_tolerance_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = truth(tmp_path / "truth-1.jsonl", moves(0, 0, -20, (8.5, 0, 0)))
@@ -151,7 +151,7 @@ def test_what_is_broken_is_named_with_vehicle_and_time(tmp_path: Path, path: Pat
     assert check(report, name)["vehicle"] == "2"
 
 
-def test_several_truth_files_are_one_flight_and_a_heading_is_minded(tmp_path: Path) -> None:
+def test_several_truth_files_are_one_flight_with_a_heading(tmp_path: Path) -> None:
     raw = CONFIG.model_dump(mode="json")
     raw["show_frame"]["heading_deg"] = 70.0
     turned = configuration.Config.model_validate(raw)
@@ -181,7 +181,7 @@ def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: 
     return folder / "flight.mcap"
 
 
-def test_estimates_are_judged_too_and_their_uncertainty_is_reported(tmp_path: Path) -> None:
+def test_estimates_are_judged_with_their_uncertainty(tmp_path: Path) -> None:
     code, report = judged(flight(tmp_path, apart_m=3.0))
     assert (code, report["based_on"]) == (0, "estimated positions")
     assert "up to 0.35 m sideways" in str(report["uncertainty"])
@@ -192,7 +192,7 @@ def test_estimates_are_judged_too_and_their_uncertainty_is_reported(tmp_path: Pa
     assert judged(flight(tmp_path / "near", apart_m=1.9))[0] == 1
 
 
-def test_truth_beside_a_record_is_believed_before_it_and_takes_its_names(tmp_path: Path) -> None:
+def test_truth_beside_a_record_has_precedence_and_its_names(tmp_path: Path) -> None:
     flight(tmp_path, apart_m=30.0)
     truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), stands(1, 0, -20))
     code, report = judged(tmp_path / "flight.mcap", tmp_path / "truth-1.jsonl")
@@ -202,7 +202,7 @@ def test_truth_beside_a_record_is_believed_before_it_and_takes_its_names(tmp_pat
     assert (code, report["based_on"]) == (0, "estimated positions")
 
 
-def test_a_file_that_is_cut_off_is_judged_as_far_as_it_goes_and_says_so(tmp_path: Path) -> None:
+def test_truncated_file_is_judged_up_to_its_cut(tmp_path: Path) -> None:
     whole = flight(tmp_path, apart_m=10.0).read_bytes()
     (tmp_path / "flight.mcap").write_bytes(whole[:-100])
     code, report = judged(tmp_path / "flight.mcap")
@@ -249,7 +249,7 @@ def test_what_is_no_record_is_refused_with_file_and_reason(
     assert reason in reported
 
 
-def test_what_cannot_be_judged_says_what_is_missing(
+def test_what_cannot_be_judged_names_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20))
@@ -305,7 +305,7 @@ def test_a_flight_judged_in_pieces_is_judged_as_in_one(
 
 
 @pytest.mark.parametrize(("options", "is_shown"), [((), True), (("--json",), False)])
-def test_on_a_terminal_the_report_shows_per_cent_on_standard_error_and_never_with_json(
+def test_terminal_shows_percent_on_standard_error_not_with_json(
     tmp_path: Path, options: tuple[str, ...], is_shown: bool
 ) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -9), stands(9, 0, -9), seconds=60.0)

@@ -82,7 +82,7 @@ def test_a_whole_record_is_kept(file: Path, capsys: pytest.CaptureFixture[str]) 
     assert (code, report["verdict"], report["missing"], report["flew"]) == (0, "kept", [], 2)
 
 
-def test_a_record_cut_anywhere_is_never_kept_and_says_where(
+def test_record_cut_anywhere_is_never_kept_and_names_the_place(
     file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, places = file.read_bytes(), random.Random(1)
@@ -97,9 +97,7 @@ def test_a_record_cut_anywhere_is_never_kept_and_says_where(
             assert "flight.mcap" in complaint
 
 
-def test_a_flipped_byte_anywhere_is_never_kept_where_anything_is_lost(
-    file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_flipped_byte_with_loss_is_never_kept(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole, places = file.read_bytes(), random.Random(2)
     every = [tick.vehicles.tobytes() for tick in FlightData(file).ticks()]
     codes = []
@@ -119,9 +117,7 @@ def test_a_flipped_byte_anywhere_is_never_kept_where_anything_is_lost(
     assert codes.count(3) > 20
 
 
-def test_a_damaged_chunk_is_skipped_and_named_and_what_follows_is_judged(
-    file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_chunk_is_skipped_and_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Before: 13 s of 162 s were judged, and exit 0."""
     data, chunks = bytearray(file.read_bytes()), FlightData(file).index.chunks
     for number in (0, 3):
@@ -219,7 +215,7 @@ def narrow(distance_max_m: float) -> ControlSettings:
     return CONFIG.control.model_copy(update={"safety": safety.model_copy(update={"fence": fence})})
 
 
-def test_a_show_that_breaks_its_own_fence_is_broken_though_the_services_is_wider(
+def test_fence_of_the_show_is_broken_inside_the_services_fence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)

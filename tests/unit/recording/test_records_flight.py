@@ -78,7 +78,7 @@ def test_every_tick_is_read_back_as_it_was(tmp_path: Path) -> None:
         assert tick.tick["time_s"] == was.fleet.time_s
 
 
-def test_the_mcap_library_reads_it_and_finds_the_schemas_that_foxglove_draws(tmp_path: Path) -> None:
+def test_mcap_library_reads_the_schemas_that_foxglove_draws(tmp_path: Path) -> None:
     box = Obstacle("tower", 5.0, 6.0, 1.0, 2.0, 30.0)
     whole = [replace(each, plan=replace(each.plan, obstacles=(box,))) for each in moving(60)]
     path = flight(tmp_path, whole)
@@ -171,7 +171,7 @@ def test_a_foreign_file_is_refused_by_name(tmp_path: Path, content: bytes) -> No
         FlightData(tmp_path / "absent.mcap")
 
 
-def test_somebody_elses_mcap_is_refused(tmp_path: Path) -> None:
+def test_mcap_of_another_program_is_refused(tmp_path: Path) -> None:
     with (tmp_path / "other.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -194,7 +194,7 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
         FlightData(tmp_path / "flight.mcap")
 
 
-def test_a_disk_that_fails_is_reported_of_and_there_is_another_file_once_it_works(
+def test_failing_disk_is_reported_and_a_new_file_follows(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = tmp_path / "s1"
@@ -232,7 +232,7 @@ class Name(str):
         return super().__hash__()
 
 
-def test_the_work_for_a_tick_grows_with_the_fleet_not_with_its_square() -> None:
+def test_work_per_tick_grows_linearly_with_the_fleet() -> None:
     count = 1000
     ids = tuple(Name(f"d{row + 1}") for row in range(count))
     desired_m_s = np.arange(3.0 * count).reshape(count, 3)
@@ -244,7 +244,7 @@ def test_the_work_for_a_tick_grows_with_the_fleet_not_with_its_square() -> None:
     assert Name.looked_up < 10 * count
 
 
-def test_who_is_faster_than_the_writer_is_reported_to_wait(tmp_path: Path) -> None:
+def test_producer_faster_than_the_writer_is_delayed(tmp_path: Path) -> None:
     record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # nobody writes yet
     for _ in range(WAITING_MAX // 2):
         assert record.has_room

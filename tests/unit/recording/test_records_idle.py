@@ -76,7 +76,7 @@ def played(flight: Path, story: Callable[[Replay], Awaitable[None]]) -> list[flo
     return seen_s
 
 
-def test_time_in_which_nothing_flies_is_jumped_over_while_it_plays(flight: Path) -> None:
+def test_idle_time_is_skipped_during_playback(flight: Path) -> None:
     async def story(replay: Replay) -> None:
         await asyncio.sleep(LANDS_S - TAKES_OFF_S + 2 * KEPT_S + 3.0)
         assert replay.playback.ended
@@ -89,7 +89,7 @@ def test_time_in_which_nothing_flies_is_jumped_over_while_it_plays(flight: Path)
     assert len([at_s for at_s in seen_s if begins_s <= at_s <= ends_s]) > 70  # and what flies is all shown
 
 
-def test_it_can_be_played_when_it_is_asked_for_and_stands_where_it_is_put(flight: Path) -> None:
+def test_idle_time_can_be_played_on_request_or_by_seeking(flight: Path) -> None:
     async def story(replay: Replay) -> None:
         replay.change(paused=True, position_s=10.0)
         await asyncio.sleep(5.0)

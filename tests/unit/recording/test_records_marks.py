@@ -33,7 +33,7 @@ FLIGHT = [
 DOWN = at(300.0, "vehicle_phase", "d2", was="lost", phase="offline", reason="")
 
 
-def test_the_phases_follow_one_another_from_the_beginning_to_the_end() -> None:
+def test_phases_follow_from_beginning_to_end() -> None:
     spans = marks_of(FLIGHT, BEGAN_S, LASTS_S).phases
     assert [(span.phase, span.from_s, span.until_s) for span in spans] == [
         (ShowPhase.IDLE, 0.0, 100.0),
@@ -44,7 +44,7 @@ def test_the_phases_follow_one_another_from_the_beginning_to_the_end() -> None:
     ]
 
 
-def test_cues_alarms_and_warnings_are_marked_and_everyday_lines_are_not() -> None:
+def test_cues_alarms_and_warnings_are_marked_routine_is_not() -> None:
     marks = marks_of(FLIGHT, BEGAN_S, LASTS_S)
     assert [(mark.cue, mark.at_s) for mark in marks.cues] == [("rise", 131.0), ("ring", 170.0)]
     assert [(mark.at_s, mark.severity, mark.is_alarm, mark.vehicle) for mark in marks.events] == [
@@ -54,7 +54,7 @@ def test_cues_alarms_and_warnings_are_marked_and_everyday_lines_are_not() -> Non
     assert "d2 lost" in marks.events[0].text
 
 
-def test_idle_is_where_nothing_flies_and_a_little_is_left_on_both_sides() -> None:
+def test_idle_is_without_flight_less_a_margin_on_both_sides() -> None:
     idle = marks_of([*FLIGHT, DOWN], BEGAN_S, LASTS_S).idle
     assert [(span.from_s, span.until_s) for span in idle] == [
         (0.0, 100.0 - KEPT_S),
@@ -62,7 +62,7 @@ def test_idle_is_where_nothing_flies_and_a_little_is_left_on_both_sides() -> Non
     ]
 
 
-def test_while_a_vehicle_may_be_in_the_air_nothing_is_idle_whatever_the_show_says() -> None:
+def test_possibly_airborne_vehicle_means_not_idle() -> None:
     (before,) = marks_of(FLIGHT, BEGAN_S, LASTS_S).idle  # d2 is lost, not confirmed on the ground
     assert before.until_s < 100.0
     piloted = at(50.0, "vehicle_phase", "d3", was="pilot", phase="standby", reason="")
@@ -70,7 +70,7 @@ def test_while_a_vehicle_may_be_in_the_air_nothing_is_idle_whatever_the_show_say
     assert [(span.from_s, span.until_s) for span in later] == [(50.0 + KEPT_S, 100.0 - KEPT_S)]
 
 
-def test_a_short_wait_is_no_idle_time_and_without_phases_none_is_known() -> None:
+def test_short_wait_is_not_idle_and_without_phases_unknown() -> None:
     again = at(240.0, "show_phase", was="landed", phase="arming", reason="")
     assert len(marks_of([*FLIGHT, DOWN, again], BEGAN_S, LASTS_S).idle) == 1
     assert marks_of([], BEGAN_S, LASTS_S).idle == ()

@@ -46,7 +46,7 @@ def test_where_it_had_taken_off_last(tmp_path: Path) -> None:
         assert np.array_equal(past.home_m("d1", unix_s), home_m)  # type: ignore[arg-type]
 
 
-def test_without_an_audit_nothing_is_reported_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+def test_missing_audit_is_silent_and_a_damaged_one_is_named(tmp_path: Path) -> None:
     assert EventHistory.of(tmp_path / "s1" / "flight.mcap", "s1").until(1e12) == ()
     (tmp_path / AUDIT).write_bytes(b"no database" * 100)
     with pytest.raises(GcsError, match=AUDIT):

@@ -42,7 +42,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return made.path
 
 
-def test_from_any_time_on_the_same_ticks_come_as_from_the_beginning(file: Path) -> None:
+def test_seeking_to_any_time_gives_the_same_ticks(file: Path) -> None:
     data = FlightData(file)
     every = list(data.ticks())
     assert len(every) == TICKS
@@ -65,7 +65,7 @@ def test_what_is_before_is_not_read(file: Path) -> None:
     assert data.index.offset(-inf) == data.index.offset(0.0) == data.index.chunks[0][1]
 
 
-def test_a_file_that_was_cut_off_can_be_sought_in_as_far_as_it_goes(file: Path) -> None:
+def test_truncated_file_can_be_sought_up_to_its_cut(file: Path) -> None:
     whole = file.read_bytes()
     for share in (0.1, 0.5, 0.9):
         cut = file.with_name("cut.mcap")

@@ -15,14 +15,14 @@ def test_pairs_are_found_upper_first_and_the_nearest_first() -> None:
     assert apart_m == pytest.approx([0.5, 1.0])
 
 
-def test_where_nobody_stands_above_another_there_is_no_pair() -> None:
+def test_without_vertical_overlap_there_is_no_pair() -> None:
     pairs, apart_m = overlapping(PLACES_M, 0.4)
     assert (len(pairs), len(apart_m)) == (0, 0)
     assert len(overlapping(np.zeros((0, 3)), 2.0)[0]) == 0
 
 
 @pytest.mark.parametrize(("count", "most"), [(0, 0), (1, 0), (2, 1), (3, 3)])
-def test_in_a_line_all_may_stand_above_each_other_however_it_lies(count: int, most: int) -> None:
+def test_in_a_line_all_may_overlap_in_any_direction(count: int, most: int) -> None:
     line_m = 5.0 * np.arange(count)[:, None] * np.array([[0.6, 0.0, 0.8]])
     assert most_overlapping(line_m, 2.0) == most
 
@@ -36,7 +36,7 @@ def test_what_stands_as_it_may_is_no_more_than_what_was_reported() -> None:
         assert len(overlapping(turned_m, 2.5)[0]) <= most_overlapping(place_m, 2.5 + 0.8)
 
 
-def test_it_is_reported_in_words_and_not_at_all_where_there_is_nothing_to_tell() -> None:
+def test_overlap_is_described_and_silent_when_there_is_none() -> None:
     assert describe(0) == ""
     assert "up to 3 pairs in the formation are stacked:" in describe(3)
     assert "pairs in the formation are stacked (in the show's check a above b):" in describe(3, ["a above b"])

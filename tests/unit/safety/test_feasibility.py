@@ -53,7 +53,7 @@ def test_the_smallest_radius_follows_floor_margin_and_number() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8, 13, 50, 250])
-def test_a_sphere_too_small_is_refused_with_the_radius_that_is_then_accepted(count: int) -> None:
+def test_too_small_sphere_names_an_accepted_radius(count: int) -> None:
     radius_m = describe(lambda: check_formation(Formation(0.5, 50.0), count, SAFETY), "radius_m")
     check_formation(Formation(radius_m, 50.0), count, SAFETY)
     with pytest.raises(InvalidError):
@@ -61,7 +61,7 @@ def test_a_sphere_too_small_is_refused_with_the_radius_that_is_then_accepted(cou
 
 
 @pytest.mark.parametrize("radius_m", [5.04, 5.05, 4.25, 1.1, 10.0])
-def test_a_sphere_too_low_or_too_high_is_refused_with_the_height_that_is_then_accepted(
+def test_sphere_too_low_or_high_names_an_accepted_height(
     radius_m: float,
 ) -> None:
     lowest_m = describe(lambda: check_formation(Formation(radius_m, 3.5), 1, SAFETY), "height_m")
@@ -72,14 +72,14 @@ def test_a_sphere_too_low_or_too_high_is_refused_with_the_height_that_is_then_ac
 
 
 @pytest.mark.parametrize("speed_m_s", [2.5, 1.0, 3.3, 4.0])
-def test_an_orbit_too_tight_is_refused_with_the_radius_that_is_then_accepted(speed_m_s: float) -> None:
+def test_too_tight_orbit_names_an_accepted_radius(speed_m_s: float) -> None:
     radius_m = describe(lambda: check_orbit(Orbit(0.3, speed_m_s), CONTROL.law), "radius_m")
     check_orbit(Orbit(radius_m, speed_m_s), CONTROL.law)
     check_orbit(Orbit(0.0, speed_m_s), CONTROL.law)
     assert radius_m == pytest.approx(speed_m_s**2, abs=0.1)
 
 
-def test_an_orbit_too_fast_is_refused_with_the_speed_that_is_then_accepted() -> None:
+def test_too_fast_orbit_names_an_accepted_speed() -> None:
     speed_m_s = describe(lambda: check_orbit(Orbit(50.0, 4.1), CONTROL.law), "speed_m_s")
     check_orbit(Orbit(50.0, speed_m_s), CONTROL.law)
 
@@ -90,7 +90,7 @@ def test_a_target_too_fast_is_refused() -> None:
 
 
 @pytest.mark.parametrize("radius_m", [5.0, 7.77, 12.34])
-def test_a_target_whose_orbit_would_cross_the_fence_is_refused_with_the_distance_that_is_accepted(
+def test_target_with_orbit_across_the_fence_names_a_distance(
     radius_m: float,
 ) -> None:
     formation, orbit = Formation(radius_m, 20.0), Orbit(15.0, 2.0)
@@ -98,7 +98,7 @@ def test_a_target_whose_orbit_would_cross_the_fence_is_refused_with_the_distance
     check_target(Target(within_m, 0.0), orbit, formation, CONTROL)
 
 
-def test_an_orbit_too_wide_for_where_the_target_is_is_refused_by_its_own_radius() -> None:
+def test_too_wide_orbit_at_the_target_is_refused_by_its_radius() -> None:
     formation, target = Formation(10.0, 20.0), Target(100.0, 0.0)
     radius_m = describe(
         lambda: check_target(target, Orbit(5000.0), formation, CONTROL, changed="orbit"), "radius_m"
@@ -107,7 +107,7 @@ def test_an_orbit_too_wide_for_where_the_target_is_is_refused_by_its_own_radius(
     check_target(target, Orbit(radius_m), formation, CONTROL, changed="orbit")
 
 
-def test_a_sphere_too_large_for_where_the_target_is_is_refused_by_its_own_radius() -> None:
+def test_too_large_sphere_at_the_target_is_refused_by_its_radius() -> None:
     orbit, target = Orbit(30.0), Target(0.0, -100.0)
     radius_m = describe(
         lambda: check_target(target, orbit, Formation(500.0, 20.0), CONTROL, changed="formation"), "radius_m"
@@ -123,7 +123,7 @@ def test_no_refusal_ever_names_a_limit_below_zero() -> None:
         assert describe(check, field) == 0.0
 
 
-def test_the_target_is_taken_where_it_is_by_now_and_no_farther_than_it_is_followed() -> None:
+def test_target_is_extrapolated_within_its_reach() -> None:
     plan = Plan(Formation(10.0, 20.0), Orbit(15.0), Target(0.0, 0.0, 3.0, 0.0, time_s=100.0))
     assert followed(plan, 120.0, SAFETY.fence) == Target(60.0, 0.0, 3.0, 0.0, time_s=120.0)
     gone = followed(plan, 400.0, SAFETY.fence)
@@ -131,7 +131,7 @@ def test_the_target_is_taken_where_it_is_by_now_and_no_farther_than_it_is_follow
     check_target(gone, plan.orbit, plan.formation, CONTROL, changed="formation")  # what is flown is allowed
 
 
-def test_a_plan_with_too_many_obstacles_is_refused_with_how_many_are_possible() -> None:
+def test_plan_with_too_many_obstacles_names_the_number_allowed() -> None:
     boxes = tuple(Obstacle(str(index), 10.0 * index, 0.0, 1.0, 1.0, 5.0) for index in range(40))
     plan = Plan(Formation(5.0, 20.0), obstacles=boxes[:MAX_OBSTACLES])
     assert len(plan.obstacles) == 32
@@ -164,13 +164,13 @@ def accept(
 BOX = Obstacle("box", 0.0, 0.0, 3.0, 3.0, 10.0)  # its ellipse is a circle of 7.07 m, up to 13 m
 
 
-def test_an_obstacle_on_a_vehicle_in_the_air_is_refused_by_name_and_one_well_below_is_not() -> None:
+def test_obstacle_on_an_airborne_vehicle_is_refused_by_name() -> None:
     stated = refuse(BOX, {"a": (7.0, 0.0, -12.9), "b": (30.0, 0.0, -5.0)}, {})
     assert "would stand on a " in stated
     accept(BOX, {"a": (7.0, 0.0, -13.1), "b": (7.2, 0.0, -5.0)}, {})
 
 
-def test_an_obstacle_too_close_ahead_of_a_vehicle_to_stop_is_refused_by_name() -> None:
+def test_obstacle_inside_stopping_distance_is_refused_by_name() -> None:
     def place(x_m: float, flies_m_s: float, box_m_s: float = 0.0) -> None:
         moving = replace(BOX, velocity_x_m_s=box_m_s)
         check_obstacle(
@@ -190,7 +190,7 @@ def test_an_obstacle_too_close_ahead_of_a_vehicle_to_stop_is_refused_by_name() -
     place(-12.1, float("nan"))
 
 
-def test_an_obstacle_on_or_close_beside_a_landing_place_is_refused_by_name() -> None:
+def test_obstacle_near_a_landing_site_is_refused_by_name() -> None:
     assert "landing place of home" in refuse(BOX, {}, {"home": (1.0, 1.0, 0.0)})
     assert "landing place of home" in refuse(BOX, {}, {"home": (7.07 + 2.9, 0.0, 0.0)})
     accept(BOX, {}, {"home": (7.07 + 3.1, 0.0, 0.0)})

@@ -55,7 +55,7 @@ def flown(return_paths: ReturnPaths, start_m: Array) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_fleet_whose_ways_cross_comes_down_without_anybody_inside_the_floor(seed: int) -> None:
+def test_fleet_with_crossing_paths_descends_above_the_floor(seed: int) -> None:
     start_m, pad_m = fleet(25, seed)
     return_paths = planned(start_m, pad_m)
     assert return_paths.unplanned == ()
@@ -72,7 +72,7 @@ def test_a_fleet_whose_ways_cross_comes_down_without_anybody_inside_the_floor(se
 
 @given(st.integers(2, 12), st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
-def test_no_two_expected_paths_meet_and_all_end_on_their_pads_in_time(count: int, seed: int) -> None:
+def test_no_two_paths_conflict_and_all_end_on_pads_in_time(count: int, seed: int) -> None:
     start_m, pad_m = fleet(count, seed)
     return_paths = planned(start_m, pad_m)
     assert return_paths.unplanned == ()
@@ -116,7 +116,7 @@ def test_a_plan_with_an_unknown_place_is_refused(name: str) -> None:
         planner_of(**place_m)
 
 
-def test_a_plan_for_nobody_is_refused() -> None:
+def test_plan_without_vehicles_is_refused() -> None:
     with pytest.raises(ShapeError, match="nobody"):
         planned(np.zeros((0, 3)), np.zeros((0, 3)))
 
@@ -152,7 +152,7 @@ def test_ways_keep_clear_of_what_stands_where_one_can() -> None:
     assert np.hypot(path_m[:, 0] - 15.0, path_m[:, 1]).min() > 2.9
 
 
-def test_who_finds_no_way_is_named_and_follows_when_the_others_are_down() -> None:
+def test_vehicle_without_a_path_is_named_and_returns_last() -> None:
     start_m = np.array([[0.0, 0.0, -10.0], [2.0, 0.0, -10.0], [20.0, 0.0, -10.0]])
     pad_m = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [20.0, 0.0, 0.0]])  # two pads too close to each other
     return_paths = planned(start_m, pad_m)

@@ -64,7 +64,7 @@ def test_one_wedged_between_others_finds_the_nearest_free_place(taken: list[list
     assert np.linalg.norm(place) < 18.0
 
 
-def test_nobody_comes_down_on_or_close_beside_an_obstacle() -> None:
+def test_no_vehicle_lands_on_or_beside_an_obstacle() -> None:
     desired = np.array([[0.0, 0.0], [1.0, 7.0], [-6.0, 0.0], [0.5, 0.0]])
     place = distinct_sites_m(desired, NOBODY, 4.0, {"b": BOX})
     assert (BOX.distance_m(place) >= CLEAR_M).all()
@@ -85,7 +85,7 @@ def test_a_pocket_between_obstacles_and_others_is_left() -> None:
     assert closest_m(place, np.array([[0.0, 3.0]])) >= 4.0 - 1e-9
 
 
-def test_a_place_not_known_stays_unknown_and_disturbs_nobody() -> None:
+def test_unknown_position_stays_unknown_and_disturbs_no_other() -> None:
     desired = np.array([[np.nan, 0.0], [1.0, 1.0], [1.0, 1.5]])
     place = distinct_sites_m(desired, NOBODY, 4.0, {})
     assert np.isnan(place[0]).all()
@@ -106,7 +106,7 @@ def test_a_large_fleet_among_the_most_obstacles_finds_its_places(half_m: float) 
     assert all((ellipse.distance_m(place) >= CLEAR_M - 1e-9).all() for ellipse in ellipses.values())
 
 
-def test_one_in_the_middle_of_an_obstacle_too_wide_to_be_pushed_out_of_is_placed_beside_it() -> None:
+def test_site_inside_a_wide_obstacle_is_moved_beside_it() -> None:
     wide = Ellipse.around(Obstacle("w", 0.0, 0.0, 150.0, 150.0, 10.0), margin_m=2.0, headroom_m=3.0)
     place = distinct_sites_m(np.zeros((3, 2)), NOBODY, 4.0, {"w": wide})
     assert (wide.distance_m(place) >= CLEAR_M).all()
@@ -114,7 +114,7 @@ def test_one_in_the_middle_of_an_obstacle_too_wide_to_be_pushed_out_of_is_placed
     assert np.linalg.norm(place, axis=1).max() < 1.3 * 215.0
 
 
-def test_nobody_needs_no_place() -> None:
+def test_no_vehicle_needs_no_site() -> None:
     assert distinct_sites_m(NOBODY, NOBODY, 4.0, {}).shape == (0, 2)
 
 
@@ -127,7 +127,7 @@ def test_one_that_comes_down_by_itself_sweeps_the_column_below(action: str) -> N
     assert swept_segments_m(LAST, None, HOME, action, 30.0).tolist() == COLUMN
 
 
-def test_one_that_returns_may_also_climb_fly_home_and_come_down_there() -> None:
+def test_returning_vehicle_may_climb_fly_home_and_descend() -> None:
     swept = swept_segments_m(LAST, None, HOME, "return", 30.0)
     assert swept.tolist() == [
         *COLUMN,
@@ -137,12 +137,12 @@ def test_one_that_returns_may_also_climb_fly_home_and_come_down_there() -> None:
     ]
 
 
-def test_one_that_is_higher_than_the_return_height_flies_home_where_it_is() -> None:
+def test_vehicle_above_the_return_height_flies_home_level() -> None:
     swept = swept_segments_m(np.array([30.0, 40.0, -60.0]), None, HOME, "return", 30.0)
     assert swept[2].tolist() == [[30.0, 40.0, -60.0], [1.0, 2.0, -60.0]]
 
 
-def test_without_a_known_home_the_column_is_all_that_can_be_stated() -> None:
+def test_without_a_known_home_only_the_column_is_known() -> None:
     assert swept_segments_m(LAST, None, None, "return", 30.0).tolist() == COLUMN
 
 
@@ -165,7 +165,7 @@ def distance_m(place: Array, segments: Array) -> float:
     return float(np.linalg.norm(nearest - place, axis=1).min())
 
 
-def test_one_that_was_moving_flies_on_and_may_come_down_at_either_end() -> None:
+def test_moving_vehicle_drifts_and_may_descend_at_either_end() -> None:
     swept = drifting((4.0, -3.0, 0.0)).tolist()
     end = [30.0 + 4.0 * DRIFT_S, 40.0 - 3.0 * DRIFT_S]
     assert COLUMN[0] in swept
@@ -173,7 +173,7 @@ def test_one_that_was_moving_flies_on_and_may_come_down_at_either_end() -> None:
     assert pytest.approx(np.array([[30.0, 40.0, -20.0], [*end, -20.0]])) in swept
 
 
-def test_columns_under_a_drift_stand_too_close_to_pass_between_them() -> None:
+def test_columns_of_a_drift_leave_no_gap_between_them() -> None:
     assert Floor().horizontal_m + Floor().margin_m + Floor().uncertainty_m >= COLUMNS_APART_M
     swept = drifting((8.0, 0.0, 0.0))
     for share in np.linspace(0.0, 1.0, 50):
@@ -182,13 +182,13 @@ def test_columns_under_a_drift_stand_too_close_to_pass_between_them() -> None:
             assert distance_m(below, swept) <= COLUMNS_APART_M / 2
 
 
-def test_one_that_was_climbing_may_be_higher_and_one_that_was_sinking_as_high_as_before() -> None:
+def test_climbing_may_be_higher_and_descending_as_high() -> None:
     assert drifting((0.0, 0.0, -2.5))[:, :, 2].min() == pytest.approx(-20.0 - 2.5 * DRIFT_S)
     assert drifting((0.0, 0.0, 1.4)).tolist() == COLUMN
     assert drifting((1.0, 0.0, 1.4))[:, :, 2].min() == -20.0
 
 
-def test_one_that_returns_after_a_drift_climbs_and_flies_home_from_wherever_it_stopped() -> None:
+def test_returning_after_a_drift_starts_anywhere_along_it() -> None:
     swept = drifting((4.0, 0.0, 0.0), "return")
     for share in (0.0, 1.0):
         corner = np.array([30.0 + share * 4.0 * DRIFT_S, 40.0, -29.5])
@@ -198,11 +198,11 @@ def test_one_that_returns_after_a_drift_climbs_and_flies_home_from_wherever_it_s
 
 
 @pytest.mark.parametrize("velocity", [None, np.full(3, np.nan)])
-def test_one_whose_motion_nobody_knows_is_taken_to_stay(velocity: Array | None) -> None:
+def test_unknown_velocity_is_taken_as_rest(velocity: Array | None) -> None:
     assert swept_segments_m(LAST, velocity, HOME, "descend", 30.0).tolist() == COLUMN
 
 
-def test_one_lost_on_its_way_up_may_still_climb_to_its_take_off_height() -> None:
+def test_vehicle_lost_in_its_climb_may_reach_its_takeoff_height() -> None:
     low = HOME - np.array([0.1, 0.0, 2.0])
     climbing = swept_segments_m(low, np.zeros(3), HOME, "descend", 30.0, climbing_to_m=5.0).tolist()
     assert [[1.0, 2.0, 0.5 - 5.0 - OVERSHOOT_M], [1.0, 2.0, 0.5]] in climbing

@@ -68,7 +68,7 @@ def test_above_each_other_the_floor_is_taller() -> None:
     assert separation(truth(flight(lower, upper - (0.0, 0.0, 1.0))), FLOOR) == (3.5, 0)
 
 
-def test_pairs_low_over_their_pads_and_pairs_on_the_ground_are_exempt() -> None:
+def test_pairs_low_over_pads_and_on_the_ground_are_exempt() -> None:
     low = flight(np.array([0.0, 0.0, -1.9]), np.array([0.0, 1.0, -0.5]))
     assert separation(truth(low), FLOOR) == (np.inf, 0)
     high = flight(np.array([0.0, 0.0, -9.0]), np.array([0.0, 1.0, -9.0]))
@@ -81,7 +81,7 @@ def test_each_way_through_the_obstacle_is_one_penetration() -> None:
     assert penetrations(truth(flight(through(0.0, 20.9))), BOX) == 1
 
 
-def test_one_that_begins_inside_is_counted_and_one_that_stays_is_counted_once() -> None:
+def test_initial_violation_counts_and_lasting_counts_once() -> None:
     assert penetrations(truth(flight(np.array([0.0, 0.0, -5.0]))), BOX) == 1
 
 
@@ -106,7 +106,7 @@ def test_a_cube_and_a_wrong_radius_are_seen() -> None:
     assert figures["radius_error_m"] == pytest.approx(1.0)
 
 
-def test_the_orbit_error_is_that_of_the_true_centroid_about_the_target() -> None:
+def test_orbit_error_is_of_the_true_centroid_about_the_target() -> None:
     angle = TIME_S * 0.3
     circle = np.stack([5.0 + 16.0 * np.cos(angle), 16.0 * np.sin(angle), np.full_like(angle, -20.0)], axis=1)
     aside = np.array([0.0, 4.0, 0.0])

@@ -19,7 +19,7 @@ def test_inside_the_gap_moving_away_is_demanded() -> None:
     assert BRAKING.speed_m_s(np.array([-2.0])) == pytest.approx([-1.0])
 
 
-def test_what_closes_in_now_goes_on_for_the_lead_and_what_parts_earns_nothing() -> None:
+def test_closing_now_counts_for_the_lead_and_parting_earns_none() -> None:
     lead = BRAKING.model_copy(update={"lead_s": 0.5})
     settings = SETTINGS.model_copy(update={"braking": lead})
     position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])  # 5 m to floor and margin
@@ -31,7 +31,7 @@ def test_what_closes_in_now_goes_on_for_the_lead_and_what_parts_earns_nothing() 
         assert allowed[0, 0] - allowed[1, 0] == pytest.approx(expected, abs=2e-3)
 
 
-def test_over_a_slow_link_everybody_is_further_on_brakes_earlier_and_escapes_more_gently() -> None:
+def test_slow_link_extrapolates_brakes_earlier_escapes_slower() -> None:
     assert BRAKING.over_link(0.0) is BRAKING
     late = BRAKING.over_link(0.2)
     assert (late.reaction_s, late.lead_s) == pytest.approx((0.9, BRAKING.lead_s + 0.4))

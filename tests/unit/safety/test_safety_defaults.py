@@ -7,7 +7,7 @@ from gcs.safety.traffic import Traffic
 from gcs.safety.walls import Fence
 
 
-def test_the_safety_settings_as_delivered_are_those_that_were_derived_and_flown() -> None:
+def test_default_safety_settings_are_those_derived_and_flown() -> None:
     # docs/decisions/0004: who changes one of these changes how far apart everybody is held
     assert SafetySettings() == SafetySettings(
         limits=Limits(horizontal_m_s=8.0, up_m_s=2.5, down_m_s=1.4),

@@ -17,14 +17,14 @@ def test_rows_not_finite_become_rest_and_long_ones_are_scaled() -> None:
     )
 
 
-def test_every_restraint_has_its_reason_in_words() -> None:
+def test_every_limit_has_its_reason_in_words() -> None:
     position = np.array([[0.0, 0.0, -20.0], [3.2, 0.0, -20.0], [0.0, 50.0, -3.1], [90.0, 0.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.4], [0.0, 1.0, 0.0]])
     _, reasons = filter_velocities(desired, surroundings(position), SETTINGS)
     assert reasons == ("separation from d1", "separation from d0", "least height", "")
 
 
-def test_the_worst_of_several_restraints_is_the_one_that_is_reported() -> None:
+def test_worst_of_several_limits_is_reported() -> None:
     position = np.array([[-7.0, 0.0, -3.3]])
     around = surroundings(position, ellipses={"b": BOX})
     _, reasons = filter_velocities(np.array([[8.0, 0.0, 0.6]]), around, SETTINGS)
@@ -38,7 +38,7 @@ def test_a_vehicles_own_speed_shortens_it_in_every_direction() -> None:
     assert cap(desired, Limits(), 2.5)[2] == pytest.approx([1.5, 2.0, 0.0])
 
 
-def test_the_filter_keeps_each_vehicles_own_speed_even_where_it_leads_it_elsewhere() -> None:
+def test_filter_keeps_the_speed_limit_of_each_vehicle() -> None:
     # a pilot comes at 3 m/s; the slow one can give way with 1 m/s only
     position = np.array([[0.0, 0.0, -20.0], [3.5, 0.0, -20.0]])
     oncoming = np.array([[0.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
@@ -50,7 +50,7 @@ def test_the_filter_keeps_each_vehicles_own_speed_even_where_it_leads_it_elsewhe
     assert allowed[0] == pytest.approx([-1.0, 0.0, 0.0], abs=2e-3)
 
 
-def test_nothing_within_the_limits_is_faster_than_the_fastest_they_allow() -> None:
+def test_nothing_within_limits_exceeds_the_fastest_they_allow() -> None:
     assert Limits(horizontal_m_s=4.0, up_m_s=3.0, down_m_s=1.0).fastest_m_s == pytest.approx(5.0)
     assert Limits(horizontal_m_s=4.0, up_m_s=1.0, down_m_s=3.0).fastest_m_s == pytest.approx(5.0)
 

@@ -51,9 +51,7 @@ def sideways_m(found: list[Clash]) -> list[float]:
         ((1.6, 0.0, 1.9), False),  # 0.64 + 0.40
     ],
 )
-def test_who_holds_clashes_with_whom_it_is_inside_the_floor_with_and_nobody_else(
-    away_m: Place, clash: bool
-) -> None:
+def test_holding_vehicle_conflicts_only_inside_the_floor(away_m: Place, clash: bool) -> None:
     x_m, y_m, z_m = away_m
     assert bool(clashing([(7.0, -4.0, -20.0), (7.0 + x_m, -4.0 + y_m, -20.0 + z_m)], "hold")) is clash
 
@@ -77,7 +75,7 @@ def test_the_uncertainties_of_both_are_kept_on_top(away_m: Place, clash: bool) -
     ("away_m", "clash"),
     [((2.55, 0.0, 0.0), True), ((2.65, 0.0, 0.0), False), ((0.0, 0.0, 3.1), False)],
 )
-def test_who_notices_late_flies_on_for_a_third_of_a_second_sideways(away_m: Place, clash: bool) -> None:
+def test_late_failsafe_flies_on_a_third_of_a_second_sideways(away_m: Place, clash: bool) -> None:
     x_m, _, z_m = away_m
     assert bool(clashing([(0.0, 0.0, -20.0), (x_m, 0.0, -20.0 + z_m)], "hold", speed_m_s=2.0)) is clash
 
@@ -93,7 +91,7 @@ def test_who_notices_late_flies_on_for_a_third_of_a_second_sideways(away_m: Plac
         (1.95, 1.0, False),
     ],
 )
-def test_who_is_above_comes_down_beside_one_that_stands(
+def test_upper_vehicle_descends_beside_a_standing_one(
     action: Action, apart_m: float, above_m: float, clash: bool
 ) -> None:
     found = clashing([(0.0, 0.0, -20.0), (apart_m, 0.0, -20.0 - above_m)], action)
@@ -101,18 +99,18 @@ def test_who_is_above_comes_down_beside_one_that_stands(
 
 
 @pytest.mark.parametrize("action", ["hold", "return"])
-def test_who_holds_or_returns_does_not_sink_onto_another(action: Action) -> None:
+def test_holding_or_returning_does_not_descend_onto_another(action: Action) -> None:
     # ways home at 60 m and 50 m
     assert clashing([(0.0, 0.0, -50.0), (0.0, 2.1, -60.0)], action) == []
 
 
-def test_those_who_come_closest_are_reported_first_and_how_close() -> None:
+def test_closest_conflicts_are_reported_first_with_distance() -> None:
     found = clashing([(0.0, 0.0, -20.0), (1.5, 0.0, -20.0), (2.5, 0.0, -20.0), (9.0, 0.0, -20.0)], "hold")
     assert found == [Clash(1, 2, 1.0), Clash(0, 1, 1.5)]
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_one_alone_clashes_with_nobody(action: Action) -> None:
+def test_one_vehicle_has_no_conflict(action: Action) -> None:
     assert clashing([(0.0, 0.0, -20.0)], action) == []
 
 
@@ -144,9 +142,7 @@ def test_ways_home_that_cross_clash_at_one_height(
 
 
 @pytest.mark.parametrize(("beside_m", "clash"), [(1.9, True), (2.1, False)])
-def test_ways_home_side_by_side_clash_where_they_are_closer_than_the_floor(
-    beside_m: float, clash: bool
-) -> None:
+def test_parallel_return_paths_conflict_within_the_floor(beside_m: float, clash: bool) -> None:
     # one flies north along y = 0, the other follows it 20 m behind, and ends 20 m before it
     here: list[Place] = [(0.0, 0.0, -20.0), (-20.0, beside_m, -20.0)]
     found = clashing(here, "return", home_m=[(40.0, 0.0, 0.0), (20.0, beside_m, 0.0)])
@@ -154,7 +150,7 @@ def test_ways_home_side_by_side_clash_where_they_are_closer_than_the_floor(
 
 
 @pytest.mark.parametrize(("apart_m", "clash"), [(1.9, True), (2.1, False)])
-def test_who_is_beside_another_may_climb_past_it_whatever_their_heights(apart_m: float, clash: bool) -> None:
+def test_adjacent_vehicle_may_climb_past_at_any_height(apart_m: float, clash: bool) -> None:
     # uncrossed ways at 40 m and 50 m, away from each other
     here: list[Place] = [(0.0, 0.0, -40.0), (0.0, apart_m, -50.0)]
     found = clashing(here, "return", home_m=[(0.0, -30.0, 0.0), (0.0, 30.0, 0.0)])
@@ -162,7 +158,7 @@ def test_who_is_beside_another_may_climb_past_it_whatever_their_heights(apart_m:
 
 
 @pytest.mark.parametrize(("apart_m", "clash"), [(1.9, True), (2.1, False)])
-def test_who_comes_down_meets_who_arrives_beside_it_lower_down(apart_m: float, clash: bool) -> None:
+def test_descending_meets_a_vehicle_arriving_lower_beside_it(apart_m: float, clash: bool) -> None:
     here: list[Place] = [(0.0, -30.0, -40.0), (0.0, 30.0, -50.0)]
     found = clashing(here, "return", home_m=[(0.0, 0.0, 0.0), (0.0, apart_m, 0.0)])
     assert sideways_m(found) == pytest.approx([apart_m] if clash else [])
@@ -181,7 +177,7 @@ def test_who_comes_down_meets_who_arrives_beside_it_lower_down(apart_m: float, c
         (0.0, 50.0, 33.1, 20.0, False),
     ],
 )
-def test_who_comes_down_meets_who_flies_past_between_its_own_height_and_its_pad(
+def test_descending_meets_a_vehicle_passing_above_its_pad(
     past_m: float, comes_from_m: float, roof_m: float, passes_m: float, clash: bool, turned_round: bool
 ) -> None:
     here: list[Place] = [(0.0, -30.0, -max(comes_from_m, 30.0 + roof_m)), (-20.0, past_m, -passes_m)]
@@ -202,7 +198,7 @@ def test_who_comes_down_meets_who_flies_past_between_its_own_height_and_its_pad(
         (0.0, 18.1, False),  # it begins above the other
     ],
 )
-def test_who_climbs_meets_who_flies_home_into_a_valley(
+def test_climbing_meets_a_vehicle_returning_into_a_valley(
     past_m: float, begins_m: float, clash: bool, turned_round: bool
 ) -> None:
     here: list[Place] = [(0.0, 0.0, -begins_m), (-20.0, past_m, -12.0)]
@@ -213,7 +209,7 @@ def test_who_climbs_meets_who_flies_home_into_a_valley(
     assert sideways_m(found) == pytest.approx([past_m] if clash else [])
 
 
-def test_who_is_right_above_its_home_is_met_there() -> None:
+def test_vehicle_above_its_home_is_met_there() -> None:
     here: list[Place] = [(0.0, 0.0, -20.0), (-20.0, 1.0, -20.0)]
     found = clashing(here, "return", home_m=[(0.0, 0.0, 0.0), (20.0, 1.0, 0.0)])
     assert sideways_m(found) == pytest.approx([1.0])
@@ -240,7 +236,7 @@ CENTER_M = np.array([3.0, -2.0, -30.0])
         (0.3, 0.0, -0.4),
     ],
 )
-def test_two_are_turned_about_the_centre_until_one_is_above_the_other(chord_m: Place) -> None:
+def test_two_are_turned_about_the_centre_until_stacked(chord_m: Place) -> None:
     before_m = CENTER_M + np.outer([0.5, -0.5], chord_m)
     after_m = turned_upright(before_m, CENTER_M)
     length_m = float(np.linalg.norm(chord_m))
@@ -257,7 +253,7 @@ def test_whoever_is_above_another_already_stays_there(above_m: float) -> None:
 
 
 @pytest.mark.parametrize("nearest", [(0, 1), (1, 2), (0, 2), (2, 3)])
-def test_it_is_the_nearest_two_that_are_turned_and_all_the_others_with_them(nearest: tuple[int, int]) -> None:
+def test_nearest_two_are_turned_and_all_others_with_them(nearest: tuple[int, int]) -> None:
     offset_m = np.array([[9.0, 0.0, 1.0], [0.0, 9.0, 2.0], [-9.0, 0.0, 3.0], [0.0, -9.0, -4.0]])
     first, second = nearest
     offset_m[second] = offset_m[first] + (1.0, 2.0, 2.0)

@@ -29,7 +29,7 @@ def test_the_grid_finds_every_near_pair_once(count: int) -> None:
     assert sorted(found) == list(zip(i[near].tolist(), j[near].tolist(), strict=True))
 
 
-def test_pairs_of_some_are_those_pairs_of_all_in_which_one_of_them_is() -> None:
+def test_pairs_of_a_selection_are_all_pairs_that_contain_one() -> None:
     rng = np.random.default_rng(0)
     position, radius = rng.normal(0.0, 5.0, (40, 3)), rng.uniform(0.1, 4.0, 40)
     takes_part, some = rng.random(40) < 0.8, rng.random(40) < 0.3
@@ -43,7 +43,7 @@ def test_pairs_of_some_are_those_pairs_of_all_in_which_one_of_them_is() -> None:
     assert sorted(of_some) == sorted(pair for pair in every if some[list(pair)].any())
 
 
-def test_the_minimum_is_the_true_distance_and_the_floor_is_an_ellipsoid() -> None:
+def test_minimum_is_the_true_distance_and_the_floor_ellipsoidal() -> None:
     airborne = np.ones(2, dtype=bool)
     beside = np.array([[0.0, 0.0, -9.0], [2.1, 0.0, -9.0]])
     above = np.array([[0.0, 0.0, -9.0], [0.0, 0.0, -11.9]])
@@ -78,7 +78,7 @@ def test_the_minimum_separation_is_that_of_the_pairs_that_count(seed: int) -> No
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_minimum_separation_is_found_however_far_apart_they_are(axis: int) -> None:
+def test_minimum_separation_is_found_at_any_distance(axis: int) -> None:
     for apart_m in (5.0, 50.0, 7000.0):
         position = np.zeros((2, 3)) - (0.0, 0.0, 10.0)
         position[1, axis] -= apart_m
@@ -111,7 +111,7 @@ MANY = FEW + 40
 
 
 @pytest.mark.parametrize("look_m", [4.0, 3.0, 2.0], ids=["two cells", "three cells", "four cells"])
-def test_who_looks_across_most_of_the_crowd_is_reported_everybody_there_once(look_m: float) -> None:
+def test_wide_look_finds_each_vehicle_of_the_crowd_once(look_m: float) -> None:
     rng = np.random.default_rng(3)
     radius = rng.uniform(0.9 * look_m, look_m, MANY)
     assert_each_near_pair_once(rng.uniform(-4.0, 4.0, (MANY, 3)), radius, np.arange(MANY) % 4 == 0)
@@ -127,7 +127,7 @@ def test_stragglers_on_both_sides_of_a_crowd_find_each_other(axis: int) -> None:
     assert_each_near_pair_once(position, rng.uniform(3.0, 4.0, MANY), np.ones(MANY, dtype=bool))
 
 
-def test_two_in_one_place_find_each_other_where_nobody_else_is_known() -> None:
+def test_two_in_one_place_are_a_pair_with_all_others_unknown() -> None:
     position = np.full((MANY, 3), np.nan)
     position[[7, 90]] = 0.0
     known = np.isfinite(position[:, 0])
@@ -135,27 +135,27 @@ def test_two_in_one_place_find_each_other_where_nobody_else_is_known() -> None:
     assert sorted([*first.tolist(), *second.tolist()]) == [7, 90]
 
 
-def test_where_nobody_of_many_is_known_nobody_is_near() -> None:
+def test_no_pair_with_all_positions_unknown() -> None:
     nowhere = np.full((MANY, 3), np.nan)
     first, second = near_pairs(nowhere, np.zeros(MANY, dtype=bool), np.ones(MANY))
     assert (len(first), len(second)) == (0, 0)
     assert minimum_separation(nowhere, np.ones(MANY, dtype=bool), FLOOR) == (np.inf, 0)
 
 
-def test_all_pairs_inside_the_floor_are_counted_not_only_the_nearest() -> None:
+def test_all_pairs_inside_the_floor_are_counted() -> None:
     position = np.array([[0.0, 0.0, -9.0], [0.5, 0.0, -9.0], [50.0, 0.0, -9.0], [50.0, 0.0, -11.9]])
     assert minimum_separation(position, np.ones(4, dtype=bool), FLOOR) == pytest.approx((0.5, 2))
 
 
 @pytest.mark.parametrize("apart_m", [99.0, 150.0, 195.0, 387.0])
-def test_opposite_corners_are_found_although_the_look_hardly_reaches_across(apart_m: float) -> None:
+def test_opposite_corners_are_found_with_a_barely_wide_look(apart_m: float) -> None:
     corner = np.full(3, apart_m / np.sqrt(12.0))
     position = np.array([corner, -corner])
     assert minimum_separation(position, np.ones(2, dtype=bool), FLOOR)[0] == pytest.approx(apart_m)
 
 
 @pytest.mark.parametrize("heights", [(2.0, 1.0), (1.0, 2.0), (2.0, 2.0)])
-def test_at_the_height_of_the_pads_nobody_is_exempt_any_more(heights: tuple[float, float]) -> None:
+def test_at_pad_height_no_pair_is_exempt(heights: tuple[float, float]) -> None:
     position = np.array([[0.0, 0.0, -heights[0]], [1.0, 0.0, -heights[1]]])
     airborne = np.ones(2, dtype=bool)
     assert minimum_separation(position, airborne, FLOOR)[1] == 1

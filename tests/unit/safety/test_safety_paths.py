@@ -5,7 +5,7 @@ import pytest
 from safety_world import BRAKING, filtered, surroundings
 
 
-def test_the_column_below_a_lost_vehicle_is_kept_clear_at_every_height() -> None:
+def test_column_below_a_lost_vehicle_is_clear_at_every_height() -> None:
     column = np.array([[[0.0, 0.0, -30.0], [0.0, 0.0, 0.0]]])
     for height_m in (29.0, 15.0, 4.0):
         position = np.array([[-5.0, 0.0, -height_m]])  # 2 m to floor and margin

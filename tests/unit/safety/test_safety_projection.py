@@ -8,7 +8,7 @@ from gcs.safety.constraints import NOBODY, Constraints
 from gcs.safety.projection import SHRINKS, any_broken, project, shrink
 
 
-def test_a_pair_shares_the_duty_evenly_and_nothing_else_is_changed() -> None:
+def test_pair_shares_the_correction_evenly_and_no_other_changes() -> None:
     # they close with 4 m/s, 1 is allowed: 1.5 each
     desired = np.array([[2.0, 1.0, 0.0], [-2.0, 0.0, 0.5]])
     closing = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
@@ -24,14 +24,14 @@ def test_the_projection_onto_a_corner_is_the_nearest_point_of_it() -> None:
     )
 
 
-def test_velocities_that_break_nothing_are_left_exactly_as_they_are() -> None:
+def test_velocities_that_break_nothing_are_unchanged() -> None:
     desired = np.array([[0.3, -0.2, 0.1], [1.0, 0.0, 0.0]])
     allowed = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
     assert project(desired, allowed).tolist() == desired.tolist()
     assert shrink(desired, allowed).tolist() == desired.tolist()
 
 
-def test_what_the_projection_leaves_broken_is_shrunk_until_it_holds() -> None:
+def test_remaining_violations_are_shrunk_until_they_hold() -> None:
     velocity = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
     closing = half_space(0, 1, (-1.0, 0.0, 0.0), -1.0)
     shrunk = shrink(velocity, closing)
@@ -45,19 +45,19 @@ def test_what_even_rest_cannot_mend_is_not_shrunk() -> None:
     assert shrink(fleeing, half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0)).tolist() == fleeing.tolist()
 
 
-def test_a_bound_of_zero_against_a_wall_ends_in_rest_and_not_in_a_crawl() -> None:
+def test_bound_of_zero_at_a_wall_ends_in_rest() -> None:
     crawl = shrink(np.array([[500.0, 0.0, 0.0]]), half_space(0, NOBODY, (-1.0, 0.0, 0.0), 0.0))
     assert crawl[0, 0] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_shortening_takes_no_more_than_is_needed_from_two_that_both_approach() -> None:
+def test_two_approaching_vehicles_shrink_no_more_than_needed() -> None:
     velocity = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # 4 m/s of which 1 is allowed: a quarter of each
     shrunk = shrink(velocity, half_space(0, 1, (-1.0, 0.0, 0.0), -1.0))
     assert shrunk == pytest.approx(velocity / 4.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0)])
-def test_who_flees_is_not_shortened_and_lets_the_other_come_as_much_faster(first: int, second: int) -> None:
+def test_fleeing_vehicle_keeps_speed_and_lets_the_other_close(first: int, second: int) -> None:
     # row 0 comes with 3 m/s, row 1 flees before it with 0.6: of their 2.4 m/s 0.5 are allowed
     velocity = np.array([[3.0, 0.0, 0.0], [0.6, 0.0, 0.0]])
     away = -1.0 if first == 0 else 1.0
@@ -65,26 +65,26 @@ def test_who_flees_is_not_shortened_and_lets_the_other_come_as_much_faster(first
     assert shrunk == pytest.approx(np.array([[1.1, 0.0, 0.0], [0.6, 0.0, 0.0]]), abs=1e-3)
 
 
-def test_constraints_that_only_rest_satisfies_together_end_in_rest() -> None:
+def test_constraints_that_only_rest_satisfies_end_in_rest() -> None:
     # each of a ring of three is shortened for the next one: geometrically, and at last it must end
     ring = Constraints.joined(*(half_space(row, (row + 1) % 3, (-1.0, 0.0, 0.0), 0.0) for row in range(3)))
     shrunk = shrink(np.array([[3.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), ring)
     assert (ring.slack_m_s(shrunk) >= -1e-3).all()
 
 
-def test_demands_to_part_are_no_business_of_the_shortening_those_after_them_are() -> None:
+def test_shrinking_skips_parting_demands_not_later_constraints() -> None:
     both = Constraints.joined(
         half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0), half_space(0, NOBODY, (0.0, -1.0, 0.0), -1.0)
     )
     assert shrink(np.array([[0.0, 4.0, 0.0]]), both) == pytest.approx(np.array([[0.0, 1.0, 0.0]]), abs=1e-3)
 
 
-def test_a_wall_takes_what_is_too_fast_and_one_metre_a_second_of_it_too() -> None:
+def test_wall_removes_excess_speed_of_one_metre_a_second() -> None:
     wall = half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0)
     assert project(np.array([[2.0, 0.0, 0.0]]), wall) == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
 
 
-def test_a_column_that_would_be_shortened_one_by_one_for_ever_ends_in_rest() -> None:
+def test_column_shortened_one_by_one_ends_in_rest() -> None:
     # nobody may come up with the one before it by more than 1 cm/s; the first of all meets a wall
     column = Constraints.joined(
         *(half_space(row, row + 1, (-1.0, 0.0, 0.0), -0.01) for row in range(SHRINKS + 20)),
@@ -106,7 +106,7 @@ def test_broken_is_what_is_broken_by_more_than_the_tolerance(speed_m_s: float, b
     assert any_broken(np.array([[speed_m_s, 0.0, 0.0]]), *rows) == broken
 
 
-def test_a_wall_that_pushed_farther_than_needed_in_the_end_gives_that_back() -> None:
+def test_wall_that_pushed_too_far_gives_the_excess_back() -> None:
     # the wall alone asks for 1 m/s of row 0, coming up with row 1 for 1 m/s of both: not for rest
     both = Constraints.joined(
         half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
@@ -116,7 +116,7 @@ def test_a_wall_that_pushed_farther_than_needed_in_the_end_gives_that_back() -> 
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (1, 0)])
-def test_who_flies_across_is_not_shortened_for_the_one_that_comes(first: int, second: int) -> None:
+def test_crossing_vehicle_is_not_shrunk_for_an_approaching_one(first: int, second: int) -> None:
     # row 0 flies past to the north, row 1 comes from the east with 3 m/s of which 1 is allowed
     velocity = np.array([[0.0, 4.0, 0.0], [-3.0, 0.0, 0.0]])
     away = -1.0 if first == 0 else 1.0
@@ -124,13 +124,13 @@ def test_who_flies_across_is_not_shortened_for_the_one_that_comes(first: int, se
     assert shrunk == pytest.approx(np.array([[0.0, 4.0, 0.0], [-1.0, 0.0, 0.0]]), abs=1e-3)
 
 
-def test_a_wall_shortens_nobody_but_the_one_before_it() -> None:
+def test_wall_shrinks_only_the_vehicle_before_it() -> None:
     velocity = np.array([[4.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
     shrunk = shrink(velocity, half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0))
     assert shrunk[:, 0] == pytest.approx([1.0, 4.0], abs=1e-3)
 
 
-def test_a_push_is_passed_on_by_one_whose_constraints_had_come_to_rest() -> None:
+def test_push_is_passed_on_by_a_vehicle_at_rest() -> None:
     # row 0 has to go with 5 m/s and pushes row 1, row 1 pushes row 2; at first they hardly touch
     resting = half_space(1, 2, (-1.0, 0.0, 0.0), 0.0)
     pushed = half_space(0, NOBODY, (1.0, 0.0, 0.0), 5.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)

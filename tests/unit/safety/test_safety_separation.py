@@ -16,7 +16,7 @@ from gcs.safety.separation import (
 )
 
 
-def test_pairs_on_their_pads_are_exempt_and_unknown_positions_take_no_part() -> None:
+def test_pairs_on_pads_are_exempt_and_unknown_are_ignored() -> None:
     position = np.array(
         [[0.0, 0.0, -1.0], [1.0, 0.0, -1.9], [2.0, 0.0, -2.1], [np.nan, 0.0, -9.0], [3.0, 0.0, 0.0]]
     )
@@ -25,7 +25,7 @@ def test_pairs_on_their_pads_are_exempt_and_unknown_positions_take_no_part() -> 
     assert list(zip(first.tolist(), second.tolist(), strict=True)) == [(0, 2), (1, 2), (2, 4)]
 
 
-def test_the_widest_separation_satisfies_the_ellipsoid_in_every_direction() -> None:
+def test_widest_separation_satisfies_the_ellipsoid_everywhere() -> None:
     assert FLOOR.widest_m == pytest.approx(4.5)
     unsure = FLOOR.model_copy(update={"uncertainty_m": 0.35, "vertical_uncertainty": 2.0})
     assert unsure.widest_m == pytest.approx(4.5 + 2.0 * 0.7)
@@ -50,7 +50,7 @@ def test_one_above_the_other_is_held_off_in_the_taller_way() -> None:
     assert allowed[1, 2] - allowed[0, 2] <= float(BRAKING.speed_m_s(np.array([4.5]))[0]) + 2e-3
 
 
-def test_from_one_who_is_not_commanded_the_other_yields_all_the_way() -> None:
+def test_commanded_vehicle_yields_fully_to_an_uncommanded_one() -> None:
     position = np.array([[0.0, 0.0, -20.0], [3.5, 0.0, -20.0]])
     oncoming = np.array([[0.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     around = surroundings(position, velocity=oncoming, commanded=[True, False])
@@ -74,7 +74,7 @@ def test_two_in_the_same_place_are_parted_up_and_down() -> None:
     assert allowed[0, 2] - allowed[1, 2] > 1.0
 
 
-def test_nobody_commanded_means_no_constraints() -> None:
+def test_no_commanded_vehicle_means_no_constraints() -> None:
     position = np.array([[0.0, 0.0, -20.0], [1.0, 0.0, -20.0]])
     nobody = np.zeros(2, dtype=bool)
     found = separation_constraints(
@@ -100,7 +100,7 @@ def test_nobody_commanded_means_no_constraints() -> None:
     )
 
 
-def test_who_is_pushed_to_where_nobody_had_looked_is_looked_at_again() -> None:
+def test_vehicle_pushed_beyond_its_look_is_checked_again() -> None:
     # an escape pushes the middle one, which rests, onto the right one, far beyond what anybody wants
     position = np.array([[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [4.4, 0.0, -20.0]])
     hard = SETTINGS.model_copy(update={"braking": BRAKING.model_copy(update={"escape_rate_per_s": 3.0})})
@@ -113,7 +113,7 @@ def test_who_is_pushed_to_where_nobody_had_looked_is_looked_at_again() -> None:
 FAR_APART = np.array([[0.0, 500.0 * row, -20.0] for row in range(1, 25)])
 
 
-def test_a_single_one_pushed_to_where_nobody_had_looked_is_looked_at_again_in_a_large_fleet() -> None:
+def test_single_push_in_a_large_fleet_is_checked_again() -> None:
     # a pilot's vehicle pushes d1 onto d2; the others are in nobody's way
     position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [4.4, 0.0, -20.0]], FAR_APART])
     fence = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
@@ -126,7 +126,7 @@ def test_a_single_one_pushed_to_where_nobody_had_looked_is_looked_at_again_in_a_
     assert reasons[:4] == ("", "separation from d0", "separation from d1", "")
 
 
-def test_a_single_one_pushed_to_where_nobody_is_is_reported_so_and_leaves_the_others_alone() -> None:
+def test_push_into_empty_space_names_its_cause_only() -> None:
     position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0]], FAR_APART])
     fence = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
     around = surroundings(position, commanded=[row > 0 for row in range(len(position))])
@@ -138,7 +138,7 @@ def test_a_single_one_pushed_to_where_nobody_is_is_reported_so_and_leaves_the_ot
     assert reasons == ("", "separation from d0", *("" for _ in FAR_APART))
 
 
-def test_a_push_that_is_passed_on_from_one_to_the_next_is_followed_to_the_end() -> None:
+def test_push_passed_along_a_row_is_followed_to_the_end() -> None:
     # all fly north; a pilot's vehicle pushes d1 onto d2, that one onto d3 and so on
     east = np.array([0.0, 0.4, 4.4, 8.4, 12.4, 16.4])
     position = np.column_stack([east, np.zeros(6), np.full(6, -20.0)])
@@ -170,7 +170,7 @@ SLOW = Braking(reaction_s=1.5, lead_s=0.5, deceleration_m_s2=0.8, escape_rate_pe
         *((1.0, 1.0, 1.0), (30.0, 0.0, 0.0), (30.0, 0.0, 4.0)),
     ],
 )
-def test_a_pair_is_found_as_soon_as_it_could_come_too_close_from_wherever(
+def test_pair_is_found_as_soon_as_it_could_come_too_close(
     spare_m_s: float, closing_m_s: float, unsure_m: float, floor: Floor, braking: Braking
 ) -> None:
     wide_m, tall_m = floor.kept_m(2.0 * unsure_m)
@@ -197,7 +197,7 @@ def test_a_pair_is_found_as_soon_as_it_could_come_too_close_from_wherever(
             assert len(found) == count
 
 
-def test_when_everybody_is_pushed_everybody_is_looked_at_again() -> None:
+def test_when_all_are_pushed_all_are_checked_again() -> None:
     # two couples that are far too close part; the inner ones would meet
     position = np.column_stack([[0.0, 0.4, 5.4, 5.8], np.zeros(4), np.full(4, -20.0)])
     hard = SETTINGS.model_copy(update={"braking": BRAKING.model_copy(update={"escape_rate_per_s": 3.0})})
@@ -210,7 +210,7 @@ WIDE = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
 HARD = BRAKING.model_copy(update={"escape_rate_per_s": 2.5})
 
 
-def test_a_column_at_full_speed_stops_behind_the_one_that_stands_in_its_way() -> None:
+def test_column_at_full_speed_stops_behind_a_standing_vehicle() -> None:
     # the first is far too close to a pilot's vehicle and turns back, so must they all, one after the other
     north = np.array([0.0, -0.4, -4.4, -8.4, -12.4, -16.4])
     position = np.column_stack([np.zeros(6), north, np.full(6, -20.0)])
@@ -221,7 +221,7 @@ def test_a_column_at_full_speed_stops_behind_the_one_that_stands_in_its_way() ->
     assert (np.diff(allowed[1:, 1]) <= float(BRAKING.speed_m_s(np.array([1.0]))[0]) + 5e-3).all()
 
 
-def test_in_a_large_fleet_one_pushed_away_fast_is_seen_by_who_is_still_far_ahead() -> None:
+def test_fast_push_in_a_large_fleet_is_seen_far_ahead() -> None:
     # d1 leaves a pilot's vehicle with 6.5 m/s; before d2, 10 m beyond what is kept, 4.6 m/s can be braked
     position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [13.4, 0.0, -20.0]], FAR_APART])
     around = surroundings(position, commanded=[row > 0 for row in range(len(position))])
@@ -251,6 +251,6 @@ def test_a_push_passed_on_round_a_bend_is_followed_to_the_end() -> None:
         assert closing_m_s <= float(BRAKING.speed_m_s(np.array([apart_m - 3.0]))[0]) + 2e-3
 
 
-def test_where_nobody_flies_there_is_nothing_to_keep_apart() -> None:
+def test_empty_fleet_needs_no_separation() -> None:
     nobody = np.zeros((0, 3))
     assert filter_velocities(nobody, surroundings(nobody), SETTINGS)[1] == ()

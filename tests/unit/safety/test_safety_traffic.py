@@ -55,11 +55,11 @@ def test_straight_up_and_straight_down_part_to_different_sides() -> None:
     ],
     ids=["past each other at a distance", "apart", "both stop before they meet", "side by side"],
 )
-def test_who_meets_nobody_flies_straight_on(goal: Array, desired: list[list[float]]) -> None:
+def test_vehicle_without_an_encounter_flies_straight_on(goal: Array, desired: list[list[float]]) -> None:
     assert to_goals(HEAD_ON, goal, np.array(desired)).tolist() == desired
 
 
-def test_only_those_on_their_way_to_a_goal_are_turned_and_none_where_the_angle_is_zero() -> None:
+def test_only_vehicles_with_a_goal_turn_and_none_at_zero_angle() -> None:
     desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     some = to_goals(HEAD_ON, HEAD_ON[::-1], desired, turned=[False, True])
     assert some[0].tolist() == desired[0].tolist()
@@ -69,7 +69,7 @@ def test_only_those_on_their_way_to_a_goal_are_turned_and_none_where_the_angle_i
     assert to_goals(HEAD_ON, HEAD_ON[::-1], desired, angle=0.0).tolist() == desired.tolist()
 
 
-def test_an_unknown_place_or_goal_turns_nobody() -> None:
+def test_unknown_position_or_goal_turns_no_vehicle() -> None:
     desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     unknown = np.where([[True], [False]], HEAD_ON, np.nan)
     assert to_goals(unknown, HEAD_ON[::-1], desired).tolist() == desired.tolist()
@@ -81,9 +81,7 @@ def angle_rad(meetings: float) -> float:
 
 
 @pytest.mark.parametrize(("up_m_s", "side"), [(-2.0, 1.0), (1.4, -1.0)])
-def test_straight_up_one_keeps_its_speed_upwards_shortened_and_steps_aside_along_y(
-    up_m_s: float, side: float
-) -> None:
+def test_vertical_motion_keeps_shortened_speed_and_sidesteps_y(up_m_s: float, side: float) -> None:
     here, there = [0.0, 0.0, -20.0], [0.0, 0.0, -20.0 + 10.0 * up_m_s]
     turned = to_goals(
         np.array([here, there]), np.array([there, here]), np.array([[0.0, 0.0, up_m_s], [0.0, 0.0, -up_m_s]])
@@ -137,7 +135,7 @@ def test_up_and_down_a_metre_counts_less_by_the_flatness(above_m: float, meets: 
     assert turned[0, 1] == pytest.approx(3.0 * np.sin(angle_rad(meets)))
 
 
-def test_one_that_descends_onto_a_way_is_met_where_their_ways_meet() -> None:
+def test_descending_vehicle_is_met_where_the_paths_meet() -> None:
     # 15 m to go sideways, 9 m down, both in 5 s
     position = np.array([[-15.0, 0.0, -20.0], [0.0, 0.0, -29.0]])
     goal = np.array([[15.0, 0.0, -20.0], [0.0, 0.0, -11.0]])
@@ -151,7 +149,7 @@ def test_an_angle_of_one_degree_is_an_angle() -> None:
 
 
 @pytest.mark.parametrize("aside", [[4.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
-def test_passing_at_half_the_distance_of_no_concern_counts_three_quarters(aside: list[float]) -> None:
+def test_passing_at_half_the_ignored_distance_weighs_0_75(aside: list[float]) -> None:
     along = np.array([*aside[1::-1], 0.0])
     position = np.array([-5.0 * along, 5.0 * along + aside]) - (0.0, 0.0, 20.0)
     goal = np.array([5.0 * along, -5.0 * along + aside]) - (0.0, 0.0, 20.0)
@@ -161,7 +159,7 @@ def test_passing_at_half_the_distance_of_no_concern_counts_three_quarters(aside:
 
 
 @pytest.mark.parametrize("first_m_s", [0.0, -3.0], ids=["is not turned either", "flies away"])
-def test_whom_it_meets_is_found_after_one_that_it_does_not(first_m_s: float) -> None:
+def test_encounter_is_found_after_a_vehicle_that_is_none(first_m_s: float) -> None:
     # d0 is met head-on by d2, which alone is turned; d1, looked at before, is of no concern to d0
     position = np.array([[-30.0, 0.0, -20.0], [-50.0, 30.0, -20.0], [30.0, 0.0, -20.0]])
     goal = np.array([[30.0, 0.0, -20.0], [-90.0, 30.0, -20.0], [-30.0, 0.0, -20.0]])
@@ -198,9 +196,7 @@ def head_on(apart_m: float) -> tuple[Array, Array, Array]:
 @pytest.mark.parametrize(
     ("apart_m", "expected_m_s"), [(12.0, 3.0), (10.0, 3.0), (9.0, 1.5), (8.0, 0.0), (6.0, -3.0), (5.0, -3.0)]
 )
-def test_who_has_far_to_go_gives_up_closing_in_on_who_is_nearly_there(
-    apart_m: float, expected_m_s: float
-) -> None:
+def test_farther_from_goal_stops_closing_on_the_nearer_to_goal(apart_m: float, expected_m_s: float) -> None:
     given = after_giving_way(*head_on(apart_m))
     assert given[0] == pytest.approx([expected_m_s, 0.0, 0.0])
     assert given[1].tolist() == [-3.0, 0.0, 0.0]
@@ -212,7 +208,7 @@ def test_whichever_row_it_is_in() -> None:
     assert given.tolist() == [[-3.0, 0.0, 0.0], pytest.approx([-3.0, 0.0, 0.0])]
 
 
-def test_up_and_down_a_metre_counts_less_and_the_whole_approach_is_given_up_too() -> None:
+def test_vertical_approach_within_the_floor_metric_is_given_up() -> None:
     position = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -28.5]])  # 5.67 m in the floor's metric
     goal = np.array([[0.0, 0.0, -60.0], [0.0, 0.0, -24.5]])
     given = after_giving_way(position, goal, np.array([[0.0, 0.0, -2.0], [0.0, 0.0, 1.0]]))
@@ -235,7 +231,7 @@ def test_whatever_the_direction_in_which_they_meet() -> None:
     assert after_giving_way(position, goal, desired)[0] == pytest.approx([0.0, 1.5, 0.0])
 
 
-def test_whom_it_lets_pass_is_found_after_one_that_it_does_not() -> None:
+def test_right_of_way_is_found_after_a_vehicle_without_it() -> None:
     position, goal, desired = head_on(5.0)
     others = [[0.0, -4.0, -20.0]], [[60.0, -4.0, -20.0]], [[3.0, 0.0, 0.0]]
     position, goal, desired = (
@@ -260,7 +256,7 @@ def test_it_is_found_among_hundreds_too() -> None:
     assert after_giving_way(position, goal, desired)[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
-def test_who_is_beyond_the_distance_is_not_drawn_back_to_whom_it_leaves() -> None:
+def test_beyond_the_distance_parting_velocity_is_kept() -> None:
     position, goal, desired = head_on(12.0)
     desired[0] = -4.0, 0.0, 0.0
     assert after_giving_way(position, goal, desired).tolist() == desired.tolist()
@@ -284,13 +280,13 @@ def test_sideways_it_goes_on() -> None:
     ],
     ids=["as near", "the other as far", "moves off", "the other stands", "unknown place", "unknown goal"],
 )
-def test_to_others_nobody_gives_way(change: Callable[[Array, Array, Array], None]) -> None:
+def test_no_way_is_given_without_every_condition(change: Callable[[Array, Array, Array], None]) -> None:
     position, goal, desired = head_on(5.0)
     change(position, goal, desired)
     assert after_giving_way(position, goal, desired).tolist() == desired.tolist()
 
 
-def test_nor_to_who_is_on_no_way_and_not_at_all_at_zero() -> None:
+def test_no_way_is_given_without_a_goal_or_at_zero_distance() -> None:
     position, goal, desired = head_on(5.0)
     assert after_giving_way(position, goal, desired, to_goal=[True, False]).tolist() == desired.tolist()
     assert after_giving_way(position, goal, desired, to_goal=[False, True]).tolist() == desired.tolist()
@@ -329,14 +325,14 @@ def test_giving_way_begins_before_it_is_complete() -> None:
     assert Traffic(give_way_m=0.0).give_way_m == 0.0
 
 
-def test_whom_one_is_just_passing_one_does_not_meet_any_more() -> None:
+def test_vehicle_just_passed_is_no_encounter() -> None:
     abeam = np.array([[0.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     goal = np.array([[30.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
     assert to_goals(abeam, goal, desired, turned=[True, False]).tolist() == desired.tolist()
 
 
-def test_those_who_fly_side_by_side_meet_no_sooner_for_half_a_millimetre_a_second() -> None:
+def test_side_by_side_at_half_a_millimetre_per_second_is_none() -> None:
     position = np.array([[0.0, 0.0, -20.0], [0.0, 5.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [3.0, -5e-4, 0.0]])
     goal = np.array([[30.0, 0.0, -20.0], [30.0, 5.0, -20.0]])

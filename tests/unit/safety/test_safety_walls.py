@@ -21,7 +21,7 @@ def test_the_fence_brakes_sinking_climbing_and_leaving() -> None:
     assert allowed[2, 0] == pytest.approx(one, abs=2e-3)
 
 
-def test_below_the_least_height_one_climbs_unless_on_the_way_down() -> None:
+def test_below_least_height_it_climbs_unless_it_descends() -> None:
     low = np.array([[0.0, 0.0, -2.0]])
     sinking = np.array([[0.0, 0.0, 1.0]])
     assert filtered(sinking, surroundings(low))[0, 2] == pytest.approx(-0.5, abs=2e-3)
@@ -34,7 +34,7 @@ def test_right_above_the_origin_no_direction_is_fenced() -> None:
     assert (found.slack_m_s(np.array([[8.0, 0.0, 0.0]])) > 0.0).all()
 
 
-def test_below_its_top_an_obstacle_is_a_wall_and_above_it_a_floor() -> None:
+def test_obstacle_is_a_wall_below_its_top_and_a_floor_above() -> None:
     beside, over = np.array([[-7.0, 0.0, -8.0]]), np.array([[0.0, 0.0, -12.5]])
     into = filtered(np.array([[4.0, 1.0, 0.0]]), surroundings(beside, ellipses={"b": BOX}))
     assert into[0] == pytest.approx([float(BRAKING.speed_m_s(np.array([2.0]))[0]), 1.0, 0.0], abs=2e-3)
@@ -48,7 +48,7 @@ def test_well_above_an_obstacle_nothing_is_changed() -> None:
     assert filtered(desired, over).tolist() == desired.tolist()
 
 
-def test_inside_an_obstacle_one_is_led_out_and_does_not_sink_meanwhile() -> None:
+def test_inside_an_obstacle_it_is_led_out_without_descending() -> None:
     inside = surroundings(np.array([[-4.0, 0.0, -9.0]]), ellipses={"b": BOX})
     allowed = filtered(np.array([[3.0, 0.0, 1.4]]), inside)
     assert allowed[0, 0] == pytest.approx(-0.5, abs=2e-3)
@@ -65,7 +65,7 @@ def test_over_its_edge_an_obstacle_is_a_wall_across_both_ways() -> None:
     assert found.bound_m_s == pytest.approx(-BRAKING.speed_m_s(np.array([5.0])))
 
 
-def test_from_an_obstacle_that_moves_everybody_keeps_away_relative_to_it() -> None:
+def test_moving_obstacle_is_kept_off_by_relative_velocity() -> None:
     coming = Ellipse(0.0, 0.0, 5.0 * sqrt(2), 5.0 * sqrt(2), 12.0, velocity_x_m_s=-1.5, velocity_y_m_s=1.0)
     beside = surroundings(np.array([[-5.5, 0.0, -8.0]]), ellipses={"b": coming})
     allowed = filtered(np.zeros((1, 3)), beside)
@@ -73,7 +73,7 @@ def test_from_an_obstacle_that_moves_everybody_keeps_away_relative_to_it() -> No
     assert allowed[0] == pytest.approx([possible - 1.5, 0.0, 0.0], abs=2e-3)
 
 
-def test_obstacles_concern_only_those_who_are_commanded() -> None:
+def test_obstacles_constrain_only_commanded_vehicles() -> None:
     position = np.array([[-5.5, 0.0, -8.0], [-5.5, 0.0, -8.0]])
     found = obstacle_constraints(position, np.array([False, True]), {"b": BOX}, BRAKING)
     assert found.first.tolist() == [1]
@@ -99,9 +99,7 @@ def test_a_single_wall_is_a_wall_too() -> None:
 
 
 @pytest.mark.parametrize(("side", "moving"), [(-1.0, -1.5), (1.0, 1.5)])
-def test_an_obstacle_that_comes_along_y_drives_those_at_that_side_before_it(
-    side: float, moving: float
-) -> None:
+def test_obstacle_moving_along_y_pushes_vehicles_ahead_of_it(side: float, moving: float) -> None:
     coming = Ellipse(0.0, 0.0, 5.0 * sqrt(2), 5.0 * sqrt(2), 12.0, velocity_x_m_s=0.7, velocity_y_m_s=moving)
     beside = surroundings(np.array([[0.0, side * 5.5, -8.0]]), ellipses={"b": coming})
     possible = float(BRAKING.speed_m_s(np.array([0.5]))[0])
@@ -139,9 +137,7 @@ def test_the_fence_of_a_narrow_field_holds_near_its_middle_too() -> None:
 
 
 @pytest.mark.parametrize(("allowed_m_s", "sides"), [(3.9, 1), (4.1, 0)])
-def test_a_wall_is_left_out_only_where_twice_the_greatest_speed_could_still_be_braked(
-    allowed_m_s: float, sides: int
-) -> None:
+def test_wall_is_omitted_only_beyond_braking_at_twice_the_speed(allowed_m_s: float, sides: int) -> None:
     gap_m = allowed_m_s * BRAKING.reaction_s + allowed_m_s**2 / (2.0 * BRAKING.deceleration_m_s2)
     one = np.ones(1, dtype=bool)
     low, beside = np.array([[0.0, 0.0, -3.0 - gap_m]]), np.array([[5.0 + gap_m, 0.0, -8.0]])

@@ -89,7 +89,7 @@ def only(facts: PreflightInputs) -> tuple[str, Check]:
     return one
 
 
-def test_a_fleet_in_order_passes_and_every_check_is_listed_with_its_measured_value() -> None:
+def test_fleet_in_order_passes_with_every_measured_value() -> None:
     assert failed(known()) == []
     names = [check.name for check in own_checks(known(), "b")]
     assert names == [
@@ -155,13 +155,13 @@ UNKNOWN: dict[str, tuple[Telemetry, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("name", UNKNOWN)
-def test_what_is_not_known_counts_as_failed_and_is_called_unknown(name: str) -> None:
+def test_unknown_counts_as_failed_and_is_called_unknown(name: str) -> None:
     telemetry, more = UNKNOWN[name]
     vehicle, check = only(known(telemetry, **more))
     assert (vehicle, check.name, check.state, check.value) == ("b", name, State.UNKNOWN, None)
 
 
-def test_what_a_configuration_does_not_ask_for_is_not_looked_at() -> None:
+def test_check_not_configured_is_not_made() -> None:
     settings = PreflightSettings(require_fix=False, clock_max_s=None)
     assert failed(known(replace(of_b("fix_type", np.nan), clock_base_s=NEVER), settings=settings)) == []
 
@@ -169,28 +169,26 @@ def test_what_a_configuration_does_not_ask_for_is_not_looked_at() -> None:
 @pytest.mark.parametrize(
     ("need", "left", "passes"), [(0.6, 0.59, False), (0.6, 0.6, True), (0.1, 0.24, False)]
 )
-def test_a_battery_is_judged_by_what_the_show_needs_and_never_by_less_than_the_least(
-    need: float, left: float, passes: bool
-) -> None:
+def test_battery_needs_the_show_estimate_or_the_least(need: float, left: float, passes: bool) -> None:
     found = failed(known(of_b("battery_remaining", left), battery_need=need))
     assert bool(found) is not passes
     if need > 0.25 and not passes:
         assert found[0][1].problem == "battery at 59%, at least 60% is needed for this show"
 
 
-def test_a_show_whose_need_nobody_knows_is_not_flown() -> None:
+def test_show_with_unknown_battery_need_is_not_flown() -> None:
     found = failed(known(battery_need=None))
     assert [(vehicle, check.state) for vehicle, check in found] == [(name, State.UNKNOWN) for name in IDS]
 
 
-def test_an_autopilot_that_is_not_ready_is_named_with_the_sensors_that_it_calls_unhealthy() -> None:
+def test_autopilot_not_ready_names_its_unhealthy_sensors() -> None:
     _, check = only(known(replace(GOOD, ready=(True, True, False))))
     assert check.problem == "its autopilot does not yet pass its own arming checks"
     _, check = only(known(replace(of_b("unhealthy_sensors", 0x200001), ready=(True, False, True))))
     assert check.problem.endswith("arming checks: gyroscope, position and attitude estimate")
 
 
-def test_a_position_that_is_received_but_not_believed_is_reported_from_one_never_received() -> None:
+def test_rejected_position_differs_from_one_never_received() -> None:
     _, check = only(known(age_s=(0.1, np.inf, 0.1)))
     assert "no position to believe" in check.problem
     assert check.to_do == "check its GPS and show_frame"
@@ -201,7 +199,7 @@ def test_a_place_that_is_too_old_to_count_is_not_judged() -> None:
     assert check.problem == "no position for 9.0 s"
 
 
-def test_a_receiver_without_a_good_fix_is_named_with_what_it_reports() -> None:
+def test_receiver_without_a_good_fix_is_named_with_its_report() -> None:
     found = failed(known(of_b("horizontal_accuracy_m", 6.0), east_m=(0.0, 8.0, 16.0)))
     assert [(vehicle, check.name) for vehicle, check in found] == [
         ("b", "accuracy sideways"),
@@ -210,12 +208,12 @@ def test_a_receiver_without_a_good_fix_is_named_with_what_it_reports() -> None:
     assert found[0][1].problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 1.8 m up")
 
 
-def test_a_receiver_that_knows_no_accuracy_is_not_stated_to_have_an_infinite_one() -> None:
+def test_unknown_accuracy_is_not_reported_as_infinite() -> None:
     found = failed(known(of_b("horizontal_accuracy_m", np.inf), east_m=(0.0, 8.0, 16.0)))
     assert {check.problem for _, check in found} == {"its receiver does not tell its accuracy"}
 
 
-def test_pads_too_close_to_climb_side_by_side_are_named_once_with_both_vehicles() -> None:
+def test_pads_too_close_to_climb_are_named_once_per_pair() -> None:
     assert [(vehicle, check.problem) for vehicle, check in failed(known(east_m=(0.0, 2.5, 8.0)))] == [
         ("a", "stands 2.5 m from b, at least 3 m is needed"),
     ]
@@ -223,12 +221,12 @@ def test_pads_too_close_to_climb_side_by_side_are_named_once_with_both_vehicles(
     assert failed(known(east_m=(0.0, 3.0, 6.0))) == []
 
 
-def test_a_neighbour_that_stays_on_the_ground_is_too_close_all_the_same() -> None:
+def test_grounded_neighbour_counts_as_too_close() -> None:
     (check,) = spacing(known(east_m=(0.0, 2.5, 8.0)), ["a"])["a"]
     assert (check.state, check.value) == (State.FAIL, 2.5)
 
 
-def test_pads_are_as_far_apart_as_the_reported_accuracies_ask_for() -> None:
+def test_pad_distance_depends_on_the_reported_accuracies() -> None:
     worse = replace(GOOD, horizontal_accuracy_m=np.array([3.0, 3.0, 0.9]))  # 0.4 times 2 m more, each
     found = failed(known(worse))
     assert found[0][1].problem == "stands 4.0 m from b, at least 4.6 m is needed"
@@ -289,7 +287,7 @@ def test_a_fleet_on_its_places_passes_wherever_they_are() -> None:
 
 
 @pytest.mark.parametrize("by_deg", [7.0, -7.0, 90.0, 180.0])
-def test_a_pattern_that_is_rotated_is_refused_with_the_angle_and_the_heading_that_it_has(
+def test_rotated_pattern_is_refused_with_angle_and_heading(
     by_deg: float,
 ) -> None:
     found = standing(nine(turned(GRID_M, by_deg)), NINE, pattern())
@@ -304,14 +302,14 @@ def test_a_pattern_that_is_rotated_is_refused_with_the_angle_and_the_heading_tha
     assert all(check.passes for own in found.of.values() for check in own), "everybody is on its place in it"
 
 
-def test_a_pattern_that_is_shifted_by_5_m_is_refused_with_the_way() -> None:
+def test_pattern_shifted_by_5_m_is_refused_with_its_offset() -> None:
     assert wrong(nine(GRID_M + np.array((3.0, -4.0)))) == {
         "shift of the start pattern": "the start pattern is shifted by 5.0 m (+3.0 m along x, -4.0 m along y)"
         " from its middle (x 0.0 m, y 0.0 m), at most 2 m"
     }
 
 
-def test_a_heading_that_is_wrong_by_7_degrees_also_shifts_pads_that_lie_far_from_the_origin() -> None:
+def test_heading_wrong_by_7_degrees_shifts_distant_pads() -> None:
     away_m = GRID_M + np.array((40.0, 0.0))
     found = wrong(nine(turned(away_m, 7.0)), expected=pattern(away_m))
     assert set(found) == {"rotation of the start pattern", "shift of the start pattern"}
@@ -328,7 +326,7 @@ def test_limits_are_the_configurations() -> None:
     assert set(found) == {"rotation of the start pattern", "shift of the start pattern"}
 
 
-def test_two_that_stand_on_each_others_places_are_named_and_the_others_are_not() -> None:
+def test_only_two_swapped_vehicles_are_named() -> None:
     swapped_m = GRID_M[[0, 1, 2, 7, 4, 5, 6, 3, 8]]
     found = wrong(nine(turned(swapped_m, 1.0)))
     assert set(found) == {"d4", "d8"}
@@ -336,7 +334,7 @@ def test_two_that_stand_on_each_others_places_are_named_and_the_others_are_not()
     assert found["d8"].endswith("m off its start place, on that of d4")
 
 
-def test_one_far_off_its_place_does_not_turn_or_shift_the_pattern_of_the_others() -> None:
+def test_one_displaced_vehicle_does_not_move_the_pattern() -> None:
     place_m = GRID_M.copy()
     place_m[2] += (0.0, 30.0)
     assert wrong(nine(place_m)) == {"d3": "stands 30.0 m off its start place"}
@@ -347,7 +345,7 @@ def test_a_fleet_that_stands_in_no_such_pattern_is_reported_so() -> None:
     assert "stand in the start pattern, however it is turned and shifted" in found["start pattern"]
 
 
-def test_a_spare_takes_a_place_that_is_left_and_who_has_none_is_named() -> None:
+def test_spare_takes_a_free_place_and_the_rest_are_named() -> None:
     expected = pattern(GRID_M[:8], NINE[:8])  # d9 is a spare
     place_m = GRID_M.copy()
     place_m[8] = GRID_M[3]  # and stands where d4 stood, which is out
@@ -356,7 +354,7 @@ def test_a_spare_takes_a_place_that_is_left_and_who_has_none_is_named() -> None:
     assert wrong(nine(GRID_M), NINE, expected) == {"d9": "has no place in the start pattern"}
 
 
-def test_a_pattern_too_small_to_tell_a_rotation_is_judged_by_what_can_be_reported() -> None:
+def test_small_pattern_is_judged_without_a_rotation() -> None:
     two = ("d1", "d2")
     expected = pattern(np.array([[0.0, 0.0], [0.0, 4.0]]), two)
     place_m = np.zeros((9, 2))
@@ -369,13 +367,13 @@ def test_a_pattern_too_small_to_tell_a_rotation_is_judged_by_what_can_be_reporte
     assert "too small to tell" in alone.not_checked[0]
 
 
-def test_without_places_to_stand_on_the_report_says_that_the_pattern_is_not_looked_at() -> None:
+def test_without_places_the_report_skips_the_pattern() -> None:
     found = standing(nine(GRID_M), NINE, None)
     assert found.fleet == []
     assert "preflight.start_places names no places" in found.not_checked[0]
 
 
-def test_a_pad_above_or_below_all_others_is_named_against_the_middle_one() -> None:
+def test_pad_at_another_height_is_named_against_the_median() -> None:
     height_m = np.full(9, 1.5)
     height_m[4] = -0.8
     assert wrong(nine(GRID_M, height_m)) == {
@@ -383,7 +381,7 @@ def test_a_pad_above_or_below_all_others_is_named_against_the_middle_one() -> No
     }
 
 
-def test_what_is_wrong_with_several_is_stated_once_and_then_what_to_do() -> None:
+def test_shared_problem_is_reported_once_with_its_remedy() -> None:
     red, blue = (
         Check("c", State.FAIL, problem=f"is {colour}", to_do="paint it") for colour in ("red", "blue")
     )

@@ -73,7 +73,7 @@ def causes(alarms: Iterable[Alarm]) -> list[str]:
     return [alarm.cause.value for alarm in alarms]
 
 
-def test_an_alarm_says_the_cause_first_and_its_consequence_after(story: Story) -> None:
+def test_alarm_text_names_cause_then_consequence(story: Story) -> None:
     (alarm,) = story.holds(lost("d3"))
     assert alarm.text == "Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."
     assert alarm.vehicles == ("d3",)
@@ -89,7 +89,7 @@ def test_vehicles_with_one_cause_are_one_alarm(story: Story) -> None:
     )
 
 
-def test_of_many_vehicles_the_text_has_the_number_and_the_alarm_all_names(story: Story) -> None:
+def test_alarm_of_many_has_a_count_in_text_and_all_names(story: Story) -> None:
     names = tuple(f"d{number}" for number in range(1, 301))
     (alarm,) = story.holds(lost(*names))
     assert alarm.text.startswith("300 vehicles lost: no telemetry")
@@ -112,7 +112,7 @@ def test_the_state_of_the_whole_is_the_worst_that_lasts(story: Story) -> None:
     assert overall(after) is OverallSeverity.INFORMATION
 
 
-def test_an_acknowledged_alarm_stays_while_its_cause_lasts_and_vanishes_with_it(story: Story) -> None:
+def test_acknowledged_alarm_ends_with_its_cause(story: Story) -> None:
     (alarm,) = story.holds(lost("d3"))
     story.book.acknowledge(alarm.id, "anna", UNIX_S)
     (alarm,) = story.holds(lost("d3"), for_s=60.0)
@@ -180,7 +180,7 @@ def test_numbers_alone_change_a_text_every_few_seconds_only(story: Story) -> Non
     assert story.reported == [(ChangeKind.BEGUN, AlarmCause.LOW_BATTERY)]
 
 
-def test_an_alarm_with_changed_words_is_rewritten_at_once(story: Story) -> None:
+def test_alarm_with_changed_text_is_rewritten_at_once(story: Story) -> None:
     story.holds(Condition(AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",)))
     (alarm,) = story.holds(lost("d3"))
     assert alarm.text.endswith("Formation closes the gap.")
@@ -210,7 +210,7 @@ def test_a_value_between_the_thresholds_stays_what_it_was() -> None:
     assert beyond(before, values, limit).tolist() == [True, True, False, False, False]
 
 
-def test_a_pair_at_the_floor_is_one_pair_until_it_is_clearly_outside() -> None:
+def test_pair_at_the_floor_is_one_pair_until_clearly_outside() -> None:
     floor, pairs = Floor(horizontal_m=3.0), ClosePairs()
     airborne = np.array([True, True])
 
@@ -234,12 +234,12 @@ def test_every_cause_is_in_the_table_of_the_operations_manual() -> None:
     assert dict(reported) == {cause.value: row.severity.value for cause, row in CAUSES.items()}
 
 
-def test_every_cause_says_what_an_operator_can_do() -> None:
+def test_every_cause_has_advice_for_an_operator() -> None:
     assert set(CAUSES) == set(AlarmCause)
     assert all(row.advice.endswith(".") and not row.headline.endswith(".") for row in CAUSES.values())
 
 
-def test_advice_about_several_vehicles_does_not_speak_of_one() -> None:
+def test_advice_about_several_vehicles_is_plural() -> None:
     of_one = re.compile(r"\b(it|its)\b", re.IGNORECASE)
     about = {
         cause: row.advice_many or row.advice for cause, row in CAUSES.items() if "{vehicles}" in row.headline
@@ -250,7 +250,7 @@ def test_advice_about_several_vehicles_does_not_speak_of_one() -> None:
     assert [text for text in ADVICE_TO_MANY.values() if of_one.search(text)] == []
 
 
-def test_an_alarm_of_several_vehicles_speaks_of_several(story: Story) -> None:
+def test_alarm_of_several_vehicles_is_plural(story: Story) -> None:
     one = Condition(
         AlarmCause.OUTSIDE_CONTROL, "in mode position", ("d1",), "It is left alone.", "They are left alone."
     )

@@ -48,7 +48,7 @@ LINES = tuple(logged())
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda line: f"{line.event} {line.where}")
-def test_every_event_that_the_code_logs_has_plain_words(line: Logged) -> None:
+def test_every_logged_event_has_a_plain_text(line: Logged) -> None:
     fields = line.fields
     if fields is None:
         fields = frozenset(re.findall(r"\{(\w+)\}", WORDS.get(line.event, ""))) | {"other"}
@@ -62,7 +62,7 @@ def test_every_event_that_the_code_logs_has_plain_words(line: Logged) -> None:
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda line: f"{line.event} {line.where}")
-def test_every_event_with_words_of_its_own_says_them(line: Logged) -> None:
+def test_event_with_its_own_text_shows_it(line: Logged) -> None:
     if line.fields is None or line.event not in WORDS:
         return
     needed = set(re.findall(r"\{(\w+)\}", re.sub(r"\[[^\]]*\]", "", WORDS[line.event])))
@@ -91,6 +91,6 @@ def test_phases_have_their_reason() -> None:
     assert words("vehicle_phase", {"phase": "hold", "reason": ""}) == "hold"
 
 
-def test_events_without_words_of_their_own_are_still_readable() -> None:
+def test_event_without_its_own_text_is_readable() -> None:
     details = {"how_many": 3, "names": ("a", "b"), "also": None, "cause": "full"}
     assert words("something_new", details) == "something new: how many 3, names a, b: full"

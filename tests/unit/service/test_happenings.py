@@ -5,7 +5,7 @@ import logging
 from gcs.service.event_log import KEPT, EventLog, Severity, received
 
 
-def test_the_newest_lines_of_the_log_are_kept_with_whom_they_concern() -> None:
+def test_newest_log_lines_are_kept_with_their_vehicles() -> None:
     events = EventLog()
     log = logging.getLogger("gcs.flight.vehicle")
     logger = logging.getLogger("gcs")

@@ -18,7 +18,7 @@ def line(level: int, message: str, *arguments: object, **extra: object) -> dict[
     return read
 
 
-def test_a_line_has_time_level_logger_event_and_what_the_caller_added() -> None:
+def test_line_has_time_level_logger_event_and_fields() -> None:
     before = datetime.now(UTC)
     read = line(logging.WARNING, "link_failed", link="north", cause="no\nroute", files=[Path("a")])
     assert list(read) == ["time", "level", "logger", "event", "link", "cause", "files"]
@@ -33,7 +33,7 @@ def test_a_line_has_time_level_logger_event_and_what_the_caller_added() -> None:
     }
 
 
-def test_arguments_are_put_in_and_strange_values_do_not_break_a_line() -> None:
+def test_arguments_are_formatted_and_odd_values_are_safe() -> None:
     read = line(logging.INFO, "%s of %d", "two", 3, value=float("nan"), denied=Denied)
     assert read["event"] == "two of 3"
 

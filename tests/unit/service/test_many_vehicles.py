@@ -20,7 +20,7 @@ OURS = (frozenset[Mode](), frozenset({Mode.OFFBOARD}), frozenset({Mode.TAKEOFF, 
 
 
 @pytest.mark.parametrize("modes", OURS)
-def test_a_calm_vehicle_is_one_whose_telemetry_changes_nothing(modes: frozenset[Mode]) -> None:
+def test_calm_vehicle_has_telemetry_that_changes_nothing(modes: frozenset[Mode]) -> None:
     for phase, mode, armed, landed in product(Phase, Mode, (True, False), Landed):
         vehicle = Vehicle("a", 0, 1, "one", phase=phase, modes=modes)
         if vehicle.is_calm(mode, armed=armed) and not (phase is Phase.STANDBY and armed):
@@ -29,7 +29,7 @@ def test_a_calm_vehicle_is_one_whose_telemetry_changes_nothing(modes: frozenset[
             assert vehicle.phase is before
 
 
-def test_a_batch_is_shared_out_among_the_links_and_nobody_gets_anothers() -> None:
+def test_batch_is_split_among_links_without_mixing() -> None:
     shares = SetpointRouting([SilentLink(("a", "c")), SilentLink(("b",)), SilentLink(("d",))])
     for ids in (("a", "b", "c"), ("b", "c"), ("b", "c"), ()):
         batch = Setpoints(1.0, ids, np.arange(3.0 * len(ids)).reshape(-1, 3), np.arange(float(len(ids))))
@@ -43,7 +43,7 @@ def test_a_batch_is_shared_out_among_the_links_and_nobody_gets_anothers() -> Non
             assert part.velocity_m_s.tolist() == batch.velocity_m_s[rows].tolist()
 
 
-def test_a_promised_value_is_made_once_and_only_when_somebody_looks() -> None:
+def test_lazy_value_is_computed_once_on_first_use() -> None:
     made: list[int] = []
 
     def make() -> int:
@@ -65,7 +65,7 @@ def test_a_promised_value_is_made_once_and_only_when_somebody_looks() -> None:
     asyncio.run(main())
 
 
-def test_a_thousand_vehicles_in_four_namespaces_have_names_of_their_own() -> None:
+def test_a_thousand_vehicles_in_four_namespaces_have_own_names() -> None:
     config = load(find("large"))
     assert len(config.ids) == 1000
     assert config.ids[:2] == ("a1", "a2")
@@ -80,7 +80,7 @@ def test_a_thousand_vehicles_in_four_namespaces_have_names_of_their_own() -> Non
         ("listen: tcpin://127.0.0.1:15000", "transport direct needs one udpin"),
     ],
 )
-def test_what_the_direct_transport_does_not_do_is_refused(line: str, why: str) -> None:
+def test_unsupported_native_transport_settings_are_refused(line: str, why: str) -> None:
     text = find("large").read_text(encoding="utf-8")
     if line.startswith("listen"):
         text = text.replace("listen: udpin://127.0.0.1:15000", line)

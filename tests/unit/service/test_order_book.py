@@ -9,7 +9,7 @@ from gcs.model.errors import UnknownError
 from gcs.service import WHO, CommandRecord, Outcome, VehicleOutcome
 
 
-def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_left_out() -> None:
+def test_command_begins_pending_and_names_excluded_vehicles() -> None:
     began_s = time.time()
     record = CommandLog().open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
     assert record.action == "start"
@@ -21,7 +21,7 @@ def test_an_order_begins_pending_for_those_it_is_for_and_says_why_others_are_lef
     assert began_s <= record.accepted_time_s <= time.time()
 
 
-def test_an_order_says_who_gave_it_to_its_end() -> None:
+def test_command_keeps_its_operator_to_the_end() -> None:
     book = CommandLog()
     by_itself = book.open("stop", ["d1"], {})
     who = WHO.set("anna")
@@ -34,7 +34,7 @@ def test_an_order_says_who_gave_it_to_its_end() -> None:
     assert [each.id for each in book.newest()] == [record.id, by_itself.id]
 
 
-def test_orders_have_names_of_their_own() -> None:
+def test_command_ids_are_unique() -> None:
     book = CommandLog()
     assert len({book.open("hold", ["d1"], {}).id for _ in range(100)}) == 100
 
@@ -70,14 +70,12 @@ def test_an_outcome_is_noted_once() -> None:
         ([], Outcome.DONE),
     ],
 )
-def test_an_order_is_pending_while_any_part_is_then_failed_if_any_has_else_done(
-    parts: list[Outcome], whole: Outcome
-) -> None:
+def test_command_is_pending_then_failed_if_any_failed_else_done(parts: list[Outcome], whole: Outcome) -> None:
     outcomes = {f"d{place}": VehicleOutcome(part) for place, part in enumerate(parts)}
     assert CommandRecord("o1", "start", 0.0, outcomes, "crew").outcome is whole
 
 
-def test_only_the_last_orders_are_kept() -> None:
+def test_only_the_latest_commands_are_kept() -> None:
     book = CommandLog()
     records = [book.open("hold", ["d1"], {}) for _ in range(KEPT + 3)]
     for forgotten in records[:3]:
@@ -87,7 +85,7 @@ def test_only_the_last_orders_are_kept() -> None:
     assert book.get(records[-1].id) == records[-1]
 
 
-def test_an_outcome_of_an_order_long_forgotten_is_dropped() -> None:
+def test_outcome_of_a_forgotten_command_is_dropped() -> None:
     book = CommandLog()
     first = book.open("hold", ["d1"], {})
     for _ in range(KEPT):
@@ -97,6 +95,6 @@ def test_an_outcome_of_an_order_long_forgotten_is_dropped() -> None:
         book.get(first.id)
 
 
-def test_an_order_that_was_never_given_is_unknown() -> None:
+def test_command_never_given_is_unknown() -> None:
     with pytest.raises(UnknownError, match="there is no command o1"):
         CommandLog().get("o1")

@@ -11,7 +11,7 @@ from gcs.model.errors import ConfigError, RefusedError, UnknownError
 from gcs.service.access import Role
 
 
-def test_a_token_is_known_by_its_hash_alone_and_the_file_is_readable_for_nobody_else(tmp_path: Path) -> None:
+def test_only_the_token_hash_is_stored_in_a_private_file(tmp_path: Path) -> None:
     path = tmp_path / "tokens.json"
     token = create_token(path, "crew", Role.OPERATE)
     assert token not in path.read_text()
@@ -53,7 +53,7 @@ def test_a_running_service_learns_of_new_and_revoked_tokens(tmp_path: Path) -> N
     assert tokens.find(button) is not None
 
 
-def test_a_file_that_breaks_while_the_service_runs_locks_nobody_out(
+def test_file_broken_at_runtime_keeps_existing_access(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "tokens.json"
@@ -91,7 +91,7 @@ def test_a_file_that_is_none_is_refused_with_what_is_wrong(tmp_path: Path, text:
     assert path.read_text() == text
 
 
-def test_a_missing_file_is_refused_with_the_command_that_makes_it(tmp_path: Path) -> None:
+def test_missing_file_is_refused_with_the_command_to_create_it(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"gcs token create NAME --role operate --file .*none\.json"):
         Tokens(tmp_path / "none.json")
 
@@ -103,7 +103,7 @@ def test_a_bad_name_makes_no_file(tmp_path: Path, name: str) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_name_that_is_taken_and_one_that_is_unknown_change_nothing(tmp_path: Path) -> None:
+def test_duplicate_and_unknown_names_change_nothing(tmp_path: Path) -> None:
     path = tmp_path / "tokens.json"
     create_token(path, "crew", Role.OPERATE)
     before = path.read_bytes()
@@ -159,7 +159,7 @@ def test_the_emergency_port_is_another_one(api: dict[str, int], stated: str) -> 
 
 
 @pytest.mark.usefixtures("logging_restored")
-def test_what_serve_is_reported_on_the_command_line_is_checked_as_the_file_is(
+def test_command_line_of_serve_is_checked_like_the_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["serve", "--config", "demo", "--host", "10.0.0.1", "--quiet"]) == 2

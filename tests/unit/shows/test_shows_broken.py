@@ -32,7 +32,7 @@ def test_every_broken_show_is_expected_to_be_found_out() -> None:
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_a_broken_show_is_refused_with_line_cue_and_what_would_be_right(name: str) -> None:
+def test_broken_show_is_refused_with_line_cue_and_remedy(name: str) -> None:
     with pytest.raises(ShowError) as caught:
         load(BROKEN / f"{name}.yaml")
     line, cue, words = EXPECTED[name]
@@ -47,7 +47,7 @@ def test_what_only_a_flight_shows_the_rules_let_pass(name: str) -> None:
     assert load(BROKEN / f"{name}.yaml").show.fleet.vehicles == 8
 
 
-def test_all_problems_are_reported_at_once_in_the_order_of_their_lines() -> None:
+def test_all_problems_are_reported_in_line_order() -> None:
     found = problems(
         {"cue": "a", "at_s": 5, "radius_m": 3}, {"cue": "b", "at_s": 25, "spin": {"rate_deg_s": 60}}
     )
@@ -103,13 +103,13 @@ def test_a_show_cannot_lower_the_floor_nor_raise_a_limit() -> None:
         ),
     ],
 )
-def test_each_rule_says_what_is_wrong(
+def test_each_rule_names_what_is_wrong(
     cues: tuple[dict[str, object], ...], changes: dict[str, object], words: str
 ) -> None:
     assert any(words in problem.text for problem in problems(*cues, **changes))
 
 
-def test_target_and_orbit_together_may_not_be_faster_than_the_formation() -> None:
+def test_target_and_orbit_together_keep_the_formation_speed() -> None:
     orbit = {"radius_m": 20, "speed_m_s": 3.5}
     (found,) = problems(
         {"cue": "a", "at_s": 5, "orbit": orbit, "target": {"x_m": 20, "y_m": 0}, "over_s": 20}
@@ -129,7 +129,7 @@ def test_a_path_begins_where_the_target_is() -> None:
     assert "the path begins 5.0 m from the target" in found.text
 
 
-def test_a_loop_whose_second_passage_begins_elsewhere_is_refused() -> None:
+def test_loop_that_restarts_elsewhere_is_refused() -> None:
     path = [{"after_s": 0, "x_m": 0, "y_m": 0}, {"after_s": 8, "x_m": 5, "y_m": 0}]
     (found,) = problems(
         {"cue": "a", "at_s": 5, "target": {"path": path}},
@@ -150,7 +150,7 @@ def test_loops_do_not_lie_in_each_other() -> None:
 
 
 @pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
-def test_every_shipped_show_is_sound_and_says_what_it_is_about(path: Path) -> None:
+def test_every_shipped_show_is_valid_with_a_description(path: Path) -> None:
     show = load(path).show
     assert show.about.endswith(".")
     assert find(path.stem) == path
@@ -160,7 +160,7 @@ def test_five_shows_are_shipped() -> None:
     assert len(shipped()) >= 5
 
 
-def test_a_show_that_is_not_there_is_reported_with_those_that_are() -> None:
+def test_missing_show_is_reported_with_the_existing_ones() -> None:
     with pytest.raises(ConfigError, match="breathing-sphere"):
         find("nothing")
 

@@ -34,7 +34,7 @@ def test_a_seek_leads_to_the_first_time_that_the_cue_is_played() -> None:
     assert ShowClock().seek(timeline, "end", grounded=True) == ShowClock(65.0)
 
 
-def test_nobody_seeks_in_the_air_or_to_a_cue_that_is_not_there() -> None:
+def test_no_seek_in_the_air_or_to_an_unknown_cue() -> None:
     timeline = loaded(*CUES).timeline
     with pytest.raises(RefusedError, match="on the ground only"):
         ShowClock().seek(timeline, "out", grounded=False)

@@ -25,7 +25,7 @@ def timeline(*cues: dict[str, object], **changes: object) -> Timeline:
     rate=st.floats(0.1, 5.0),
     acceleration=st.floats(0.1, 5.0),
 )
-def test_the_shortest_glide_keeps_rate_and_acceleration_and_needs_one_of_them(
+def test_shortest_glide_reaches_its_rate_or_acceleration_limit(
     change: float, rate: float, acceleration: float
 ) -> None:
     long_s = shortest_s(change, rate, acceleration)
@@ -41,7 +41,7 @@ def test_the_shortest_glide_keeps_rate_and_acceleration_and_needs_one_of_them(
     assert glide.value(long_s)[0] == change
 
 
-def test_a_cue_says_what_changes_and_everything_else_goes_on() -> None:
+def test_cue_changes_its_values_and_keeps_all_others() -> None:
     desired = timeline(GROW, {"cue": "rise", "at_s": 25, "height_m": 22})
     early, late = desired.plan_at(5.0), desired.plan_at(59.0)
     assert (early.formation.radius_m, early.formation.height_m) == (8.0, 20.0)
@@ -49,7 +49,7 @@ def test_a_cue_says_what_changes_and_everything_else_goes_on() -> None:
     assert desired.plan_at(15.0).formation.radius_m == pytest.approx(10.0)
 
 
-def test_before_and_after_the_first_and_the_last_moment_count() -> None:
+def test_first_and_last_instants_count_before_and_after() -> None:
     desired = timeline(GROW)
     assert desired.plan_at(-30.0).formation == desired.plan_at(0.0).formation
     assert desired.plan_at(1e6).formation == desired.plan_at(60.0).formation
@@ -62,7 +62,7 @@ def test_lights_are_given_in_turn_and_blended() -> None:
     assert desired.colours_at(15.0)[0].tolist() == [128, 0, 0]
 
 
-def test_a_target_glides_at_rest_at_both_ends_and_is_reported_with_its_velocity() -> None:
+def test_target_glides_from_rest_to_rest_with_its_velocity() -> None:
     desired = timeline({"cue": "go", "at_s": 5, "target": {"x_m": 10, "y_m": -4}})
     assert desired.plan_at(4.0).target.speed_m_s == 0.0
     end_s = desired.leg_at(20.0).to_s
@@ -92,7 +92,7 @@ def test_a_first_cue_may_begin_with_a_path_of_its_own() -> None:
     assert desired.plan_at(30.0).target.x_m == pytest.approx(0.0)
 
 
-def test_a_live_target_is_the_one_that_is_reported_and_stands_until_it_is() -> None:
+def test_live_target_is_the_reported_one_and_waits_for_it() -> None:
     desired = timeline({"cue": "follow", "at_s": 10, "target": "live"})
     reported = Target(3.0, 4.0, 0.5, 0.0, 1000.0)
     assert desired.plan_at(5.0, live=reported).target.x_m == 0.0
@@ -100,7 +100,7 @@ def test_a_live_target_is_the_one_that_is_reported_and_stands_until_it_is() -> N
     assert desired.plan_at(15.0).target.speed_m_s == 0.0
 
 
-def test_a_stopped_clock_stops_the_target_and_times_are_the_ticks_own() -> None:
+def test_stopped_clock_stops_the_target_with_tick_times() -> None:
     desired = timeline({"cue": "go", "at_s": 5, "target": {"x_m": 10, "y_m": 0}})
     runs, stopped = desired.plan_at(8.0, clock_s=500.0), desired.plan_at(8.0, clock_s=510.0, runs=False)
     assert (runs.target.time_s, stopped.target.time_s) == (500.0, 510.0)

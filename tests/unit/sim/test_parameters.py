@@ -21,7 +21,7 @@ def needed(name: str, **operation: object) -> Requirement:
     return next(each for each in requirements(settings, CONTROL) if each.name == name)
 
 
-def test_every_parameter_asked_for_exists_in_px4_and_takes_the_value_that_apply_sets() -> None:
+def test_every_required_parameter_exists_in_px4_as_applied() -> None:
     for requirement in NEEDED:
         Parameters({requirement.name: requirement.set_to})
         assert type(defaults()[requirement.name]) is type(requirement.set_to), requirement.name
@@ -36,7 +36,7 @@ def test_what_apply_sets_is_what_check_wants() -> None:
             assert broken(these, settings_of(these)) == []
 
 
-def test_px4_as_it_is_delivered_is_refused_for_what_makes_it_unsafe_and_nothing_else() -> None:
+def test_px4_defaults_are_refused_only_for_unsafe_values() -> None:
     found = [requirement.name for requirement, _ in broken(NEEDED, defaults())]
     assert found == ["COM_OBL_RC_ACT", "COM_RC_OVERRIDE", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"]
 
@@ -50,7 +50,7 @@ def test_the_action_is_the_configured_one_and_no_other(action: str, number: int)
 @pytest.mark.parametrize(
     ("action", "allowed"), [("descend", [0]), ("hold", [0, 1]), ("return", [0, 2]), ("land", [0, 3])]
 )
-def test_losing_the_data_link_may_only_do_what_losing_setpoints_did(action: str, allowed: list[int]) -> None:
+def test_data_link_loss_action_equals_setpoint_loss_or_less(action: str, allowed: list[int]) -> None:
     requirement = needed("NAV_DLL_ACT", setpoint_loss_action=action)
     assert [value for value in range(8) if requirement.holds(value)] == allowed
 
@@ -77,7 +77,7 @@ def test_each_has_its_bounds(name: str, bad: tuple[float, ...], good: tuple[floa
     assert [value for value in (*bad, *good) if needed(name).holds(value)] == list(good)
 
 
-def test_the_last_wall_is_outside_the_services_fence_for_pads_away_from_the_origin() -> None:
+def test_geofence_is_outside_the_services_fence_for_all_pads() -> None:
     fence_m = CONTROL.safety.fence.distance_max_m
     near, far = needed("GF_MAX_HOR_DIST", pads_within_m=10.0), needed("GF_MAX_HOR_DIST", pads_within_m=80.0)
     assert far.set_to - near.set_to == pytest.approx(70.0)
@@ -85,7 +85,7 @@ def test_the_last_wall_is_outside_the_services_fence_for_pads_away_from_the_orig
     assert needed("GF_MAX_VER_DIST", return_height_m=200.0).set_to > 200.0, "it may return above the fence"
 
 
-def test_without_a_pilot_nothing_is_asked_of_their_sticks() -> None:
+def test_without_a_pilot_stick_parameters_are_not_required() -> None:
     names = {each.name for each in requirements(OperationSettings(pilot_takes_over=False), CONTROL)}
     assert not names & {"COM_RC_IN_MODE", "COM_RC_OVERRIDE"}
 
@@ -105,7 +105,7 @@ def test_a_vehicle_not_read_yet_stays_on_the_ground() -> None:
     assert check.problem == "parameters not read yet: d1: parameter GF_ACTION: no answer"
 
 
-def test_every_wrong_value_is_reported_with_what_would_be_right_and_the_command_that_mends_it() -> None:
+def test_wrong_value_names_the_right_one_and_its_command() -> None:
     first, second = failed(GOOD | {"COM_OBL_RC_ACT": 0, "GF_ACTION": 4})
     assert first.problem.startswith("COM_OBL_RC_ACT is 0, 5 is needed (")
     assert (first.name, first.value, first.limit) == ("parameters", 0.0, "COM_OBL_RC_ACT: 5")
@@ -121,7 +121,7 @@ def test_a_parameter_that_the_vehicle_does_not_have_is_reported() -> None:
     assert check.problem.startswith("GF_ACTION is not there, 2 is needed")
 
 
-def test_parameters_that_hold_are_reported_by_what_they_are_for_and_how_many_they_are() -> None:
+def test_correct_parameters_are_summarised_by_purpose_and_count() -> None:
     checks = parameter_checks(NEEDED, GOOD, None)
     assert {check.name for check in checks} == {"parameters", "speed limits", "own fence"}
     assert all(check.passes for check in checks)

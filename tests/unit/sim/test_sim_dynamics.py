@@ -60,7 +60,7 @@ def answer(start_m_s: float, size_m_s: float, candidates: Array, time_s: Array, 
         ("vx-5", 0, -5.0, (2.97, 10.85)),
     ],
 )
-def test_a_velocity_step_is_answered_within_a_quarter_metre_per_second_rms(
+def test_velocity_step_response_within_0_25_m_s_rms(
     name: str, axis: int, size_m_s: float, edges_s: tuple[float, float]
 ) -> None:
     time_s, velocity = recorded_step(name, axis)
@@ -101,7 +101,7 @@ def test_the_milestones_of_the_recorded_five_metre_step_are_met() -> None:
     assert north.max() <= 5.0
 
 
-def test_two_metres_per_second_upward_reach_63_percent_after_a_third_of_a_second() -> None:
+def test_two_m_s_upward_reach_63_percent_in_a_third_second() -> None:
     climb = -fly((0.0, 0.0, -2.0), 2.0)[:, 2]
     assert (int(np.argmax(climb >= 1.26)) + 1) * DT_S == pytest.approx(0.34, abs=0.03)
     assert climb.max() < 2.1
@@ -153,7 +153,7 @@ def test_the_horizontal_limit_bounds_the_vector_not_the_axes() -> None:
     assert np.hypot(*state.acceleration_m_s2[0, :2]) == pytest.approx(9.8, abs=0.1)
 
 
-def test_wind_carries_what_has_no_power_and_is_leant_against_by_what_has() -> None:
+def test_wind_drifts_unpowered_and_tilts_powered_vehicles() -> None:
     wind = np.array([4.0, 0.0, 0.0])
     state = PointMasses.at(np.zeros((2, 3)))
     for _ in range(3000):
@@ -192,7 +192,7 @@ def test_a_measured_velocity_that_is_wrong_moves_the_vehicle() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(*[st.floats(-50, 50)] * 3), min_size=1, max_size=4))
-def test_no_command_makes_the_state_anything_but_finite_or_faster_than_commanded(
+def test_no_command_makes_the_state_infinite_or_too_fast(
     commands: list[tuple[float, float, float]],
 ) -> None:
     command = np.array(commands)

@@ -42,7 +42,7 @@ def setpoint_frame(target: int) -> bytes:
     return bytes(message.pack(common.MAVLink(None, 245, 190)))
 
 
-def test_setpoints_are_read_together_and_damaged_ones_are_reported() -> None:
+def test_setpoints_are_read_in_batches_and_damaged_reported() -> None:
     raw = bytearray(b"".join(setpoint_frame(k) for k in (1, 2, 3)))
     raw[70 + 10] ^= 0x10
     found = frames.setpoints(bytes(raw))
@@ -73,7 +73,7 @@ def test_the_same_seed_is_the_same_flight() -> None:
     assert runs[0] == runs[1]
 
 
-def test_vehicles_beyond_a_namespace_begin_again_with_ids_and_have_ports_of_their_own() -> None:
+def test_vehicles_beyond_a_namespace_reuse_ids_on_own_ports() -> None:
     fleet = Fleet(Settings(count=5, first=1, namespace_size=3), start_s=0.0)
     assert fleet.state.system_id.tolist() == [2, 3, 1, 2, 3]
     own = ports.own_ports(0, 300, 250, None)
@@ -92,9 +92,7 @@ def test_vehicles_beyond_a_namespace_begin_again_with_ids_and_have_ports_of_thei
 
 
 @pytest.mark.parametrize(("sender", "heeded"), [((245, 190), True), ((245, 1), False)])
-def test_only_what_claims_to_be_the_autopilot_itself_is_not_received(
-    sender: tuple[int, int], heeded: bool
-) -> None:
+def test_only_frames_from_the_autopilots_own_id_are_dropped(sender: tuple[int, int], heeded: bool) -> None:
     fleet = Fleet(Settings(count=2, first=243), start_s=0.0)
     circle = fleet.receiver.circle([0, 1])
     message = common.MAVLink_set_position_target_local_ned_message(
@@ -104,7 +102,7 @@ def test_only_what_claims_to_be_the_autopilot_itself_is_not_received(
     assert fleet.state.setpoint_seen.tolist() == [False, heeded]
 
 
-def test_the_grid_stands_where_it_is_put_and_its_rows_lead_where_it_looks() -> None:
+def test_grid_has_its_origin_and_rows_along_its_heading() -> None:
     settings = Settings(
         count=3, first=1, grid_columns=2, spacing_m=4.0, grid_at_m=(10.0, -5.0), grid_heading_deg=90.0
     )

@@ -21,7 +21,7 @@ def history(scale: float = 1.0, seconds: float = 200.0, count: int = 60) -> np.n
     return np.array(rows)
 
 
-def test_the_error_has_the_measured_spread_from_the_first_moment_on() -> None:
+def test_error_has_the_measured_spread_from_the_start() -> None:
     rows = history()
     assert rows.std(axis=(0, 1)) == pytest.approx([0.09, 0.19, 0.41], rel=0.08)
     many = noise.draw(4000, 1.0, np.random.default_rng(1))

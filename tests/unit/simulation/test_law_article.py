@@ -33,13 +33,14 @@ def test_the_sphere_force_is_the_printed_one() -> None:
     assert force == pytest.approx(np.array([[-315.0, 0.0, -420.0]]))
 
 
-def test_the_sphere_force_pushes_outward_from_inside_and_vanishes_on_the_shell_and_at_the_centre() -> None:
+def test_sphere_force_pushes_outward_and_vanishes_on_the_shell() -> None:
+    """The force vanishes at the centre and on the shell, and pushes outward between them."""
     places = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
     force = sphere_force(places, np.zeros(3), radius_m=2.0, gain=5.0)
     assert force == pytest.approx(np.array([[15.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
 
 
-def test_the_repulsion_of_a_pair_is_the_printed_one_with_its_charges() -> None:
+def test_pair_repulsion_is_as_printed_with_its_charges() -> None:
     # r = 5, k_r q_1 q_2 / r^2 = 0.2 * 2 * 3 / 25 = 0.048, along (3, 4, 0) / 5
     force = repulsion_force(
         np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]]), charge=np.array([2.0, 3.0]), gain=0.2
@@ -64,7 +65,7 @@ def test_the_combined_force_is_the_sum_of_both() -> None:
     )
 
 
-def test_one_step_of_the_virtual_dynamics_is_newtons_law_with_damping() -> None:
+def test_virtual_dynamics_step_is_newtons_law_with_damping() -> None:
     # (u - k v) / M = (21 - 1) / 10 = 2 m/s^2, for 0.5 s
     position, velocity = step_virtual(
         np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]), np.array([[21.0, 0.0, 0.0]]), 0.5, SECTION_5
@@ -94,9 +95,10 @@ def test_section_5_settles_four_drones_to_a_tetrahedron(settled: Array) -> None:
     assert edge_m == pytest.approx(np.full(6, sqrt(8 / 3) * SECTION_5.radius_m), rel=0.01)
 
 
-def test_repulsion_holds_them_slightly_outside_the_sphere_as_the_balance_of_forces_says(
+def test_repulsion_holds_vehicles_slightly_outside_the_sphere(
     settled: Array,
 ) -> None:
+    """The distance to the sphere follows from the balance of forces."""
     radius_m = np.linalg.norm(settled, axis=1)
     assert (radius_m > SECTION_5.radius_m).all()
     r = float(radius_m.mean())
@@ -128,7 +130,7 @@ def orbit(start: Array, seconds: float, *, fed_forward: bool) -> tuple[float, fl
     return closest_m, worst_radius_m
 
 
-def test_the_centre_fed_forward_holds_the_formation_at_nearly_ten_metres_per_second_squared(
+def test_feedforward_holds_the_formation_at_almost_10_m_s2(
     settled: Array,
 ) -> None:
     closest_m, worst_radius_m = orbit(settled, 40.0, fed_forward=True)
@@ -147,7 +149,7 @@ def test_the_settled_shape_has_the_energy_of_the_tetrahedron(settled: Array) -> 
     assert energy(direction) == pytest.approx(TETRAHEDRON_ENERGY, rel=1e-3)
 
 
-def test_a_centre_that_turns_hard_does_not_move_the_drones_relative_to_it() -> None:
+def test_hard_turn_of_the_centre_keeps_vehicles_in_place() -> None:
     start = np.random.default_rng(2).uniform(-2.0, 2.0, (4, 3))
     at_rest, velocity = start.copy(), np.zeros((4, 3))
     led, led_m_s, center = start.copy(), np.zeros((4, 3)), Center.at_rest(np.zeros(3))
@@ -182,7 +184,7 @@ def test_the_force_is_as_it_was_where_nothing_is_in_the_way() -> None:
     assert avoiding(place, velocity) == pytest.approx(SECTION_5.damping_n_s_m * velocity)
 
 
-def test_who_flies_at_an_ellipse_is_turned_onto_its_tangent_within_the_answering_time() -> None:
+def test_vehicle_at_an_ellipse_turns_to_its_tangent_in_time() -> None:
     # from (-5, 0) the tangent to x^2/16 + y^2/9 = 1 touches at x = -16/5, y = 9/5: along (1.8, 1.8)
     velocity = np.array([[5.0, 0.0, 0.0]])
     force = avoiding(np.array([[-5.0, 0.0, -10.0]]), velocity)

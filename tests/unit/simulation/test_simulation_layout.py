@@ -19,12 +19,12 @@ def goals(layout_name: str, count: int, extent_m: float = 60.0) -> tuple[Array, 
     return layout.goals_m(flight, count, np.random.default_rng(3))
 
 
-def test_the_assembly_sphere_grows_with_the_fleet_but_is_never_small() -> None:
+def test_assembly_sphere_grows_with_the_fleet_from_a_minimum() -> None:
     assert layout.assembly_radius_m(4) == 10.0
     assert layout.assembly_radius_m(100) == pytest.approx(14.0)
 
 
-def test_pads_are_as_far_apart_as_asked_and_hover_at_one_height() -> None:
+def test_pads_keep_their_spacing_and_hover_at_one_height() -> None:
     grid_m = layout.grid_m(20, 4.0, 5.0)
     assert nearest(grid_m) == pytest.approx(4.0)
     assert grid_m[:, 2].tolist() == [-5.0] * 20
@@ -38,7 +38,7 @@ def test_a_square_start_needs_a_square_number() -> None:
 
 
 @pytest.mark.parametrize("count", [12, 212, 812])
-def test_the_opposite_of_a_place_on_the_sphere_is_as_far_as_can_be_and_everybody_starts_legally(
+def test_antipodal_start_is_farthest_and_legal(
     count: int,
 ) -> None:
     start_m, goal_m = goals("opposite", count, 100.0)
@@ -47,7 +47,7 @@ def test_the_opposite_of_a_place_on_the_sphere_is_as_far_as_can_be_and_everybody
     assert nearest(goal_m) > 6.0
 
 
-def test_random_places_in_the_cube_are_legal_at_both_ends_and_not_the_same() -> None:
+def test_random_places_in_the_cube_are_legal_and_differ() -> None:
     start_m, goal_m = goals("cube", 50)
     assert nearest(start_m, 1.0 / 1.5) >= 6.0
     assert nearest(goal_m, 1.0 / 1.5) >= 6.0

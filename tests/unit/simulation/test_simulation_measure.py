@@ -56,12 +56,12 @@ def turned(angle_rad: float) -> Array:
 
 
 @pytest.mark.parametrize(("count", "energy"), TABLE.items())
-def test_the_shapes_at_hand_have_the_best_known_energies(count: int, energy: float) -> None:
+def test_reference_shapes_have_the_best_known_energies(count: int, energy: float) -> None:
     assert best_figures(count)[0] == pytest.approx(energy, rel=3e-6)
     assert np.linalg.norm(best(count), axis=1) == pytest.approx(1.0)
 
 
-def test_energy_of_a_tetrahedron_and_its_gradient_by_hand() -> None:
+def test_tetrahedron_energy_and_gradient_by_hand() -> None:
     energy, nearest = energy_and_nearest(TETRAHEDRON)
     assert energy == pytest.approx(6.0 / sqrt(8.0 / 3.0))
     assert nearest == pytest.approx(sqrt(8.0 / 3.0))
@@ -78,7 +78,7 @@ def test_the_gradient_is_that_of_the_energy() -> None:
     assert gradient == pytest.approx(np.array(slopes), abs=1e-6)
 
 
-def test_distances_are_judged_in_the_floors_metric_pads_and_the_vanished_exempt() -> None:
+def test_distances_use_the_floor_metric_without_exempt_pairs() -> None:
     everyone = np.ones(3, dtype=bool)
     place = np.array([(0.0, 0.0, -10.0), (0.0, 0.0, -13.0), (50.0, 0.0, -1.0)])
     distance, inside = closest_m(place, everyone, everyone, 2.0 / 3.0, 2.0, 2.0 + 1e-9)
@@ -118,13 +118,13 @@ def test_one_that_leaves_the_sphere_at_the_end_was_never_settled() -> None:
     assert measure.formation(record, measure.shape_over_time(record))["settled"] is False
 
 
-def test_a_shift_from_the_commanded_centre_is_a_shape_error_and_a_mirror_image_is_not_forgiven() -> None:
+def test_shape_error_counts_shift_and_mirror_image() -> None:
     shifted = record_of([CENTER + 10.0 * TETRAHEDRON + (0.3, 0.0, 0.4)] * 120)
     error_m = measure.shape_error_m(shifted, measure.steady_ticks(shifted))
     assert error_m == pytest.approx(0.5, abs=0.02)
 
 
-def test_the_straight_line_is_the_largest_time_of_the_assignment_with_the_smallest_largest() -> None:
+def test_straight_line_time_is_the_bottleneck_assignment() -> None:
     limits = Limits(horizontal_m_s=5.0, up_m_s=2.0, down_m_s=1.0)
     start = np.array([(0.0, 0.0, 0.0), (10.0, 0.0, 0.0)])
     final = np.array([(10.0, 0.0, -4.0), (0.0, 5.0, 3.0)])
@@ -133,7 +133,7 @@ def test_the_straight_line_is_the_largest_time_of_the_assignment_with_the_smalle
     assert measure.straight_line_time_s(start, start[::-1], 5.0, limits) == 0.0
 
 
-def test_a_penetration_is_inside_the_box_grown_by_a_metre_and_below_its_top_plus_one() -> None:
+def test_penetration_is_inside_the_box_grown_by_a_metre() -> None:
     def penetrations(x_m: float, height_m: float) -> object:
         place = np.array([(x_m, 0.0, -height_m), (30.0, 30.0, -10.0)])
         record = record_of([place] * 3)
@@ -143,7 +143,7 @@ def test_a_penetration_is_inside_the_box_grown_by_a_metre_and_below_its_top_plus
     assert [penetrations(4.9, 10.9), penetrations(5.1, 10.9), penetrations(4.9, 11.1)] == [1, 0, 0]
 
 
-def test_who_arrives_when_and_how_much_later_than_straight_flight() -> None:
+def test_arrival_and_its_delay_against_straight_flight() -> None:
     flight = {"kind": "goals", "layout": "cube", "extent_m": 60.0}
     raw = scenario().model_dump() | {"flight": flight, "control": {"law": {"speed_m_s": 2.0}}}
     trial = Scenario.model_validate(raw)
@@ -157,7 +157,7 @@ def test_who_arrives_when_and_how_much_later_than_straight_flight() -> None:
     assert measure.arrival(record)["worst_ratio"] == pytest.approx(19.05 / 10.0, abs=0.01)
 
 
-def test_the_centroid_is_judged_against_the_true_target_once_on_the_orbit() -> None:
+def test_centroid_is_judged_at_the_true_target_once_on_orbit() -> None:
     trial = scenario(orbit={"radius_m": 30.0, "speed_m_s": 3.0})
     angle = 0.005 * np.arange(300)
     centers = 30.4 * np.stack([np.cos(angle), np.sin(angle), np.full(300, -1.0)], axis=1)

@@ -29,7 +29,7 @@ def refusal(folder: Path, text: str) -> str:
 
 
 @pytest.mark.parametrize("path", scenarios.shipped(), ids=lambda path: path.stem)
-def test_every_shipped_scenario_can_be_read_and_says_what_it_is_about(path: Path) -> None:
+def test_every_shipped_scenario_is_valid_with_a_description(path: Path) -> None:
     scenario = scenarios.load(path)
     assert scenario.name == path.stem
     assert scenario.about.endswith(".")
@@ -47,7 +47,7 @@ def test_a_scenario_is_named_after_its_file(tmp_path: Path) -> None:
     assert scenarios.load(written(tmp_path, PLAIN, "mine")).name == "mine"
 
 
-def test_what_a_scenario_is_like_it_takes_over_but_for_what_it_says_itself(tmp_path: Path) -> None:
+def test_scenario_inherits_what_it_does_not_set(tmp_path: Path) -> None:
     written(tmp_path, PLAIN + "world: {noise: 1.0, loss: 0.1}\n", "base")
     like = scenarios.load(written(tmp_path, "like: base\nabout: another\nworld: {loss: 0.2}\n"))
     assert like.about == "another"

@@ -69,7 +69,7 @@ def test_a_document_gets_the_same_cells() -> None:
     assert "| 8.0 |" in lines[2]
 
 
-def test_one_in_twenty_may_miss_what_is_demanded_of_most_but_none_what_is_demanded_of_all() -> None:
+def test_one_in_twenty_may_miss_demands_on_most_none_on_all() -> None:
     runs = [run(seed, 8.0) for seed in range(20)]
     assert passed(runs)
     runs[3]["missed"] = ["formation.in_time False: at least 1"]
