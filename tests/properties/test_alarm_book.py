@@ -32,9 +32,7 @@ LOOKS = st.lists(st.lists(CONDITIONS, max_size=6), min_size=1, max_size=30)
     limit=st.sampled_from([Limit(on=3.0, off=3.15), Limit(on=0.2, off=0.23), Limit(on=50.0, off=45.0)]),
     shares=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=100),
 )
-def test_a_value_that_oscillates_around_a_limit_raises_at_most_one_alarm(
-    limit: Limit, shares: list[float]
-) -> None:
+def test_oscillating_value_raises_at_most_one_alarm(limit: Limit, shares: list[float]) -> None:
     book, before = AlarmBook(), np.array([False])
     worst = limit.on + 0.5 * (limit.on - limit.off)
     begun = 0
@@ -48,7 +46,7 @@ def test_a_value_that_oscillates_around_a_limit_raises_at_most_one_alarm(
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=200))
-def test_a_condition_that_flickers_faster_than_its_delay_is_one_alarm(holds: list[bool]) -> None:
+def test_flicker_faster_than_the_delay_is_one_alarm(holds: list[bool]) -> None:
     book, begun, gone_s = AlarmBook(), 0, 0.0
     condition = Condition(AlarmCause.LOW_BATTERY, "battery at 20%", ("d1",))
     off_after_s = CAUSES[AlarmCause.LOW_BATTERY].off_after_s
@@ -77,7 +75,7 @@ def test_no_cause_without_delay_is_ever_missing_nor_any_vehicle(looks: list[list
 
 
 @given(LOOKS)
-def test_the_most_severe_that_lasts_is_on_top_and_is_the_state_of_the_whole(
+def test_lasting_most_severe_alarm_is_first_and_sets_the_state(
     looks: list[list[Condition]],
 ) -> None:
     book = AlarmBook()
@@ -92,7 +90,7 @@ def test_the_most_severe_that_lasts_is_on_top_and_is_the_state_of_the_whole(
 
 
 @given(LOOKS)
-def test_every_alarm_that_begins_ends_once_when_nothing_holds_any_more(looks: list[list[Condition]]) -> None:
+def test_every_alarm_ends_once_when_its_cause_is_gone(looks: list[list[Condition]]) -> None:
     book, begun, ended = AlarmBook(), [], []
     for look, conditions in enumerate([*looks, *([[]] * 30)]):
         for change in book.look(conditions, look * LOOKS_S, look * LOOKS_S):

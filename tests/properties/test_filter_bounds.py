@@ -104,7 +104,7 @@ def concerned(fleet: Fleet) -> list[tuple[int, int]]:
 
 @CALM
 @given(fleets())
-def test_every_pair_that_counts_is_held_to_what_it_can_brake_in_the_gap_it_has(fleet: Fleet) -> None:
+def test_every_relevant_pair_is_held_to_its_braking_speed(fleet: Fleet) -> None:
     found = fleet.every_pair()
     assert sorted(zip(found.first.tolist(), found.other.tolist(), strict=True)) == sorted(concerned(fleet))
     event(f"pairs: {len(found)}")
@@ -121,7 +121,7 @@ def test_every_pair_that_counts_is_held_to_what_it_can_brake_in_the_gap_it_has(f
 @given(
     fleets(), vectors(4, 4.0), st.lists(within(0.0, 4.0), min_size=4, max_size=4), masks(4), within(1.0, 9.0)
 )
-def test_a_pair_is_left_out_only_where_no_velocity_that_may_come_of_it_breaks_it(
+def test_pair_is_omitted_only_if_no_reachable_velocity_breaks_it(
     fleet: Fleet, course_m_s: Array, spare: list[float], some: Mask, wider: float
 ) -> None:
     position_m = fleet.position_m * (wider, wider, 1.0)
@@ -152,7 +152,7 @@ def test_a_pair_is_left_out_only_where_no_velocity_that_may_come_of_it_breaks_it
 
 @CALM
 @given(places(3), masks(3), vectors(4, 30.0), within(0.0, 2.0))
-def test_everyone_commanded_is_held_off_the_nearest_point_of_every_path(
+def test_vehicles_are_kept_off_the_nearest_point_of_each_path(
     position: Array, commanded: Mask, ends: Array, unsure_m: float
 ) -> None:
     segments = (ends - (0.0, 0.0, 30.0)).reshape(2, 2, 3)
@@ -178,7 +178,7 @@ def test_everyone_commanded_is_held_off_the_nearest_point_of_every_path(
 
 @CALM
 @given(vectors(4, 80.0), masks(4), vectors(2, 30.0), within(0.5, 9.0))
-def test_a_path_is_left_out_only_for_those_whom_twice_their_speed_would_not_bring_to_it(
+def test_path_is_omitted_only_beyond_twice_the_speed(
     position: Array, commanded: Mask, ends: Array, fastest_m_s: float
 ) -> None:
     every, kept = (
@@ -201,7 +201,7 @@ def test_a_path_is_left_out_only_for_those_whom_twice_their_speed_would_not_brin
 
 @CALM
 @given(vectors(3, 350.0), masks(3), masks(3), within(1.0, 9.0))
-def test_everyone_is_held_off_every_side_of_the_fence_that_could_be_reached(
+def test_vehicles_are_kept_off_every_reachable_fence_side(
     spread: Array, commanded: Mask, descending: Mask, fastest_m_s: float
 ) -> None:
     position = spread * (1.0, 1.0, 0.2) - (0.0, 0.0, 50.0)
@@ -235,9 +235,7 @@ def beyond_m(position_m: Array, box: Ellipse) -> Array:
 
 @CALM
 @given(places(4), obstacles())
-def test_the_way_out_of_a_box_is_the_shortest_and_ends_on_its_surface(
-    position: Array, obstacle: Obstacle
-) -> None:
+def test_way_out_of_a_box_is_shortest_and_ends_on_its_surface(position: Array, obstacle: Obstacle) -> None:
     box = Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)
     found = obstacle_constraints(position, np.ones(4, bool), {"b": box}, BRAKING)
     half_m = np.array([[box.semi_x_m, box.semi_y_m]]) / np.sqrt(2.0)

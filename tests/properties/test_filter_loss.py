@@ -70,9 +70,7 @@ def whole_way(position_m: Array, home_m: Array) -> Array:
 
 @CALM
 @given(vectors(3, 6.0), vectors(3, 6.0), st.booleans())
-def test_who_meets_on_the_way_home_whenever_each_is_where_is_reported(
-    spread: Array, home: Array, high: bool
-) -> None:
+def test_return_path_conflicts_are_reported_at_any_progress(spread: Array, home: Array, high: bool) -> None:
     position = spread * (1.0, 1.0, 2.0) - (0.0, 0.0, 40.0 if high else 20.0)
     home = home * (1.0, 1.0, 2.0)  # on slopes
     reported = set(found(position, home, "return", FLOOR))
@@ -107,9 +105,7 @@ def come_inside(position_m: Array, shrunk: float) -> set[tuple[int, int]]:
 
 @CALM
 @given(places(5), st.sampled_from(["descend", "land"]))
-def test_those_who_sink_come_inside_the_floor_as_they_do_where_they_sink(
-    spread: Array, action: Action
-) -> None:
+def test_descending_vehicles_conflict_where_they_descend(spread: Array, action: Action) -> None:
     position = spread * (0.05, 0.05, 1.0)
     reported = set(found(position, np.zeros((5, 3)), action, FLOOR))
     event(f"clashes: {len(reported)}")
@@ -118,7 +114,7 @@ def test_those_who_sink_come_inside_the_floor_as_they_do_where_they_sink(
 
 @CALM
 @given(places(5))
-def test_upright_the_nearest_two_stand_one_above_the_other_and_it_is_the_same_formation(
+def test_upright_formation_is_congruent_with_nearest_two_stacked(
     position: Array,
 ) -> None:
     center = position.mean(axis=0)

@@ -42,7 +42,7 @@ def test_shrinking_only_shortens_and_ends_with_everything_kept(drawn: tuple[Arra
 
 @CALM
 @given(half_spaces(), vectors(4, 1.0))
-def test_no_legal_velocity_is_nearer_to_the_desired_one_than_the_projection(
+def test_no_legal_velocity_is_nearer_than_the_projection(
     drawn: tuple[Array, Constraints], other: Array
 ) -> None:
     desired, constraints = drawn
@@ -54,7 +54,7 @@ def test_no_legal_velocity_is_nearer_to_the_desired_one_than_the_projection(
 
 @CALM
 @given(vectors(5, 1e6), masks(5))
-def test_whatever_is_not_finite_becomes_rest_and_the_rest_is_within_limits(desired: Array, bad: Mask) -> None:
+def test_velocities_not_finite_become_zero_others_keep_limits(desired: Array, bad: Mask) -> None:
     spoiled = desired.copy()
     spoiled[bad, 1] = np.nan
     capped = cap(spoiled, LIMITS)
@@ -80,7 +80,7 @@ def exactly_nearest(desired: Array, constraints: Constraints) -> Array:
 
 @CALM
 @given(half_spaces())
-def test_the_projection_is_the_nearest_point_that_least_squares_finds(
+def test_projection_equals_the_least_squares_nearest_point(
     drawn: tuple[Array, Constraints],
 ) -> None:
     desired, constraints = drawn
@@ -92,7 +92,7 @@ def test_the_projection_is_the_nearest_point_that_least_squares_finds(
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_projection_of_many_that_are_tied_to_each_other_is_the_nearest_point(seed: int) -> None:
+def test_projection_of_many_coupled_vehicles_is_nearest(seed: int) -> None:
     rng = np.random.default_rng(seed)
     first = rng.integers(0, 10, 25)
     normal = rng.normal(0.0, 1.0, (25, 3))

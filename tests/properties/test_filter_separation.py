@@ -24,7 +24,7 @@ from gcs.safety.filter import cap, filter_velocities
 
 @CALM
 @given(legal_fleets())
-def test_the_filter_never_brings_a_legal_pair_below_the_floor_in_one_step(
+def test_filter_keeps_legal_pairs_above_the_floor_in_one_step(
     fleet: tuple[Array, Array],
 ) -> None:
     position, desired = fleet
@@ -34,7 +34,7 @@ def test_the_filter_never_brings_a_legal_pair_below_the_floor_in_one_step(
 
 @CALM
 @given(legal_fleets())
-def test_whoever_keeps_floor_and_margin_keeps_them_for_the_whole_reaction_time(
+def test_floor_and_margin_hold_for_the_whole_reaction_time(
     fleet: tuple[Array, Array],
 ) -> None:
     position, desired = fleet
@@ -49,7 +49,7 @@ def test_whoever_keeps_floor_and_margin_keeps_them_for_the_whole_reaction_time(
 @given(
     legal_fleets(), masks(6), vectors(6, 5.0), st.permutations(range(6)), within(-3.0, 3.0), vectors(1, 50.0)
 )
-def test_the_filter_does_the_same_wherever_whichever_way_round_and_in_whatever_order(
+def test_filter_is_invariant_to_place_heading_and_order(
     fleet: tuple[Array, Array], mask: Mask, moving: Array, permutation: list[int], turn: float, away: Array
 ) -> None:
     position, desired = fleet
@@ -72,7 +72,7 @@ def test_the_filter_does_the_same_wherever_whichever_way_round_and_in_whatever_o
 
 @CALM
 @given(legal_fleets(), masks(6))
-def test_the_filter_keeps_the_limits_and_moves_nobody_it_does_not_command(
+def test_filter_keeps_limits_and_moves_only_commanded_vehicles(
     fleet: tuple[Array, Array], mask: Mask
 ) -> None:
     position, desired = fleet

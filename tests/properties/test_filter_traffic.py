@@ -40,7 +40,7 @@ def meetings(position: Array, course: Array, lasts: Array, turned: Mask, takes_p
 
 @CALM
 @given(places(4), vectors(4, 5.0), durations(4), masks(4), masks(4))
-def test_a_meeting_counts_the_more_the_nearer_the_straight_ways_come_to_each_other(
+def test_encounter_weight_grows_as_straight_paths_come_nearer(
     spread: Array, course: Array, lasts: Array, turned: Mask, takes_part: Mask
 ) -> None:
     position = spread * (0.5, 0.5, 0.5)
@@ -52,7 +52,7 @@ def test_a_meeting_counts_the_more_the_nearer_the_straight_ways_come_to_each_oth
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_in_a_crowd_everybody_meets_everybody_else_whose_way_it_crosses(seed: int) -> None:
+def test_in_a_crowd_every_crossing_pair_is_an_encounter(seed: int) -> None:
     rng = np.random.default_rng(seed)
     position, course = rng.uniform(-8.0, 8.0, (20, 3)), rng.normal(0.0, 1.0, (20, 3))
     lasts, takes_part = rng.uniform(0.0, 10.0, 20), rng.random(20) < 0.8
@@ -65,7 +65,7 @@ def test_in_a_crowd_everybody_meets_everybody_else_whose_way_it_crosses(seed: in
 
 @CALM
 @given(places(4), vectors(4, 5.0), places(4), masks(4))
-def test_keeping_right_turns_no_way_by_more_than_its_angle_and_never_to_the_left(
+def test_keeping_right_turns_within_its_angle_and_never_left(
     position: Array, desired: Array, goal: Array, to_goal: Mask
 ) -> None:
     way = (goal - position) * (1.0, 1.0, 0.0)
@@ -92,7 +92,7 @@ def test_keeping_right_turns_no_way_by_more_than_its_angle_and_never_to_the_left
 
 @CALM
 @given(places(5), vectors(5, 5.0), places(5), masks(5), st.permutations(range(5)))
-def test_giving_way_never_closes_in_faster_and_does_not_depend_on_the_order(
+def test_giving_way_never_closes_faster_and_ignores_order(
     position: Array, desired: Array, goal: Array, to_goal: Mask, order: list[int]
 ) -> None:
     flatness, traffic = 2.0 / 3.0, SAFETY.traffic

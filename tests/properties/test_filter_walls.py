@@ -39,7 +39,7 @@ def gap_to_box_m(position: Array, obstacle: Obstacle, time_s: float) -> Array:
 
 @CALM
 @given(obstacles(), places(4), vectors(4, 12.0), vectors(1, 2.0))
-def test_no_filtered_step_leads_into_an_obstacle_even_one_that_moves(
+def test_no_filtered_step_enters_a_moving_obstacle(
     obstacle: Obstacle, position: Array, desired: Array, moves: Array
 ) -> None:
     obstacle = replace(obstacle, velocity_x_m_s=moves[0, 0], velocity_y_m_s=moves[0, 1])
@@ -122,7 +122,7 @@ def filtered(desired: Array, here: Surroundings, fastest_m_s: float) -> tuple[Ar
     vectors(2, 250.0),
     st.lists(obstacles(), min_size=1, max_size=5),
 )
-def test_what_the_filter_leaves_out_as_too_far_away_changes_nothing(
+def test_what_the_filter_omits_as_too_far_changes_nothing(
     spread: Array, desired: Array, commanded: Mask, ends: Array, boxes: list[Obstacle]
 ) -> None:
     position = spread * (1.0, 1.0, 0.1) - (0.0, 0.0, 30.0)
@@ -138,7 +138,7 @@ def test_what_the_filter_leaves_out_as_too_far_away_changes_nothing(
 
 @CALM
 @given(places(4), vectors(4, 12.0), obstacles())
-def test_what_is_left_out_as_too_far_away_no_velocity_within_the_limits_could_break(
+def test_omitted_constraints_cannot_be_broken_within_the_limits(
     position: Array, desired: Array, obstacle: Obstacle
 ) -> None:
     ellipses = {"b": Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)}

@@ -109,7 +109,7 @@ def test_the_tick_turns_with_the_world_about_the_vertical(
 
 @CALM
 @given(fleets(), st.integers(0, 2**32 - 1))
-def test_the_tick_does_not_depend_on_the_order_of_the_fleet(
+def test_tick_does_not_depend_on_the_vehicle_order(
     fleet: tuple[Array, tuple[str, ...], Array], seed: int
 ) -> None:
     position, ids, motion = fleet
@@ -144,9 +144,7 @@ def test_the_field_has_its_speed_everywhere(
 
 @CALM
 @given(within(-60.0, 60.0), within(-60.0, 60.0), within(0.1, 5.0))
-def test_with_radius_zero_the_centre_comes_to_rest_above_the_target(
-    x_m: float, y_m: float, speed_m_s: float
-) -> None:
+def test_with_radius_zero_the_centre_rests_above_the_target(x_m: float, y_m: float, speed_m_s: float) -> None:
     place = np.array([x_m, y_m])
     for _ in range(6):
         velocity = orbit_velocity(
@@ -160,7 +158,7 @@ def test_with_radius_zero_the_centre_comes_to_rest_above_the_target(
 
 @CALM
 @given(within(-9.0, 9.0), within(-9.0, 9.0), within(-9.0, 9.0), within(-9.0, 9.0), within(0.1, 8.0))
-def test_the_sum_with_the_targets_velocity_stays_within_the_ground_speed(
+def test_sum_with_target_velocity_stays_within_ground_speed(
     target_x: float, target_y: float, x: float, y: float, limit_m_s: float
 ) -> None:
     target, relative = np.array([target_x, target_y]), np.array([x, y])
@@ -207,7 +205,7 @@ def test_moving_the_places_on_never_ends_at_a_higher_energy(count: int, seed: in
 
 @CALM
 @given(vectors(3, 9.0), vectors(4, 9.0), within(0.1, 8.0), within(0.1, 4.0))
-def test_the_shrunk_sum_keeps_the_limits_unless_the_common_part_alone_does_not(
+def test_shrunk_sum_keeps_limits_unless_the_common_part_exceeds(
     base: Array, relative: Array, level_m_s: float, climb_m_s: float
 ) -> None:
     total = shrink_relative(
@@ -226,7 +224,7 @@ def test_the_shrunk_sum_keeps_the_limits_unless_the_common_part_alone_does_not(
 
 @CALM
 @given(obstacles(), places(4), st.sampled_from([LEFT, RIGHT]))
-def test_a_tangent_parts_the_directions_that_meet_the_ellipse_from_those_that_do_not(
+def test_tangents_separate_directions_that_meet_the_ellipse(
     obstacle: Obstacle, position: Array, side: float
 ) -> None:
     ellipse = Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)
@@ -256,7 +254,7 @@ def test_contact_is_where_the_ellipse_is_met_for_the_first_time(
 
 @CALM
 @given(st.lists(obstacles(), min_size=1, max_size=4), places(4), vectors(4, 6.0))
-def test_near_obstacles_nobody_is_led_into_one_unless_every_tangent_is_blocked(
+def test_no_vehicle_enters_an_obstacle_with_a_free_tangent(
     boxes: list[Obstacle], position: Array, velocity: Array
 ) -> None:
     ellipses = {str(k): Ellipse.around(box, margin_m=2.0, headroom_m=100.0) for k, box in enumerate(boxes)}
@@ -282,7 +280,7 @@ def test_the_ellipse_leaves_the_margin_everywhere_around_the_box(obstacle: Obsta
 
 @CALM
 @given(obstacles(), places(4), vectors(4, 6.0), st.sampled_from([LEFT, 0.0, RIGHT]), within(0.0, 4.0))
-def test_avoidance_leaves_the_climb_and_those_above_alone_and_leads_out_those_inside(
+def test_avoidance_keeps_climb_ignores_above_leads_out_inside(
     obstacle: Obstacle, position: Array, velocity: Array, side: float, sliding_m_s: float
 ) -> None:
     ellipse = Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)
@@ -347,7 +345,7 @@ def test_the_smallest_radius_reported_is_accepted(count: int, height_m: float) -
 
 @CALM
 @given(within(0.1, LAW.center_speed_max_m_s))
-def test_an_orbit_that_is_accepted_turns_no_harder_than_the_centre_can(speed_m_s: float) -> None:
+def test_accepted_orbit_turns_no_harder_than_the_centre_can(speed_m_s: float) -> None:
     tightest_m = speed_m_s**2 / LAW.center_acceleration_max_m_s2
     check_orbit(Orbit(tightest_m * 1.0001 + 1e-6, speed_m_s), LAW)
 

@@ -14,7 +14,7 @@ ASK = st.tuples(st.just("ask"), STEP_S, SYSTEMS)
 
 
 @given(st.lists(st.one_of(REFRESH, ASK)))
-def test_no_setpoint_is_allowed_later_than_the_hold_time_after_the_last_tick_that_listed_it(
+def test_no_setpoint_after_the_hold_time_since_its_last_tick(
     steps: list[Any],
 ) -> None:
     setpoint_watchdog = SetpointWatchdog(HOLD_S)
@@ -32,7 +32,7 @@ def test_no_setpoint_is_allowed_later_than_the_hold_time_after_the_last_tick_tha
 
 
 @given(st.lists(st.sampled_from(["kill", "order", "turn"])))
-def test_no_order_given_before_a_kill_opens_the_latch(events: list[str]) -> None:
+def test_no_command_from_before_a_kill_opens_the_latch(events: list[str]) -> None:
     latch = KillLatch([1])
     waiting: list[tuple[int, int]] = []
     kills = 0

@@ -33,7 +33,7 @@ def mutated(draw: st.DrawFn) -> bytes:
 
 @given(st.one_of(mutated(), st.binary(max_size=600)), st.booleans())
 @settings(max_examples=300)
-def test_whatever_arrives_is_frames_or_garbage_and_never_an_exception(data: bytes, checked: bool) -> None:
+def test_any_input_is_frames_or_garbage_and_never_an_exception(data: bytes, checked: bool) -> None:
     frames, garbage_bytes, unknown_bytes = split(data, checked=checked)
     assert sum(len(frame.raw) for frame in frames) + garbage_bytes + unknown_bytes == len(data)
     received = VehicleTelemetry()

@@ -48,9 +48,7 @@ def test_rotation_and_shift_are_found_again(
 
 @given(SEEDS, st.integers(8, 60), st.floats(-0.5, 0.5))
 @settings(max_examples=150, deadline=None)
-def test_noise_moves_the_rotation_by_no_more_than_what_can_be_reported(
-    seed: int, count: int, turn_rad: float
-) -> None:
+def test_noise_rotates_the_fit_by_no_more_than_reported(seed: int, count: int, turn_rad: float) -> None:
     random = np.random.default_rng(seed)
     expected_m, off_m = grid_m(random, count), 0.3
     noise_m = random.uniform(-off_m, off_m, (count, 2))
@@ -63,9 +61,7 @@ def test_noise_moves_the_rotation_by_no_more_than_what_can_be_reported(
 
 @given(SEEDS, st.integers(9, 60), st.floats(-0.5, 0.5))
 @settings(max_examples=150, deadline=None)
-def test_a_quarter_that_stands_elsewhere_is_named_and_changes_nothing(
-    seed: int, count: int, turn_rad: float
-) -> None:
+def test_a_displaced_quarter_is_named_and_changes_nothing(seed: int, count: int, turn_rad: float) -> None:
     random = np.random.default_rng(seed)
     expected_m = grid_m(random, count)
     measured_m = moved(expected_m, turn_rad, np.array([1.0, 2.0]))
@@ -78,9 +74,7 @@ def test_a_quarter_that_stands_elsewhere_is_named_and_changes_nothing(
 
 @given(SEEDS, st.integers(2, 40), st.integers(0, 5))
 @settings(max_examples=100, deadline=None)
-def test_nobody_is_given_a_place_twice_and_nobody_goes_without_while_there_are_any(
-    seed: int, count: int, spares: int
-) -> None:
+def test_each_vehicle_gets_its_own_place_while_there_are_any(seed: int, count: int, spares: int) -> None:
     random = np.random.default_rng(seed)
     expected_m = grid_m(random, count)
     assume(spares <= count)

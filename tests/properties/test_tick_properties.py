@@ -60,7 +60,7 @@ def test_no_setpoint_breaks_a_limit(batch: tuple[FleetState, Tasks, Plan]) -> No
 
 @CALM
 @given(batches())
-def test_a_vehicle_without_a_task_or_without_fresh_known_telemetry_is_not_commanded(
+def test_without_task_or_fresh_telemetry_no_command(
     batch: tuple[FleetState, Tasks, Plan],
 ) -> None:
     fleet, tasks, _ = batch
@@ -73,7 +73,7 @@ def test_a_vehicle_without_a_task_or_without_fresh_known_telemetry_is_not_comman
 
 @CALM
 @given(batches())
-def test_yaw_begins_where_the_vehicle_looks_and_turns_no_faster_than_its_rate(
+def test_yaw_starts_at_the_heading_and_keeps_its_rate(
     batch: tuple[FleetState, Tasks, Plan],
 ) -> None:
     fleet = batch[0]
@@ -86,7 +86,7 @@ def test_yaw_begins_where_the_vehicle_looks_and_turns_no_faster_than_its_rate(
 
 @CALM
 @given(batches())
-def test_the_desired_velocity_of_a_tick_follows_from_the_one_before_without_a_jump(
+def test_desired_velocity_continues_without_a_jump(
     batch: tuple[FleetState, Tasks, Plan],
 ) -> None:
     fleet, tasks, plan = batch
@@ -109,9 +109,7 @@ def replace_time(fleet: FleetState, time_s: float) -> FleetState:
 
 @CALM
 @given(batches(), st.permutations(range(6)))
-def test_the_order_of_the_fleet_does_not_matter(
-    batch: tuple[FleetState, Tasks, Plan], permutation: list[int]
-) -> None:
+def test_vehicle_order_does_not_matter(batch: tuple[FleetState, Tasks, Plan], permutation: list[int]) -> None:
     fleet, tasks, plan = batch
     order = [row for row in permutation if row < len(fleet.ids)]
     shuffled = FleetState(
