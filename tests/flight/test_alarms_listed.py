@@ -143,7 +143,7 @@ def check_command(message: Mapping[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_twelve_causes_in_any_order_are_each_listed_within_a_second_the_most_severe_on_top(seed: int) -> None:
+def test_twelve_alarms_are_listed_within_a_second_by_severity(seed: int) -> None:
     supervisor = Supervisor()
     troubles = {**TROUBLES, AlarmCause.SUPERVISOR_GONE: FaultInjector(lambda _show: supervisor.leave())}
     causes = [*troubles]
@@ -169,7 +169,7 @@ def test_twelve_causes_in_any_order_are_each_listed_within_a_second_the_most_sev
     fly(story, config, heart=supervisor, grid_columns=4, spacing_m=6.0)
 
 
-def test_a_lost_vehicle_is_an_alarm_with_its_cause_first_until_it_is_back() -> None:
+def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
     async def story(show: Show) -> None:
         await show.start()
         assert alarm_texts(show) == []
@@ -196,7 +196,7 @@ def test_a_lost_vehicle_is_an_alarm_with_its_cause_first_until_it_is_back() -> N
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_a_kill_is_an_emergency_until_the_vehicle_was_seen_on_the_ground() -> None:
+def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
     async def story(show: Show) -> None:
         await show.start()
         command = show.service.kill(["d2"])

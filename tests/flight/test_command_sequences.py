@@ -20,9 +20,7 @@ NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 @pytest.mark.parametrize(
     ("after_s", "action"), [(0.0, ShowAction.STOP), (0.3, ShowAction.STOP), (0.1, ShowAction.ABORT)]
 )
-def test_a_stop_right_after_take_control_brings_that_vehicle_down_as_well(
-    after_s: float, action: ShowAction
-) -> None:
+def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action: ShowAction) -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.link.pilot("d1", PilotMode.LAND)
@@ -39,7 +37,7 @@ def test_a_stop_right_after_take_control_brings_that_vehicle_down_as_well(
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.2, 1.0])
-def test_a_pause_during_a_take_over_ends_paused_with_all_vehicles_taken_over(after_s: float) -> None:
+def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> None:
     async def story(show: Show) -> None:
         await show.start()
         await show.wait(1.0)
@@ -75,7 +73,7 @@ def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
 
 
-def test_what_an_operator_sets_before_the_first_take_over_stands_beside_what_was_recorded(
+def test_plan_set_before_recovery_stands_beside_the_recorded(
     tmp_path: Path,
 ) -> None:
     changed = Formation(radius_m=8.0, height_m=16.0)
@@ -100,7 +98,7 @@ def test_what_an_operator_sets_before_the_first_take_over_stands_beside_what_was
 
 
 @pytest.mark.parametrize("command", ["bring-home", "stop", "abort"])
-def test_on_the_way_down_after_a_restart_the_recorded_obstacles_stand(tmp_path: Path, command: str) -> None:
+def test_recorded_obstacles_stand_on_the_way_down(tmp_path: Path, command: str) -> None:
     async def go_on(show: Show) -> None:
         await found(show)
         show.service.add_obstacle(NEW)

@@ -80,7 +80,7 @@ def describe() -> tuple[list[Sample], list[Sample], list[Sample]]:
     return before, wrong, flight.run(10.0, flight.hear)
 
 
-def test_it_is_not_commanded_for_a_single_tick_while_its_position_is_wrong(
+def test_not_commanded_while_its_position_is_wrong(
     describe: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     assert {sample.tick.setpoints.ids for sample in describe[1]} == {("d1", "d3", "d4")}
@@ -105,7 +105,7 @@ def test_back_where_it_was_it_is_commanded_again_at_once(
     assert radius_m == pytest.approx(np.full(4, 8.0), abs=0.5)
 
 
-def test_nobody_comes_inside_the_floor_meanwhile(
+def test_floor_holds_while_a_position_is_wrong(
     describe: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     assert closest_m_and_violations([*describe[1], *describe[2]])[1] == 0

@@ -25,7 +25,7 @@ def followed(request: pytest.FixtureRequest) -> list[Sample]:
     return flight.run(120.0)
 
 
-def test_nobody_crosses_the_fence_or_comes_near_it_after_a_target_that_left(followed: list[Sample]) -> None:
+def test_a_target_that_leaves_brings_no_vehicle_near_the_fence(followed: list[Sample]) -> None:
     distance_m = np.array([np.hypot(*sample.position_m[:, :2].T) for sample in followed])
     assert float(np.hypot(*followed[-1].target_m)) > 400.0
     assert distance_m.max() < FENCE_M
@@ -45,7 +45,7 @@ def test_the_shape_stays_whole_although_the_target_left(followed: list[Sample]) 
         assert radius_error_m < 0.5
 
 
-def test_the_formation_goes_on_circling_the_nearest_place_to_the_target(followed: list[Sample]) -> None:
+def test_formation_circles_the_nearest_point_to_the_target(followed: list[Sample]) -> None:
     center_m = np.array([sample.center_m for sample in followed[-400:]])
     speed_m_s = np.hypot(*(np.diff(center_m[:, :2], axis=0) / TICK_S).T)
     assert speed_m_s.mean() == pytest.approx(ORBIT.speed_m_s, abs=0.3)
@@ -54,5 +54,5 @@ def test_the_formation_goes_on_circling_the_nearest_place_to_the_target(followed
     assert np.hypot(*(center_m[-1, :2] - rim_m)) == pytest.approx(ORBIT.radius_m, abs=1.5)
 
 
-def test_nobody_comes_inside_the_floor_at_the_fence(followed: list[Sample]) -> None:
+def test_floor_holds_at_the_fence(followed: list[Sample]) -> None:
     assert closest_m_and_violations(followed)[1] == 0

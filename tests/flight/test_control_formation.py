@@ -24,7 +24,7 @@ def noisy(request: pytest.FixtureRequest) -> list[Sample]:
     return assemble(request.param, noise_scale=1.0)
 
 
-def test_four_reach_the_tetrahedron_and_eight_the_square_antiprism(calm: list[Sample]) -> None:
+def test_four_form_a_tetrahedron_eight_a_square_antiprism(calm: list[Sample]) -> None:
     energy_ratio, nearest_ratio, radius_error_m = shape(calm[-100:])
     assert energy_ratio <= 1.002
     assert nearest_ratio >= 0.97
@@ -38,13 +38,13 @@ def test_they_do_so_on_noisy_estimates_too(noisy: list[Sample]) -> None:
     assert radius_error_m < 0.5
 
 
-def test_nobody_comes_inside_the_floor_on_the_way(calm: list[Sample]) -> None:
+def test_floor_holds_during_assembly(calm: list[Sample]) -> None:
     closest_m, violations = closest_m_and_violations(calm)
     assert violations == 0
     assert closest_m > SETTINGS.safety.floor.horizontal_m
 
 
-def test_nobody_comes_truly_inside_the_floor_when_estimates_are_wrong(noisy: list[Sample]) -> None:
+def test_true_separation_keeps_the_floor_with_wrong_estimates(noisy: list[Sample]) -> None:
     assert closest_m_and_violations(noisy)[1] == 0
 
 
@@ -54,7 +54,7 @@ def test_they_are_on_the_sphere_within_a_quarter_of_a_minute(calm: list[Sample])
     assert np.abs(radius_m - sample.tick.memory.radius_m).max() < 0.5
 
 
-def test_nobody_flies_below_the_least_height(noisy: list[Sample]) -> None:
+def test_no_vehicle_flies_below_the_least_height(noisy: list[Sample]) -> None:
     lowest_m = min(float(-sample.position_m[:, 2].max()) for sample in noisy)
     assert lowest_m > SETTINGS.safety.fence.height_min_m
 

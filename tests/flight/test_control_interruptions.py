@@ -42,7 +42,7 @@ def paused() -> tuple[list[Sample], list[Sample], list[Sample]]:
     return before, pause, flight.run(10.0)
 
 
-def test_a_pause_brings_everybody_to_rest_where_they_are(
+def test_pause_stops_every_vehicle_in_place(
     paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     _, pause, _ = paused
@@ -52,7 +52,7 @@ def test_a_pause_brings_everybody_to_rest_where_they_are(
     assert late_m.max() < 1.0
 
 
-def test_neither_the_pause_nor_the_resumption_makes_setpoints_jump(
+def test_setpoints_do_not_jump_at_pause_or_resume(
     paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     before, pause, after = paused
@@ -71,13 +71,13 @@ def test_the_formation_goes_on_from_where_it_paused(
     assert turned_m > 10.0
 
 
-def test_nobody_comes_inside_the_floor_while_pausing_and_resuming(
+def test_floor_holds_during_pause_and_resume(
     paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     assert closest_m_and_violations([*paused[1], *paused[2]])[1] == 0
 
 
-def test_a_vehicle_with_stale_telemetry_is_not_commanded_and_the_others_are() -> None:
+def test_only_the_vehicle_with_stale_telemetry_is_skipped() -> None:
     flight = Flight(4, Formation(8.0, 20.0))
     flight.run(1.0)
     flight.age_s[2] = SETTINGS.telemetry_age_max_s + 0.01
@@ -91,7 +91,7 @@ def test_a_vehicle_with_stale_telemetry_is_not_commanded_and_the_others_are() ->
     assert np.linalg.norm(desired - flight.history[-20].tick.memory.desired_m_s[2]) < 1.0
 
 
-def test_a_tick_in_which_nobody_is_received_commands_nobody_and_does_not_end_the_formation() -> None:
+def test_tick_without_telemetry_commands_none_and_keeps_flying() -> None:
     flight = Flight(4, Formation(8.0, 20.0))
     (*_, before) = flight.run(1.0)
     flight.age_s[:] = np.inf
@@ -168,7 +168,7 @@ def test_setpoints_do_not_jump_at_the_change_of_the_radius(widened: list[Sample]
     assert largest_setpoint_change_m_s(widened) < 1.0
 
 
-def test_after_a_pause_of_the_service_the_centre_does_not_catch_up() -> None:
+def test_centre_does_not_catch_up_after_a_pause_of_the_service() -> None:
     flight = in_orbit(noise_scale=0.0)
     before_m = flight.history[-1].center_m
     flight.time_s += 5.0
@@ -176,7 +176,7 @@ def test_after_a_pause_of_the_service_the_centre_does_not_catch_up() -> None:
     assert np.linalg.norm(sample.center_m - before_m) < 0.2 * 1.1 * SETTINGS.law.center_speed_max_m_s
 
 
-def test_everybody_turns_to_the_target_at_the_yaw_rate() -> None:
+def test_all_vehicles_turn_to_the_target_at_the_yaw_rate() -> None:
     flight = Flight(4, Formation(8.0, 20.0))
     flight.run(0.5)
     flight.plan = replace(flight.plan, yaw=Yaw(YawPolicy.TARGET), target=Target(100.0, 100.0))

@@ -112,7 +112,7 @@ def test_the_formation_keeps_its_shape_in_orbit(story: Story) -> None:
     assert radius_error_m < 0.5
 
 
-def test_nobody_comes_within_a_metre_of_the_tower_that_stands_in_the_way(story: Story) -> None:
+def test_vehicles_stay_a_metre_away_from_the_tower(story: Story) -> None:
     position_m = np.array([sample.position_m for sample in story.passing])
     off_m = np.abs(position_m[:, :, :2] - (story.tower.x_m, story.tower.y_m))
     beyond_m = np.maximum(off_m - (story.tower.half_length_x_m, story.tower.half_length_y_m), 0.0)
@@ -142,13 +142,13 @@ def test_past_the_tower_they_take_up_their_shape_again(story: Story) -> None:
     assert nearest_ratio >= 0.95  # the estimates' own noise: 0.96 to 0.98, and 0.99 without it
 
 
-def test_everybody_comes_home_to_the_own_pad(story: Story) -> None:
+def test_every_vehicle_lands_on_its_own_pad(story: Story) -> None:
     assert not story.flight.airborne.any()
     off_m = np.hypot(*(story.flight.bodies.position_m - story.flight.pads_m)[:, :2].T)
     assert off_m.max() < 1.0
 
 
-def test_the_true_separation_never_breaks_the_floor_from_beginning_to_end(story: Story) -> None:
+def test_true_separation_keeps_the_floor_throughout(story: Story) -> None:
     closest_m, violations = closest_m_and_violations(story.everything)
     assert violations == 0
     assert closest_m > SETTINGS.safety.floor.horizontal_m
@@ -162,7 +162,7 @@ def test_no_setpoint_ever_breaks_a_limit(story: Story) -> None:
     assert velocity[:, 2].min() >= -limits.up_m_s * (1 + 1e-9)
 
 
-def test_nobody_is_ever_turned_to_north_by_accident(story: Story) -> None:
+def test_no_vehicle_turns_to_north_by_accident(story: Story) -> None:
     yaw = np.concatenate([sample.tick.setpoints.yaw_rad for sample in story.everything])
     assert yaw == pytest.approx(np.full(len(yaw), 0.3))  # held as at engagement
 

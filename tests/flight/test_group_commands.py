@@ -9,7 +9,7 @@ from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
 
 
-def test_a_selection_holds_joins_and_returns_and_those_not_reached_are_named() -> None:
+def test_group_command_names_vehicles_it_does_not_reach() -> None:
     async def story(show: Show) -> None:
         await show.start()
         command = show.service.command_vehicles
@@ -36,7 +36,9 @@ def test_a_selection_holds_joins_and_returns_and_those_not_reached_are_named() -
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_control_of_all_is_taken_but_of_those_that_a_person_flies_and_of_them_by_name() -> None:
+def test_take_control_of_all_skips_pilots_unless_named() -> None:
+    """Control of all vehicles leaves those under pilot control, unless they are named."""
+
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d1", "pilot")

@@ -60,7 +60,7 @@ def stands_so(tmp_path: Path, **settings: Any) -> Refused:
     return fly_show(story, config(tmp_path), **settings)
 
 
-def test_a_fleet_on_the_shows_pads_passes_every_check_and_the_start_says_the_same(tmp_path: Path) -> None:
+def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await show.standby()
         show_hash = select(show)
@@ -105,7 +105,7 @@ def test_a_start_pattern_shifted_by_5_m_is_refused_by_name(tmp_path: Path) -> No
     assert "the start pattern is shifted by" in found.text
 
 
-def test_a_show_frame_that_is_wrong_by_7_degrees_is_refused_though_show_and_service_agree(
+def test_show_frame_wrong_by_7_degrees_is_refused(
     tmp_path: Path,
 ) -> None:
     async def story(show: Show) -> Refused:
@@ -200,7 +200,7 @@ def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path)
     fly_show(story, config(tmp_path))
 
 
-def test_clocks_that_all_differ_alike_show_that_this_machines_is_wrong(tmp_path: Path) -> None:
+def test_equal_clock_offsets_show_that_this_clock_is_wrong(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await show.standby()
         show.unix.ahead_s += 30.0
@@ -212,7 +212,7 @@ def test_clocks_that_all_differ_alike_show_that_this_machines_is_wrong(tmp_path:
     fly_show(story, config(tmp_path))
 
 
-def test_a_show_at_a_clock_time_is_called_off_by_what_fails_until_then(tmp_path: Path) -> None:
+def test_show_at_a_clock_time_is_called_off_by_a_failed_check(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await show.standby()
         show_hash = select(show)
@@ -228,7 +228,7 @@ def test_a_show_at_a_clock_time_is_called_off_by_what_fails_until_then(tmp_path:
     fly_show(story, config(tmp_path))
 
 
-def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(tmp_path: Path) -> None:
+def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         await show.standby()
@@ -270,7 +270,7 @@ def test_who_is_taken_out_stays_on_the_ground_and_is_named_with_whoever_did_it(t
     assert ("include", "anna") in noted
 
 
-def test_bad_orders_to_take_somebody_out_change_nothing(tmp_path: Path) -> None:
+def test_bad_exclusions_change_nothing(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         await show.standby()
@@ -292,7 +292,7 @@ def test_bad_orders_to_take_somebody_out_change_nothing(tmp_path: Path) -> None:
     fly(story, show_config(3))
 
 
-def test_who_does_not_get_up_is_named_with_those_who_do_not_fly() -> None:
+def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
     async def story(show: Show) -> None:
         show.link.silence("d4")
         await show.standby()
@@ -317,7 +317,7 @@ def placed(**places: tuple[float, float]) -> Config:
     return show_config(3, show_frame={"heading_deg": 0.0}, preflight={"start_places": named})
 
 
-def test_without_a_written_show_the_configurations_start_places_count() -> None:
+def test_without_a_written_show_configured_pads_count() -> None:
     async def story(show: Show) -> PreflightReport:
         await show.standby()
         return show.service.preflight()

@@ -102,7 +102,7 @@ async def all_come_down(show: Show, story: list[str]) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_whatever_comes_what_is_shown_is_true_and_one_stop_brings_all_down(seed: int) -> None:
+def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
     async def flight(show: Show) -> None:
         story: list[str] = []
         await running(show)

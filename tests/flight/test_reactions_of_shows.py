@@ -29,7 +29,7 @@ async def home(show: Show) -> None:
     assert show.floor_violations() == 0
 
 
-def test_too_much_wind_pauses_the_show_and_an_operator_resumes_it() -> None:
+def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
     async def story(show: Show) -> None:
         await show.start()
         storm(show, STORM_M_S)
@@ -105,7 +105,7 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
     fly(story, show_config(6, operation=HOLDS_WHEN_LOST, formation={"radius_m": 7.0}))
 
 
-def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
+def test_losses_of_an_earlier_show_do_not_count() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.link.silence("d2")
@@ -126,7 +126,7 @@ def test_whom_an_earlier_show_lost_is_no_loss_of_this_one() -> None:
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST, failsafes=failsafes))
 
 
-def test_target_stale_is_held_where_it_is_until_it_is_reported_again(tmp_path: Path) -> None:
+def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = written_show.select(show)
         show.service.seek_show("guest")
@@ -156,7 +156,7 @@ def test_target_stale_is_held_where_it_is_until_it_is_reported_again(tmp_path: P
     written_show.fly(story, written_show.config(tmp_path, failsafes={"clear_s": 1.0}))
 
 
-def test_target_reported_once_without_a_show_goes_on_as_it_was_reported() -> None:
+def test_target_reported_once_without_a_show_goes_on() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.service.set_target(Target(3.0, 1.0, 0.3, 0.0))

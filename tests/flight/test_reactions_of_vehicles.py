@@ -64,7 +64,7 @@ def test_vehicle_lost_pauses_the_show_where_that_is_set() -> None:
     fly(story, config)
 
 
-def test_low_battery_leaves_the_formation_and_goes_home_while_the_rest_re_form() -> None:
+def test_low_battery_returns_home_while_the_rest_re_form() -> None:
     async def story(show: Show) -> None:
         await show.start()
         await show.wait(4.0)
@@ -110,7 +110,7 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
     fly(story, show_config(5))
 
 
-def test_low_battery_overruled_by_an_operator_acts_again_only_when_it_is_critical() -> None:
+def test_low_battery_overruled_acts_again_only_when_critical() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "battery", remaining=0.18)
@@ -130,7 +130,7 @@ def test_low_battery_overruled_by_an_operator_acts_again_only_when_it_is_critica
     fly(story)
 
 
-def test_low_battery_of_many_brings_everybody_home_together() -> None:
+def test_low_battery_of_many_returns_the_fleet() -> None:
     async def story(show: Show) -> None:
         await show.start()
         for name in ("d1", "d2", "d3"):
@@ -163,7 +163,7 @@ def test_low_battery_of_a_pilots_vehicle_is_the_pilots_business() -> None:
     fly(story)
 
 
-def test_low_battery_on_the_way_up_is_landed_straight_down_and_the_others_go_on() -> None:
+def test_low_battery_during_the_climb_lands_straight_down() -> None:
     async def story(show: Show) -> None:
         await show.standby()
         show.service.command_show(ShowAction.START)
@@ -180,7 +180,7 @@ def test_low_battery_on_the_way_up_is_landed_straight_down_and_the_others_go_on(
     fly(story, show_config(3, failsafes={"low_battery": {"for_s": 0.5}}))
 
 
-def test_low_battery_is_left_to_the_autopilot_where_it_is_ignored() -> None:
+def test_low_battery_ignored_is_left_to_the_autopilot() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "battery", remaining=0.15)
@@ -212,7 +212,7 @@ def test_bad_position_holds_then_lands() -> None:
     fly(story, show_config(5))
 
 
-def test_bad_position_that_gets_better_leaves_it_holding_until_it_is_reported_to_join() -> None:
+def test_bad_position_that_recovers_holds_until_commanded() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
@@ -244,7 +244,7 @@ def test_bad_position_by_jumping_again_and_again() -> None:
     fly(story)
 
 
-def test_bad_position_kilometres_away_is_held_before_its_autopilot_gives_up_and_landed() -> None:
+def test_bad_position_kilometres_away_is_held_then_landed() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "gps-jump", north_m=5000.0)

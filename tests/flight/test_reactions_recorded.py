@@ -20,7 +20,7 @@ async def low_battery(show: Show) -> None:
     await show.reach(ShowPhase.LANDED)
 
 
-def test_a_reaction_is_in_the_audit_as_an_order_of_the_services_with_its_cause(tmp_path: Path) -> None:
+def test_failsafe_is_audited_as_a_command_with_its_cause(tmp_path: Path) -> None:
     config = show_config(3)
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
     with Record(tmp_path, config.model_dump_json(), vehicles) as record:

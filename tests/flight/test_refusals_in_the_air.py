@@ -148,7 +148,7 @@ def test_a_command_refused_in_the_air_names_one_that_is_accepted(
 
 
 @pytest.mark.parametrize("into", PHASES)
-def test_pause_stop_and_abort_are_accepted_whenever_anything_is_airborne(
+def test_pause_stop_and_abort_accepted_while_airborne(
     into: Callable[[Show], Awaitable[None]],
 ) -> None:
     async def story(show: Show) -> None:

@@ -125,7 +125,7 @@ def sphere_error_m(track: Track, center_m: tuple[float, float, float], radius_m:
     return float(np.abs(off_m).max())
 
 
-def test_pause_freezes_everybody_in_place(flight: Flight) -> None:
+def test_pause_stops_every_vehicle_in_place(flight: Flight) -> None:
     stopped = flight.paused.between(flight.paused.time_s[0] + 3.0)
     strayed_m = np.linalg.norm(stopped.true_m - stopped.true_m[0], axis=2)
     assert strayed_m.max() < 1.0  # the fake's own position error wanders
@@ -137,7 +137,7 @@ def test_pause_stops_the_vehicles_within_a_few_metres(flight: Flight) -> None:
     assert gone_m.max() < 3.5
 
 
-def test_setpoints_keep_flowing_to_everybody_while_paused(flight: Flight) -> None:
+def test_setpoints_continue_to_all_vehicles_while_paused(flight: Flight) -> None:
     assert np.isfinite(flight.paused.setpoint_m_s[2:]).all()
 
 
@@ -191,7 +191,7 @@ def test_no_change_makes_a_setpoint_jump(flight: Flight) -> None:
     assert flight.track.hardest_change_m_s() < JUMP_M_S
 
 
-def test_nobody_is_ever_truly_inside_the_floor_whatever_changes(flight: Flight) -> None:
+def test_true_separation_keeps_the_floor_during_changes(flight: Flight) -> None:
     assert flight.floor_violations == 0
 
 
@@ -217,7 +217,7 @@ def test_nobody_is_ever_truly_inside_the_floor_whatever_changes(flight: Flight) 
         ("unknown order", UnknownError, "no command o999"),
     ],
 )
-def test_what_cannot_be_done_is_refused_with_what_could_and_changes_nothing(
+def test_infeasible_changes_are_refused_with_what_fits(
     flight: Flight, name: str, kind: type[Exception], says: str
 ) -> None:
     refusal = flight.refusals[name]
@@ -235,7 +235,7 @@ async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
     return refusal, (reported_m, show.floor_violations())
 
 
-def test_the_smallest_radius_that_is_named_is_accepted_and_keeps_the_floor() -> None:
+def test_smallest_named_radius_is_accepted_and_keeps_the_floor() -> None:
     refusal, (reported_m, violations) = fly(smallest)
     assert refusal.kind is InvalidError
     assert reported_m == 3.2

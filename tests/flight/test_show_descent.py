@@ -66,7 +66,7 @@ def aborted() -> Descent:
     return fly(abort_from_formation, show_config(5, formation=NARROW))
 
 
-def test_abort_brings_everybody_down_and_disarms_them(aborted: Descent) -> None:
+def test_abort_lands_and_disarms_every_vehicle(aborted: Descent) -> None:
     last = aborted.coming_down.samples[-1]
     assert last.armed == (False,) * 5
     assert -last.true_m[:, 2] == pytest.approx(np.zeros(5), abs=0.05)
@@ -74,12 +74,12 @@ def test_abort_brings_everybody_down_and_disarms_them(aborted: Descent) -> None:
     assert len(aborted.record.outcomes) == 5
 
 
-def test_abort_brings_everybody_down_at_places_apart(aborted: Descent) -> None:
+def test_abort_lands_vehicles_apart(aborted: Descent) -> None:
     assert nearest_m(aborted.coming_down.true_m[0, :, :2]) < 4.0  # it would not be so by itself
     assert nearest_m(places_m(aborted)) > 4.0 - 1.0  # as believed 4 m; the error of two estimates in truth
 
 
-def test_abort_takes_nobody_through_anybody(aborted: Descent) -> None:
+def test_abort_keeps_vehicles_separated(aborted: Descent) -> None:
     assert aborted.floor_violations == 0
 
 
@@ -102,7 +102,8 @@ async def abort_over_a_crate(show: Show) -> Descent:
 AWAY = {"x_m": 25.0, "y_m": 0.0}  # clear of everybody's pads
 
 
-def test_abort_lets_nobody_sink_before_those_below_are_in_their_columns_nor_land_on_an_obstacle() -> None:
+def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:
+    """No vehicle descends before those below are in their columns, nor onto an obstacle."""
     descent = fly(abort_over_a_crate, show_config(4, target=AWAY), noise_scale=0.3)
     start_m, goals_m = descent.coming_down.true_m[0], places_m(descent)
     lowest = int(np.argmax(start_m[:, 2]))
@@ -150,9 +151,7 @@ def stopped_early() -> Descent:
 
 
 @pytest.mark.parametrize("how", ["aborted_early", "stopped_early"])
-def test_on_the_way_up_everybody_comes_down_again_at_its_own_start(
-    how: str, request: pytest.FixtureRequest
-) -> None:
+def test_stop_during_the_climb_lands_each_at_its_start(how: str, request: pytest.FixtureRequest) -> None:
     descent: Descent = request.getfixturevalue(how)
     off_m = np.hypot(*(places_m(descent) - descent.track.true_m[0, :, :2]).T)
     assert (-descent.track.true_m[:, 0, 2]).max() > 2.0  # one was up
@@ -162,7 +161,7 @@ def test_on_the_way_up_everybody_comes_down_again_at_its_own_start(
 
 
 @pytest.mark.parametrize("how", ["aborted_early", "stopped_early"])
-def test_who_waits_for_its_turn_never_takes_off_after_a_stop_or_an_abort(
+def test_waiting_vehicles_never_take_off_after_stop_or_abort(
     how: str, request: pytest.FixtureRequest
 ) -> None:
     descent: Descent = request.getfixturevalue(how)
@@ -172,9 +171,7 @@ def test_who_waits_for_its_turn_never_takes_off_after_a_stop_or_an_abort(
 
 
 @pytest.mark.parametrize("how", ["aborted_early", "stopped_early"])
-def test_a_stop_or_an_abort_on_the_way_up_is_done_by_all_and_ends_the_start(
-    how: str, request: pytest.FixtureRequest
-) -> None:
+def test_stop_or_abort_during_the_climb_reaches_all(how: str, request: pytest.FixtureRequest) -> None:
     descent: Descent = request.getfixturevalue(how)
     assert {part.outcome for part in descent.record.outcomes.values()} == {Outcome.DONE}
     assert set(descent.record.outcomes) == {"d1", "d2", "d3", "d4"}
@@ -188,7 +185,7 @@ async def abort_at_once(show: Show) -> Descent:
     return await ordered(show, ShowAction.ABORT, started)  # before any errand has made its first step
 
 
-def test_an_abort_in_the_same_breath_as_the_start_leaves_nothing_pending_and_nobody_armed() -> None:
+def test_abort_at_the_start_leaves_nothing_pending_or_armed() -> None:
     descent = fly(abort_at_once)
     assert descent.started.outcome is Outcome.FAILED
     assert descent.record.outcome is Outcome.DONE
@@ -221,7 +218,7 @@ async def stop_while_some_come_down_already(show: Show) -> Mixed:
     return Mixed(show.track, stopped, landing_at_m, str(refusal.value))
 
 
-def test_stop_brings_home_those_who_are_on_their_way_and_lets_those_touch_down_who_do() -> None:
+def test_stop_returns_vehicles_and_lets_landing_ones_land() -> None:
     mixed = fly(stop_while_some_come_down_already, show_config(3))
     first, last = mixed.track.samples[0], mixed.track.samples[-1]
     assert {part.outcome for part in mixed.stopped.outcomes.values()} == {Outcome.DONE}

@@ -68,7 +68,7 @@ def test_the_time_until_the_formation_stands_is_what_it_takes(flight: Flight) ->
     assert max(abs(found_s - true_s) - allowed(true_s) for true_s, found_s in known) < 1.0  # once a second
 
 
-def test_the_time_home_is_what_it_takes_before_the_return_and_during_it(flight: Flight) -> None:
+def test_time_home_is_estimated_before_and_during_the_return(flight: Flight) -> None:
     at_stop = estimates_of(flight.track.between(0.0, flight.stop_s).samples[-1]).home_s
     took_s = flight.landed_s - flight.stop_s
     assert at_stop is not None

@@ -65,7 +65,7 @@ async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: 
         (refuses_to_climb, False, "d2: takeoff refused"),
     ],
 )
-def test_one_whose_climb_fails_is_landed_on_its_pad_and_named_and_the_others_fly(
+def test_failed_climb_lands_on_its_pad_and_the_others_fly(
     fault: Callable[[Show], Any], in_the_air: bool, says: str
 ) -> None:
     config = show_config(3, operation={"takeoff_timeout_s": TIMEOUT_S})
@@ -98,7 +98,7 @@ async def stuck_in_the_air(show: Show) -> tuple[list[Phase], str, bool]:
     return phases, reason, show.view.show is ShowPhase.RUNNING
 
 
-def test_one_that_refuses_even_to_land_keeps_nobody_waiting_and_is_landed_once_it_obeys() -> None:
+def test_vehicle_that_refuses_landing_delays_no_other() -> None:
     config = show_config(3, operation={"takeoff_timeout_s": TIMEOUT_S})
     phases, reason, still_running = fly(stuck_in_the_air, config)
     assert phases == [Phase.FORMATION, Phase.LANDING, Phase.FORMATION]
@@ -117,7 +117,7 @@ async def hold_refused_by_one_that_climbs(show: Show) -> tuple[Outcome, Phase]:
     return held.outcome, show.vehicle("d1").phase
 
 
-def test_one_whose_climb_nobody_watches_any_more_keeps_nobody_waiting() -> None:
+def test_climb_without_a_maneuver_delays_no_other() -> None:
     assert fly(hold_refused_by_one_that_climbs, show_config(3)) == (Outcome.FAILED, Phase.FORMATION)
 
 
@@ -131,7 +131,7 @@ async def one_alone(show: Show) -> tuple[list[ShowPhase], CommandRecord]:
     return show.track.show_phases(), await show.settled(record)
 
 
-def test_a_show_whose_only_climb_fails_is_over_when_that_vehicle_is_down() -> None:
+def test_show_ends_when_its_only_vehicle_fails_to_climb() -> None:
     phases, record = fly(one_alone, show_config(1))
     assert phases == [ShowPhase.IDLE, ShowPhase.ARMING, ShowPhase.LANDED]
     assert record.outcome is Outcome.FAILED
@@ -155,7 +155,7 @@ async def nobody_can_join(show: Show) -> Nobody:
     return Nobody(show.track.show_phases(), reason, show.track.samples[-1].armed)
 
 
-def test_a_show_that_nobody_can_join_is_paused_and_says_why_and_can_be_stopped() -> None:
+def test_show_that_no_vehicle_can_join_pauses_with_its_reason() -> None:
     flight = fly(nobody_can_join, show_config(2))
     assert flight.shows[-4:] == [ShowPhase.ARMING, ShowPhase.PAUSED, ShowPhase.RETURNING, ShowPhase.LANDED]
     assert flight.reason.startswith("no vehicle in formation; waiting for commands: d1 (up, but cannot join:")

@@ -68,7 +68,7 @@ def flight() -> Flight:
     return fly(two_flights)
 
 
-def test_a_show_goes_from_idle_to_landed_through_its_phases_in_order(flight: Flight) -> None:
+def test_show_phases_follow_from_idle_to_landed(flight: Flight) -> None:
     assert flight.track.show_phases() == [
         ShowPhase.IDLE,
         ShowPhase.ARMING,
@@ -80,7 +80,7 @@ def test_a_show_goes_from_idle_to_landed_through_its_phases_in_order(flight: Fli
 
 
 @pytest.mark.parametrize("name", FLIERS)
-def test_every_vehicle_goes_through_its_phases_in_order(flight: Flight, name: str) -> None:
+def test_vehicle_phases_follow_in_order(flight: Flight, name: str) -> None:
     assert flight.track.phases(name)[-7:] == [
         Phase.STANDBY,
         Phase.TAKEOFF,
@@ -98,7 +98,7 @@ def test_start_and_stop_are_done_by_every_vehicle_of_the_show(flight: Flight) ->
         assert record.outcome is Outcome.DONE
 
 
-def test_a_vehicle_never_received_is_named_as_not_included_and_gets_nothing(flight: Flight) -> None:
+def test_vehicle_never_received_is_excluded_and_sent_nothing(flight: Flight) -> None:
     left_out = flight.started.outcomes["d4"]
     assert left_out.outcome is Outcome.NOT_INCLUDED
     assert "not heard" in left_out.reason
@@ -125,17 +125,17 @@ def test_vehicles_climb_straight_up_before_they_move_sideways(flight: Flight, na
 
 
 @pytest.mark.parametrize("name", FLIERS)
-def test_no_setpoint_is_sent_before_the_vehicle_holds_at_its_height(flight: Flight, name: str) -> None:
+def test_no_setpoint_before_the_vehicle_holds_at_its_height(flight: Flight, name: str) -> None:
     assert flight.sent[name][0].time_s >= flight.track.since(name, Phase.HOLD)
 
 
-def test_setpoints_leave_once_a_tick_from_engagement_to_touch_down(flight: Flight) -> None:
+def test_setpoints_leave_each_tick_from_engagement_to_landing(flight: Flight) -> None:
     for name in FLIERS:
         times_s = np.array([setpoint.time_s for setpoint in flight.sent[name]])
         assert np.diff(times_s) == pytest.approx(np.full(len(times_s) - 1, 0.05), abs=1e-6)
 
 
-def test_setpoints_leave_in_ned_as_they_were_decided_in_the_show_frame(flight: Flight) -> None:
+def test_setpoints_in_ned_equal_those_in_the_show_frame(flight: Flight) -> None:
     decided_m_s = flight.track.between(*flight.orbiting_s).setpoint_m_s[:, 0]
     begin_s, end_s = flight.orbiting_s
     sent_m_s = np.array(
@@ -167,7 +167,7 @@ def test_the_formation_circles_the_target(flight: Flight) -> None:
     assert speed_m_s == pytest.approx(2.0, abs=0.4)
 
 
-def test_nobody_is_ever_truly_inside_the_floor(flight: Flight) -> None:
+def test_true_separation_keeps_the_floor(flight: Flight) -> None:
     assert flight.floor_violations == 0
 
 
@@ -175,7 +175,7 @@ def test_setpoints_never_jump_from_one_tick_to_the_next(flight: Flight) -> None:
     assert flight.track.hardest_change_m_s() < JUMP_M_S
 
 
-def test_everybody_lands_on_its_own_start_and_is_disarmed(flight: Flight) -> None:
+def test_every_vehicle_lands_on_its_own_start_and_disarms(flight: Flight) -> None:
     first, last = flight.track.samples[0], flight.track.samples[-1]
     off_m = np.linalg.norm(last.true_m - first.true_m, axis=1)
     assert off_m.max() < 1.5

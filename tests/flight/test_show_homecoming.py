@@ -46,7 +46,7 @@ def flight() -> Return:
     return fly(whole_return, config, grid_columns=4)
 
 
-def test_everybody_is_home_and_nobody_was_inside_the_floor(flight: Return) -> None:
+def test_all_return_home_and_keep_the_floor(flight: Return) -> None:
     assert flight.command.outcome is Outcome.DONE
     off_m = np.linalg.norm((flight.track.samples[-1].true_m - flight.start_m)[:, :2], axis=1)
     assert off_m.max() < 1.5
@@ -68,7 +68,7 @@ def test_they_stand_before_they_set_out(flight: Return) -> None:
     assert max(speeds_m_s) < 0.5
 
 
-def test_who_holds_and_who_is_stopped_on_the_way_are_part_of_it_or_left_out() -> None:
+def test_holding_and_stopped_vehicles_during_the_return() -> None:
     async def story(show: Show) -> None:
         await show.start()
         await show.command("d1", VehicleAction.HOLD)
@@ -97,7 +97,7 @@ class Slowly(AtOnce):
         return reported
 
 
-def test_while_the_ways_are_planned_everybody_is_commanded_to_stand_where_it_is() -> None:
+def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
     async def story(show: Show) -> tuple[Track, Track, int]:
         await show.start()
         show.service.command_show(ShowAction.STOP)
@@ -117,7 +117,7 @@ def test_while_the_ways_are_planned_everybody_is_commanded_to_stand_where_it_is(
     assert whole.show_phases()[-1] is ShowPhase.LANDED
 
 
-def test_who_is_stopped_while_the_ways_are_planned_is_not_waited_for() -> None:
+def test_vehicle_stopped_during_planning_is_not_waited_for() -> None:
     async def story(show: Show) -> int:
         await show.start()
         show.service.command_show(ShowAction.STOP)

@@ -151,7 +151,7 @@ def test_what_was_cut_off_is_known_and_nothing_happens_by_itself(tmp_path: Path)
     sessions(tmp_path, (four(), fly_for_a_while), (four(), look), (four(), look), (four(), look))
 
 
-def test_who_was_taken_out_of_the_show_stays_out_until_somebody_takes_it_in(tmp_path: Path) -> None:
+def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
     why = "Vehicle d2 not flying: taken out of the show by anna: a cracked propeller."
 
     async def take_out(show: Show) -> None:
@@ -178,7 +178,7 @@ def test_who_was_taken_out_of_the_show_stays_out_until_somebody_takes_it_in(tmp_
     sessions(tmp_path, (four(), take_out), (four(), take_in), (four(), all_fly))
 
 
-def test_taken_over_they_stand_in_formation_and_fly_on_when_resumed(tmp_path: Path) -> None:
+def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
     async def go_on(show: Show) -> None:
         await found(show)
         record = await show.settled(show.service.settle(Offer.TAKE_OVER))
@@ -202,7 +202,7 @@ def test_taken_over_they_stand_in_formation_and_fly_on_when_resumed(tmp_path: Pa
     sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on))
 
 
-def test_brought_home_they_land_where_they_took_off_though_two_services_ended(tmp_path: Path) -> None:
+def test_recovered_fleet_returns_to_its_pads_after_two_restarts(tmp_path: Path) -> None:
     pads_m = []
 
     async def fly_first(show: Show) -> None:
@@ -230,7 +230,7 @@ def test_brought_home_they_land_where_they_took_off_though_two_services_ended(tm
     sessions(tmp_path, *parts)
 
 
-def test_a_written_show_goes_on_where_it_was_and_only_as_it_was_checked(tmp_path: Path) -> None:
+def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> None:
     shows, root = tmp_path / "shows", tmp_path / "runs"
     shows.mkdir()
 
@@ -276,7 +276,7 @@ def test_a_written_show_goes_on_where_it_was_and_only_as_it_was_checked(tmp_path
         ({"links": [{"name": "loop", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 3}}]}, "d4"),
     ],
 )
-def test_under_another_configuration_nothing_is_offered_that_would_be_wrong(
+def test_another_configuration_offers_no_wrong_recovery(
     tmp_path: Path, section: dict[str, object], says: str
 ) -> None:
     other = Config.model_validate(four().model_dump() | _merged(section))
@@ -300,7 +300,7 @@ def _merged(section: dict[str, object]) -> dict[str, object]:
     }
 
 
-def test_whom_a_pilot_has_is_left_to_the_pilot(tmp_path: Path) -> None:
+def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> None:
     async def fly_and_lose_one(show: Show) -> None:
         await fly_for_a_while(show)
         show.befall("d2", "pilot")
@@ -327,7 +327,7 @@ def test_whom_a_pilot_has_is_left_to_the_pilot(tmp_path: Path) -> None:
     sessions(tmp_path, (four(), fly_and_lose_one), (four(), others_only))
 
 
-def test_a_single_vehicle_control_taken_returns_to_where_it_took_off(tmp_path: Path) -> None:
+def test_vehicle_under_taken_control_returns_to_its_start(tmp_path: Path) -> None:
     async def one_by_one(show: Show) -> None:
         await found(show)
         await show.command("d1", VehicleAction.TAKE_CONTROL)
@@ -352,9 +352,7 @@ COMMANDS: dict[str, Callable[[Show], CommandRecord]] = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_means_the_whole_flight_also_what_is_received_a_moment_later(
-    tmp_path: Path, command: str
-) -> None:
+def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command: str) -> None:
     async def go_on(show: Show) -> None:
         await received_first(show)
         show.befall("d4", "pilot")
@@ -373,9 +371,10 @@ def test_a_command_means_the_whole_flight_also_what_is_received_a_moment_later(
     sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)
 
 
-def test_what_is_not_received_in_time_is_named_and_a_later_command_keeps_what_was_changed_since(
+def test_late_vehicles_are_named_and_newer_changes_stay(
     tmp_path: Path,
 ) -> None:
+    """A vehicle that is not received in time is named; a later command keeps newer changes."""
     changed = Formation(radius_m=8.0, height_m=16.0)
 
     async def go_on(show: Show) -> None:

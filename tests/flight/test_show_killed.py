@@ -52,7 +52,7 @@ def test_kill_stops_the_motors_at_once(kill: Killed) -> None:
     assert kill.outcome.outcomes["d2"].outcome is Outcome.DONE
 
 
-def test_a_killed_vehicle_gets_nothing_more_and_stays_out_until_it_is_confirmed_down(kill: Killed) -> None:
+def test_killed_vehicle_is_sent_nothing_until_confirmed_down(kill: Killed) -> None:
     assert kill.sent == 0
     assert kill.track.between(kill.kill_s + 0.06).phases("d2") == [Phase.KILLED, Phase.STANDBY]
     assert kill.start.kind is RefusedError

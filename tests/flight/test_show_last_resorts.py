@@ -24,7 +24,7 @@ async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, 
     return stopped, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
 
 
-def test_a_vehicle_whose_hold_was_overtaken_by_stop_comes_home_all_the_same() -> None:
+def test_vehicle_with_hold_overtaken_by_stop_returns_home() -> None:
     stopped, phase, armed = fly(hold_overtaken_by_stop, show_config(3))
     assert stopped.outcome is Outcome.DONE
     assert (phase, armed) == (ShowPhase.LANDED, [False] * 3)
@@ -43,7 +43,7 @@ async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
     return show.track.phases("d1"), sum(setpoint.time_s > began_s for setpoint in show.link.sent["d1"])
 
 
-def test_a_hold_that_seemed_to_have_failed_is_noticed_when_it_comes_through() -> None:
+def test_hold_that_seemed_to_fail_is_noticed_when_it_succeeds() -> None:
     phases, setpoints_after = fly(hold_that_comes_late, show_config(2))
     assert phases[-2:] == [Phase.FORMATION, Phase.HOLD]
     assert setpoints_after == 0
@@ -68,7 +68,7 @@ async def offboard_refused_on_the_way_down(show: Show) -> Refused:
     return Refused(record, verbs, show.view.show, [vehicle.armed for vehicle in show.view.vehicles])
 
 
-def test_where_offboard_stays_refused_the_autopilots_own_land_is_the_last_resort() -> None:
+def test_autopilot_land_is_the_last_resort_without_offboard() -> None:
     flight = fly(offboard_refused_on_the_way_down, show_config(3))
     assert flight.verbs == [Verb.OFFBOARD] * 3 + [Verb.LAND]
     assert flight.record.outcome is Outcome.DONE
@@ -85,7 +85,7 @@ async def offboard_refused_after_the_climb(show: Show) -> CommandRecord:
     return await show.settled(record)
 
 
-def test_a_vehicle_that_cannot_join_after_the_climb_is_a_failure_of_the_start() -> None:
+def test_vehicle_that_cannot_join_after_climb_fails_the_start() -> None:
     record = fly(offboard_refused_after_the_climb, show_config(3))
     assert record.outcomes["d1"].outcome is Outcome.DONE
     assert record.outcomes["d2"].outcome is Outcome.FAILED
@@ -119,7 +119,7 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     )
 
 
-def test_a_vehicle_control_taken_after_the_show_can_still_be_brought_down() -> None:
+def test_vehicle_taken_after_the_show_can_be_landed() -> None:
     flight = fly(all_taken_over_then_control_taken, show_config(2))
     assert flight.taken is ShowPhase.UNCONTROLLED, "two are airborne"
     assert flight.given_back is ShowPhase.PAUSED, "one is: the show is not over"
@@ -140,7 +140,7 @@ async def stop_again_and_again(show: Show) -> list[CommandRecord]:
     return [show.service.command_record(record.id) for record in records]
 
 
-def test_coming_home_and_coming_down_can_be_ordered_at_any_time_in_the_air() -> None:
+def test_return_and_landing_can_be_commanded_whenever_airborne() -> None:
     *replaced, last = fly(stop_again_and_again, show_config(3))
     assert [record.outcome for record in replaced] == [Outcome.FAILED] * 3
     assert last.outcome is Outcome.DONE
@@ -160,7 +160,7 @@ async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
     return show.view.show, attempts, next_command
 
 
-def test_one_vehicle_that_never_obeys_does_not_keep_the_show_from_ending() -> None:
+def test_one_disobedient_vehicle_does_not_keep_the_show_alive() -> None:
     phase, attempts, next_command = fly(refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST))
     assert phase is ShowPhase.LANDED
     assert 3 <= attempts <= 20, "now and then, not without pause"
@@ -184,7 +184,7 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     return turned_down.text, [seen.armed for seen in show.view.vehicles]
 
 
-def test_a_vehicle_whose_start_is_unknown_lands_where_it_is() -> None:
+def test_vehicle_with_unknown_start_lands_where_it_is() -> None:
     text, armed = fly(found_in_the_air, show_config(2))
     assert text == "d1 cannot return: where it started is not known; use land; accepted instead: land d1"
     assert armed == [False, False]
@@ -201,7 +201,7 @@ async def turn_comes_late(show: Show) -> CommandRecord:
     return await show.settled(record)
 
 
-def test_a_vehicle_is_checked_again_when_its_turn_to_take_off_comes() -> None:
+def test_vehicle_is_checked_again_at_its_turn_to_take_off() -> None:
     record = fly(turn_comes_late, show_config(2))
     assert record.outcomes["d1"].outcome is Outcome.DONE
     assert record.outcomes["d2"].outcome is Outcome.FAILED

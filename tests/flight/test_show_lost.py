@@ -83,11 +83,11 @@ def test_a_vehicle_silent_in_the_air_is_lost_within_the_limit(silence: Silence) 
     )
 
 
-def test_a_vehicle_without_fresh_telemetry_gets_no_setpoint_long_before_it_is_lost(silence: Silence) -> None:
+def test_stale_telemetry_stops_setpoints_long_before_loss(silence: Silence) -> None:
     assert 0.4 < silence.last_sent_s - silence.silent_s < 0.6
 
 
-def test_the_others_setpoints_keep_their_rate_while_one_is_silent(silence: Silence) -> None:
+def test_other_setpoints_keep_their_rate_while_one_is_silent(silence: Silence) -> None:
     for name in OTHERS:
         rate_per_s = silence.track.between(silence.silent_s, silence.received_s).setpoints_per_s(name)
         assert rate_per_s == pytest.approx(20.0, abs=0.2)
@@ -105,11 +105,11 @@ def nearest(places_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> floa
     return float(np.linalg.norm(places_m - np.roll(places_m, 1, axis=0), axis=1).min())
 
 
-def test_nobody_flies_into_the_volume_of_a_lost_vehicle(silence: Silence) -> None:
+def test_lost_vehicle_volume_is_avoided(silence: Silence) -> None:
     assert silence.floor_violations == 0
 
 
-def test_a_lost_vehicle_received_again_comes_back_through_hold_and_is_sent_nothing_before(
+def test_lost_vehicle_returns_through_hold_and_is_sent_nothing(
     silence: Silence,
 ) -> None:
     assert silence.back.phases("d2") == [Phase.LOST, Phase.HOLD, Phase.FORMATION]
@@ -123,7 +123,7 @@ def test_after_hold_it_joins_again_by_itself(silence: Silence) -> None:
     assert silence.back.hardest_change_m_s() < JUMP_M_S
 
 
-def test_orders_to_a_lost_vehicle_are_refused_naming_what_is_possible(silence: Silence) -> None:
+def test_commands_to_a_lost_vehicle_are_refused_with_choices(silence: Silence) -> None:
     assert silence.refusals["join"].kind is RefusedError
     assert "d2: 'engage' is not possible while lost; it is from hold" in silence.refusals["join"].text
     assert "not possible while lost" in silence.refusals["land"].text
@@ -159,7 +159,7 @@ async def across_a_lost_one(show: Show) -> Crossing:
     )
 
 
-def test_nobody_flies_below_a_lost_vehicle_that_may_come_down() -> None:
+def test_no_vehicle_flies_below_a_lost_one() -> None:
     crossing = fly(across_a_lost_one, show_config(2, operation=HOLDS_WHEN_LOST), noise_scale=0.3)
     assert len(crossing.column_m) > 50
     assert min(crossing.column_m) > 2.0
@@ -209,9 +209,7 @@ async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Pha
 @pytest.mark.parametrize(
     ("action", "on_its_way"), [(ShowAction.STOP, Phase.RETURN), (ShowAction.ABORT, Phase.LANDING)]
 )
-def test_a_vehicle_lost_while_all_come_down_is_brought_down_once_it_is_back(
-    action: ShowAction, on_its_way: Phase
-) -> None:
+def test_vehicle_lost_during_landing_is_landed_once_it_is_back(action: ShowAction, on_its_way: Phase) -> None:
     config = show_config(4, operation=HOLDS_WHEN_LOST)
     phases, violations = fly(lambda show: lost_on_its_way_home(show, action), config)
     after = phases[phases.index(Phase.LOST) :]
@@ -243,9 +241,8 @@ async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple
         (ShowAction.ABORT, ShowPhase.ABORTING, Phase.LANDING),
     ],
 )
-def test_the_order_to_come_down_stands_for_a_lost_vehicle_that_is_back_when_all_others_are_down(
-    action: ShowAction, ends: ShowPhase, flown: Phase
-) -> None:
+def test_landing_command_stands_for_a_lost_vehicle(action: ShowAction, ends: ShowPhase, flown: Phase) -> None:
+    """A lost vehicle is landed although it is received again after all others are down."""
     config = show_config(3, operation=HOLDS_WHEN_LOST)
     show, back_s, verbs = fly(lambda show: back_when_all_others_are_down(show, action), config)
     after = show.track.between(back_s)
@@ -274,7 +271,7 @@ async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]
     return seen
 
 
-def test_a_lost_vehicle_that_nobody_ordered_down_holds_until_ordered_and_the_show_is_paused() -> None:
+def test_lost_vehicle_back_without_command_holds_show_paused() -> None:
     show, reason, phase = fly(back_after_each_was_landed, show_config(3, operation=HOLDS_WHEN_LOST))
     assert (show, phase) == (ShowPhase.PAUSED, Phase.HOLD)
     assert "d2" in reason
@@ -293,7 +290,7 @@ async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], CommandR
     return show.track.between(began_s).phases("d2"), confirmed
 
 
-def test_a_lost_vehicle_confirmed_down_is_offline_until_it_is_received_on_the_ground() -> None:
+def test_lost_vehicle_confirmed_down_is_offline_until_seen() -> None:
     phases, confirmed = fly(confirmed_down_while_silent, noise_scale=0.5)
     assert phases == [Phase.LOST, Phase.OFFLINE, Phase.STANDBY]
     assert confirmed.outcome is Outcome.DONE

@@ -46,7 +46,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     }
 
 
-def test_three_that_land_on_flat_batteries_are_named_and_left_alone() -> None:
+def test_three_that_land_on_empty_batteries_are_named() -> None:
     found = fly(three_flat, config(), parameters={"COM_LOW_BAT_ACT": 2})
     assert found["reasons"] == [
         f"{name} lands by its own critical-battery failsafe, battery 5%. Leave it."
@@ -80,7 +80,7 @@ async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowP
     return track.phases("d2"), reason, track.show_phases()
 
 
-def test_one_that_holds_since_setpoints_did_not_reach_it_flies_on_by_itself() -> None:
+def test_hold_from_missed_setpoints_flies_on() -> None:
     phases, reason, shows = fly(lambda show: deaf(show, 8.0), config())
     assert phases == [Phase.FORMATION, Phase.PILOT, Phase.HOLD, Phase.FORMATION]
     assert reason.startswith("d2 holds by its own setpoint-loss failsafe: they left, and did not reach it")
@@ -99,7 +99,7 @@ async def pilot_after_deaf(show: Show) -> tuple[list[Phase], str]:
     return show.track.between(began_s).phases("d2"), show.vehicle("d2").reason
 
 
-def test_one_that_a_pilot_takes_out_of_its_failsafe_stays_the_pilots() -> None:
+def test_failsafe_ended_by_a_pilot_stays_with_the_pilot() -> None:
     phases, reason = fly(pilot_after_deaf, config())
     assert phases == [Phase.FORMATION, Phase.PILOT]
     assert "when the pilot agrees" in reason

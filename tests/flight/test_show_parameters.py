@@ -28,7 +28,7 @@ async def mended(show: Show) -> tuple[Refusal, bool]:
     return first, True
 
 
-def test_start_is_refused_for_a_parameter_that_is_not_as_configured_until_it_is_mended() -> None:
+def test_start_is_refused_for_a_wrong_parameter_until_fixed() -> None:
     async def story(show: Show) -> tuple[Refusal, bool]:
         await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY)
         show.link.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 0)
@@ -55,7 +55,7 @@ def test_what_px4_is_delivered_with_is_refused() -> None:
         assert text.count(f"d1, d2: {name} is") == 1, "what is true of all is said once"
 
 
-def test_a_vehicle_whose_parameters_cannot_be_read_is_neither_ready_nor_flown() -> None:
+def test_vehicle_with_unreadable_parameters_is_not_flown() -> None:
     async def story(show: Show) -> tuple[Refusal, bool, bool]:
         async def no_answer(vehicle_id: str, names: object) -> dict[str, float]:
             raise CommandError(f"{vehicle_id}: parameter GF_ACTION: no answer")
@@ -73,7 +73,7 @@ def test_a_vehicle_whose_parameters_cannot_be_read_is_neither_ready_nor_flown() 
     assert (before, after) == (False, True)
 
 
-def test_parameters_are_read_when_a_vehicle_is_met_after_a_reboot_and_after_a_flight_but_not_in_it() -> None:
+def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
     async def story(show: Show) -> list[int]:
         counts = []
         await show.start()
@@ -102,7 +102,7 @@ def test_without_the_requirement_nothing_is_read_and_all_may_fly() -> None:
     assert fly(story, show_config(2, operation=operation), parameters={"COM_OBL_RC_ACT": 3}) == 0
 
 
-def test_start_is_refused_when_losing_everybody_at_once_would_bring_them_together() -> None:
+def test_start_is_refused_when_setpoint_loss_would_collide() -> None:
     async def story(show: Show) -> Refusal:
         await show.standby()
         return await start(show)
@@ -113,7 +113,7 @@ def test_start_is_refused_when_losing_everybody_at_once_would_bring_them_togethe
     assert "'hold' would keep them apart" in refusal.text
 
 
-def test_everybody_who_holds_when_all_control_ends_at_once_stays_apart() -> None:
+def test_vehicles_holding_after_control_ends_stay_apart() -> None:
     """What was predicted is what happens: the service stops, and nobody comes inside the floor."""
 
     async def story(show: Show) -> tuple[int, list[str]]:
@@ -136,7 +136,7 @@ async def params(show: Show, *names: str, apply: bool) -> dict[tuple[str, str], 
     return {(row.vehicle, row.parameter): row for row in rows}
 
 
-def test_params_check_tells_and_apply_sets_and_reads_back() -> None:
+def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
     async def story(show: Show) -> tuple[Row, Row, Row, float]:
         before = await params(show, apply=False)
         during = await params(show, apply=True)
@@ -168,7 +168,7 @@ def test_params_apply_never_touches_an_armed_vehicle() -> None:
     assert held == 3
 
 
-def test_params_of_a_vehicle_named_but_not_received_says_so() -> None:
+def test_params_of_a_named_vehicle_that_is_not_received() -> None:
     async def story(show: Show) -> tuple[dict[tuple[str, str], Row], dict[tuple[str, str], Row]]:
         show.link.silence("d2")
         return await params(show, "d1", "d2", apply=False), await params(show, apply=False)
@@ -179,7 +179,7 @@ def test_params_of_a_vehicle_named_but_not_received_says_so() -> None:
     assert {vehicle for vehicle, _ in everybody} == {"d1"}
 
 
-def test_a_vehicle_whose_position_jumps_stands_first_and_is_given_room_for_a_while() -> None:
+def test_jumping_position_lists_first_and_widens_the_margin() -> None:
     async def story(show: Show) -> tuple[list[float], list[float], list[Phase], str]:
         await show.start()
         await show.wait(10.0)
@@ -204,7 +204,7 @@ def test_a_vehicle_whose_position_jumps_stands_first_and_is_given_room_for_a_whi
     assert phases[-1] is Phase.FORMATION, "it goes on by itself"
 
 
-def test_a_small_jump_that_the_estimator_itself_tells_of_counts_too() -> None:
+def test_small_jump_reported_by_the_estimator_counts() -> None:
     async def story(show: Show) -> str:
         await show.start()
         await show.wait(10.0)
@@ -215,7 +215,9 @@ def test_a_small_jump_that_the_estimator_itself_tells_of_counts_too() -> None:
     assert fly(story, show_config(3)).startswith("its position jumped: it stands for 3 s")
 
 
-def test_reported_accuracy_widens_the_margin_within_bounds_and_keeps_a_poor_one_on_the_ground() -> None:
+def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
+    """A vehicle that reports a poor accuracy stays on the ground."""
+
     async def story(show: Show) -> tuple[list[float], Refusal]:
         await show.standby()
         show.befall("d1", "accuracy", eph_m=1.5, epv_m=1.8)

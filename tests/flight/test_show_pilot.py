@@ -66,9 +66,7 @@ def recovery() -> TakenOver:
 
 
 @pytest.mark.parametrize("name", ["d1", "d3"])
-def test_a_mode_that_nobody_here_ordered_makes_the_vehicle_the_pilots(
-    recovery: TakenOver, name: VehicleId
-) -> None:
+def test_mode_not_commanded_here_gives_the_pilot_control(recovery: TakenOver, name: VehicleId) -> None:
     waited_s = recovery.pilot_s[name] - recovery.change_s[name]
     assert waited_s < 2.3  # failing safe takes a second, and the next heartbeat another
     seen = recovery.track.between(recovery.pilot_s[name]).of(name)[0]
@@ -81,31 +79,31 @@ def test_the_autopilots_own_failsafe_counts_as_a_pilot(recovery: TakenOver) -> N
 
 
 @pytest.mark.parametrize("name", ["d1", "d3"])
-def test_a_pilots_vehicle_gets_neither_setpoints_nor_orders(recovery: TakenOver, name: VehicleId) -> None:
+def test_piloted_vehicle_gets_no_setpoints_and_no_commands(recovery: TakenOver, name: VehicleId) -> None:
     assert recovery.sent_to_pilots[name] == 0
     assert recovery.commands_to_pilots[name] == 0
 
 
-def test_orders_to_a_pilots_vehicle_are_refused(recovery: TakenOver) -> None:
+def test_commands_to_a_piloted_vehicle_are_refused(recovery: TakenOver) -> None:
     for refusal in recovery.refusals.values():
         assert refusal.kind is RefusedError
         assert "d3: " in refusal.text
         assert "not possible while pilot" in refusal.text
 
 
-def test_control_taken_it_holds_and_joins_on_order_without_a_jump(recovery: TakenOver) -> None:
+def test_taken_vehicle_holds_and_joins_without_a_jump(recovery: TakenOver) -> None:
     assert recovery.control_taken.outcome is Outcome.DONE
     assert recovery.after_take_control.phases("d3") == [Phase.PILOT, Phase.HOLD, Phase.FORMATION]
     assert recovery.after_take_control.hardest_change_m_s() < JUMP_M_S
 
 
-def test_stop_leaves_a_pilots_vehicle_alone_and_the_show_ends_without_it(recovery: TakenOver) -> None:
+def test_stop_leaves_a_piloted_vehicle_and_the_show_ends(recovery: TakenOver) -> None:
     left_out = recovery.stopped.outcomes["d1"]
     assert (left_out.outcome, left_out.reason[:6]) == (Outcome.NOT_INCLUDED, "pilot:")
     assert recovery.stopped.outcome is Outcome.DONE
 
 
-def test_a_vehicle_that_fails_safe_and_sinks_to_the_ground_is_on_standby_again(recovery: TakenOver) -> None:
+def test_vehicle_that_fails_safe_to_the_ground_is_on_standby(recovery: TakenOver) -> None:
     assert recovery.track.phases("d1")[-2:] == [Phase.PILOT, Phase.STANDBY]
 
 
@@ -167,7 +165,7 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
 
 
 @pytest.mark.parametrize("action", [None, ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT])
-def test_a_pilots_vehicle_that_falls_silent_is_the_pilots_still_when_it_is_received_again_in_hold(
+def test_piloted_vehicle_received_again_in_hold_stays_piloted(
     action: ShowAction | None,
 ) -> None:
     config = show_config(3, operation=HOLDS_WHEN_LOST)
@@ -194,6 +192,6 @@ async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
     return show.track.between(back_s).phases("d2"), verbs
 
 
-def test_hold_after_a_silence_is_a_pilots_where_the_failsafe_is_another() -> None:
+def test_hold_after_silence_is_piloted_with_another_failsafe() -> None:
     phases, verbs = fly(received_again_in_hold, show_config(2))
     assert (phases, verbs) == ([Phase.LOST, Phase.PILOT], [])

@@ -69,7 +69,7 @@ def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
     assert review.violations == 0
 
 
-def test_a_vehicle_lost_over_very_poor_links_rejoins_without_a_command() -> None:
+def test_lost_vehicle_over_poor_links_rejoins_by_itself() -> None:
     poor = fly(lambda show: poor_links(show, 0.6), config(), grid_columns=5, seed=5)
     left = {name for name, phases in poor.phases.items() if set(phases) != {Phase.FORMATION}}
     assert left, "at such a loss somebody falls out"
@@ -91,7 +91,7 @@ async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phas
     return show.track.between(began_s).phases("d2"), texts, sent_per_s
 
 
-def test_without_heartbeats_it_is_flown_on_and_the_operator_reads_of_it() -> None:
+def test_without_heartbeats_it_flies_and_the_operator_is_warned() -> None:
     phases, texts, sent_per_s = fly(
         lambda show: without_heartbeats(show, 6.0), show_config(4, operation=HOLDS_WHEN_LOST)
     )
@@ -100,7 +100,7 @@ def test_without_heartbeats_it_is_flown_on_and_the_operator_reads_of_it() -> Non
     assert sent_per_s == pytest.approx(20.0, abs=0.5)
 
 
-def test_without_heartbeats_for_long_it_is_lost_and_comes_back_by_itself() -> None:
+def test_long_without_heartbeats_it_is_lost_and_recovers() -> None:
     phases, texts, _ = fly(
         lambda show: without_heartbeats(show, 14.0), show_config(4, operation=HOLDS_WHEN_LOST)
     )
@@ -121,7 +121,7 @@ async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
     return show.track.between(began_s).phases("d2"), commands
 
 
-def test_a_pilot_that_takes_over_while_heartbeats_are_missing_keeps_it() -> None:
+def test_pilot_takes_over_while_heartbeats_are_missing() -> None:
     phases, commands = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST))
     assert phases == [Phase.FORMATION, Phase.PILOT]
     assert commands == []

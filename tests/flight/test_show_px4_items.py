@@ -12,7 +12,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
 
 
-def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_believed() -> None:
+def test_item_3_acknowledgement_needs_a_matching_heartbeat() -> None:
     """The first of PX4's two acks says ACCEPTED whatever happens; here the mode then does not change."""
 
     async def story(show: Show) -> str:
@@ -24,7 +24,7 @@ def test_item_3_an_acknowledgement_that_the_heartbeat_does_not_bear_out_is_not_b
     assert "d1: hold sent, but not seen to happen: it reports offboard, armed" in fly(story, show_config(2))
 
 
-def test_item_4_offboard_is_not_ordered_of_a_vehicle_that_gets_no_setpoints() -> None:
+def test_item_4_offboard_not_commanded_without_setpoints() -> None:
     async def story(show: Show) -> str:
         await show.standby()
         with pytest.raises(CommandError) as refusal:
@@ -34,7 +34,7 @@ def test_item_4_offboard_is_not_ordered_of_a_vehicle_that_gets_no_setpoints() ->
     assert fly(story, show_config(2)) == "d1: offboard refused: no setpoints are flowing to it"
 
 
-def test_item_6_a_vehicle_that_failed_safe_is_flown_on_through_hold_and_not_by_mere_setpoints() -> None:
+def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
     """Setpoints that resumed would take it back to OFFBOARD unseen: it gets none before it holds on command.
 
     Until decision 0024 it waited for an operator; where its link alone had lost setpoints nothing speaks
@@ -60,7 +60,7 @@ def test_item_6_a_vehicle_that_failed_safe_is_flown_on_through_hold_and_not_by_m
     assert verbs[-2:] == [Verb.HOLD, Verb.OFFBOARD]
 
 
-def test_item_7_after_landing_from_offboard_the_show_can_be_started_again() -> None:
+def test_item_7_show_restarts_after_landing_from_offboard() -> None:
     async def story(show: Show) -> ShowPhase:
         await show.start()
         await show.show(ShowAction.STOP)
@@ -74,7 +74,7 @@ def test_item_7_after_landing_from_offboard_the_show_can_be_started_again() -> N
     assert fly(story, show_config(2), spacing_m=8.0) is ShowPhase.RUNNING
 
 
-def test_item_11_takeoff_is_not_ordered_of_a_disarmed_vehicle_nor_disarming_of_one_in_the_air() -> None:
+def test_item_11_no_takeoff_disarmed_no_disarming_airborne() -> None:
     async def story(show: Show) -> tuple[str, str]:
         await show.standby()
         with pytest.raises(CommandError) as takeoff:
@@ -89,7 +89,7 @@ def test_item_11_takeoff_is_not_ordered_of_a_disarmed_vehicle_nor_disarming_of_o
     assert 'it says "Disarming denied: not landed"' in disarm
 
 
-def test_item_12_a_boot_clock_that_jumps_changes_nothing_in_flight() -> None:
+def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
     async def story(show: Show) -> tuple[list[Phase], float, int]:
         await show.start()
         await show.wait(3.0)
@@ -118,7 +118,7 @@ def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
     assert fly(story, show_config(2)) == [Phase.FORMATION]
 
 
-def test_a_start_too_early_says_that_the_autopilot_is_not_ready_item_2() -> None:
+def test_item_2_early_start_says_the_autopilot_is_not_ready() -> None:
     async def story(show: Show) -> Refusal:
         await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in show.view.vehicles))
         return await refused(show, lambda: show.service.command_show(ShowAction.START))

@@ -40,7 +40,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Track]:
     return root, track
 
 
-def test_every_order_is_there_with_its_outcome_per_vehicle(flown: tuple[Path, Track]) -> None:
+def test_every_command_is_recorded_with_vehicle_outcomes(flown: tuple[Path, Track]) -> None:
     done = dict.fromkeys(CONFIG.ids, ("done", ""))
     assert [(command.action, command.who, dict(command.outcomes)) for command in commands(flown[0])] == [
         ("start", "service", done),

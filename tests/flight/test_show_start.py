@@ -32,7 +32,7 @@ async def too_early(show: Show) -> tuple[Refusal, Refusal, Refusal]:
     return no_position, not_ready, await refused(show, start_of()(show))
 
 
-def test_start_is_refused_while_a_vehicle_has_no_fresh_position_or_does_not_pass_its_checks() -> None:
+def test_start_is_refused_without_position_or_failed_checks() -> None:
     no_position, not_ready, old_position = fly(too_early, show_config(2))
     for refusal in (no_position, not_ready, old_position):
         assert refusal.kind is RefusedError
@@ -51,7 +51,7 @@ async def several_faults(show: Show) -> Refusal:
     return await refused(show, start_of()(show))
 
 
-def test_start_is_refused_naming_every_vehicle_that_has_a_fault_and_what_it_is() -> None:
+def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
     refusal = fly(several_faults, spacing_m=2.0, noise_scale=0.2)
     assert refusal.kind is RefusedError
     assert "d1: battery at 20%, at least 25% is needed" in refusal.text
@@ -156,9 +156,7 @@ def falls_silent(show: Show) -> None:
         (falls_silent, "d2: no position for 1."),
     ],
 )
-def test_one_that_does_not_get_up_is_reported_to_have_failed_and_the_others_fly(
-    fault: Callable[[Show], Any], says: str
-) -> None:
+def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any], says: str) -> None:
     async def story(show: Show) -> Start:
         await show.standby()
         record = show.service.command_show(ShowAction.START)
@@ -185,7 +183,7 @@ async def holds_below(show: Show) -> Start:
     return Start(show.track, show.service.command_record(record.id), running=True)
 
 
-def test_who_holds_below_the_height_that_was_ordered_is_up() -> None:
+def test_vehicle_holding_slightly_below_its_height_is_up() -> None:
     start = fly(holds_below, show_config(3))
     assert start.started.outcome is Outcome.DONE
     assert -start.track.true_m[:, 1, 2].min() < 0.9 * TAKEOFF_HEIGHT_M, "it was lower than ordered"
@@ -200,7 +198,7 @@ async def nobody_gets_up(show: Show) -> Start:
     return Start(show.track, show.service.command_record(record.id), running=False)
 
 
-def test_a_show_in_which_nobody_gets_up_is_over() -> None:
+def test_show_in_which_no_vehicle_climbs_is_over() -> None:
     start = fly(nobody_gets_up, show_config(2))
     assert start.started.outcome is Outcome.FAILED
     assert start.track.samples[-1].view.reason == "no vehicle took off"
@@ -231,7 +229,7 @@ def arming() -> Arming:
     return fly(changes_on_the_way_up, show_config(4, operation={"takeoff_stagger_s": 4.0}))
 
 
-def test_those_who_wait_for_their_turn_count_for_the_smallest_radius(arming: Arming) -> None:
+def test_waiting_vehicles_count_for_the_smallest_radius(arming: Arming) -> None:
     assert arming.too_small.kind is InvalidError
     assert "for 4 vehicles" in arming.too_small.text
 
@@ -260,7 +258,7 @@ async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
     return notice, len(overlapping(show.true_m, width_m)[0]), alarm_texts(show)
 
 
-def test_how_many_stand_above_each_other_is_known_before_take_off() -> None:
+def test_vertical_overlap_is_known_before_takeoff() -> None:
     notice, pairs, notices = fly(above_each_other, show_config(8, formation={"radius_m": 6.0}))
     reported = int(notice.split("up to ")[1].split(" ")[0])
     assert 0 < reported <= 8

@@ -53,7 +53,7 @@ def test_ticks_do_not_drift() -> None:
     assert times_s == pytest.approx([0.1 * index for index in range(5001)], abs=1e-6)
 
 
-def test_the_clock_counts_ticks_and_tells_their_percentiles_once_a_second() -> None:
+def test_clock_counts_ticks_and_reports_percentiles_each_second() -> None:
     clock = TickClock(10.0)
     for index in range(21):
         clock.note(0.1 * index, 0.001 if index else 0.003, 0.002, missed=1 if index == 5 else 0)
@@ -83,7 +83,7 @@ async def a_second_without_telemetry(show: Show) -> tuple[list[float], list[floa
     return sent_s["d1"], sent_s["d2"], {seen.phase for seen in show.track.between(began_s).of("d2")}
 
 
-def test_no_setpoint_leaves_on_telemetry_older_than_the_limit_and_the_others_do_not_notice() -> None:
+def test_stale_telemetry_sends_no_setpoint_others_unaffected() -> None:
     others_s, own_s, phases = fly(a_second_without_telemetry, show_config(2))
     gap = int(np.argmax(np.diff(own_s)))
     assert 0.4 < own_s[gap] < 0.56
@@ -104,7 +104,7 @@ async def stale_batch(show: Show) -> tuple[int, int, int]:
     return sent_after(now_s - 0.21, 0.0), sent_after(now_s, np.nan), sent_after(now_s, 0.0)
 
 
-def test_the_link_of_these_tests_honours_the_setpoint_watchdog_and_sends_nothing_that_is_not_finite() -> None:
+def test_test_link_honours_the_watchdog_and_finite_values() -> None:
     assert fly(stale_batch, show_config(1)) == (0, 0, 1)
 
 
@@ -125,7 +125,7 @@ async def wait_until_received(show: Show) -> tuple[int, float]:
     return show.link.runs, show.now_s
 
 
-def test_a_link_that_cannot_open_is_tried_again_and_logged_once_per_change(
+def test_link_that_cannot_open_is_retried_and_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     taken, gone = LinkError("port 14540 is taken"), LinkError("no such interface")
@@ -145,7 +145,7 @@ async def fails_again_later(show: Show) -> LoopbackLink:
     return show.link
 
 
-def test_a_link_that_has_worked_and_fails_as_before_is_logged_again(caplog: pytest.LogCaptureFixture) -> None:
+def test_link_that_fails_again_is_logged_again(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.ERROR):
         link = fly(fails_again_later, show_config(1), failures=[LinkError("port 14540 is taken")])
     assert failures_logged(caplog) == ["port 14540 is taken"] * 2

@@ -90,7 +90,7 @@ def flight() -> Flight:
     return fly(commands, show_config(3))
 
 
-def test_every_order_is_done(flight: Flight) -> None:
+def test_every_vehicle_command_is_carried_out(flight: Flight) -> None:
     assert {name: record.outcome for name, record in flight.records.items()} == dict.fromkeys(
         flight.records, Outcome.DONE
     )
@@ -110,7 +110,7 @@ def test_a_vehicle_joins_again_without_a_jump(flight: Flight) -> None:
     assert flight.joined.hardest_change_m_s() < JUMP_M_S
 
 
-def test_return_lands_a_vehicle_on_its_own_start_while_the_others_fly_on(flight: Flight) -> None:
+def test_return_lands_at_its_start_while_the_others_fly(flight: Flight) -> None:
     off_m = np.hypot(*(flight.track.true_m[-1, 1] - flight.track.true_m[0, 1])[:2])
     assert off_m < 1.5
     assert Phase.RETURN in flight.track.phases("d2")
@@ -121,7 +121,7 @@ def test_land_brings_a_vehicle_down_where_it_is(flight: Flight) -> None:
     assert flight.landed_at_m[2] == pytest.approx(0.0, abs=0.05)
 
 
-def test_nobody_is_ever_truly_inside_the_floor_whatever_is_ordered(flight: Flight) -> None:
+def test_true_separation_keeps_the_floor_during_commands(flight: Flight) -> None:
     assert flight.floor_violations == 0
 
 
@@ -141,9 +141,7 @@ def test_nobody_is_ever_truly_inside_the_floor_whatever_is_ordered(flight: Fligh
         ("returning: join", "it is from hold"),
     ],
 )
-def test_an_order_in_the_wrong_phase_is_refused_naming_the_phases_in_which_it_is_possible(
-    flight: Flight, name: str, possible: str
-) -> None:
+def test_command_in_the_wrong_phase_names_the_right_phases(flight: Flight, name: str, possible: str) -> None:
     refusal = flight.refusals[name]
     assert refusal.kind is RefusedError
     assert possible in refusal.text
@@ -151,7 +149,7 @@ def test_an_order_in_the_wrong_phase_is_refused_naming_the_phases_in_which_it_is
 
 
 @pytest.mark.parametrize("name", ["unknown: hold"])
-def test_an_order_to_a_vehicle_that_does_not_exist_names_those_that_do(flight: Flight, name: str) -> None:
+def test_command_to_an_unknown_vehicle_names_the_known_ones(flight: Flight, name: str) -> None:
     refusal = flight.refusals[name]
     assert refusal.kind is UnknownError
     assert refusal.text == "there is no vehicle d9; there are d1, d2, d3"
@@ -170,7 +168,7 @@ async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     return refusal, await show.command("d4", JOIN)
 
 
-def test_joining_a_sphere_too_small_for_one_more_is_refused_with_the_radius_that_would_do() -> None:
+def test_joining_a_too_small_sphere_names_the_radius_that_fits() -> None:
     refusal, joined = fly(no_room, show_config(4, operation=HOLDS_WHEN_LOST))
     assert refusal.kind is RefusedError
     assert "at least 3.2 m for 4 vehicles" in refusal.text

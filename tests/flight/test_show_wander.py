@@ -20,14 +20,14 @@ async def refusal(show: Show) -> str:
     return (await refused(show, lambda: show.service.command_show(ShowAction.START))).text
 
 
-def test_pads_too_close_to_wander_beside_each_other_are_refused_naming_what_is_needed() -> None:
+def test_pads_too_close_for_wandering_are_refused_with_spacing() -> None:
     text = fly(refusal, config(2), spacing_m=3.15, noise_scale=0.05)
     assert "m from d2: while their autopilots climb and hold, each may be 0.85 m off its place" in text
     assert "leaves 1.4 m of 2 m" in text
     assert "set the pads at least 3.7 m apart" in text
 
 
-def test_pads_that_are_planned_too_close_are_refused_however_they_are_reported() -> None:
+def test_pads_planned_too_close_are_refused_despite_reports() -> None:
     places = {"d1": {"x_m": 0.0, "y_m": 0.0}, "d2": {"x_m": 0.0, "y_m": 3.6}}
     text = fly(refusal, config(2, start_places=places), spacing_m=4.0, noise_scale=0.1)
     assert "its pad is planned 3.6 m from that of d2: while their autopilots climb and hold" in text
@@ -64,5 +64,5 @@ async def around_the_limit(show: Show) -> set[State]:
     return found
 
 
-def test_the_check_does_not_flicker_where_places_vary_by_decimetres() -> None:
+def test_pad_check_does_not_flicker_with_noisy_positions() -> None:
     assert fly(around_the_limit, config(2), spacing_m=4.0, noise_scale=0.1) == {State.PASS}

@@ -43,7 +43,7 @@ async def changed_in_flight(show: Show) -> Changed:
     return Changed(alarms, refusal.text, after)
 
 
-def test_a_parameter_changed_in_flight_is_an_alarm_and_fails_preflight_until_it_is_right() -> None:
+def test_parameter_changed_in_flight_raises_an_alarm() -> None:
     changed = fly(changed_in_flight, show_config(3, operation=HOLDS_WHEN_LOST))
     (alarm,) = changed.alarms
     assert alarm.vehicles == ("d2",)
@@ -60,7 +60,7 @@ async def changed_on_the_ground(show: Show) -> tuple[tuple[Alarm, ...], str, int
     return of_parameters(show), refusal.text, len(show.link.parameter_reads) - reads
 
 
-def test_a_parameter_changed_on_the_ground_fails_preflight_without_being_read_again() -> None:
+def test_parameter_changed_on_the_ground_fails_preflight() -> None:
     alarms, refusal, reads = fly(changed_on_the_ground, show_config(3, operation=HOLDS_WHEN_LOST))
     assert "COM_OBL_RC_ACT was changed from 5 to 0 on the ground, 5 is needed" in alarms[0].text
     assert "d2: COM_OBL_RC_ACT is 0, 5 is needed" in refusal

@@ -44,7 +44,7 @@ def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture
     assert all(pair["upper"] != pair["lower"] and pair["cue"] in cues for pair in verdict["columns"])
 
 
-def test_progress_of_a_check_goes_forward_through_the_whole_flight() -> None:
+def test_check_progress_covers_the_whole_flight() -> None:
     shares: list[float] = []
     flight, _ = rehearse(load(BROKEN / "orbit-never-reached.yaml"), 1, shares.append)
     assert shares == sorted(shares)
@@ -80,7 +80,7 @@ def test_the_table_names_every_cue(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(name in reported for name in ("begin", "change", "end", "battery", "closest"))
 
 
-def test_who_stands_above_whom_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_vertical_overlaps_are_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "check", "lighthouse"]) == 0
     (line,) = [reported for reported in capsys.readouterr().out.splitlines() if "columns of" in reported]
     assert "pairs overlap: " in line

@@ -91,7 +91,7 @@ def running(flight: Flight) -> Track:
     return Track(samples, flight.track.ids)
 
 
-def test_formation_and_orbit_are_the_timelines_at_the_shows_clock_in_every_tick(flight: Flight) -> None:
+def test_timeline_sets_formation_and_orbit_in_every_tick(flight: Flight) -> None:
     samples = running(flight).samples
     assert len(samples) > 700
     for sample in samples:
@@ -102,7 +102,7 @@ def test_formation_and_orbit_are_the_timelines_at_the_shows_clock_in_every_tick(
         assert sample.view.selected.cue == flight.timeline.cue_at(sample.view.selected.clock_s).cue.cue
 
 
-def test_the_target_moves_as_written_until_it_is_live_and_then_as_reported(flight: Flight) -> None:
+def test_target_follows_the_show_until_live_then_the_reports(flight: Flight) -> None:
     for sample in running(flight).samples:
         assert sample.view.selected is not None
         now_s = sample.view.selected.clock_s
@@ -121,7 +121,7 @@ def test_the_formation_truly_walks_where_the_show_leads_it(flight: Flight) -> No
     assert at_20.true_m.mean(axis=0)[:2] == pytest.approx((11.0, 1.0), abs=1.0)
 
 
-def test_the_formation_truly_turns_as_the_show_says(flight: Flight) -> None:
+def test_true_formation_turns_as_the_show_says(flight: Flight) -> None:
     turning = [
         sample
         for sample in running(flight).samples
@@ -139,7 +139,7 @@ def test_the_lights_are_the_vehicles_in_turn(flight: Flight) -> None:
     assert [seen.light for seen in samples[-1].view.vehicles] == ["#00ff00"] * 4
 
 
-def test_a_pause_stops_the_clock_and_the_vehicles_and_setpoints_flow_on(flight: Flight) -> None:
+def test_pause_stops_show_clock_and_vehicles_setpoints_continue(flight: Flight) -> None:
     begin_s, end_s = flight.paused_s
     paused = flight.track.between(begin_s + 0.1, end_s)
     clocks = {sample.view.selected.clock_s for sample in paused.samples if sample.view.selected}
@@ -185,7 +185,7 @@ def test_the_show_comes_home_by_itself_when_it_is_over(flight: Flight) -> None:
     assert flight.track.samples[-1].armed == (False,) * 4
 
 
-def test_nobody_is_ever_truly_inside_the_floor(flight: Flight) -> None:
+def test_true_separation_keeps_the_floor(flight: Flight) -> None:
     assert flight.floor_violations == 0
 
 
@@ -195,13 +195,11 @@ def test_what_the_show_decides_is_refused_with_what_can_be_done(flight: Flight) 
     assert "'walk'" in flight.refusals["target"]
 
 
-def test_obstacles_of_the_show_and_of_the_operator_stand_together(flight: Flight) -> None:
+def test_obstacles_of_show_and_operator_are_combined(flight: Flight) -> None:
     assert {box.id for box in running(flight).samples[-1].view.plan.obstacles} == {"crane", "tower"}
 
 
-def test_the_record_tells_which_show_was_flown_and_when_each_cue_was_played(
-    flight: Flight, runs: Path
-) -> None:
+def test_record_holds_the_show_and_the_times_of_its_cues(flight: Flight, runs: Path) -> None:
     reported = events(runs)
     cues = [event["detail"]["cue"] for event in reported if event["event"] == "cue"]
     assert cues == ["stand", "walk", "turn", "guest", "tower", "stand"]

@@ -31,7 +31,7 @@ def box(name: str, y_m: float = -60.0) -> Obstacle:
     return Obstacle(name, 60.0, y_m, 1.0, 1.0, 5.0)
 
 
-def test_a_start_is_refused_unless_it_names_the_show_that_was_checked(tmp_path: Path) -> None:
+def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         await show.standby()
@@ -85,7 +85,7 @@ def test_a_start_is_refused_unless_it_names_the_show_that_was_checked(tmp_path: 
         ({"operation": {"takeoff_stagger_s": 0.3}}, "fleet.takeoff_stagger_s = 1: the service's"),
     ],
 )
-def test_a_show_that_would_not_fly_as_it_was_checked_cannot_be_selected(
+def test_show_that_would_fly_differently_cannot_be_selected(
     tmp_path: Path, sections: dict[str, dict[str, object]], says: str
 ) -> None:
     async def story(show: Show) -> None:
@@ -105,7 +105,7 @@ def test_a_show_that_would_not_fly_as_it_was_checked_cannot_be_selected(
     fly(story, config(tmp_path, **sections))
 
 
-def test_over_rest_a_check_says_all_that_select_would_refuse_and_is_good_once_that_is_gone(
+def test_rest_check_reports_all_that_select_would_refuse(
     tmp_path: Path,
 ) -> None:
     """Before: "good to fly" on the card, refused on Select, and still good to fly."""
@@ -164,7 +164,7 @@ def test_a_show_and_what_was_reported_keep_their_obstacles_apart(tmp_path: Path)
     fly(story, config(tmp_path))
 
 
-def test_a_show_that_is_deselected_leaves_what_was_reported_before(tmp_path: Path) -> None:
+def test_deselected_show_restores_the_earlier_plan(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         service.set_formation(Formation(9.0, 16.0))
@@ -182,7 +182,7 @@ def test_a_show_that_is_deselected_leaves_what_was_reported_before(tmp_path: Pat
     fly(story, config(tmp_path))
 
 
-def test_who_stood_above_whom_in_the_check_is_reported_by_name_before_take_off(tmp_path: Path) -> None:
+def test_vertical_overlaps_of_the_check_are_named_before_takeoff(tmp_path: Path) -> None:
     found = {"upper": 4, "lower": 1, "sideways_m": 0.4, "cue": "turn"}
 
     async def story(show: Show) -> None:
@@ -224,7 +224,7 @@ def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) 
     fly(story, config(tmp_path))
 
 
-def test_a_countdown_that_is_called_off_fails_its_order_and_nobody_takes_off(tmp_path: Path) -> None:
+def test_called_off_countdown_fails_its_command_no_takeoff(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         await show.standby()
@@ -244,9 +244,7 @@ def test_a_countdown_that_is_called_off_fails_its_order_and_nobody_takes_off(tmp
 
 
 @pytest.mark.parametrize("what", ["silent", "changed", "clock"])
-def test_what_has_changed_until_the_clock_time_calls_the_start_off_and_is_stated(
-    tmp_path: Path, what: str
-) -> None:
+def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: str) -> None:
     async def story(show: Show) -> None:
         service = show.service
         await show.standby()
@@ -311,7 +309,7 @@ def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -
     fly(story, config(tmp_path))
 
 
-def test_a_vehicle_found_in_the_air_does_not_begin_a_show_that_was_never_started(tmp_path: Path) -> None:
+def test_vehicle_found_airborne_does_not_begin_an_unstarted_show(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         await show.standby()

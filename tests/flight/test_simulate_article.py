@@ -27,7 +27,7 @@ def around_a_box() -> Record:
 
 
 @pytest.mark.parametrize("name", ["article-assembly", "article-tracking"])
-def test_four_drones_become_a_tetrahedron_and_keep_it_round_the_target(name: str) -> None:
+def test_four_drones_form_a_tetrahedron_round_the_target(name: str) -> None:
     record = flown(name, 7)
     figures = report(record)
     assert not broken(figures, record.scenario.judged.must)
@@ -45,7 +45,7 @@ def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: Rec
     assert away_m.min() < 10.0
 
 
-def test_the_same_seed_flies_the_same_way_and_another_one_does_not() -> None:
+def test_same_seed_same_flight_another_seed_another() -> None:
     short = scenarios.load(scenarios.find("article-tracking")).model_copy(update={"duration_s": 25.0})
     once, again, other = (fly(short, VEHICLES, seed) for seed in (7, 7, 8))
     assert np.array_equal(again.path_m, once.path_m)

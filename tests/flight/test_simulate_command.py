@@ -42,9 +42,7 @@ def untimed(figures: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in figures.items() if key not in TIMINGS}
 
 
-def test_the_same_seed_gives_the_same_figures_and_another_seed_others(
-    trial: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_same_seed_same_figures_another_seed_others(trial: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, (first,) = flown(capsys, trial, "--seed", "5")
     _, (again,) = flown(capsys, trial, "--seed", "5")
     _, (other,) = flown(capsys, trial, "--seed", "6")
@@ -70,14 +68,14 @@ def test_a_run_is_one_json_object_with_every_section(trial: Path, capsys: pytest
     assert figures["tick"]["p50_ms"] > 0.0
 
 
-def test_seeds_run_from_a_up_to_without_b_and_judged_ones_from_the_file(
+def test_seeds_range_excludes_its_end_and_judged_come_from_file(
     trial: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert [run["seed"] for run in flown(capsys, trial, "--seeds", "3:6")[1]] == [3, 4, 5]
     assert [run["seed"] for run in flown(capsys, trial, "--judged")[1]] == [6000, 6001]
 
 
-def test_what_a_scenario_demands_and_does_not_get_is_stated_and_is_the_exit_code(
+def test_unmet_demands_of_a_scenario_set_the_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     strict = written(tmp_path, "assembly", 3, 4, "{separation.minimum_m: {least: 50}}")

@@ -30,7 +30,7 @@ def exchanged(radio: Radio, position_m: Array, rounds: int, velocity_m_s: Array 
     ]
 
 
-def test_a_range_holds_about_as_many_neighbours_as_asked_on_an_even_sphere() -> None:
+def test_range_holds_the_requested_neighbours_on_even_sphere() -> None:
     for count in (20, 50, 200):
         place = RADIUS_M * lattice(count)
         apart_m = np.linalg.norm(place[:, None] - place[None], axis=2)
@@ -39,7 +39,7 @@ def test_a_range_holds_about_as_many_neighbours_as_asked_on_an_even_sphere() -> 
     assert range_m(12, 4, RADIUS_M) == 2.0 * RADIUS_M
 
 
-def test_an_inbox_holds_those_in_range_brought_forward_and_with_their_charges() -> None:
+def test_inbox_holds_extrapolated_neighbours_and_their_charges() -> None:
     place = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 40.0, 0.0]])
     pace = np.tile((1.0, -2.0, 0.5), (3, 1))
     radio = Radio(delay_s=0.1, loss=0.0)
@@ -53,7 +53,7 @@ def test_an_inbox_holds_those_in_range_brought_forward_and_with_their_charges() 
     assert last.belief is None
 
 
-def test_lost_messages_leave_the_one_before_and_the_silent_are_forgotten() -> None:
+def test_lost_messages_keep_the_previous_silent_are_forgotten() -> None:
     place = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
     known = [
         bool(np.isfinite(sight.inbox_m[0]).all())
@@ -81,6 +81,6 @@ def test_beliefs_agree_on_what_all_see_together() -> None:
 
 
 @pytest.mark.parametrize("name", ["neighbours-only", "consensus"])
-def test_twenty_with_a_dozen_neighbours_each_become_an_even_sphere(name: str) -> None:
+def test_twenty_with_a_dozen_neighbours_become_an_even_sphere(name: str) -> None:
     record = fly(scenarios.load(scenarios.find(name)), 20, 7)
     assert not broken(report(record), record.scenario.judged.must)

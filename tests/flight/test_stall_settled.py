@@ -29,7 +29,7 @@ async def cut_off(show: Show, stalled_s: float = 4.0) -> None:
     await show.wait(1.0)
 
 
-def test_the_show_says_how_many_are_out_of_control_and_why_and_nothing_happens_by_itself() -> None:
+def test_stall_reports_uncontrolled_vehicles_and_does_nothing() -> None:
     async def story(show: Show) -> None:
         await cut_off(show, 4.4)
         view = show.view
@@ -50,7 +50,7 @@ def test_the_show_says_how_many_are_out_of_control_and_why_and_nothing_happens_b
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_taken_over_they_are_in_formation_again_and_fly_on_when_resumed() -> None:
+def test_recovered_vehicles_re_form_and_resume() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
         record = await show.settled(show.service.settle(Offer.TAKE_OVER))
@@ -67,7 +67,7 @@ def test_taken_over_they_are_in_formation_again_and_fly_on_when_resumed() -> Non
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_a_vehicle_taken_by_a_pilot_before_or_during_the_stall_stays_the_pilots() -> None:
+def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d1", "pilot")
@@ -90,7 +90,7 @@ def test_a_vehicle_taken_by_a_pilot_before_or_during_the_stall_stays_the_pilots(
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_what_is_taken_by_a_pilot_long_after_the_stall_is_not_explained_by_it() -> None:
+def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
         await show.command("d1", VehicleAction.TAKE_CONTROL)
@@ -114,7 +114,7 @@ def test_a_short_pause_of_the_service_explains_nothing() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_paused_on_the_way_home_they_stand_and_stopped_again_they_land() -> None:
+def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.service.command_show(ShowAction.STOP)
@@ -148,7 +148,7 @@ def test_take_offs_that_a_stall_has_held_up_follow_one_another() -> None:
     assert np.diff(armed_s).min() > 0.5
 
 
-def test_a_service_that_ends_after_a_stall_still_knows_which_vehicles_it_flew(tmp_path: Path) -> None:
+def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None:
     config = four()
 
     async def goes_on(show: Show) -> None:
@@ -172,7 +172,7 @@ def test_a_service_that_ends_after_a_stall_still_knows_which_vehicles_it_flew(tm
     run_virtual(main)
 
 
-def test_a_stop_while_a_take_over_waits_for_one_vehicle_counts_for_those_that_hold_already() -> None:
+def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
         show.link.silence("d4", up=False)
@@ -191,7 +191,7 @@ def test_a_stop_while_a_take_over_waits_for_one_vehicle_counts_for_those_that_ho
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_a_take_over_that_is_repeated_leaves_no_part_of_the_first_pending() -> None:
+def test_repeated_recovery_leaves_nothing_pending() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
         show.link.silence("d4", up=False)
@@ -205,7 +205,7 @@ def test_a_take_over_that_is_repeated_leaves_no_part_of_the_first_pending() -> N
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_a_vehicle_without_heartbeats_is_reached_by_no_command_to_all() -> None:
+def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
         show.link.beatless.add("d1")

@@ -100,9 +100,9 @@ async def one_stop_brings_all_home(show: Show, into: Into, pads_m: Array) -> Non
 
 
 @pytest.mark.parametrize(("turn", "into", "stalled_s"), CASES)
-def test_within_a_second_of_a_stall_all_that_is_shown_is_true_and_one_command_brings_all_home(
-    turn: int, into: Into, stalled_s: float
-) -> None:
+def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, stalled_s: float) -> None:
+    """Within a second of a stall the shown state is true; one command brings all home."""
+
     async def story(show: Show) -> None:
         pads_m = await stalls_once(show, turn, into, stalled_s)
         await show.wait(TRUE_WITHIN_S)
@@ -125,7 +125,7 @@ EARLY_CASES = [
 
 
 @pytest.mark.parametrize(("turn", "into", "stalled_s", "after_s"), EARLY_CASES)
-def test_one_stop_given_before_the_modes_are_known_brings_all_home(
+def test_stop_before_modes_are_known_returns_all(
     turn: int, into: Into, stalled_s: float, after_s: float
 ) -> None:
     async def story(show: Show) -> None:
@@ -138,7 +138,7 @@ def test_one_stop_given_before_the_modes_are_known_brings_all_home(
 
 
 @pytest.mark.parametrize("action", ["descend", "land", "return"])
-def test_a_stall_explains_the_mode_that_the_configured_failsafe_leads_to(action: str) -> None:
+def test_stall_explains_the_mode_of_the_configured_failsafe(action: str) -> None:
     async def story(show: Show) -> None:
         await running(show)
         await show.wait(1.0)
@@ -159,7 +159,7 @@ def test_a_stall_explains_the_mode_that_the_configured_failsafe_leads_to(action:
     fly(story, show_config(COUNT, operation=operation))
 
 
-def test_a_vehicle_that_its_failsafe_has_nearly_landed_is_left_to_touch_down_and_named() -> None:
+def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
     async def story(show: Show) -> None:
         await running(show)
         await show.wait(1.0)
@@ -175,7 +175,7 @@ def test_a_vehicle_that_its_failsafe_has_nearly_landed_is_left_to_touch_down_and
     fly(story, show_config(COUNT))
 
 
-def test_the_alarm_of_a_stall_says_which_commands_lead_back() -> None:
+def test_stall_alarm_names_the_commands_for_recovery() -> None:
     async def story(show: Show) -> None:
         await running(show)
         stall(show, 4.0)

@@ -22,7 +22,7 @@ IN_AIR, ON_GROUND = 2, 1
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_it_is_ready_four_to_six_seconds_after_start_and_refuses_to_arm_before(seed: int) -> None:
+def test_ready_four_to_six_seconds_after_start_not_before(seed: int) -> None:
     bench = Bench(seed=seed).run(3.0)
     assert bench.arm() == [TEMPORARILY_REJECTED]
     assert not bench.prearm_ok
@@ -47,7 +47,7 @@ def test_each_vehicle_has_a_local_origin_of_its_own() -> None:
     assert max(offsets) < 2.5
 
 
-def test_a_mode_change_is_acknowledged_twice_first_accepted_then_the_result() -> None:
+def test_mode_change_acknowledged_twice_accepted_then_result() -> None:
     bench = Bench().take_off()
     before = len(bench.received)
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, TEMPORARILY_REJECTED]
@@ -56,13 +56,13 @@ def test_a_mode_change_is_acknowledged_twice_first_accepted_then_the_result() ->
     assert "Switching to Offboard is currently not available" in bench.texts
 
 
-def test_a_mode_change_shows_in_the_next_heartbeat_up_to_a_second_later() -> None:
+def test_mode_change_shows_in_next_heartbeat_within_a_second() -> None:
     bench = Bench().take_off()
     assert bench.set_mode(LAND) == [ACCEPTED, ACCEPTED]
     assert 0.0 < bench.until(lambda: bench.mode == LAND, 2.0) <= 1.1
 
 
-def test_offboard_without_setpoints_is_accepted_while_disarmed_and_then_arming_is_refused() -> None:
+def test_disarmed_offboard_without_setpoints_refuses_arming() -> None:
     bench = Bench().ready()
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, ACCEPTED]
     assert bench.arm() == [TEMPORARILY_REJECTED]
@@ -81,13 +81,13 @@ def test_offboard_without_setpoints_is_refused_in_the_air() -> None:
     assert bench.run(1.1).mode == HOLD
 
 
-def test_modes_for_a_pilot_are_refused_in_the_air_because_there_is_none() -> None:
+def test_manual_modes_are_refused_in_the_air_without_a_pilot() -> None:
     bench = Bench().take_off()
     assert bench.set_mode(POSITION) == [ACCEPTED, TEMPORARILY_REJECTED]
     assert bench.run(1.1).mode == HOLD
 
 
-def test_takeoff_while_disarmed_is_accepted_and_happens_at_the_next_arming() -> None:
+def test_takeoff_while_disarmed_happens_at_the_next_arming() -> None:
     bench = Bench().ready()
     assert bench.command(22, 0, 0, 0, math.nan, math.nan, math.nan, math.nan) == [ACCEPTED]
     bench.run(3.0)
@@ -112,7 +112,7 @@ def test_disarming_on_the_ground_is_accepted() -> None:
     assert not bench.run(1.1).armed
 
 
-def test_kill_stops_the_motors_and_the_vehicle_falls_and_lies_where_it_falls() -> None:
+def test_kill_stops_the_motors_and_the_vehicle_falls() -> None:
     bench = Bench().fly_offboard(height_m=20.0)
     bench.stream(5.0, 0.0, 0.0)
     bench.run(3.0)
@@ -151,7 +151,8 @@ def test_it_disarms_com_disarm_land_after_landing(wait_s: float) -> None:
     assert bench.until(lambda: "Disarmed by landing" in bench.texts, 10.0) == pytest.approx(wait_s, abs=0.35)
 
 
-def test_after_landing_from_offboard_the_mode_reverts_and_arming_waits_for_hold_or_setpoints() -> None:
+def test_mode_after_landing_from_offboard() -> None:
+    """After landing from OFFBOARD the mode reverts; arming waits for HOLD or setpoints."""
     bench = Bench().fly_offboard(height_m=3.0)
     bench.set_mode(LAND)
     bench.repeated = None
@@ -180,7 +181,7 @@ def test_forced_arming_overrides_the_checks() -> None:
     assert bench.command(400, 1, 21196) == [ACCEPTED]
 
 
-def test_unknown_commands_are_unsupported_and_unknown_modes_denied() -> None:
+def test_unknown_commands_unsupported_unknown_modes_denied() -> None:
     bench = Bench().ready()
     assert bench.command(31999) == [UNSUPPORTED]
     assert bench.set_mode((4, 77)) == [ACCEPTED, DENIED]
@@ -188,7 +189,7 @@ def test_unknown_commands_are_unsupported_and_unknown_modes_denied() -> None:
     assert bench.command(400, 0.5) == [DENIED]
 
 
-def test_the_battery_drains_in_the_air_only_and_its_messages_agree() -> None:
+def test_battery_drains_in_the_air_only_and_messages_agree() -> None:
     bench = Bench(endurance_s=100.0).ready()
     bench.run(20.0)
     assert bench.last("BATTERY_STATUS").battery_remaining == 100

@@ -11,7 +11,7 @@ from sim_bench import ACCEPTED, HOLD, LAND, POSITION_ONLY, RETURN, Bench
 TAKING_OFF, IN_AIR, LANDING, ON_GROUND = 3, 2, 4, 1
 
 
-def test_takeoff_climbs_at_mpc_tko_speed_to_the_asked_altitude_and_holds() -> None:
+def test_takeoff_climbs_at_mpc_tko_speed_to_its_altitude() -> None:
     bench = Bench().ready()
     amsl_m = bench.last("HOME_POSITION").altitude * 1e-3 + 12.0
     bench.command(22, 0, 0, 0, math.nan, math.nan, math.nan, amsl_m)
@@ -76,7 +76,7 @@ def fly_away(bench: Bench, north_m: float) -> Bench:
     return bench
 
 
-def test_return_climbs_to_rtl_return_alt_flies_home_descends_waits_and_lands() -> None:
+def test_return_climbs_flies_home_descends_waits_and_lands() -> None:
     bench = Bench(parameters={"RTL_RETURN_ALT": 15.0, "RTL_DESCEND_ALT": 6.0, "RTL_LAND_DELAY": 4.0})
     fly_away(bench, 30.0)
     assert bench.set_mode(RETURN) == [ACCEPTED, ACCEPTED]

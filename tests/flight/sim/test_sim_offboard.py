@@ -49,7 +49,7 @@ def test_the_clipping_follows_the_parameters() -> None:
     assert bench.run(8.0).velocity == pytest.approx((4.0, 0.0, 0.5), abs=0.15)
 
 
-def test_a_commanded_yaw_is_turned_to_at_a_limited_rate_and_reported() -> None:
+def test_yaw_turns_to_the_setpoint_at_a_limited_rate() -> None:
     bench = Bench(heading_deg=90.0, rates_hz=RECORDED_HZ).fly_offboard()
     bench.stream(0, 0, 0, VELOCITY_AND_YAW, yaw=-math.pi / 2)
     bench.run(1.0)
@@ -83,7 +83,7 @@ def test_position_setpoints_are_flown_to() -> None:
     ("vector", "mask"),
     [((NAN, 1.0, 0.0), VELOCITY_ONLY), ((1.0, 0.0, 0.0), 0xDD7), ((math.inf, 1.0, 0.0), VELOCITY_ONLY)],
 )
-def test_a_velocity_with_one_axis_missing_is_silently_not_followed(
+def test_velocity_with_one_axis_missing_is_not_followed(
     vector: tuple[float, float, float], mask: int
 ) -> None:
     bench = Bench().fly_offboard()
@@ -93,7 +93,7 @@ def test_a_velocity_with_one_axis_missing_is_silently_not_followed(
     assert (bench.mode, len(bench.texts)) == (OFFBOARD, before)
 
 
-def test_with_all_axes_ignored_px4_says_invalid_and_the_loss_failsafe_follows() -> None:
+def test_setpoints_without_axes_are_invalid_and_fail_safe() -> None:
     bench = Bench().fly_offboard()
     bench.stream(0, 0, 0, 0xDFF)
     bench.run(2.5)
@@ -101,7 +101,7 @@ def test_with_all_axes_ignored_px4_says_invalid_and_the_loss_failsafe_follows() 
     assert bench.mode == POSITION
 
 
-def test_after_setpoint_loss_it_shows_position_mode_sinks_lands_and_disarms() -> None:
+def test_setpoint_loss_in_position_mode_descends_and_lands() -> None:
     bench = Bench().fly_offboard()
     bench.stream(3.0, 0.0, 0.0)
     bench.run(3.0)
@@ -147,7 +147,7 @@ def test_com_of_loss_t_is_the_time_until_the_failsafe(loss_s: float) -> None:
     assert lasted_s == pytest.approx(loss_s, abs=0.15)
 
 
-def test_when_setpoints_resume_it_goes_back_to_offboard_by_itself() -> None:
+def test_resumed_setpoints_restore_offboard() -> None:
     bench = Bench().fly_offboard()
     bench.repeated = None
     bench.run(3.0)
@@ -183,7 +183,7 @@ def test_setpoints_for_another_vehicle_do_not_count() -> None:
     assert bench.run(2.5).mode == POSITION
 
 
-def test_taking_off_by_velocity_and_landing_by_velocity_works_and_disarms() -> None:
+def test_takeoff_and_landing_by_velocity() -> None:
     bench = Bench().ready()
     bench.stream(0, 0, -2)
     bench.run(0.2)
@@ -200,7 +200,7 @@ def test_taking_off_by_velocity_and_landing_by_velocity_works_and_disarms() -> N
     bench.until(lambda: not bench.armed, 4.0)
 
 
-def test_a_five_metre_step_through_the_whole_vehicle_answers_as_recorded() -> None:
+def test_five_metre_step_response_of_the_vehicle_as_recorded() -> None:
     bench = Bench().fly_offboard()
     bench.stream(5.0, 0.0, 0.0)
     bench.run(1.0)
@@ -212,9 +212,8 @@ def test_a_five_metre_step_through_the_whole_vehicle_answers_as_recorded() -> No
 
 
 @pytest.mark.parametrize(("action", "mode"), [(0, HOLD), (1, HOLD), (2, RETURN), (3, LAND)])
-def test_without_a_ground_stations_heartbeat_nav_dll_act_acts_after_com_dl_loss_t(
-    action: int, mode: tuple[int, int]
-) -> None:
+def test_data_link_loss_on_the_ground_station_timeout(action: int, mode: tuple[int, int]) -> None:
+    """Without a ground station's heartbeat, NAV_DLL_ACT acts after COM_DL_LOSS_T."""
     bench = Bench().take_off()
     bench.set_parameter("NAV_DLL_ACT", action)
     bench.set_parameter("COM_DL_LOSS_T", 5)
@@ -226,7 +225,7 @@ def test_without_a_ground_stations_heartbeat_nav_dll_act_acts_after_com_dl_loss_
     assert bench.mode == mode
 
 
-def test_a_ground_station_lost_acts_in_offboard_too_and_once_only() -> None:
+def test_data_link_loss_acts_once_and_in_offboard() -> None:
     bench = Bench().fly_offboard()
     bench.set_parameter("NAV_DLL_ACT", 2)
     bench.set_parameter("COM_DL_LOSS_T", 5)

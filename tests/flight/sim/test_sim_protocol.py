@@ -26,7 +26,7 @@ def rate_hz(bench: Bench, kind: str, over_s: float = 4.0) -> float:
     return (bench.run(over_s).count(kind) - before) / over_s
 
 
-def test_set_message_interval_changes_stops_and_restores_a_stream() -> None:
+def test_set_message_interval_changes_stops_and_restores() -> None:
     bench = Bench(rates_hz=RECORDED_HZ).ready()
     assert bench.command(SET_INTERVAL, ATTITUDE_ID, 100_000) == [ACCEPTED]
     assert rate_hz(bench, "ATTITUDE") == pytest.approx(10.0, abs=0.5)
@@ -115,7 +115,7 @@ def test_a_bad_value_is_answered_with_the_old_one(name: str, value: float, kind:
     assert [a.param_value for a in answers] == [12.0]
 
 
-def test_a_parameter_is_read_by_name_and_by_index_and_an_unknown_one_is_not_answered() -> None:
+def test_parameters_read_by_name_and_index_unknown_unanswered() -> None:
     bench = Bench().ready()
     for name, place in [
         (b"MPC_XY_VEL_MAX", -1),
@@ -225,7 +225,7 @@ def test_truncated_or_altered_frames_change_nothing(which: int, data: st.DataObj
 
 
 @pytest.mark.parametrize("which", range(4))
-def test_orders_for_another_vehicle_or_component_or_from_itself_change_nothing(which: int) -> None:
+def test_commands_to_others_or_from_itself_change_nothing(which: int) -> None:
     bench = Bench().ready()
     before = state_of(bench)
     for system, component in [(2, 1), (1, 100)]:
@@ -248,7 +248,7 @@ def test_mavlink_1_frames_and_unknown_messages_change_nothing() -> None:
     assert state_of(bench) == before
 
 
-def test_sound_frames_behind_garbage_and_several_in_one_datagram_are_received() -> None:
+def test_valid_frames_after_garbage_and_in_one_datagram() -> None:
     bench = Bench().ready()
     both = [bench.frame(commands()[which]) for which in (0, 2)]
     bench.send_bytes(b"\xfd\x00garbage" + b"".join(both))

@@ -36,7 +36,7 @@ def test_without_double_ack_a_mode_change_has_one_answer() -> None:
     assert without("double-ack").ready().set_mode(HOLD) == [ACCEPTED]
 
 
-def test_without_starved_offboard_it_is_armed_and_flown_without_setpoints() -> None:
+def test_without_starved_offboard_flies_without_setpoints() -> None:
     bench = without("starved-offboard").ready()
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, ACCEPTED]
     assert bench.arm() == [ACCEPTED]
@@ -48,7 +48,7 @@ def test_without_setpoint_loss_the_last_setpoint_is_flown_on() -> None:
     assert bench.run(4.0).mode == OFFBOARD
 
 
-def test_without_resume_only_an_order_brings_offboard_back() -> None:
+def test_without_resume_offboard_needs_a_command() -> None:
     bench = without("resume").fly_offboard()
     bench.repeated = None
     bench.run(3.0)
@@ -102,7 +102,7 @@ def test_without_slow_clock_the_boot_clock_is_exact() -> None:
     assert bench.last("ATTITUDE").time_boot_ms == pytest.approx(5000, abs=11)
 
 
-def test_without_patient_offboard_two_setpoints_a_second_are_too_few() -> None:
+def test_without_patient_offboard_two_setpoints_a_second_fail() -> None:
     bench = without("patient-offboard").fly_offboard()
     repeated, bench.repeated = bench.repeated, None
     for _ in range(4):

@@ -38,7 +38,7 @@ def passed(line: Way[int], count: int = 1000) -> list[tuple[bytes, int]]:
     return arrived + line.take(1e9)
 
 
-def test_a_healthy_way_passes_everything_in_order_at_once() -> None:
+def test_healthy_channel_passes_everything_in_order_at_once() -> None:
     assert passed(way()) == [(b"packet", k) for k in range(1000)]
 
 
@@ -49,7 +49,7 @@ def test_loss_duplicates_and_damage_come_in_their_shares() -> None:
     assert 250 < len(damaged) < 350
 
 
-def test_delay_and_jitter_keep_the_order_and_reordering_does_not() -> None:
+def test_delay_and_jitter_keep_the_order_reordering_does_not() -> None:
     late = way(delay_s=0.2, jitter_s=0.1)
     late.put(b"a", 0, 0.0)
     assert (late.take(0.19), len(late.take(0.31))) == ([], 1)
@@ -132,7 +132,7 @@ def test_accuracy_is_reported_in_gps_raw_int() -> None:
     assert (gps.h_acc, gps.v_acc, gps.eph, gps.epv) == (4500, 7000, 250, 110)
 
 
-def test_a_worse_fix_and_a_wrong_time_are_reported_until_their_time_is_over() -> None:
+def test_worse_fix_and_wrong_time_are_reported_until_they_end() -> None:
     bench = Bench().ready()
     fault_injector = FaultInjector(bench.fleet)
     true_us = bench.run(1.1).last("SYSTEM_TIME").time_unix_usec
@@ -150,7 +150,7 @@ def test_a_worse_fix_and_a_wrong_time_are_reported_until_their_time_is_over() ->
 
 
 @pytest.mark.parametrize(("which", "bit"), [("gyro", 0x1), ("ahrs", 0x200000)])
-def test_a_sick_sensor_is_reported_and_keeps_the_vehicle_from_arming(which: str, bit: int) -> None:
+def test_unhealthy_sensor_is_reported_and_prevents_arming(which: str, bit: int) -> None:
     bench = Bench().ready()
     fault_injector = FaultInjector(bench.fleet)
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
@@ -161,7 +161,7 @@ def test_a_sick_sensor_is_reported_and_keeps_the_vehicle_from_arming(which: str,
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
 
 
-def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_streams() -> None:
+def test_reboot_on_the_ground_resets_clock_arming_and_streams() -> None:
     bench = Bench().ready()
     bench.command(511, common.MAVLINK_MSG_ID_ATTITUDE, -1)
     bench.arm()
@@ -173,7 +173,7 @@ def test_a_reboot_on_the_ground_restarts_the_clock_disarms_and_restores_the_stre
     assert bench.prearm_ok
 
 
-def test_a_reboot_in_the_air_stops_the_motors_unless_reported_to_go_on() -> None:
+def test_reboot_in_the_air_stops_the_motors_unless_survived() -> None:
     bench = Bench().take_off()
     fault_injector = FaultInjector(bench.fleet)
     command(fault_injector, fault="reboot", off_s=0.0, motors="go-on")
@@ -219,7 +219,8 @@ def test_a_stuck_mode_stays_whatever_is_answered(answer: str, result: int) -> No
     assert bench.run(1.1).mode == (4, 6)
 
 
-def test_a_pilot_takes_over_by_the_switch_always_and_by_the_sticks_as_com_rc_override_allows() -> None:
+def test_pilot_takes_over_by_switch_or_sticks() -> None:
+    """The switch always gives the pilot control; the sticks as COM_RC_OVERRIDE allows."""
     bench = Bench().fly_offboard()
     fault_injector = FaultInjector(bench.fleet)
     assert command(fault_injector, fault="pilot", by="sticks")["unmoved"] == [1]
@@ -252,7 +253,7 @@ def test_a_pilot_takes_over_by_the_switch_always_and_by_the_sticks_as_com_rc_ove
         ('{"vehicle": 1, "fault": "pilot", "mode": "OFFBOARD"}', "must be one of POSITION"),
     ],
 )
-def test_a_bad_order_is_answered_with_an_error_and_changes_nothing(line: str, says: str) -> None:
+def test_bad_command_is_answered_with_an_error(line: str, says: str) -> None:
     fault_injector = FaultInjector(Bench().fleet)
     answer = json.loads(fault_injector.obey(line))
     assert answer["ok"] is False
@@ -264,5 +265,5 @@ GARBLED = FaultInjector(Bench().fleet)
 
 
 @given(st.binary(max_size=80))
-def test_garbage_orders_are_refused(line: bytes) -> None:
+def test_garbage_commands_are_refused(line: bytes) -> None:
     assert json.loads(GARBLED.obey(line))["ok"] is False
