@@ -67,7 +67,7 @@ def station(tmp_path: Path) -> Station:
     return Station(tmp_path)
 
 
-def test_the_stream_asks_for_a_token_as_a_header_or_as_a_subprotocol(station: Station) -> None:
+def test_stream_accepts_a_token_as_header_or_subprotocol(station: Station) -> None:
     async def main() -> None:
         async with station.serving():
             url = f"ws://127.0.0.1:{station.port}/api/v1/stream"
@@ -87,7 +87,7 @@ def test_the_stream_asks_for_a_token_as_a_header_or_as_a_subprotocol(station: St
     asyncio.run(main())
 
 
-def test_a_viewer_whose_token_is_revoked_is_shown_out(station: Station) -> None:
+def test_viewer_with_a_revoked_token_is_disconnected(station: Station) -> None:
     async def main() -> None:
         async with station.serving():
             url = f"ws://127.0.0.1:{station.port}/api/v1/stream?rate_hz=20"
@@ -122,7 +122,7 @@ def commands_over_the_lane(station: Station) -> None:
         client.fleet()
 
 
-def test_the_client_sends_emergencies_down_their_lane_and_otherwise_where_somebody_answers(
+def test_client_sends_emergencies_on_their_lane(
     station: Station,
 ) -> None:
     async def main() -> None:
@@ -146,7 +146,7 @@ def over_tls(station: Station) -> str:
     return phase
 
 
-def test_with_a_certificate_it_speaks_tls_and_nothing_else(station: Station) -> None:
+def test_with_a_certificate_only_tls_is_served(station: Station) -> None:
     async def main() -> str:
         async with station.serving(TLS):
             return await asyncio.to_thread(over_tls, station)
@@ -162,7 +162,7 @@ def test_with_a_certificate_it_speaks_tls_and_nothing_else(station: Station) -> 
         ("key.pem", "certificate.pem", "no PEM certificate and its key"),
     ],
 )
-def test_a_certificate_that_is_none_is_reported_before_anybody_listens(
+def test_invalid_certificate_is_reported_before_listening(
     station: Station, certificate: str, key: str, stated: str
 ) -> None:
     tls = TlsSettings(certificate_file=PEM / certificate, key_file=PEM / key)
@@ -170,7 +170,7 @@ def test_a_certificate_that_is_none_is_reported_before_anybody_listens(
         asyncio.run(serve(station.app, port=0, tls=tls))
 
 
-def test_a_file_of_trusted_certificates_that_is_none_is_reported(tmp_path: Path) -> None:
+def test_invalid_trusted_certificates_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no PEM certificate"):
         Client(ca_file=tmp_path / "none.pem")
 

@@ -113,7 +113,7 @@ def test_the_client_keeps_checks_and_selects_shows(tmp_path: Path) -> None:
         assert client.show().selected is None
 
 
-def test_the_client_waits_for_an_order_and_names_who_is_late() -> None:
+def test_client_waits_for_a_command_and_names_late_vehicles() -> None:
     service = FakeService()
     with client_of(service) as client:
         command = client.start()
@@ -152,7 +152,7 @@ def test_the_client_raises_what_the_service_raised() -> None:
         assert type(large.value) is GcsError
 
 
-def test_the_client_says_so_when_nobody_answers_or_somebody_else_does() -> None:
+def test_client_reports_no_answer_or_another_program() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
@@ -161,7 +161,7 @@ def test_the_client_says_so_when_nobody_answers_or_somebody_else_does() -> None:
 
 
 @pytest.mark.parametrize("answer", ["HTTP/1.1 404 Not Found", "HTTP/1.1 200 OK"])
-def test_the_client_does_not_take_another_service_for_ours(answer: str) -> None:
+def test_client_refuses_another_service(answer: str) -> None:
     def other() -> None:
         connection, _ = listener.accept()
         with connection:

@@ -103,7 +103,7 @@ def test_the_status_comes_first_then_frames_that_belong_to_it() -> None:
     run(main)
 
 
-def test_what_changes_is_reported_again_with_the_next_revision_and_nothing_else_is() -> None:
+def test_changes_are_sent_with_the_next_revision_only() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with console_of(port, "?rate_hz=20") as viewer:
             first, _ = await watched(viewer, await next_of(viewer, str), 20)  # a second
@@ -119,7 +119,7 @@ def test_what_changes_is_reported_again_with_the_next_revision_and_nothing_else_
     run(main)
 
 
-def test_a_frame_says_so_when_control_is_dead() -> None:
+def test_frame_reports_that_control_has_stopped() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with console_of(port) as viewer:
             while not (await next_of(viewer, bytes))["control_alive"]:
@@ -157,7 +157,7 @@ def test_all_viewers_are_sent_the_same_bytes_made_once(monkeypatch: pytest.Monke
     run(main)
 
 
-def test_who_reads_nothing_delays_nobody_and_is_then_reported_the_newest() -> None:
+def test_slow_reader_delays_no_other_and_gets_the_newest() -> None:
     async def main(service: FakeService, port: int) -> None:
         options = {"sock": narrow(port), "max_queue": 1, "compression": None}
         async with (
@@ -189,7 +189,7 @@ def test_a_bad_rate_is_reported(rate: str) -> None:
     run(main)
 
 
-def test_a_token_is_asked_for_and_one_that_is_revoked_ends_it(tmp_path: Path) -> None:
+def test_token_is_required_and_revoking_it_ends_the_stream(tmp_path: Path) -> None:
     file = tmp_path / "tokens.json"
     token = create_token(file, "screen", Role.WATCH)
 
@@ -214,7 +214,7 @@ def test_a_token_is_asked_for_and_one_that_is_revoked_ends_it(tmp_path: Path) ->
     asyncio.run(main())
 
 
-def test_without_tokens_everybody_here_may_do_everything() -> None:
+def test_without_tokens_every_local_caller_may_do_everything() -> None:
     async def main(_: FakeService, port: int) -> None:
         async with httpx.AsyncClient() as http:
             reported = (await http.get(f"http://127.0.0.1:{port}/api/v1/access")).json()

@@ -51,9 +51,7 @@ def check_shape(headers: dict[str, str], body: bytes) -> schemas.ErrorBody:
         (f"GET /api/v1/nothing HTTP/1.1\r\n{UPGRADE}{KEY}\r\n", 403),
     ],
 )
-def test_what_is_no_http_and_no_handshake_is_answered_in_the_one_shape(
-    request_text: str, status: int
-) -> None:
+def test_invalid_http_and_handshakes_get_the_one_error_shape(request_text: str, status: int) -> None:
     async def main(_service: FakeService, port: int) -> None:
         answered, headers, body = await asked(port, request_text)
         assert answered == status
@@ -75,7 +73,7 @@ CLOSE = "Host: elsewhere.example\r\nConnection: close\r\n"
         ("http://127.0.0.1:{port}/nothing", "/nothing"),
     ],
 )
-def test_an_absolute_target_is_answered_as_its_path_and_its_host_counts(target: str, same_as: str) -> None:
+def test_absolute_target_is_answered_by_path_and_checked_host(target: str, same_as: str) -> None:
     async def main(_service: FakeService, port: int) -> None:
         absolute = await asked(port, f"GET {target.format(port=port)} HTTP/1.1\r\n{CLOSE}\r\n")
         origin = await asked(port, f"GET {same_as} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
@@ -127,7 +125,7 @@ def test_a_stream_is_opened_by_its_absolute_target_too(target: str, status: int)
     run(main, tick_s=0.1)
 
 
-def test_one_connection_too_many_is_503_in_the_one_shape_and_hardly_logged(
+def test_connection_above_the_limit_is_503_and_rarely_logged(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server, "CROWDED_S", 120.0)  # those that say nothing stay until this test has ended
@@ -149,7 +147,7 @@ def test_one_connection_too_many_is_503_in_the_one_shape_and_hardly_logged(
     assert 1 <= sum("connections" in line.getMessage() for line in caplog.records) <= most
 
 
-def test_denied_handshakes_write_no_line_of_the_servers_and_few_of_the_audit(
+def test_denied_handshakes_log_no_server_lines_and_few_audits(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     count = int(TELL_BURST) + 60

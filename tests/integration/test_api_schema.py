@@ -104,6 +104,6 @@ improper.expected_statuses = [*improper.expected_statuses, "413"]  # a list too 
     phases=(Phase.explicit, Phase.generate),
     suppress_health_check=list(HealthCheck),
 )
-def test_every_operation_does_what_its_description_says(case: Case[Any], served: Served) -> None:
+def test_every_operation_matches_its_description(case: Case[Any], served: Served) -> None:
     answer = case.call_and_validate(base_url=served.url, headers=served.headers)
     assert answer.status_code < 500

@@ -40,7 +40,7 @@ async def frame_of(viewer: ClientConnection) -> dict[str, Any]:
     return frame
 
 
-def test_it_answers_over_tcp_and_stops_cleanly_with_viewers_watching() -> None:
+def test_serves_over_tcp_and_stops_cleanly_with_viewers() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http, stream_of(port) as viewer:
             assert (await http.get("/api/v1/fleet")).json()["show"]["phase"] == "idle"
@@ -52,7 +52,7 @@ def test_it_answers_over_tcp_and_stops_cleanly_with_viewers_watching() -> None:
     assert stopping[0].close_code == 1000
 
 
-def test_stopping_the_server_tells_its_viewers_and_frees_the_port() -> None:
+def test_stopping_the_server_closes_viewers_and_frees_the_port() -> None:
     async def main() -> None:
         async with asyncio.timeout(240):
             async with served(FakeService()) as port:
@@ -128,7 +128,7 @@ async def until_green(http: httpx.AsyncClient) -> None:
     raise AssertionError("not green")
 
 
-def test_health_goes_red_when_the_ticks_stop_and_green_when_they_come_back() -> None:
+def test_health_is_red_without_ticks_and_green_with_them() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
             async with ticking(service, 0.05):
@@ -142,7 +142,7 @@ def test_health_goes_red_when_the_ticks_stop_and_green_when_they_come_back() -> 
     run(main)
 
 
-def test_the_stream_sends_what_the_fleet_answers_at_the_rate_asked_for() -> None:
+def test_stream_sends_snapshots_at_the_requested_rate() -> None:
     async def main(service: FakeService, port: int) -> None:
         service.fly()
         async with stream_of(port, "?rate_hz=20") as viewer, httpx.AsyncClient(timeout=30.0) as http:
@@ -167,7 +167,7 @@ def test_the_stream_sends_what_the_fleet_answers_at_the_rate_asked_for() -> None
     run(main)
 
 
-def test_the_stream_says_so_when_control_dies_although_no_new_state_comes() -> None:
+def test_stream_reports_that_control_stopped_without_new_state() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with stream_of(port, "?rate_hz=10") as viewer:
             async with ticking(service, 0.05):
@@ -188,7 +188,7 @@ def longest_step(counts: list[int]) -> int:
     return max(later - earlier for earlier, later in pairwise(counts))
 
 
-def test_a_slow_reader_gets_fewer_frames_soon_the_newest_and_delays_nobody() -> None:
+def test_slow_reader_skips_to_the_newest_frame_delaying_none() -> None:
     async def main(service: FakeService, port: int) -> None:
         options = {"sock": narrow(port), "max_queue": 1, "compression": None}
         async with (
@@ -233,7 +233,7 @@ async def phase_if_seated(port: int) -> str:
     return ""
 
 
-def test_a_viewer_too_many_is_reported_to_come_back_and_a_seat_left_is_free() -> None:
+def test_viewer_above_the_limit_may_retry_and_a_slot_is_free() -> None:
     async def main(_: FakeService, port: int) -> None:
         viewers = [await stream_of(port) for _ in range(VIEWERS_MAX)]
         for viewer in viewers:
@@ -250,7 +250,7 @@ def test_a_viewer_too_many_is_reported_to_come_back_and_a_seat_left_is_free() ->
     run(main)
 
 
-def test_what_a_viewer_says_is_not_listened_to_and_too_much_of_it_ends_the_stream() -> None:
+def test_viewer_messages_are_ignored_and_a_flood_disconnects() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with stream_of(port, "?rate_hz=20") as viewer, ticking(service, 0.02):
             for text in ("hello", b"\x00", '{"radius_m": 1}'):
@@ -274,7 +274,7 @@ def test_a_page_from_elsewhere_may_not_watch() -> None:
     run(main)
 
 
-def test_callers_that_say_nothing_or_half_of_it_keep_nobody_out() -> None:
+def test_silent_or_partial_requests_block_no_other() -> None:
     async def main(service: FakeService, port: int) -> None:
         silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(CONNECTIONS_MAX)]
         for _, writer in silent[::2]:

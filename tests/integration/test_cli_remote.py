@@ -222,7 +222,7 @@ def test_with_json_every_command_prints_exactly_one_document(
     assert reported["obstacle remove tower"] is None
 
 
-def test_a_refusal_of_one_of_several_is_one_line_beside_one_document(
+def test_refusal_of_one_of_several_is_one_line_and_one_document(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
@@ -241,9 +241,7 @@ def test_a_refusal_of_one_of_several_is_one_line_beside_one_document(
 
 
 @pytest.mark.parametrize("line", ["status --watch 0.1", "alarms --watch"])
-def test_watched_with_json_each_line_is_a_document_until_it_is_interrupted(
-    line: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_watch_with_json_prints_a_document_per_line(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     service = FakeService()
     command = [sys.executable, "-m", "gcs", *line.split(), "--json"]
     with (
@@ -283,7 +281,7 @@ def test_every_method_of_the_client_is_a_command() -> None:
     }
 
 
-def test_an_order_is_reported_with_who_takes_part_and_what_is_read_is_json(
+def test_command_prints_its_vehicles_and_reads_print_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
@@ -300,7 +298,7 @@ def test_an_order_is_reported_with_who_takes_part_and_what_is_read_is_json(
         assert json.loads(capsys.readouterr().out)["show"]["phase"] == "preflight"
 
 
-def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
+def test_wait_for_a_command_sets_the_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
@@ -350,7 +348,7 @@ def test_an_order_can_be_waited_for_and_what_fails_is_the_exit_code(
         ("playback set --speed 0", 2, "speed = 0.0: "),
     ],
 )
-def test_what_is_refused_is_reported_with_an_exit_code_of_its_kind(
+def test_refusals_have_an_exit_code_for_each_kind(
     line: str, code: int, stated: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with station(FakeService(), monkeypatch):
@@ -381,7 +379,7 @@ def test_arguments_that_make_no_sense_reach_no_service(
     assert "usage: gcs" in capsys.readouterr().err
 
 
-def test_one_vehicle_that_is_refused_keeps_no_other_from_its_order(
+def test_refusal_of_one_vehicle_does_not_stop_the_others(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
@@ -412,7 +410,7 @@ def test_a_token_comes_from_the_environment_or_the_command_line(
         assert main(["state", "--token", "käse"]) == 2
 
 
-def test_status_shows_who_is_where_and_what_is_wrong(
+def test_status_shows_positions_and_problems(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
@@ -434,7 +432,7 @@ def test_status_shows_who_is_where_and_what_is_wrong(
     assert "no answer" in capsys.readouterr().err
 
 
-def test_preflight_prints_what_fails_and_who_does_not_fly_and_its_exit_code_says_so(
+def test_preflight_prints_failures_and_sets_the_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService()
@@ -467,7 +465,7 @@ def test_preflight_prints_what_fails_and_who_does_not_fly_and_its_exit_code_says
     assert "vehicles" in everything
 
 
-def test_status_says_so_when_nobody_answers_instead_of_showing_what_was() -> None:
+def test_status_reports_no_answer_instead_of_old_state() -> None:
     with Client("http://127.0.0.1:9") as client:
         console = Console(width=100)
         with console.capture() as shown:

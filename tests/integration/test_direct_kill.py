@@ -212,21 +212,21 @@ def test_a_kill_without_the_service_reaches_it(
         assert not vehicle.armed
 
 
-def test_a_vehicle_that_believes_nothing_unsigned_is_killed_with_the_key(key_file: Path) -> None:
+def test_vehicle_that_requires_signing_is_killed_with_the_key(key_file: Path) -> None:
     with over_udp(KEY) as (vehicle, url):
         reported = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}))
         assert reported.outcome is Outcome.DONE, reported.reason
         assert not vehicle.armed
 
 
-def test_with_another_key_it_flies_on_and_nobody_is_reported_otherwise(key_file: Path) -> None:
+def test_another_key_does_not_kill_and_reports_no_success(key_file: Path) -> None:
     with over_udp(OTHER_KEY) as (vehicle, url):
         reported = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}), STUBBORN_S)
         assert vehicle.armed
         assert reported.outcome is Outcome.FAILED
 
 
-def test_a_key_that_cannot_be_read_is_named_before_anything_is_sent(tmp_path: Path) -> None:
+def test_unreadable_key_is_named_before_anything_is_sent(tmp_path: Path) -> None:
     with over_udp(KEY) as (vehicle, url):
         config = config_of(url, signing={"key_file": str(tmp_path / "none"), "link_id": 5})
         with pytest.raises(ConfigError, match="none"):

@@ -69,7 +69,7 @@ def test_datagrams_come_and_go_in_batches_with_the_kernels_times(batched: bool) 
     assert not packets.send(data, np.array([1, 2, 4]), destination).any()
 
 
-def test_each_socket_is_called_once_whatever_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_socket_sends_once_in_any_order(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[tuple[int, int]] = []
     send_all = Packets._send_all
 
@@ -99,7 +99,7 @@ def test_each_socket_is_called_once_whatever_the_order(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("length", [65, 1400])  # 64 of the longer ones are too many for one piece
-def test_neighbours_to_one_place_arrive_as_the_datagrams_they_are(length: int) -> None:
+def test_adjacent_datagrams_to_one_address_stay_separate(length: int) -> None:
     packets = Packets("bench", Listen(HOST, free_ports()), time.monotonic)
     packets.open()
     receivers = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
@@ -140,7 +140,7 @@ def intervals(peer: Peer) -> list[tuple[float, float]]:
     return [(m.param1, m.param2) for _, m in peer.messages("COMMAND_LONG") if m.command == 511]
 
 
-def test_stream_rates_are_asked_for_and_again_after_a_reboot() -> None:
+def test_stream_rates_are_requested_again_after_a_reboot() -> None:
     async def main(peer: Peer, link: NativeLink) -> None:
         async with running(link):
             await until(lambda: link._streams.settled.all() and intervals(peer))

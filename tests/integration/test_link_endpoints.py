@@ -58,7 +58,7 @@ async def received(sock: socket.socket, size: int) -> bytes:
     return data
 
 
-def test_udp_out_speaks_first_and_hears_nobody_else() -> None:
+def test_udp_out_sends_first_and_accepts_only_its_peer() -> None:
     async def main() -> None:
         with a_socket() as vehicle, a_socket() as other:
             place = UdpOut("127.0.0.1", vehicle.getsockname()[1])
@@ -78,7 +78,7 @@ def test_udp_out_speaks_first_and_hears_nobody_else() -> None:
     asyncio.run(main())
 
 
-def test_a_tcp_client_finds_its_server_whenever_it_comes_and_comes_back() -> None:
+def test_tcp_client_connects_whenever_its_server_appears() -> None:
     async def main() -> None:
         port = free_tcp_port()
         async with bench(1, listen=TcpOut("127.0.0.1", port)) as made:
@@ -113,7 +113,7 @@ def test_a_frame_cut_anywhere_is_put_together() -> None:
     asyncio.run(main())
 
 
-def test_a_tcp_server_serves_several_and_a_vehicle_that_comes_back_from_another_port() -> None:
+def test_tcp_server_serves_several_and_reconnecting_vehicles() -> None:
     async def main() -> None:
         port = free_tcp_port()
         async with bench(1, 2, listen=TcpIn("127.0.0.1", port)) as made:
@@ -146,7 +146,7 @@ def test_a_tcp_port_in_use_is_named() -> None:
     asyncio.run(main())
 
 
-def test_who_does_not_read_loses_whole_frames_and_delays_nobody() -> None:
+def test_slow_reader_loses_whole_frames_and_delays_no_other() -> None:
     async def main() -> None:
         port = free_tcp_port()
         async with bench(1, listen=TcpIn("127.0.0.1", port)) as made:

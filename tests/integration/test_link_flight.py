@@ -30,7 +30,7 @@ def simulator(first_port: int, count: int, *parameters: str) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("transport")
-def test_two_vehicles_are_flown_and_fall_back_on_their_failsafe_when_the_tick_ends() -> None:
+def test_two_vehicles_fly_and_fail_safe_when_the_tick_ends() -> None:
     async def main(link: AnyLink) -> None:
         async with running(link):
             await until(lambda: all(link.snapshot().ready))
@@ -55,7 +55,7 @@ def test_two_vehicles_are_flown_and_fall_back_on_their_failsafe_when_the_tick_en
         asyncio.run(main(a_link(port, [1, 2], port_count=2)))
 
 
-def test_the_data_link_failsafe_acts_when_control_is_dead_and_not_before() -> None:
+def test_data_link_failsafe_acts_only_when_control_is_dead() -> None:
     """A vehicle that holds gets no setpoints: only our heartbeats tell it that somebody is there.
 
     Over MAVSDK's transport; that both end their heartbeats alike is shown in test_link_stall.py.

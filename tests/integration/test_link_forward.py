@@ -35,7 +35,7 @@ async def introduced(made: Bench, vehicle: socket.socket, station: socket.socket
     return "127.0.0.1", address[1]
 
 
-def test_a_station_that_only_reads_sees_the_vehicles_and_says_nothing() -> None:
+def test_read_only_station_receives_vehicles_and_sends_nothing() -> None:
     async def main() -> None:
         with a_socket() as vehicle, a_socket() as station:
             async with bench(1, forward=[to(station, read_only=True)]) as made:
@@ -51,7 +51,7 @@ def test_a_station_that_only_reads_sees_the_vehicles_and_says_nothing() -> None:
     asyncio.run(main())
 
 
-def test_a_station_that_may_answer_reaches_the_vehicle_it_targets_and_no_other_way() -> None:
+def test_answering_station_reaches_only_the_vehicle_it_targets() -> None:
     async def main() -> None:
         with a_socket() as vehicle, a_socket() as station, a_socket() as intruder:
             async with bench(1, forward=[to(station, read_only=False)]) as made:
@@ -86,7 +86,7 @@ def test_the_kill_latch_holds_for_other_stations_too() -> None:
     asyncio.run(main())
 
 
-def test_a_dead_station_delays_nobody() -> None:
+def test_dead_station_delays_no_other() -> None:
     async def main() -> None:
         with a_socket() as vehicle:
             with a_socket() as station:

@@ -77,7 +77,7 @@ def test_the_snapshot_is_what_the_vehicle_stated_and_when() -> None:
         asyncio.run(main(peer, link, link))
 
 
-def test_a_refusal_carries_the_vehicles_own_words() -> None:
+def test_refusal_carries_the_vehicles_own_text() -> None:
     async def main(link: AnyLink) -> None:
         async with running(link):
             await ready(link)
@@ -88,7 +88,7 @@ def test_a_refusal_carries_the_vehicles_own_words() -> None:
         asyncio.run(main(a_link(port, [1])))
 
 
-def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
+def test_invalid_commands_are_refused_before_sending() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         with pytest.raises(CommandError, match="not open"):
             await do(link, Verb.ARM, "v1")
@@ -112,7 +112,7 @@ def test_orders_that_make_no_sense_are_refused_before_they_leave() -> None:
 
 
 @EVERY
-def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
+def test_kill_overtakes_and_outlives_a_waiting_command() -> None:
     async def main(peer: Peer, link: AnyLink, machine: Witness) -> None:
         async with running(link):
             await ready(link)
@@ -139,7 +139,7 @@ def test_a_kill_overtakes_and_outlives_an_order_that_waits() -> None:
         asyncio.run(main(peer, a_link(port, [1]), machine))
 
 
-def test_a_silent_vehicle_delays_nobody() -> None:
+def test_silent_vehicle_delays_no_other() -> None:
     async def main(silent: Peer, link: AnyLink, machine: Witness) -> None:
         async with running(link):
             await ready(link)
@@ -177,7 +177,7 @@ def test_a_silent_vehicle_delays_nobody() -> None:
         asyncio.run(main(silent, a_link(port, [1, 2], port_count=2), machine))
 
 
-def test_a_row_that_is_not_finite_is_not_sent_nor_is_what_was_sent_before() -> None:
+def test_setpoint_that_is_not_finite_is_not_sent_nor_the_last() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             await ready(link)
@@ -213,7 +213,7 @@ def test_a_duplicate_is_reported_by_vehicle_and_never_commanded() -> None:
         asyncio.run(main(first, port, a_link(port, [1])))
 
 
-def test_a_link_can_be_closed_during_an_order_and_opened_again() -> None:
+def test_link_can_be_closed_during_a_command_and_opened_again() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             await ready(link)
@@ -231,7 +231,7 @@ def test_a_link_can_be_closed_during_an_order_and_opened_again() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
-def test_a_link_that_cannot_have_its_port_says_which() -> None:
+def test_link_names_the_port_it_cannot_have() -> None:
     async def main(link: AnyLink, same: AnyLink, port: int) -> None:
         async with running(link):
             await asyncio.sleep(0)

@@ -39,7 +39,7 @@ def with_two(story: Callable[[AnyLink], Awaitable[None]]) -> None:
         asyncio.run(main(a_link(port, [1, 2], port_count=2)))
 
 
-def test_whole_and_fractional_parameters_are_read_and_set_on_the_vehicle_meant_and_no_other() -> None:
+def test_integer_and_float_parameters_reach_only_their_vehicle() -> None:
     async def story(link: AnyLink) -> None:
         names = ("COM_OBL_RC_ACT", "MPC_XY_VEL_MAX")
         assert dict(await link.read_parameters("v1", names)) == {names[0]: 0, names[1]: 7.5}
@@ -53,7 +53,7 @@ def test_whole_and_fractional_parameters_are_read_and_set_on_the_vehicle_meant_a
     with_two(story)
 
 
-def test_what_cannot_be_read_or_set_says_why() -> None:
+def test_parameter_that_cannot_be_read_or_set_gives_a_reason() -> None:
     async def story(link: AnyLink) -> None:
         async def unread() -> None:
             nothing_such = r"v1: parameter NO_SUCH: no answer; there is no such parameter"
@@ -73,7 +73,7 @@ def test_what_cannot_be_read_or_set_says_why() -> None:
     with_two(story)
 
 
-def test_a_link_that_is_not_open_or_a_vehicle_never_received_says_so() -> None:
+def test_closed_link_and_unknown_vehicle_are_reported() -> None:
     async def main() -> None:
         link = a_link(free_ports(1), [1])
         with pytest.raises(CommandError, match="v1: its parameters cannot be read: link bench is not open"):

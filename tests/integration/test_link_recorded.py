@@ -34,7 +34,7 @@ def recorded(path: Path) -> list[bytes]:
 
 
 @pytest.mark.parametrize(("kind", "station_id"), [("mavsdk", 245), ("wire", 245), ("native", 254)])
-def test_a_recording_holds_every_frame_in_order(tmp_path: Path, kind: str, station_id: int) -> None:
+def test_recording_holds_every_frame_in_order(tmp_path: Path, kind: str, station_id: int) -> None:
     seen: list[bytes] = []
 
     def see(_time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:

@@ -45,7 +45,7 @@ def signed_beat(packer: Any) -> bytes:
     return bytes(dialect.MAVLink_heartbeat_message(2, 12, 0x81, 6 << 16, 4, 3).pack(packer))
 
 
-def test_only_what_is_signed_is_taken_and_each_refusal_is_stated_once(
+def test_only_signed_frames_pass_and_each_refusal_logs_once(
     signing: Signing, caplog: pytest.LogCaptureFixture
 ) -> None:
     signing._signer.begin(0)

@@ -51,7 +51,7 @@ async def into_offboard(link: AnyLink, ticks: Ticks) -> None:
 
 
 @EVERY
-def test_setpoints_cease_when_the_event_loop_is_blocked_for_three_seconds() -> None:
+def test_setpoints_stop_when_the_loop_blocks_for_three_seconds() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             ticks = Ticks(link, "v1")
@@ -86,7 +86,7 @@ def test_setpoints_cease_when_the_tick_task_has_ended() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
-def test_setpoints_cease_when_a_computation_keeps_the_interpreter() -> None:
+def test_setpoints_stop_when_a_computation_keeps_the_gil() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             ticks = Ticks(link, "v1")
@@ -101,7 +101,7 @@ def test_setpoints_cease_when_a_computation_keeps_the_interpreter() -> None:
 
 
 @EVERY
-def test_a_vehicle_that_is_no_longer_listed_gets_nothing_from_that_call_on() -> None:
+def test_unlisted_vehicle_gets_nothing_from_that_call_on() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             ticks = Ticks(link, "v1")
@@ -153,7 +153,7 @@ def test_setpoints_are_turned_from_the_show_frame(
 
 
 @EVERY
-def test_our_heartbeat_ends_when_control_is_dead_and_begins_again_with_it() -> None:
+def test_heartbeat_stops_and_resumes_with_control() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             await ready(link)
@@ -172,7 +172,7 @@ def test_our_heartbeat_ends_when_control_is_dead_and_begins_again_with_it() -> N
         asyncio.run(main(peer, a_link(port, [1], heartbeat_hold_s=1.0)))
 
 
-def test_our_heartbeat_ends_when_the_event_loop_is_blocked() -> None:
+def test_heartbeat_stops_when_the_event_loop_is_blocked() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             await ready(link)

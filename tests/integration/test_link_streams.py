@@ -34,7 +34,7 @@ def asked(peer: Peer) -> list[tuple[int, float]]:
 DESIRED = [(33, 200_000.0), (245, 200_000.0), (30, -1.0)]
 
 
-def test_streams_are_set_once_when_they_come_as_asked() -> None:
+def test_streams_are_set_once_when_they_arrive_as_requested() -> None:
     async def main(peer: Peer, link: MavsdkLink) -> None:
         async with running(link):
             await ready(link)
@@ -47,7 +47,7 @@ def test_streams_are_set_once_when_they_come_as_asked() -> None:
         asyncio.run(main(peer, a_link(port, RATES_HZ)))
 
 
-def test_a_stream_that_does_not_come_as_asked_is_asked_for_again_and_no_other() -> None:
+def test_only_a_stream_at_a_wrong_rate_is_requested_again() -> None:
     async def main(peer: Peer, link: MavsdkLink) -> None:
         async with running(link):
             await until(lambda: len(asked(peer)) >= 4)
@@ -57,7 +57,7 @@ def test_a_stream_that_does_not_come_as_asked_is_asked_for_again_and_no_other() 
         asyncio.run(main(peer, a_link(port, RATES_HZ)))
 
 
-def test_streams_are_set_again_after_a_restart_and_orders_go_on() -> None:
+def test_streams_are_set_again_after_a_restart_commands_go_on() -> None:
     async def main(peer: Peer, link: MavsdkLink) -> None:
         async with running(link):
             await ready(link)
@@ -73,7 +73,7 @@ def test_streams_are_set_again_after_a_restart_and_orders_go_on() -> None:
         asyncio.run(main(peer, a_link(port, RATES_HZ)))
 
 
-def test_a_silent_vehicle_that_speaks_again_from_elsewhere_is_taken_up_again() -> None:
+def test_silent_vehicle_received_from_another_address_returns() -> None:
     async def main(port: int, link: MavsdkLink) -> None:
         async with running(link):
             with Peer(port, 1, position_s=POSITION_S):

@@ -25,7 +25,7 @@ from gcs.model.errors import LinkError
 from gcs.model.state import Mode
 
 
-def test_a_frame_goes_to_its_target_only_and_one_for_everybody_to_all() -> None:
+def test_frame_goes_to_its_target_and_broadcast_to_all() -> None:
     async def main() -> None:
         async with bench(1, 2, port_count=2) as made:
             with a_socket() as one, a_socket() as two:
@@ -43,7 +43,7 @@ def test_a_frame_goes_to_its_target_only_and_one_for_everybody_to_all() -> None:
     asyncio.run(main())
 
 
-def test_who_floods_its_port_keeps_neither_the_loop_nor_the_others_waiting() -> None:
+def test_flooded_port_delays_neither_the_loop_nor_the_others() -> None:
     now_s = 0.0
 
     def slow_clock() -> float:  # as if every frame cost a millisecond
@@ -75,7 +75,7 @@ def test_who_floods_its_port_keeps_neither_the_loop_nor_the_others_waiting() -> 
         assert delivered.count(1) == 200, "nothing is lost"
 
 
-def test_many_vehicles_behind_one_router_get_one_copy_of_what_is_for_everybody() -> None:
+def test_vehicles_behind_one_router_get_one_broadcast_copy() -> None:
     async def main() -> None:
         async with bench(1, 2, 3) as made:
             with a_socket() as router:
@@ -89,7 +89,7 @@ def test_many_vehicles_behind_one_router_get_one_copy_of_what_is_for_everybody()
     asyncio.run(main())
 
 
-def test_a_setpoint_leaves_only_with_permission_and_never_to_everybody() -> None:
+def test_setpoint_leaves_only_with_permission_and_one_target() -> None:
     async def main() -> None:
         async with bench(1, 2) as made:
             with a_socket() as one:
@@ -112,7 +112,7 @@ def test_a_setpoint_leaves_only_with_permission_and_never_to_everybody() -> None
     asyncio.run(main())
 
 
-def test_a_duplicate_system_id_is_dropped_and_both_addresses_are_named(
+def test_duplicate_system_id_is_dropped_naming_both_addresses(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def main() -> None:
@@ -185,7 +185,7 @@ def test_an_address_that_cannot_be_is_a_link_error(listen: Listen) -> None:
     asyncio.run(main())
 
 
-def test_a_vehicle_whose_port_is_closed_does_not_disturb_the_others() -> None:
+def test_vehicle_with_a_closed_port_does_not_disturb_others() -> None:
     async def main() -> None:
         async with bench(1, 2) as made:
             with a_socket() as living:
@@ -233,7 +233,7 @@ def test_what_waited_in_the_socket_is_as_old_as_it_is() -> None:
     asyncio.run(main())
 
 
-def test_a_closed_wire_sends_nothing_and_says_nothing() -> None:
+def test_closed_router_sends_and_logs_nothing() -> None:
     async def main() -> None:
         async with bench(1) as made:
             with a_socket() as one:

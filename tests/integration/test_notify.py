@@ -18,7 +18,7 @@ def received(tmp_path: Path) -> Iterator[socket.socket]:
         yield listener
 
 
-def test_it_is_ready_and_beats_four_times_in_the_time_that_it_may_be_silent(received: socket.socket) -> None:
+def test_ready_and_four_beats_within_the_watchdog_time(received: socket.socket) -> None:
     clock = iter([0.0, 0.0, 0.1, 0.8, 0.8])
     notifier = Notifier(received.getsockname(), 3.0, lambda: next(clock))
     notifier.ready()
@@ -29,14 +29,14 @@ def test_it_is_ready_and_beats_four_times_in_the_time_that_it_may_be_silent(rece
     notifier.close()
 
 
-def test_whom_nobody_asked_says_nothing_and_fails_at_nothing() -> None:
+def test_without_a_notify_socket_nothing_is_sent_or_fails() -> None:
     notifier = from_environment({})
     notifier.ready()
     notifier.beat()
     assert notifier.problem == ""
 
 
-def test_what_was_asked_of_us_is_not_asked_of_our_children(received: socket.socket) -> None:
+def test_notify_variables_are_removed_from_the_environment(received: socket.socket) -> None:
     asked = {"NOTIFY_SOCKET": received.getsockname(), "WATCHDOG_USEC": "3000000", "PATH": "/bin"}
     notifier = from_environment(asked)
     assert asked == {"PATH": "/bin"}
@@ -54,7 +54,7 @@ def test_a_watchdog_for_another_process_is_not_fed(received: socket.socket) -> N
     notifier.close()
 
 
-def test_it_says_when_nobody_listens_any_more_and_when_somebody_does_again(
+def test_lost_and_restored_notify_socket_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "notify"

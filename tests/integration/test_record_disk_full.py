@@ -95,7 +95,7 @@ def fill_the_disk(root: Path, reported: Connection) -> None:
         reported.send((full, refused, asyncio.run(record.audit.kept()), last.id))
 
 
-def test_a_full_disk_is_reported_of_and_the_record_goes_on_when_there_is_room(tmp_path: Path) -> None:
+def test_full_disk_is_reported_and_recording_resumes_with_room(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
     hear, tell = context.Pipe(duplex=False)
     process = context.Process(target=fill_the_disk, args=(tmp_path, tell))

@@ -38,7 +38,7 @@ def command_for_ever(root: Path, reported: Connection) -> None:
     asyncio.run(main())
 
 
-def test_no_order_that_was_acknowledged_is_missing_after_kill_9_at_any_moment(tmp_path: Path) -> None:
+def test_no_acknowledged_command_is_missing_after_kill_9(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["gcs.recording.session", "gcs.flight.command_log"])
     samples, acknowledged = random.Random(5), set()

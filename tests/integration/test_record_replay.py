@@ -108,7 +108,7 @@ async def watched(address: str, count: int) -> list[dict[str, Any]]:
         return [json.loads(await stream.recv()) for _ in range(count)]
 
 
-def test_the_stream_shows_the_flight_in_its_time_and_orders_are_refused(recorded: Path) -> None:
+def test_stream_replays_in_recorded_time_and_refuses_commands(recorded: Path) -> None:
     with replay(recorded, "--speed", f"{SPEED:g}") as address, Client(address, timeout_s=30.0) as client:
         fleet = client.fleet()
         texts = [alarm.text for alarm in fleet.alarms]
@@ -161,7 +161,7 @@ def positions_s(address: str, count: int) -> list[float]:
     return [float(each["unix_time_s"]) - 1.7e9 for each in asyncio.run(headers(address, count))]
 
 
-def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: Path) -> None:
+def test_replay_pauses_seeks_and_reports_past_events(recorded: Path) -> None:
     with replay(recorded) as address, Client(address, timeout_s=30.0) as client:
         reported = client.playback.change(paused=True, position_s=12.5)
         assert (reported.paused, reported.position_s, reported.ended) == (True, 12.5, False)
@@ -198,7 +198,7 @@ def test_it_is_paused_and_sought_and_tells_what_had_happened_by_then(recorded: P
         assert positions_s(address, 3)[-1] == pytest.approx(3.0, abs=0.06)
 
 
-def test_its_certificate_is_made_beside_it(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_flight_report_is_made_beside_the_replay(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", str(recorded), "--json"]) in {0, 1}
     judged = json.loads(capsys.readouterr().out)
     with replay(recorded) as address, Client(address, timeout_s=30.0) as client:

@@ -62,7 +62,7 @@ def wait_for(condition: Callable[[], Any], what: str, limit_s: float = 120.0) ->
         time.sleep(0.02)
 
 
-def test_mavsdk_connects_arms_takes_off_flies_offboard_holds_lands_and_reads_parameters(
+def test_mavsdk_flies_offboard_lands_and_reads_parameters(
     tmp_path: Path,
 ) -> None:
     port = free_ports()
@@ -140,7 +140,7 @@ def system_in(datagram: bytes) -> int:
     return datagram[5]
 
 
-def test_each_vehicle_of_a_fleet_has_a_port_of_its_own_and_they_do_not_mix() -> None:
+def test_vehicles_have_separate_ports_that_do_not_mix() -> None:
     port = free_ports(4)
     with (
         listen(port + 2) as first,
@@ -151,7 +151,7 @@ def test_each_vehicle_of_a_fleet_has_a_port_of_its_own_and_they_do_not_mix() -> 
         assert {system_in(second.recv(2048)) for _ in range(20)} == {4}
 
 
-def test_as_px4_it_answers_whoever_speaks_first_to_its_port() -> None:
+def test_like_px4_it_answers_the_first_sender_to_its_port() -> None:
     index = 203  # beyond 10: they all talk to 14549, and are told apart by speaking first to 14580 + i
     with listen(0) as ear, running("--first", str(index)):
         ear.sendto(

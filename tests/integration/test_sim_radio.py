@@ -79,7 +79,7 @@ def answers(ear_socket: socket.socket, expected: set[int]) -> set[int]:
     return found
 
 
-def test_vehicles_behind_a_shared_port_share_datagrams_and_are_reported_apart_by_target() -> None:
+def test_vehicles_on_a_shared_port_share_datagrams_by_target() -> None:
     port = free_ports()
     with ear(port) as station, running("--shared-port", "--count", "20", "--port-base", str(port)):
         first, radio = station.recvfrom(65536)
@@ -106,7 +106,7 @@ def ask(control: int, command: Any) -> dict[str, Any]:
         return dict(json.loads(operator.recv(65536)))
 
 
-def test_a_control_port_silences_and_jams_and_refuses_what_it_does_not_know() -> None:
+def test_control_port_silences_jams_and_refuses_unknown_faults() -> None:
     port = free_ports(2)
     arguments = ["--shared-port", "--count", "3", "--port-base", str(port), "--control", str(port + 1)]
     with ear(port) as station, running(*arguments):
@@ -143,7 +143,7 @@ def drain(ear_socket: socket.socket) -> None:
     ear_socket.settimeout(LIMIT_S)
 
 
-def test_orders_come_line_by_line_on_standard_input_and_its_end_changes_nothing() -> None:
+def test_commands_on_standard_input_and_its_end_is_harmless() -> None:
     port = free_ports()
     with ear(port) as station, running("--faults-from", "-", "--port-base", str(port)) as process:
         assert process.stdin is not None

@@ -93,7 +93,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkUdpLink, float, 
 
 
 @pytest.mark.parametrize("stop", [block_the_loop, end_the_tick])
-def test_when_control_stops_setpoints_cease_and_the_failsafe_begins(tmp_path: Path, stop: Stop) -> None:
+def test_setpoints_stop_with_control_and_the_failsafe_begins(tmp_path: Path, stop: Stop) -> None:
     with Witness() as machine:
         link, last_tick_s, phases = asyncio.run(fly_and_stop(tmp_path, stop))
     for vehicle_id in IDS:

@@ -18,7 +18,7 @@ from machine import free_ports
     ],
 )
 @pytest.mark.computes
-def test_a_demo_that_cannot_be_flown_is_refused_in_words(arguments: list[str], says: str) -> None:
+def test_impossible_demo_is_refused_with_a_message(arguments: list[str], says: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "gcs", "demo", *arguments], capture_output=True, text=True, check=False
     )

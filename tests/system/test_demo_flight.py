@@ -13,7 +13,7 @@ from gcs.recording.last_known import commands
 
 
 @pytest.mark.soak
-def test_the_demo_flies_its_story_nothing_touches_and_its_record_proves_it(tmp_path: Path) -> None:
+def test_demo_flies_its_script_and_its_record_proves_it(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "170", "--json"]
     command += ["--api-port", "0", "--port-base", str(free_ports(8)), "--record", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)

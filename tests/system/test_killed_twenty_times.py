@@ -129,7 +129,7 @@ def home(client: Client) -> bool:
 
 @pytest.mark.alone
 @pytest.mark.parametrize("kills", [KILLS[0], pytest.param(KILLS[1], marks=pytest.mark.soak)])
-def test_killed_often_in_flight_it_is_back_and_brings_everybody_home(tmp_path: Path, kills: int) -> None:
+def test_repeated_kills_in_flight_recover_and_return_all(tmp_path: Path, kills: int) -> None:
     base = free_ports(len(IDS))
     config = config_of(base)
     with (

@@ -41,7 +41,7 @@ def armed(folder: Path) -> list[bool]:
     return [bool(truth["armed"]) for truth in last_truths(folder / "truth.jsonl")]
 
 
-def test_a_vehicle_is_killed_without_the_service_and_the_record_says_so(tmp_path: Path) -> None:
+def test_kill_without_the_service_is_recorded(tmp_path: Path) -> None:
     base = free_ports(len(IDS))
     config = config_of(base)
     record = tmp_path / "station"
@@ -74,7 +74,7 @@ def test_a_vehicle_is_killed_without_the_service_and_the_record_says_so(tmp_path
 
 
 @pytest.mark.computes
-def test_nobody_is_killed_by_a_word_that_makes_no_sense(tmp_path: Path) -> None:
+def test_invalid_kill_arguments_kill_no_vehicle(tmp_path: Path) -> None:
     for words, code, stated in (
         ((), 2, "names, or --all"),
         (("d1", "--all"), 2, "names, or --all"),

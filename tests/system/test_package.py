@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.computes
 
 
-def test_a_wheel_brings_its_configurations_and_the_fake_autopilot(tmp_path: Path) -> None:
+def test_wheel_contains_configurations_and_the_fake_fleet(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]
     subprocess.run(build, check=True, cwd=ROOT, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
@@ -143,7 +143,7 @@ def test_the_locks_name_no_host(lock: str) -> None:
     assert "--hash=sha256:" in text
 
 
-def test_the_page_is_built_of_locked_packages_from_no_host_in_particular() -> None:
+def test_console_builds_from_locked_packages_of_any_registry() -> None:
     lock = json.loads((ROOT / "api" / "console" / "package-lock.json").read_text(encoding="utf-8"))
     packages = [each for name, each in lock["packages"].items() if name]
     assert len(packages) > 5

@@ -32,7 +32,7 @@ def open_api(address: str) -> httpx.Client:
     return httpx.Client(base_url=f"{address}/api/v1", timeout=30.0)
 
 
-def test_the_readme_has_the_parameters_set_before_the_service_runs() -> None:
+def test_readme_sets_parameters_before_the_service_runs() -> None:
     text = README.read_text(encoding="utf-8")
     apply = text.index("gcs params apply --config configs/px4-sitl.yaml")
     assert text.index("gcs sim --count 4 --ports px4") < apply

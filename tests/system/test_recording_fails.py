@@ -56,7 +56,7 @@ def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: P
     wait_until("setpoints are recorded", SOON_S, lambda: setpoints(path) == {1, 2})
 
 
-def test_a_disk_that_fills_in_flight_is_reported_and_changes_nothing_else(tmp_path: Path) -> None:
+def test_disk_full_in_flight_is_reported_and_changes_nothing(tmp_path: Path) -> None:
     base = free_ports(len(IDS))
     config = flying_config(len(IDS), base, silence_s=20.0)
     folder = tmp_path / "service"

@@ -66,7 +66,7 @@ def reached(client: Client, phase: str) -> Callable[[], bool]:
     return lambda: client.show().phase == phase
 
 
-def test_vehicles_found_in_the_air_are_taken_over_on_request_only_and_without_a_jump(tmp_path: Path) -> None:
+def test_airborne_vehicles_are_recovered_on_request_only(tmp_path: Path) -> None:
     base = free_ports(len(IDS))
     config = config_of(base)
     with vehicles(len(IDS), base, tmp_path, *proper(config), "--noise", "0"):

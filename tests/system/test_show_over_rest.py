@@ -92,7 +92,7 @@ async def fly(config: Config) -> None:
         await asyncio.wait(tasks)
 
 
-def test_a_show_is_uploaded_checked_selected_flown_paused_and_brought_home(tmp_path: Path) -> None:
+def test_show_is_uploaded_checked_flown_paused_and_returned(tmp_path: Path) -> None:
     base = free_ports(3)
     config = flying_config(3, base, silence_s=20.0)
     raw = config.model_dump() | {"shows": {"folder": tmp_path / "shows"}}

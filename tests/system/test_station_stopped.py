@@ -25,7 +25,7 @@ def config_of(port_base: int) -> Config:
     return Config.model_validate(raw)
 
 
-def test_a_service_that_was_stopped_says_what_it_lost_and_one_command_brings_all_home(tmp_path: Path) -> None:
+def test_stopped_service_reports_losses_and_one_command_returns(tmp_path: Path) -> None:
     base = free_ports(COUNT)
     config = config_of(base)
     with (

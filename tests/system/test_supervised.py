@@ -27,7 +27,7 @@ def started_again(station: Supervised) -> bool:
     return len(station.stated("service_ready")) == 2 and station.answers()
 
 
-def test_a_service_that_hangs_is_started_again_and_ends_when_it_is_asked_to(tmp_path: Path) -> None:
+def test_hung_service_is_restarted_and_ends_on_request(tmp_path: Path) -> None:
     with supervised(config_of(), tmp_path / "station") as station:
         wait_until("ready", SOON_S, lambda: len(station.stated("service_ready")) == 1)
         hung = station.pid
@@ -44,7 +44,7 @@ def test_a_service_that_hangs_is_started_again_and_ends_when_it_is_asked_to(tmp_
         ]
 
 
-def test_a_service_whose_supervisor_is_gone_goes_on_and_says_so(tmp_path: Path) -> None:
+def test_service_without_its_supervisor_goes_on_and_reports_it(tmp_path: Path) -> None:
     with supervised(config_of(), tmp_path / "station") as station, Client(station.url) as client:
         wait_until("ready", SOON_S, lambda: len(station.stated("service_ready")) == 1)
         assert client.alarms().alarms == []

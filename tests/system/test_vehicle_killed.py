@@ -119,7 +119,7 @@ def test_the_others_re_form(flight: Seen) -> None:
     assert flight.ratio < FORMED
 
 
-def test_the_api_says_which_vehicle_is_lost(flight: Seen) -> None:
+def test_api_names_the_lost_vehicle(flight: Seen) -> None:
     assert flight.phases == {"d5": "lost"} | dict.fromkeys(SURVIVORS, "formation")
 
 
