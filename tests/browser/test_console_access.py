@@ -49,7 +49,7 @@ PANELS = [
 
 
 @pytest.mark.parametrize(("left", "right"), PANELS)
-def test_every_button_and_field_is_reached_by_keyboard_and_axe_finds_nothing_serious(
+def test_keyboard_reaches_every_control_and_axe_finds_nothing(
     chrome: Browser, ground: Station, left: str, right: str
 ) -> None:
     with console(chrome, ground.url) as ui:
@@ -66,9 +66,7 @@ def test_every_button_and_field_is_reached_by_keyboard_and_axe_finds_nothing_ser
         assert ui.wrong == []
 
 
-def test_a_vehicle_is_chosen_and_a_kill_is_armed_and_disarmed_by_keyboard(
-    chrome: Browser, ground: Station
-) -> None:
+def test_vehicle_selection_and_kill_by_keyboard(chrome: Browser, ground: Station) -> None:
     with console(chrome, ground.url) as ui:
         ui.says("connection", "Live")
         ui.part("fleet-scroll").focus()
@@ -109,9 +107,7 @@ def test_the_target_is_moved_by_touch(chrome: Browser, ground: Station) -> None:
         assert ui.wrong == []
 
 
-def test_a_silent_service_is_reported_within_a_second_and_comes_back(
-    chrome: Browser, ground: Station
-) -> None:
+def test_silent_service_is_reported_within_a_second_and_returns(chrome: Browser, ground: Station) -> None:
     with console(chrome, ground.url) as ui:
         ui.says("connection", "Live")
         ground.process.send_signal(signal.SIGSTOP)  # the socket stays open, and says nothing
@@ -154,9 +150,7 @@ BIG = ("start", "pause", "resume", "stop", "abort", "kill")
 Guarded = tuple[Station, dict[Role, str]]
 
 
-def test_a_wrong_token_says_so_and_a_watcher_sees_all_and_may_press_nothing(
-    chrome: Browser, guarded: Guarded
-) -> None:
+def test_wrong_token_is_reported_and_a_viewer_sees_all(chrome: Browser, guarded: Guarded) -> None:
     ground, tokens = guarded
     with console(chrome, ground.url) as ui:
         ui.says("login-reason", "asks for a token")
@@ -178,9 +172,7 @@ def test_a_wrong_token_says_so_and_a_watcher_sees_all_and_may_press_nothing(
         ui.says("who", "the-watch")
 
 
-def test_an_operator_may_start_and_an_emergency_token_may_bring_down_and_kill_alone(
-    chrome: Browser, guarded: Guarded
-) -> None:
+def test_token_scopes_for_start_landing_and_kill(chrome: Browser, guarded: Guarded) -> None:
     ground, tokens = guarded
     with console(chrome, ground.url) as ui:
         enter(ui, tokens[Role.OPERATE])

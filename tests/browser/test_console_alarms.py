@@ -252,7 +252,7 @@ def take_off(field: Field, *spare: str) -> None:
 
 
 @pytest.mark.parametrize("seed", [14, 2026])
-def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
+def test_twelve_alarms_three_at_once_are_visible_by_severity(
     chrome: Browser, tmp_path: Path, seed: int
 ) -> None:
     with (
@@ -307,9 +307,7 @@ def test_twelve_alarms_three_at_once_are_all_on_screen_the_most_severe_on_top(
         assert ui.wrong == []
 
 
-def test_after_a_stall_alarms_the_table_and_the_way_back_are_on_screen_together(
-    chrome: Browser, tmp_path: Path
-) -> None:
+def test_after_a_stall_alarms_table_and_recovery_are_visible(chrome: Browser, tmp_path: Path) -> None:
     with (
         broken_fleet(tmp_path, 7) as field,
         console(chrome, field.ground.url, width=1440, height=900) as ui,
@@ -359,9 +357,7 @@ def test_after_a_stall_alarms_the_table_and_the_way_back_are_on_screen_together(
         assert ui.wrong == []
 
 
-def test_a_box_dragged_in_the_scene_selects_the_vehicles_in_it_and_no_others(
-    chrome: Browser, tmp_path: Path
-) -> None:
+def test_box_dragged_in_the_scene_selects_its_vehicles(chrome: Browser, tmp_path: Path) -> None:
     with station(tmp_path, 6) as ground, console(chrome, ground.url, width=1440, height=900) as ui:
         ui.says("connection", "Live")
         ui.press("camera-top")
@@ -438,9 +434,7 @@ def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser
         assert ui.wrong == []
 
 
-def test_after_a_stall_of_the_service_two_presses_bring_the_fleet_home(
-    chrome: Browser, tmp_path: Path
-) -> None:
+def test_after_a_stall_two_presses_return_the_fleet(chrome: Browser, tmp_path: Path) -> None:
     with (
         station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
         console(chrome, ground.url, width=1024, height=768) as ui,

@@ -90,9 +90,7 @@ def kill(ui: Console, client: Client, name: str) -> None:
     ui.page.keyboard.up(" ")
 
 
-def test_a_show_that_was_started_by_the_clock_and_cut_off_is_taken_over_by_keyboard(
-    chrome: Browser, tmp_path: Path
-) -> None:
+def test_interrupted_show_is_recovered_by_keyboard(chrome: Browser, tmp_path: Path) -> None:
     with station(tmp_path, 3, takeoff_m=4.0) as ground, console(chrome, ground.url) as ui:
         ui.says("connection", "Live")
         choose_show(ui, tmp_path)

@@ -108,7 +108,7 @@ def from_above(ui: Console) -> None:
         ui.page.keyboard.press("-")
 
 
-def test_a_map_file_lies_under_the_show_as_the_compass_says(chrome: Browser, tmp_path: Path) -> None:
+def test_map_file_lies_under_the_show_by_compass(chrome: Browser, tmp_path: Path) -> None:
     rows = {(z, x, 2**z - 1 - y): tile for (z, x, y), tile in TILES.items()}
     reported = {"format": "png", "minzoom": ZOOMS[0], "maxzoom": ZOOMS[-1], "attribution": "&copy; Crew"}
     file = mbtiles(tmp_path / "field.mbtiles", reported, rows)
@@ -170,7 +170,7 @@ def map_server() -> Iterator[tuple[str, type[Tiles]]]:
         server.server_close()
 
 
-def test_another_server_is_asked_for_tiles_and_for_nothing_more(chrome: Browser, tmp_path: Path) -> None:
+def test_another_server_is_fetched_only_for_tiles(chrome: Browser, tmp_path: Path) -> None:
     tokens = tmp_path / "tokens.json"
     token = create_token(tokens, "guest", Role.WATCH)
     with map_server() as (template, server):
@@ -195,7 +195,7 @@ def test_another_server_is_asked_for_tiles_and_for_nothing_more(chrome: Browser,
             assert token not in str(headers)
 
 
-def test_without_a_map_nobody_is_asked_for_anything(chrome: Browser, tmp_path: Path) -> None:
+def test_without_a_map_nothing_is_fetched(chrome: Browser, tmp_path: Path) -> None:
     with station(tmp_path, 1) as ground, console(chrome, ground.url) as ui:
         ui.says("connection", "Live")
         from_above(ui)

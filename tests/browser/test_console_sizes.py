@@ -142,7 +142,7 @@ def test_a_kill_is_armed_and_disarmed_on_a_small_phone(chrome: Browser, flying: 
         assert not [command for command in flying.client.commands() if command.action == "kill"]
 
 
-def test_a_press_on_a_phone_says_why_a_command_is_unavailable(chrome: Browser, flying: Station) -> None:
+def test_press_on_a_phone_explains_an_unavailable_command(chrome: Browser, flying: Station) -> None:
     with console(chrome, flying.url, width=390, height=844, touch=True) as ui:
         ui.says("connection", "Live")
         for width, height in ((390, 844), (844, 390)):
@@ -156,9 +156,7 @@ def test_a_press_on_a_phone_says_why_a_command_is_unavailable(chrome: Browser, f
             expect(ui.part("toast-refused")).to_have_count(0, timeout=SOON_MS)
 
 
-def test_commands_are_given_on_a_phone_that_is_turned_and_after_a_stall(
-    chrome: Browser, flying: Station
-) -> None:
+def test_commands_on_a_turned_phone_and_after_a_stall(chrome: Browser, flying: Station) -> None:
     """Last of all: it lands the fleet."""
     with console(chrome, flying.url, width=360, height=740, touch=True) as ui:
         ui.says("connection", "Live")
