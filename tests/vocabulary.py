@@ -1,7 +1,7 @@
-"""Reports identifiers that the glossary has retired: in Python, TypeScript, styles and documents.
+"""Reports identifiers that the glossary has retired, and names of tests that are too long.
 
 `vocabulary.json` holds the table: `words` are retired as parts of identifiers, `names` as whole ones.
-Names of test functions are sentences and are not judged; of documents, only code spans are.
+Names of test functions are judged by their length alone; of documents, only code spans are judged.
 `python tests/vocabulary.py` prints each place and exits with 1.
 """
 
@@ -18,6 +18,7 @@ PART = re.compile(r"[A-Z]+(?![a-z])|[A-Z][a-z]*|[a-z]+")
 WORD = re.compile(r"[A-Za-z_]\w*")
 KEY = re.compile(r"[A-Za-z_][\w.-]*")
 SPAN = re.compile(r"`([^`\n]+)`")
+TEST_NAME_MAX = 60
 NO_CODE = re.compile(r"//[^\n]*|/\*.*?\*/|(?<=[\"'`])[^\"'`\n]* [^\"'`\n]*(?=[\"'`])", re.DOTALL)
 HISTORY = (
     "CHANGELOG.md",
@@ -67,14 +68,29 @@ def other_names(path: str, source: str) -> Iterator[tuple[int, str]]:
         yield from ((number, name) for name in WORD.findall(line))
 
 
-def findings(path: str, source: str) -> list[str]:
-    """One line for each retired identifier of a file."""
-    names = python_names(source) if path.endswith(".py") else other_names(path, source)
+def long_test_names(path: str, source: str) -> list[str]:
+    """One line for each test function of a Python file whose name exceeds `TEST_NAME_MAX` characters."""
+    if not path.endswith(".py"):
+        return []
     return [
+        f"{path}:{node.lineno}: {node.name} has {length} characters, at most {TEST_NAME_MAX} are allowed: "
+        "put the sentence into the docstring"
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and node.name.startswith("test_")
+        and (length := len(node.name)) > TEST_NAME_MAX
+    ]
+
+
+def findings(path: str, source: str) -> list[str]:
+    """One line for each retired identifier and each long test name of a file."""
+    names = python_names(source) if path.endswith(".py") else other_names(path, source)
+    old = [
         f"{path}:{line}: {name} is retired: say {new}"
         for line, name in sorted(set(names))
         if (new := retired(name)) is not None
     ]
+    return old + long_test_names(path, source)
 
 
 def main() -> int:
@@ -88,7 +104,7 @@ def main() -> int:
         and Path(path).is_file()
         for line in findings(path, Path(path).read_text(encoding="utf-8"))
     ]
-    print("\n".join(found) if found else "no retired name")  # noqa: T201 - its output
+    print("\n".join(found) if found else "no retired name, no long test name")  # noqa: T201 - its output
     return 1 if found else 0
 
 

@@ -42,3 +42,11 @@ def test_a_retired_name_is_found(path: str, source: str) -> None:
 )
 def test_prose_and_common_terms_are_not_judged(path: str, source: str) -> None:
     assert vocabulary.findings(path, source) == []
+
+
+def test_a_test_name_has_at_most_60_characters() -> None:
+    name = "test_" + 55 * "a"
+    assert vocabulary.findings("a.py", f"def {name}(): ...") == []
+    assert vocabulary.findings("a.py", f"class Trial:\n    async def {name}b(): ...") == [
+        f"a.py:2: {name}b has 61 characters, at most 60 are allowed: put the sentence into the docstring"
+    ]
