@@ -1,6 +1,6 @@
 """The port between flight and outside: commands in, snapshots out; imports safety, estimation and model.
 
-The API, the console and the command line know the service by this package alone, so that control can move to
+The API, the console and the command line know the service by this package only, so that control can move to
 a process of its own without a change on their side.
 """
 

@@ -1,4 +1,4 @@
-"""Who may do what: rights, roles, and how a call that was denied is told."""
+"""Access control: rights, roles, and denied calls."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from gcs.model.settings import Positive, Settings
 
 
 class Right(StrEnum):
-    """What a call needs."""
+    """A right that a call requires."""
 
     WATCH = "watch"
     OPERATE = "operate"
@@ -21,11 +21,11 @@ class Right(StrEnum):
 
 
 class Role(StrEnum):
-    """What a token is for."""
+    """A role that a token grants."""
 
     WATCH = "watch"  # reads
     OPERATE = "operate"  # may do everything
-    EMERGENCY = "emergency"  # reads, and may bring the fleet down: a button that cannot start anything
+    EMERGENCY = "emergency"  # reads, and may land the fleet: a button that cannot start anything
 
 
 RIGHTS: Final[dict[Role, frozenset[Right]]] = {
@@ -35,15 +35,15 @@ RIGHTS: Final[dict[Role, frozenset[Right]]] = {
 }
 
 LOCAL: Final = "local"
-"""Who calls while access is off, which is possible on the loopback interface alone."""
+"""Name of the caller while access control is off, which is possible on the loopback interface only."""
 
 ANONYMOUS: Final = "anonymous"
-"""Who calls without a token, where tokens are asked for."""
+"""Name of a caller without a token, where tokens are required."""
 
 
 @dataclass(frozen=True, slots=True)
 class Denied:
-    """A call that was turned away; with `count` above 1, one of so many that came too fast to be told."""
+    """A call that was denied; `count` above 1 stands for as many calls that came too fast to log each."""
 
     unix_time_s: float
     who: str  # the token's name, or ANONYMOUS
@@ -56,7 +56,7 @@ class Denied:
 
 
 Audit: TypeAlias = Callable[[Denied], None]
-"""Is handed every denied call. Quick: it runs on the loop."""
+"""Receives every denied call. Must return quickly: it runs on the event loop."""
 
 
 class TlsSettings(Settings):
@@ -67,11 +67,11 @@ class TlsSettings(Settings):
 
 
 class AccessSettings(Settings):
-    """Who may call the API."""
+    """Access control of the API."""
 
-    tokens_file: Path | None = None  # from `gcs token create`; None: access is off, on loopback alone
+    tokens_file: Path | None = None  # from `gcs token create`; None: access control is off, on loopback only
     tls: TlsSettings | None = None
-    calls_per_s: Positive = 100.0  # of each token; emergency calls are counted apart
+    calls_per_s: Positive = 100.0  # of each token; emergency calls are counted separately
     burst: Positive = 200.0  # calls that may come at once
 
     @model_validator(mode="after")
@@ -82,10 +82,10 @@ class AccessSettings(Settings):
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nobody but this machine reaches what listens there."""
+    """Whether only this machine can reach what listens on `host`."""
     if host == "localhost":
         return True
     try:
         return ip_address(host).is_loopback
-    except ValueError:  # a name, which may lead anywhere
+    except ValueError:  # a name, which may resolve to any address
         return False

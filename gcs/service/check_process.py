@@ -1,7 +1,7 @@
-"""Commands of ours in a process of their own, at a lower priority: for what computes beside the service.
+"""Run a `gcs` subcommand in a low-priority subprocess and return its JSON.
 
-Such a process is given files from anybody. It may take neither the machine's memory nor the service's: its
-memory and what it prints are bounded, its time is the caller's to bound.
+Such a process reads untrusted files. It may exhaust neither the machine's memory nor the service's: its
+memory and its output are bounded here, its time by the caller.
 """
 
 import asyncio
@@ -16,18 +16,18 @@ from typing import Any, Final
 from gcs.model.errors import RefusedError
 
 LOWEST, LOWER = 19, 10
-"""Priorities: beside a flight, and where nothing flies."""
+"""Priorities beside a flight, and where no vehicle flies."""
 
 WORDS: Final = 300
 
 ANSWER_MAX_BYTES: Final = 4 << 20
-"""The check of the largest show answers with a few hundred kilobytes."""
+"""The check of the largest show prints a few hundred kilobytes."""
 
 MEMORY_MAX_BYTES: Final = 2 << 30
-"""Of addresses, of which libraries reserve half a gigabyte that they never use."""
+"""Limit of the address space, of which libraries reserve half a gigabyte that they never use."""
 
 FRUGAL: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
-"""Else these reserve addresses for every core there is."""
+"""Without these, libraries reserve address space for every core."""
 
 PIECE_BYTES: Final = 1 << 16
 
@@ -41,15 +41,15 @@ async def answered(
     answer_max_bytes: int = ANSWER_MAX_BYTES,
     memory_max_bytes: int = MEMORY_MAX_BYTES,
 ) -> dict[str, Any]:
-    """The JSON object that `gcs ARGUMENTS` prints; it may find something wrong.
+    """Return the JSON object that `gcs ARGUMENTS` prints, also if it reports problems.
 
     Args:
         arguments: of the command.
-        within_s: after that it is ended.
+        within_s: after this time the process is ended.
         priority: of the process; 19 is the lowest.
-        codes: exit codes with which it has answered.
-        answer_max_bytes: when it prints more it is ended.
-        memory_max_bytes: of its addresses; beyond, it fails by itself.
+        codes: exit codes with which the output is an answer.
+        answer_max_bytes: a process that prints more is ended.
+        memory_max_bytes: limit of its address space; beyond it, its allocations fail.
 
     Raises:
         RefusedError: the process failed or printed too much; the text has its last lines.
@@ -89,7 +89,7 @@ async def answered(
 
 
 def _words(complaint: bytes) -> str:
-    """What a process says is wrong: the text of its error where that is JSON, else all that it printed."""
+    """Return the process's error text if its output is JSON, otherwise the whole output."""
     words = complaint.decode(errors="replace").strip()
     try:
         return str(json.loads(words.rpartition("\n")[2])["error"]["detail"])
@@ -105,7 +105,7 @@ def _restrict(pid: int, priority: int, memory_max_bytes: int) -> None:
 
 
 async def _read(stream: asyncio.StreamReader | None, most_bytes: int) -> bytes:
-    """All that is printed. Raises: RefusedError when that is more."""
+    """Read all output. Raises: RefusedError if it exceeds `most_bytes`."""
     if stream is None:
         return b""
     stated = bytearray()

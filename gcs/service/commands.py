@@ -1,4 +1,4 @@
-"""What can be ordered, by whom it was, and what became of it."""
+"""Commands, their callers and their outcomes."""
 
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -8,42 +8,42 @@ from typing import Final
 from gcs.model.state import VehicleId
 
 WHO: Final[ContextVar[str]] = ContextVar("who", default="service")
-"""Who orders, in this task: a token's name, `local` without tokens, `service` when nobody has called."""
+"""Caller of this task's command: a token's name, `local` without tokens, `service` for automatic commands."""
 
 
 class ShowAction(StrEnum):
-    """What can be asked of the whole show."""
+    """A fleet-wide command."""
 
     START = "start"
-    STOP = "stop"  # come home and land
+    STOP = "stop"  # return and land
     PAUSE = "pause"
     RESUME = "resume"
     ABORT = "abort"  # filtered descent to distinct places, now
 
 
 class VehicleAction(StrEnum):
-    """What can be asked of one vehicle, and (but for CONFIRM_DOWN) of several at once."""
+    """A command to one vehicle, or (except CONFIRM_DOWN) to several at once."""
 
-    HOLD = "hold"  # leaves the formation, the autopilot holds position
+    HOLD = "hold"  # leaves the formation; the autopilot holds position
     JOIN = "join"  # from HOLD back into the formation
-    RETURN = "return"  # home through the filter, and land
-    LAND = "land"  # filtered descent where it is
-    TAKE_CONTROL = "take-control"  # a vehicle in the air comes under this station's control, in HOLD
+    RETURN = "return"  # returns through the filter, and lands
+    LAND = "land"  # filtered descent in place
+    TAKE_CONTROL = "take-control"  # an airborne vehicle comes under this station's control, in HOLD
     CONFIRM_DOWN = "confirm-down"  # an operator has seen a lost vehicle on the ground
 
 
 class Outcome(StrEnum):
-    """How far an order has got with one vehicle."""
+    """Progress of a command with one vehicle."""
 
     PENDING = "pending"
     DONE = "done"
     FAILED = "failed"
-    NOT_INCLUDED = "not-included"  # the order does not touch it; the reason says why
+    NOT_INCLUDED = "not-included"  # the command does not affect it; the reason says why
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleOutcome:
-    """One vehicle's part of an order."""
+    """One vehicle's part of a command."""
 
     outcome: Outcome
     reason: str = ""
@@ -51,7 +51,7 @@ class VehicleOutcome:
 
 @dataclass(frozen=True, slots=True)
 class CommandRecord:
-    """An accepted order and what has become of it, vehicle by vehicle."""
+    """An accepted command and its outcome for each vehicle."""
 
     id: str
     action: str
@@ -61,7 +61,7 @@ class CommandRecord:
 
     @property
     def outcome(self) -> Outcome:
-        """PENDING while any vehicle is, then FAILED if any has, else DONE."""
+        """PENDING while any vehicle is pending, then FAILED if any failed, otherwise DONE."""
         seen = {part.outcome for part in self.outcomes.values()}
         for worst in (Outcome.PENDING, Outcome.FAILED):
             if worst in seen:

@@ -1,4 +1,4 @@
-"""What happened last, in words: the newest lines of the service's own log."""
+"""Recent events in words: the newest lines of the service's own log."""
 
 import logging
 from collections import deque
@@ -18,7 +18,7 @@ _PLAIN: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctim
 
 
 class Severity(StrEnum):
-    """How much it matters."""
+    """Severity of an event."""
 
     INFO = "info"
     WARNING = "warning"
@@ -27,33 +27,33 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LogEvent:
-    """Something that happened."""
+    """One event."""
 
     number: int  # counts up
     unix_time_s: float
     severity: Severity
     text: str
-    vehicle: VehicleId | None  # whom it concerns; None: nobody in particular
+    vehicle: VehicleId | None  # None: it concerns no single vehicle
 
 
 def vehicle_of(record: logging.LogRecord) -> VehicleId | None:
-    """Whom a line of the log is about."""
+    """Return the vehicle that a log record is about."""
     vehicle = getattr(record, "vehicle", None)
     return None if vehicle is None else str(vehicle)
 
 
 def details(record: logging.LogRecord) -> dict[str, object]:
-    """What a line of the log says besides."""
+    """Return the log record's further fields."""
     return {key: value for key, value in vars(record).items() if key not in _PLAIN}
 
 
 def severity(level: str) -> Severity:
-    """Of a level of the log, by its name."""
+    """Return the severity of a log level, by its name."""
     return {"info": Severity.INFO, "warning": Severity.WARNING}.get(level, Severity.ERROR)
 
 
 class EventLog(logging.Handler):
-    """The newest lines of the log. Heard on any thread, read on the loop."""
+    """Keeps the newest log records. Written on any thread, read on the loop."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
@@ -61,28 +61,28 @@ class EventLog(logging.Handler):
         self._numbers = count(1)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep one."""
+        """Keep one record."""
         text = words(record.getMessage(), details(record))
         how = severity(record.levelname.lower())
         self._kept.append(LogEvent(next(self._numbers), record.created, how, text, vehicle_of(record)))
 
     def newest(self) -> tuple[LogEvent, ...]:
-        """The newest last."""
+        """Newest events, newest last."""
         return tuple(self._kept)
 
 
 @contextmanager
 def received(handler: logging.Handler) -> Iterator[None]:
-    """Have a handler receive what the service's loggers report, information included, until the block ends.
+    """Attach a handler to the service's loggers at level INFO, until the block ends.
 
-    Not what the API reports: denied calls would push the flight's own events out.
+    The API's logger is left out: denied calls would displace the flight's own events.
     """
     logger = logging.getLogger("gcs")
     level = logger.level
     handler.addFilter(_is_of_the_flight)
     logger.addHandler(handler)
     if logger.getEffectiveLevel() > logging.INFO:
-        logger.setLevel(logging.INFO)  # what is shown is the other handlers' business
+        logger.setLevel(logging.INFO)  # the other handlers decide what is shown
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Events of the service's log in plain words. Pure."""
+"""Texts for the events of the service's log. Pure."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -66,8 +66,8 @@ WORDS: Final[Mapping[str, str]] = {
     "vehicle_phase": "{phase}[: {reason}]",
     "vehicles_met": "MAVSDK found system ids {system_ids} on link {link}",
 }
-"""What each event says; a part in brackets is left out when nothing is known for it. The vehicle that it
-concerns is shown beside it.
+"""Text of each event; a part in brackets is omitted when its values are unknown. The vehicle concerned is
+shown beside it.
 """
 
 _FIELD: Final = re.compile(r"\{(\w+)\}")
@@ -77,7 +77,7 @@ _WHY: Final = ("reason", "cause")
 
 
 def words(event: str, reported: Mapping[str, object]) -> str:
-    """An event with what its line of the log says besides."""
+    """Return the text of an event with the fields of its log record."""
     known = {name: text for name, value in reported.items() if (text := plain(value))}
     form = WORDS.get(event)
     if form is not None:
@@ -90,7 +90,7 @@ def words(event: str, reported: Mapping[str, object]) -> str:
 
 
 def plain(value: object) -> str:
-    """A value as a person would write it; empty where there is none."""
+    """Format a value for display; empty for none."""
     if value is None:
         return ""
     if isinstance(value, bool):

@@ -1,11 +1,11 @@
-"""What nobody may pass, of the settings that say so, for people and programs."""
+"""The flight envelope (geofence and minimum separation) for display."""
 
 from gcs.safety.filter import SafetySettings
 from gcs.service import FlightEnvelope
 
 
 def flight_envelope(safety: SafetySettings) -> FlightEnvelope:
-    """Fence and floor."""
+    """Return geofence and minimum separation of the safety settings."""
     fence, floor = safety.fence, safety.floor
     return FlightEnvelope(
         fence.height_min_m,

@@ -1,4 +1,4 @@
-"""What may be asked of the service: protocols, and the audit of a service that keeps none."""
+"""Protocols of the service port, and an audit that records nothing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from gcs.service.snapshots import FleetView, Playback, ReportState, SelectedShow
 
 
 class Shows(Protocol):
-    """The show files that the service keeps. Nothing here waits in the control loop.
+    """The show files that the service stores. Nothing here delays the control loop.
 
     Raises: InvalidError, RefusedError, UnknownError; then nothing has changed.
     """
@@ -29,33 +29,33 @@ class Shows(Protocol):
         ...
 
     async def list_shows(self) -> list[StoredShow]:
-        """All of them, by name."""
+        """Return all shows, by name."""
         ...
 
     async def text(self, name: str) -> str:
-        """The file, as it was given."""
+        """Return the file as uploaded."""
         ...
 
     async def store(self, name: str, text: bytes) -> StoredShow:
-        """Keep a file under a name, in place of what had it: all of it or nothing."""
+        """Store a file under a name, replacing the file of that name: completely or not at all."""
         ...
 
     async def remove(self, name: str) -> None:
-        """Forget a file."""
+        """Delete a file."""
         ...
 
     def check(self, name: str) -> ShowCheck:
-        """Begin `gcs show check` in a process of its own."""
+        """Start `gcs show check` in a subprocess."""
         ...
 
     def checked(self, name: str) -> ShowCheck:
-        """How far the newest check has got."""
+        """Return the state of the newest check."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call of the API and how it was answered."""
+    """A call of the API and its response."""
 
     who: str
     method: str
@@ -65,42 +65,42 @@ class Call:
 
 
 class Audit(Protocol):
-    """Where everything ordered is noted. Nothing here raises, and nothing but `kept` waits."""
+    """Records calls and commands. Nothing here raises, and only `kept` waits."""
 
     def call(self, call: Call) -> None:
-        """Note a call that may change something, or was denied."""
+        """Record a call that may change something, or was denied."""
         ...
 
     async def kept(self) -> bool:
-        """Return once everything noted and ordered so far is on the disk.
+        """Return once all calls and commands so far are on the disk.
 
-        False, soon, when it is not (no record, a full disk): the view's alarms say so.
+        False, after a short wait, when they are not (no record, a full disk): the view's alarms say so.
         """
         ...
 
 
 class NoAudit:
-    """Where nothing is recorded, and nothing was promised."""
+    """An audit that records nothing, where none is configured."""
 
     def call(self, call: Call) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     async def kept(self) -> bool:
-        """At once: nobody asked for a record."""
+        """Return at once: there is nothing to wait for."""
         return True
 
 
 class Replaying(Protocol):
-    """How a record is played. Raises: InvalidError, RefusedError; then nothing has changed."""
+    """Controls a replay. Raises: InvalidError, RefusedError; then nothing has changed."""
 
     @property
     def playback(self) -> Playback:
-        """Now."""
+        """Current state of the playback."""
         ...
 
     @property
     def marks(self) -> ReplayMarks:
-        """What a scrubber shows of the whole record; it never changes."""
+        """Marks of the whole record for the scrubber; they never change."""
         ...
 
     def change(
@@ -111,19 +111,19 @@ class Replaying(Protocol):
         position_s: float | None = None,
         skips_idle: bool | None = None,
     ) -> Playback:
-        """Play it otherwise: what is given changes, at once."""
+        """Change the given settings of the playback, at once."""
         ...
 
     def make_flight_report(self) -> ReportState:
-        """The judgement of the record; the first call begins it, in a process of its own."""
+        """Return the flight report; the first call starts it in a subprocess."""
         ...
 
 
 class Service(Protocol):
-    """What the API may do.
+    """The service port that the API uses.
 
-    Every call returns at once. Raises: InvalidError (never right), RefusedError (not now), UnknownError (no
-    such thing); then nothing has changed.
+    Every call returns at once. Raises: InvalidError (never valid), RefusedError (not now), UnknownError (no
+    such object); then nothing has changed.
     """
 
     @property
@@ -133,12 +133,12 @@ class Service(Protocol):
 
     @property
     def frame(self) -> ShowFrame:
-        """Where the show's origin lies."""
+        """Position and heading of the show's origin."""
         ...
 
     @property
     def audit(self) -> Audit:
-        """Where calls are noted, and what an answer waits for."""
+        """The audit record: notes calls, and delays an answer until they are stored."""
         ...
 
     @property
@@ -148,7 +148,7 @@ class Service(Protocol):
 
     @property
     def replaying(self) -> Replaying | None:
-        """How the record is played; None: this is no replay."""
+        """Controls of the replay; None: this service is no replay."""
         ...
 
     def command_show(
@@ -159,10 +159,10 @@ class Service(Protocol):
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> CommandRecord:
-        """Order the whole show.
+        """Execute a fleet-wide command.
 
         Args:
-            action: what.
+            action: the command.
             vehicles: for START only: those that fly; None: all that are online.
             show_hash: for START only: of the selected show; None where none is selected.
             at_unix_time_s: for START only: when they take off; None: now.
@@ -170,35 +170,37 @@ class Service(Protocol):
         ...
 
     def select_show(self, name: str, show_hash: str) -> SelectedShow:
-        """Have a checked show fly next; on the ground only. `show_hash` is the check's."""
+        """Select a checked show to fly next; on the ground only. `show_hash` is the check's."""
         ...
 
     def deselect_show(self) -> None:
-        """Fly what is told instead; on the ground only. No effect where none is selected."""
+        """Select no show: the panels decide the plan; on the ground only. No effect without a show."""
         ...
 
     def seek_show(self, cue: str) -> SelectedShow:
-        """Have the selected show begin at a cue; on the ground only."""
+        """Start the selected show at a cue; on the ground only."""
         ...
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        """Order one vehicle."""
+        """Execute a command to one vehicle."""
         ...
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        """One command for a selection: hold, join, return, land or take control.
+        """Execute one command for a selection: hold, join, return, land or take control.
 
         Args:
-            action: what; CONFIRM_DOWN is for one vehicle alone.
-            vehicles: those it is for; None: all that it can apply to. Those that it cannot reach are named in
-                the record, with the reason. Raises: RefusedError when it reaches none of them.
+            action: the command; CONFIRM_DOWN is for one vehicle only.
+            vehicles: the selection; None: all that it can apply to. The record names those that it cannot
+                reach, with the reason.
+
+        Raises: RefusedError when it reaches none of them.
         """
         ...
 
     def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """What a start of these, or of all, would find: everything that is checked, vehicle by vehicle."""
+        """Report what a start of these, or of all, would find: every check, vehicle by vehicle."""
         ...
 
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
@@ -206,15 +208,15 @@ class Service(Protocol):
         ...
 
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        """Take it into the show again."""
+        """Include an excluded vehicle again."""
         ...
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Motors off, now, of everybody named; who cannot be reached is told in the order."""
+        """Stop the motors of these vehicles immediately; the record names those that cannot be reached."""
         ...
 
     def acknowledge_alarm(self, alarm_id: str) -> Alarm:
-        """Note that whoever calls has seen an alarm; it stays listed while its cause lasts."""
+        """Mark an alarm as acknowledged by the caller; it stays listed while its cause lasts."""
         ...
 
     def acknowledge_alarms(self) -> Sequence[Alarm]:
@@ -222,19 +224,19 @@ class Service(Protocol):
         ...
 
     def settle(self, offer: Offer) -> CommandRecord:
-        """Go on with a flight that was cut off, or bring it home, as it is offered."""
+        """Continue an interrupted flight or return its vehicles, as offered."""
         ...
 
     def command_record(self, command_id: str) -> CommandRecord:
-        """An accepted order, with its newest outcomes."""
+        """Return an accepted command with its newest outcomes."""
         ...
 
     def commands(self) -> Sequence[CommandRecord]:
-        """The last orders, the newest first."""
+        """The newest commands, newest first."""
         ...
 
     def events(self) -> Sequence[LogEvent]:
-        """What happened last, the newest last."""
+        """The newest events, newest last."""
         ...
 
     def set_formation(self, formation: Formation) -> None:
@@ -246,21 +248,21 @@ class Service(Protocol):
         ...
 
     def set_target(self, target: Target) -> None:
-        """Tell where the target is and how it moves; `time_s` is overwritten with now."""
+        """Set the target's position and velocity; `time_s` is overwritten with now."""
         ...
 
     def set_yaw(self, yaw: Yaw) -> None:
-        """Change where the vehicles look."""
+        """Change the vehicles' heading."""
         ...
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
-        """Add a box; RefusedError when the id is taken or it would stand on a vehicle in the air."""
+        """Add a box-shaped obstacle; RefusedError if the id is taken or a vehicle flies there."""
         ...
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
-        """Replace the box of the same id."""
+        """Replace the obstacle of the same id."""
         ...
 
     def remove_obstacle(self, obstacle_id: str) -> None:
-        """Forget a box."""
+        """Remove an obstacle."""
         ...

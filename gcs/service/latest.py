@@ -8,7 +8,7 @@ T = TypeVar("T")
 
 
 class Latest(Generic[T]):
-    """The newest value of something, for any number of readers, none of whom can delay the writer."""
+    """The newest value of something, for any number of readers that cannot delay the writer."""
 
     def __init__(self, value: T) -> None:
         self._value = value
@@ -17,19 +17,19 @@ class Latest(Generic[T]):
 
     @property
     def value(self) -> T:
-        """The newest."""
+        """The newest value."""
         make, self._make = self._make, None
         if make is not None:
             self._value = make()
         return self._value
 
     def set(self, value: T) -> None:
-        """Replace it and wake everybody who waits."""
+        """Replace the value and wake all waiting readers."""
         self._value, self._make = value, None
         self._wake()
 
     def promise(self, make: Callable[[], T]) -> None:
-        """The same, but the value is made only when somebody looks: most of them nobody looks at."""
+        """Set a value that is computed on the first read: most values are never read."""
         self._make = make
         self._wake()
 
@@ -42,7 +42,7 @@ class Latest(Generic[T]):
         await self._changed.wait()
 
     async def values(self) -> AsyncIterator[T]:
-        """The value now, then the newest after each change; a slow reader misses those between."""
+        """Yield the value now, then the newest after each change; a slow reader misses those between."""
         while True:
             changed = self._changed  # taken first, so that no change is missed
             yield self.value

@@ -1,4 +1,4 @@
-"""Which map lies under the show: the configuration's section `map`."""
+"""The map below the show: the configuration's section `map`."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from gcs.model.settings import Settings
 
 ZOOM_MAX: Final = 22
-"""A tile of that zoom is 10 m wide, and no public map has more."""
+"""A tile of this zoom is 10 m wide, and no public map has more."""
 
 HOST: Final = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?(:[0-9]{1,5})?")
 
@@ -22,15 +22,15 @@ NEITHER: Final = (
 
 
 def is_address(tiles: str) -> bool:
-    """Whether it names a server, and not a file."""
+    """Whether `tiles` names a server, not a file."""
     return "://" in tiles
 
 
 class MapSettings(Settings):
-    """Which map lies under the show."""
+    """The map below the show."""
 
     tiles: Annotated[str, Field(max_length=1000)]
-    attribution: Annotated[str, Field(max_length=200)] = ""  # shown with it; empty: what the file says
+    attribution: Annotated[str, Field(max_length=200)] = ""  # shown with it; empty: that of the file
     zoom_max: Annotated[int, Field(ge=1, le=ZOOM_MAX)] = 19
 
     @field_validator("tiles")

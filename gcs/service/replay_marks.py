@@ -1,4 +1,4 @@
-"""What a replay's scrubber shows of the whole record: phases, cues, events, and time in which nothing flies.
+"""Marks of a whole record for a replay's scrubber: phases, cues, events, and time in which no vehicle flies.
 
 Times are seconds since the first recorded state, within the record.
 """
@@ -12,7 +12,7 @@ from gcs.service.event_log import Severity
 
 @dataclass(frozen=True, slots=True)
 class PhaseSpan:
-    """The show stands in one phase."""
+    """Time span of one show phase."""
 
     phase: ShowPhase
     from_s: float
@@ -21,7 +21,7 @@ class PhaseSpan:
 
 @dataclass(frozen=True, slots=True)
 class CueMark:
-    """A cue of the written show begins."""
+    """Start of a cue of the written show."""
 
     cue: str
     at_s: float
@@ -29,7 +29,7 @@ class CueMark:
 
 @dataclass(frozen=True, slots=True)
 class EventMark:
-    """An alarm, or a line of the log that warned of something."""
+    """An alarm, or a log record of severity warning or above."""
 
     at_s: float
     severity: Severity
@@ -40,7 +40,7 @@ class EventMark:
 
 @dataclass(frozen=True, slots=True)
 class IdleSpan:
-    """Nothing flies, nor is about to."""
+    """Time span in which no vehicle flies or is about to fly."""
 
     from_s: float
     until_s: float
@@ -48,7 +48,7 @@ class IdleSpan:
 
 @dataclass(frozen=True, slots=True)
 class ReplayMarks:
-    """All marks of one record, in order. All empty where no audit lies beside the flight data."""
+    """All marks of one record, in order; empty if there is no audit beside the flight data."""
 
     phases: tuple[PhaseSpan, ...] = ()
     cues: tuple[CueMark, ...] = ()

@@ -1,4 +1,4 @@
-"""What is told: the newest state of everything, shows and their checks, records. None: not known."""
+"""Snapshots of the whole state, of shows and their checks, and of records. None: not known."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,7 +18,7 @@ from gcs.service.vehicle_table import VehicleTable, VehicleView
 
 @dataclass(frozen=True, slots=True)
 class StoredShow:
-    """A show file that the service keeps."""
+    """A show file that the service stores."""
 
     name: str
     size_bytes: int
@@ -26,31 +26,31 @@ class StoredShow:
 
 
 class CheckState(StrEnum):
-    """How far the check of a show has got."""
+    """State of a show's check."""
 
     WAITING = "waiting"
     RUNNING = "running"
     DONE = "done"
-    FAILED = "failed"  # the check itself: it says nothing of the show
+    FAILED = "failed"  # the check itself failed: it judges nothing about the show
 
 
 @dataclass(frozen=True, slots=True)
 class ShowCheck:
-    """What is known of a show that is, or was, checked. Only a good one may be started."""
+    """Result of a show's check. Only a good show may be started."""
 
     name: str
     state: CheckState
     reason: str = ""  # why it failed
-    hash: str | None = None  # of everything that is flown; what a start must name
+    hash: str | None = None  # of everything that is flown; a start must name it
     good: bool = False  # it can be flown, and by this service
-    fits_service: bool = True  # False: for `problems` of which a service with other settings has none
+    fits_service: bool = True  # False: some `problems` are due to this service's settings
     problems: tuple[Problem, ...] = ()
-    figures: dict[str, Any] | None = None  # as `gcs show check --json` tells them; None: not flown
+    figures: dict[str, Any] | None = None  # as in `gcs show check --json`; None: not flown
 
 
 @dataclass(frozen=True, slots=True)
 class SelectedShow:
-    """The show that will be, or is, flown, and how far it has got."""
+    """The show that will be, or is, flown, and its progress."""
 
     name: str
     hash: str
@@ -60,21 +60,21 @@ class SelectedShow:
     duration_s: float  # loops played
     runs: bool  # the clock; False: before it begins, and while it is paused
     target_is_live: bool
-    timeline: tuple[tuple[str, float], ...] = ()  # every cue as it is played, and when; loops written out
+    timeline: tuple[tuple[str, float], ...] = ()  # name and time of every cue as played; loops written out
 
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """How often something took how long, since the beginning."""
+    """Durations counted in buckets since the start."""
 
     bounds_s: tuple[float, ...]  # upper, rising
-    counts: tuple[int, ...]  # of each bound alone, and at last of what was above all of them
+    counts: tuple[int, ...]  # of each bound separately; last those above all bounds
     sum_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class TickView:
-    """How the control loop keeps its time."""
+    """Timing of the control loop."""
 
     rate_hz: float
     count: int
@@ -88,55 +88,55 @@ class TickView:
 
 @dataclass(frozen=True, slots=True)
 class ActiveFailsafe:
-    """What the service does by itself, for as long as its cause lasts; see `gcs.failsafe.policy`."""
+    """What the service does automatically while a cause lasts; see `gcs.failsafe.policy`."""
 
     cause: str
     action: str
     reason: str  # in words
-    vehicles: tuple[VehicleId, ...]  # whom it concerns; empty: nobody in particular
+    vehicles: tuple[VehicleId, ...]  # concerned; empty: no single vehicle
     since_s: float  # loop clock
     since_unix_s: float
-    command_id: str | None  # None: nothing was ordered, for what goes on is no weaker, or it waits
+    command_id: str | None  # None: no command, because it is done already or must wait
 
 
 @dataclass(frozen=True, slots=True)
 class FlightEnvelope:
-    """What nobody may pass: the fence, and how near two may come. Heights above the show's origin."""
+    """Geofence, and minimum separation of two vehicles. Heights above the show's origin."""
 
-    height_min_m: float  # of who flies in the formation
+    height_min_m: float  # of vehicles in the formation
     height_max_m: float
     distance_max_m: float  # from the show's origin, over the ground
-    floor_horizontal_m: float  # semi-axes of the ellipsoid around one that no other may be inside
+    floor_horizontal_m: float  # semi-axes of the minimum-separation ellipsoid
     floor_vertical_m: float
-    margin_m: float  # kept on top of it, sideways
+    margin_m: float  # kept in addition, sideways
 
 
 @dataclass(frozen=True, slots=True)
 class Playback:
-    """A recorded flight that is played, and how far it has got."""
+    """State of a recorded flight's playback."""
 
     file: str
     began_unix_s: float  # of the first recorded state
     duration_s: float
     position_s: float  # since the first recorded state
-    speed: float  # times as fast as it was flown
+    speed: float  # 1 is the speed of the flight
     paused: bool
     ended: bool  # the last recorded state is shown
-    skips_idle: bool = False  # time in which nothing flies is jumped over while it plays
+    skips_idle: bool = False  # playback skips time in which no vehicle flies
 
 
 @dataclass(frozen=True, slots=True)
 class ReportState:
-    """How far the judgement of a record has got, and what it found."""
+    """State and result of a flight report."""
 
     state: CheckState
     reason: str = ""  # why it failed
-    report: dict[str, Any] | None = None  # as `gcs report --json` tells it
+    report: dict[str, Any] | None = None  # as in `gcs report --json`
 
 
 @dataclass(frozen=True)
 class FleetView:
-    """The newest state of everything, complete in itself."""
+    """The newest state of the whole flight, complete in itself."""
 
     time_s: float  # loop clock (monotonic)
     unix_time_s: float
@@ -149,16 +149,16 @@ class FleetView:
     center_velocity_m_s: tuple[float, float, float] | None
     radius_m: float | None  # commanded now, on its way to the plan's
     target_m: tuple[float, float]  # now
-    minimum_separation_m: float | None  # believed, between centres, of pairs that count
+    minimum_separation_m: float | None  # estimated, between centres, of pairs that count
     tick: TickView
-    control_alive: bool  # this tick came within the deadman's time of the one before; its age says the rest
+    control_alive: bool  # this tick was within the watchdog's time of the one before; see also its age
     setpoints_sent: int
-    interventions: int  # of the safety filter, since the beginning: for each vehicle and tick that it changed
-    alarms: tuple[Alarm, ...] = ()  # the most severe first, of one severity the newest first
-    selected: SelectedShow | None = None  # None: formation, target and orbit are as told
-    start_unix_time_s: float | None = None  # ordered, and not reached yet
+    interventions: int  # of the safety filter, since the start: vehicles it changed, summed over ticks
+    alarms: tuple[Alarm, ...] = ()  # most severe first, of one severity newest first
+    selected: SelectedShow | None = None  # None: formation, target and orbit follow the panels
+    start_unix_time_s: float | None = None  # scheduled, and not reached yet
     countdown_s: float | None = None
-    failsafes: tuple[ActiveFailsafe, ...] = ()  # those whose causes last, the most severe first
+    failsafes: tuple[ActiveFailsafe, ...] = ()  # those whose causes last, most severe first
     interrupted: InterruptedFlight | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
@@ -170,5 +170,5 @@ class FleetView:
 
     @cached_property
     def vehicles(self) -> tuple[VehicleView, ...]:
-        """One by one; made when somebody looks."""
+        """One `VehicleView` each; made on first use."""
         return self.rows.one_by_one()

@@ -1,4 +1,4 @@
-"""The vehicles of one state: as columns, and one by one for who looks at them so."""
+"""Per-vehicle state of one snapshot, as columns or as `VehicleView` objects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from gcs.model.state import Array, Landed, Mask, Mode, VehicleId, freeze
 
 @dataclass(frozen=True, slots=True)
 class VehicleView:
-    """One vehicle, as the service believes it to be. None: not known."""
+    """Estimated and reported state of one vehicle. None: not known."""
 
     id: VehicleId
     system_id: int
@@ -33,19 +33,19 @@ class VehicleView:
     altitude_amsl_m: float | None
     battery_remaining: float | None  # 0 to 1
     position_age_s: float | None
-    position_uncertainty_m: float  # the margin that its reported accuracy, or a jump, gives it; sideways
+    position_uncertainty_m: float  # margin for its reported accuracy, or a jump; sideways
     heartbeat_age_s: float | None
     setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
-    link_quality: float | None  # share of the positions asked for that arrive, 0 to 1
-    limited_by: str  # what the safety filter held it back for, "" when it did not
-    light: str | None = None  # colour that the show gives it now, #rrggbb; None: it has no part in one
+    link_quality: float | None  # share of the requested position messages that arrive, 0 to 1
+    limited_by: str  # why the safety filter limited it, "" if it did not
+    light: str | None = None  # colour that the show sets now, #rrggbb; None: it has no part in one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleTable:
-    """All vehicles, as the service believes them to be; n rows, show frame. NaN (or inf): not known.
+    """Estimated and reported state of all vehicles; n rows, show frame. NaN (or inf): not known.
 
-    A thousand of them as columns cost what ten cost one by one. Raises: ShapeError.
+    A thousand vehicles as columns cost what ten cost as objects. Raises: ShapeError.
     """
 
     ids: Sequence[VehicleId]
@@ -71,8 +71,8 @@ class VehicleTable:
     link_quality: Array  # (n,)
     fix_type: Array  # (n,) GPS_FIX_TYPE
     limited_by: Sequence[str]
-    colour: NDArray[np.uint8]  # (n, 3) red, green, blue that the show gives them now
-    lit: Mask  # (n,) whether it gives them one
+    colour: NDArray[np.uint8]  # (n, 3) red, green, blue that the show sets now
+    lit: Mask  # (n,) whether it sets one
     homes_m: Sequence[Array | None]  # (3,) each, where they took off
 
     def __post_init__(self) -> None:
@@ -98,7 +98,7 @@ class VehicleTable:
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())
 
     def one_by_one(self) -> tuple[VehicleView, ...]:
-        """A view of each."""
+        """Return one `VehicleView` for each vehicle."""
         position_m, velocity_m_s, setpoint_m_s = (
             [_triple(row) for row in rows.tolist()]
             for rows in (self.position_m, self.velocity_m_s, self.setpoint_m_s)

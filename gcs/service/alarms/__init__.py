@@ -1,13 +1,12 @@
-"""The list of conditions that an operator must know, the most severe first; pure (decision 0023).
+"""Conditions that an operator must know, most severe first; pure (decision 0023).
 
-A source says every so often which `Condition`s hold; the `AlarmBook` makes `Alarm`s of them. To add a cause:
+Sources report regularly which `Condition`s hold; the `AlarmBook` turns them into `Alarm`s. To add a cause:
 
 1. add a member to `AlarmCause` and its row to `CAUSES` (severity, headline, advice) in
    `gcs.service.alarms.causes`;
 2. add its row to the table in docs/operations.md (a test compares the two);
-3. yield a `Condition` while the cause holds, from `gcs.flight.alarm_monitor` or from what it asks. A value at
-   a
-   limit goes through `gcs.service.alarms.limits` first, so that it does not flicker.
+3. yield a `Condition` while the cause holds, from `gcs.flight.alarm_monitor` or from one of its sources. Pass
+   a value at a limit through `gcs.service.alarms.limits` first, so that it does not flicker.
 """
 
 from gcs.service.alarms.book import AlarmBook, Change, ChangeKind

@@ -1,4 +1,4 @@
-"""Conditions in, alarms out: grouped by cause, steady against flicker, acknowledged."""
+"""Turns conditions into alarms: grouped by cause, with hysteresis, with acknowledgement."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -13,7 +13,7 @@ from gcs.service.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRo
 from gcs.service.alarms.model import RANK, Alarm, Condition, ordered
 
 NAMED_MAX: Final = 12
-"""So many vehicles are named in a text; of more it has the number, and the alarm's `vehicles` the names."""
+"""Up to this many vehicles are named in a text; of more it has the number, and `vehicles` has the names."""
 
 NUMBERS_S: Final = 5.0
 """A text in which only numbers differ is rewritten after this time."""
@@ -22,13 +22,13 @@ KEPT_UNTIL_ACKNOWLEDGED: Final = frozenset({AlarmSeverity.EMERGENCY, AlarmSeveri
 """Alarms that stay listed as ended until they are acknowledged."""
 
 ENDED_MAX: Final = 200
-"""So many ended alarms are kept at most; the oldest goes first."""
+"""At most this many ended alarms are kept; the oldest is dropped first."""
 
 _NUMBER: Final = re.compile(r"\d+(\.\d+)?")
 
 
 class ChangeKind(StrEnum):
-    """What happened to an alarm."""
+    """Kind of a change of an alarm."""
 
     BEGUN = "begun"
     GROWN = "grown"  # it concerns a further vehicle, or is more severe
@@ -37,7 +37,7 @@ class ChangeKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Something that should be recorded."""
+    """A change to be recorded."""
 
     kind: ChangeKind
     alarm: Alarm
@@ -55,7 +55,7 @@ class _Member:
 
 @dataclass(slots=True)
 class _Entry:
-    """One alarm, and what may become one."""
+    """One alarm, or conditions that may become one."""
 
     row: CauseRow
     members: dict[VehicleId | None, _Member] = field(default_factory=dict)
@@ -64,19 +64,18 @@ class _Entry:
 
 
 class AlarmBook:
-    """All alarms of one service. Used on the event loop alone; knows no clock."""
+    """All alarms of one service. Used on the event loop only; reads no clock."""
 
     def __init__(self) -> None:
-        """Nothing is wrong."""
         self._entries: dict[tuple[AlarmCause, str], _Entry] = {}
         self._ended: list[Alarm] = []
         self._numbers = count(1)
         self._last: tuple[Condition, ...] = ()
-        self._due_s = float("inf")  # when something changes though the conditions do not
+        self._due_s = float("inf")  # when alarms change although the conditions do not
         self.alarms: tuple[Alarm, ...] = ()
 
     def look(self, conditions: Iterable[Condition], now_s: float, unix_s: float) -> tuple[Change, ...]:
-        """Take in everything that holds at `now_s` (loop clock). Returns: what has changed."""
+        """Process all conditions that hold at `now_s` (loop clock). Returns: the changes."""
         conditions = tuple(conditions)
         if conditions == self._last and now_s < self._due_s:
             return ()
@@ -100,7 +99,7 @@ class AlarmBook:
         return tuple(changes)
 
     def acknowledge(self, alarm_id: str, by: str, unix_s: float) -> Alarm:
-        """Note the operator's name; an ended alarm is then removed. Raises: UnknownError."""
+        """Store the operator's name; an ended alarm is then removed. Raises: UnknownError."""
         for entry in self._entries.values():
             if entry.alarm is not None and entry.alarm.id == alarm_id:
                 if entry.alarm.acknowledged_by is None:
@@ -116,12 +115,12 @@ class AlarmBook:
         raise UnknownError(f"there is no alarm {alarm_id!r}; listed now: {listed}")
 
     def acknowledge_all(self, by: str, unix_s: float) -> tuple[Alarm, ...]:
-        """Acknowledge every alarm not acknowledged yet."""
+        """Acknowledge all alarms that are not acknowledged yet."""
         open_ids = [alarm.id for alarm in self.alarms if alarm.acknowledged_by is None]
         return tuple(self.acknowledge(alarm_id, by, unix_s) for alarm_id in open_ids)
 
     def _follow(self, entry: _Entry, held: dict[VehicleId | None, Condition], now_s: float) -> None:
-        """Let members begin and end, each after its time."""
+        """Begin and end members after their delays."""
         for name, condition in held.items():
             member = entry.members.get(name)
             if member is None:
@@ -145,7 +144,7 @@ class AlarmBook:
                 self._due_s = min(self._due_s, ends_s)
 
     def _write(self, entry: _Entry, now_s: float, unix_s: float) -> list[Change]:
-        """Bring the alarm of an entry up to date."""
+        """Update the alarm of an entry."""
         active = {name: member.condition for name, member in entry.members.items() if member.active}
         before = entry.alarm
         if not active:
@@ -204,7 +203,7 @@ def _only_numbers_differ(one: Alarm, other: Alarm) -> bool:
 
 
 def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
-    """The alarm of these conditions, without id and times."""
+    """Return the alarm of these conditions, without id and times."""
     conditions = list(dict.fromkeys(active.values()))
     worst = min(conditions, key=_rank)
     vehicles = tuple(name for name in active if name is not None)
@@ -236,7 +235,7 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
 
 
 def named(vehicles: Sequence[VehicleId]) -> str:
-    """With commas; of many the number."""
+    """Return the vehicles separated by commas, or their number if they are many."""
     return ", ".join(vehicles) if len(vehicles) <= NAMED_MAX else f"{len(vehicles)} vehicles"
 
 

@@ -1,4 +1,4 @@
-"""Every cause of an alarm: how severe it is, how its text begins, and what an operator can do."""
+"""Every cause of an alarm: its severity, headline, and advice for the operator."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -6,16 +6,16 @@ from typing import Final
 
 
 class AlarmSeverity(StrEnum):
-    """How soon an operator has to act. The most severe first."""
+    """How soon an operator must act, most severe first."""
 
     EMERGENCY = "emergency"  # people or vehicles may come to harm now: act at once
-    WARNING = "warning"  # a vehicle or the service is not as it must be in flight: act soon
+    WARNING = "warning"  # a vehicle or the service is not fit for flight: act soon
     CAUTION = "caution"  # a safeguard is missing or a limit is near: be ready to act
-    INFORMATION = "information"  # good to know: nothing to do now
+    INFORMATION = "information"  # no action needed
 
 
 class AlarmCause(StrEnum):
-    """What an alarm is about."""
+    """Cause of an alarm."""
 
     KILLED = "killed"
     CONTROL_STOPPED = "control-stopped"
@@ -50,14 +50,14 @@ class AlarmCause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CauseRow:
-    """What is the same for every alarm of one cause."""
+    """Properties shared by all alarms of one cause."""
 
     severity: AlarmSeverity
-    headline: str  # how the text begins; {vehicles} is "Vehicle d3" or "Vehicles d3, d4", {about} the thing
+    headline: str  # start of the text; {vehicles} is "Vehicle d3" or "Vehicles d3, d4", {about} the object
     advice: str
-    advice_many: str = ""  # where it concerns several vehicles; empty: the same
-    on_after_s: float = 0.0  # the condition must hold for so long
-    off_after_s: float = 1.0  # and be gone for so long: what comes back sooner is the same alarm
+    advice_many: str = ""  # for several vehicles; empty: the same
+    on_after_s: float = 0.0  # the condition must hold for this time
+    off_after_s: float = 1.0  # and be absent for this time: if it returns sooner, it is the same alarm
 
 
 E, W, C, I = AlarmSeverity  # noqa: E741 (the letters are the table's)

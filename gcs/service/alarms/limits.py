@@ -1,4 +1,4 @@
-"""Values at a limit: what has passed it counts as beyond until it is clearly back."""
+"""Limits with hysteresis: a value beyond the limit counts as beyond until it is clearly back."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from gcs.model.state import Array, Mask
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Two thresholds. With `off` above `on` low values are bad, else high ones."""
+    """Two thresholds. With `off` above `on` low values are bad, otherwise high values."""
 
     on: float
     off: float
@@ -21,9 +21,9 @@ class Limit:
 
 
 def beyond(before: Mask, values: Array, limit: Limit) -> Mask:
-    """(n,) which values are beyond the limit, given which were: those between the thresholds stay.
+    """(n,) Which values are beyond the limit; those between the thresholds keep their state `before`.
 
-    A value that is not known (NaN) is not beyond.
+    An unknown value (NaN) is not beyond.
     """
     if limit.low_is_bad:
         return np.asarray((values < limit.on) | (before & (values < limit.off)))
