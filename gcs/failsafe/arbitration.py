@@ -1,7 +1,7 @@
-"""Which of the reactions that are wanted are ordered now: the most severe first. Pure.
+"""Decides which requested failsafes are commanded now, most severe first. Pure.
 
-A reaction acts once when its cause begins, and again only when it grows more severe or its cause comes back:
-so an operator's later order counts.
+A failsafe acts once when its cause begins, and again only when it grows more severe or its cause returns.
+So an operator's later command prevails.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,35 +15,35 @@ from gcs.failsafe.triggers import FailsafeRequest
 from gcs.model.state import Array
 
 Acted = Mapping[tuple[Cause, int], int]
-"""Severity up to which a cause has been answered, by vehicle; -1: the whole show."""
+"""Severity of the action taken for a cause, by vehicle row; -1: the whole show."""
 
 SHOW_ROW: Final = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing:
-    """What goes on already."""
+    """What is in progress already."""
 
     show: int  # severity
-    vehicles: Array  # (n,) severity; NaN: not in the air, or not ours
-    possible: frozenset[Action]  # that the show can be ordered now
+    vehicles: Array  # (n,) severity; NaN: not in the air, or not under control
+    possible: frozenset[Action]  # that the show can be commanded now
 
 
 def keys(request: FailsafeRequest) -> list[tuple[Cause, int]]:
-    """Under which a wish is remembered once it was answered."""
+    """Return the keys under which an executed request is remembered."""
     return [(request.cause, row) for row in request.rows or (SHOW_ROW,)]
 
 
 def due(
     requests: Sequence[FailsafeRequest], standing: Standing, acted: Acted, together_share: float
 ) -> tuple[FailsafeRequest | None, tuple[FailsafeRequest, ...]]:
-    """What is ordered now: of the show, and of vehicles; nothing twice, nothing weaker than what goes on.
+    """Return the commands due now, to the show and to vehicles: none twice, none weaker than what goes on.
 
     Args:
-        requests: all that are wanted, the most severe first.
-        standing: what goes on.
-        acted: what was answered already.
-        together_share: where this share of the vehicles in the air has to come home, all return.
+        requests: all that are requested, most severe first.
+        standing: what is in progress.
+        acted: what was commanded already.
+        together_share: if this share of the airborne vehicles must return, all return.
     """
     fresh = [
         request for request in requests if any(acted.get(key, 0) < request.severity for key in keys(request))
@@ -65,7 +65,7 @@ def due(
         shows.append(everybody)
     able = [w for w in shows if w.severity > standing.show and w.action in standing.possible]
     chosen = max(able, key=lambda request: request.severity, default=None)
-    if chosen is not None:  # what the show does is not ordered once more for one vehicle
+    if chosen is not None:  # what the show does is not commanded again for one vehicle
         grouped = [request for request in grouped if request.severity > chosen.severity]
     return chosen, tuple(grouped)
 
@@ -73,7 +73,7 @@ def due(
 def _together(
     requests: Sequence[FailsafeRequest], grouped: Sequence[FailsafeRequest], standing: Standing, share: float
 ) -> FailsafeRequest | None:
-    """A common way home, where many have to leave."""
+    """Return a request for a collective return if the share of vehicles that must leave is reached."""
     return_settings = [request for request in grouped if request.action is Action.RETURN]
     if not return_settings:
         return None

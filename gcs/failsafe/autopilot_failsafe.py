@@ -1,9 +1,9 @@
-"""Why a vehicle flies in a mode that this station did not command: which failsafe of its autopilot. Pure.
+"""Infers which autopilot failsafe explains a mode that this station did not command. Pure.
 
-PX4 v1.16 says in STATUSTEXT only that a failsafe was activated (its events carry the cause, and MAVLink's
+PX4 v1.16 reports in STATUSTEXT only that a failsafe was activated (its events carry the cause, and MAVLink's
 dialects do not decode them). So the cause follows from several signs together: the heartbeat's system_status
 (CRITICAL while PX4 itself intervenes, never while a pilot flies), the mode, the battery, the status texts of
-the last seconds, and the longest gap between the setpoints that left lately. Decision 0024.
+the last seconds, and the longest recent gap between sent setpoints. Decision 0024.
 """
 
 import re
@@ -16,13 +16,13 @@ from typing import Final
 from gcs.model.state import Mode, VehicleId
 
 LOW_BELOW, CRITICAL_BELOW = 0.15, 0.07
-"""PX4's BAT_LOW_THR and BAT_CRIT_THR, as they are by default."""
+"""Defaults of PX4's BAT_LOW_THR and BAT_CRIT_THR."""
 
 ROUNDING: Final = 0.01
 """Autopilots report whole percents, rounded up."""
 
 TEXTS_COUNT_S: Final = 15.0
-"""A status text explains a change of mode for so long: PX4 holds for COM_FAIL_ACT_T (5 s) before it acts."""
+"""A status text explains a mode change for this time: PX4 holds for COM_FAIL_ACT_T (5 s) before it acts."""
 
 
 class FailsafeCause(StrEnum):
@@ -35,7 +35,7 @@ class FailsafeCause(StrEnum):
     GEOFENCE = "geofence"
     POSITION_LOSS = "position-loss"
     RC_LOSS = "rc-loss"
-    OTHER = "other"  # the autopilot's own failsafe, and nothing tells which
+    OTHER = "other"  # the autopilot's own failsafe, of unknown kind
     UNKNOWN = "unknown"  # a pilot, another ground station, or the autopilot
 
 
@@ -44,17 +44,17 @@ BATTERY: Final = frozenset({FailsafeCause.LOW_BATTERY, FailsafeCause.CRITICAL_BA
 
 @dataclass(frozen=True, slots=True)
 class FailsafeInputs:
-    """What is known of one vehicle at one moment. NaN: not known."""
+    """What is known of one vehicle at one time. NaN: not known."""
 
     mode: Mode
     in_failsafe: bool  # its heartbeat's system_status is CRITICAL or EMERGENCY
     battery_remaining: float  # 0 to 1
     battery_critical_below: float  # `failsafes.low_battery.critical_below`
-    texts: Sequence[str]  # its status texts of the last TEXTS_COUNT_S, the oldest first
+    texts: Sequence[str]  # its status texts of the last TEXTS_COUNT_S, oldest first
     setpoint_gap_s: float  # the longest time without a setpoint to it in the last seconds
     setpoint_loss_s: float  # COM_OF_LOSS_T as configured
     setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.schema.OperationSettings`
-    position_age_s: float  # inf: none to believe
+    position_age_s: float  # inf: no plausible position
 
 
 _TEXTS: Final = (
@@ -81,7 +81,7 @@ _TEXTS: Final = (
         re.compile(r"(\brc\b|manual control|radio control).*\b(lost|loss)"),
     ),
 )
-"""Words of PX4's texts in lower case, the most telling cause first. They count only beside a failsafe, or a
+"""Words of PX4's texts in lower case, most specific cause first. They count only beside a failsafe, or a
 battery's beside a landing: PX4 warns of batteries and positions long before it acts.
 """
 
@@ -97,7 +97,7 @@ _SETPOINT_LOSS_MODES: Final = {
 
 
 def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
-    """Which failsafe has a vehicle in a mode that this station did not command."""
+    """Return the failsafe that explains a mode that this station did not command."""
     announced = {
         cause
         for text in inputs.texts
@@ -120,7 +120,7 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
 
 
 def _battery(inputs: FailsafeInputs, announced: set[FailsafeCause]) -> FailsafeCause | None:
-    """What the battery is in a state for."""
+    """Return the battery failsafe that the reported charge and texts indicate."""
     left = inputs.battery_remaining
     if FailsafeCause.CRITICAL_BATTERY in announced or left <= CRITICAL_BELOW + ROUNDING:  # False for NaN
         return FailsafeCause.CRITICAL_BATTERY
@@ -148,11 +148,11 @@ ADVICE_TO_MANY: Final = {
     _LEAVE: "Leave them.",
     _LAND: "Take control, and land them.",
 }
-"""What `described` advises, for several vehicles."""
+"""Advice in `described` for several vehicles."""
 
 
 def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInputs) -> str:
-    """What an operator reads: what the vehicle does, why, and what to do about it."""
+    """Return the text for the operator: what the vehicle does, why, and what to do about it."""
     if cause is FailsafeCause.UNKNOWN:
         return (
             f"{vehicle_id} is in mode {inputs.mode}, which this station did not command: a pilot,"
@@ -170,7 +170,7 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInput
 
 
 def _setpoints(inputs: FailsafeInputs) -> str:
-    """Where setpoints were lost: at this station or on the link."""
+    """Describe where setpoints were lost: at this station or on the link."""
     if isnan(inputs.setpoint_gap_s):
         return "this station has sent none since it started"
     if inputs.setpoint_gap_s >= inputs.setpoint_loss_s:  # False for NaN
@@ -179,9 +179,9 @@ def _setpoints(inputs: FailsafeInputs) -> str:
 
 
 def lost_on_the_way(cause: FailsafeCause | None, inputs: FailsafeInputs) -> bool:
-    """Whether it holds because its link lost setpoints, so that nothing speaks against flying it on.
+    """Whether it holds because its link lost setpoints, so that it can be flown on.
 
-    Not where this station sent none: after a stall the operator decides for the whole fleet.
+    False if this station sent none: after a stall the operator decides for the whole fleet.
     """
     sent = inputs.setpoint_gap_s < inputs.setpoint_loss_s  # False for NaN
     return cause is FailsafeCause.SETPOINT_LOSS and inputs.in_failsafe and inputs.mode is Mode.HOLD and sent
@@ -192,10 +192,10 @@ def _is_known(inputs: FailsafeInputs) -> bool:
 
 
 def control_refusal(vehicle_id: VehicleId, inputs: FailsafeInputs) -> str:
-    """Why control of a vehicle in the air may not be taken (into HOLD), and what is safe; empty: it may.
+    """Why control of an airborne vehicle may not be taken (into HOLD), and what is safe; empty: it may.
 
-    Only what comes down by itself is left alone. One that hovers on a critical battery may be taken: nothing
-    else brings it down.
+    Only a vehicle that comes down by itself is left alone. One that hovers on a critical battery may be
+    taken: nothing else brings it down.
     """
     if inputs.battery_remaining < inputs.battery_critical_below and comes_down(inputs):  # False for NaN
         return (

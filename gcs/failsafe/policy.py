@@ -1,6 +1,7 @@
-"""What the service does by itself when something goes wrong in the air: causes, actions, settings. Pure.
+"""Failsafes of this service in flight: causes, actions, settings. Pure.
 
-The rules are in `gcs.failsafe.triggers`; `gcs.flight.failsafe_monitor` orders what they want. Decision 0016.
+The conditions are in `gcs.failsafe.triggers`; `gcs.flight.failsafe_monitor` commands what they request.
+Decision 0016.
 """
 
 from enum import StrEnum
@@ -14,7 +15,7 @@ Share: TypeAlias = Annotated[float, Field(gt=0, le=1)]
 
 
 class Cause(StrEnum):
-    """What a reaction answers."""
+    """Cause of a failsafe."""
 
     VEHICLE_LOST = "vehicle lost"
     LOW_BATTERY = "low battery"
@@ -29,15 +30,15 @@ class Cause(StrEnum):
 
 
 class Action(StrEnum):
-    """What is done: with the vehicles concerned, or with the whole show."""
+    """Action of a failsafe, for the vehicles concerned or for the whole show."""
 
-    IGNORE = "ignore"  # nothing, and nothing is shown
-    RE_FORM = "re-form"  # the others close the gap
+    IGNORE = "ignore"  # does nothing, and shows nothing
+    RE_FORM = "re-form"  # the remaining vehicles close the gap
     HOLD_TARGET = "hold-target"  # the target stays where it is now
     HOLD = "hold"  # the vehicle leaves the formation and holds
-    PAUSE = "pause"  # everybody holds in place
-    RETURN = "return"  # home, through the filter, and down
-    LAND = "land"  # down where it is safe near by, through the filter
+    PAUSE = "pause"  # all vehicles hold in place
+    RETURN = "return"  # return through the filter, and land
+    LAND = "land"  # land on a safe site near by, through the filter
 
 
 SEVERITY: Final = {
@@ -49,14 +50,14 @@ SEVERITY: Final = {
     Action.RETURN: 3,
     Action.LAND: 4,
 }
-"""The most severe wins, and nothing that goes on is replaced by something weaker."""
+"""The most severe action prevails, and a weaker one never replaces what is in progress."""
 
 FLIES_ON: Final = 0
-"""Severity of what goes on where nothing does."""
+"""Severity when no failsafe is in progress."""
 
 
 class VehicleLost(Settings):
-    """Somebody is silent: `operation.silence_s` says for how long. The others always close the gap."""
+    """A vehicle is silent for `operation.silence_s`. The remaining vehicles always close the gap."""
 
     action: Literal["re-form", "pause", "return", "land"] = "re-form"
 
@@ -78,10 +79,10 @@ class LowBattery(Settings):
 
 
 class BadPosition(Settings):
-    """A receiver reports too little accuracy, or the position jumps again and again, or is not believed."""
+    """A reported accuracy is too low, or a position jumps repeatedly, or is not plausible."""
 
     action: Literal["hold", "return", "land"] = "hold"
-    then_land_after_s: Positive | None = 10.0  # where that did not help; None: it holds on
+    then_land_after_s: Positive | None = 10.0  # if that did not help; None: it keeps holding
     horizontal_max_m: Positive = 4.0  # about where preflight refuses it
     vertical_max_m: Positive = 8.0
     for_s: NotNegative = 3.0
@@ -93,18 +94,18 @@ class FenceAhead(Settings):
     """A vehicle will be outside the fence soon, although the filter steers against it: wind, or a jump."""
 
     action: Literal["hold", "return", "land"] = "return"
-    within_s: Positive = 1.0  # with its velocity now; what the filter allows never gets out within 1 s
+    within_s: Positive = 1.0  # at its present velocity; what the filter allows never gets out within 1 s
     beyond_m: NotNegative = 0.5
     for_s: NotNegative = 0.3
 
 
 class TooMuchWind(Settings):
-    """For a while most vehicles have flown otherwise than they were told."""
+    """For some time most vehicles have not followed their commanded velocities."""
 
     action: Literal["ignore", "pause", "return", "land"] = "pause"
-    then_return_after_s: Positive | None = 10.0  # where nobody can stand either; None: it waits on
-    speed_error_m_s: Positive = 1.5  # between what was wanted and what is flown, sideways
-    share: Share = 0.5  # of those under control
+    then_return_after_s: Positive | None = 10.0  # if vehicles cannot hold either; None: it keeps waiting
+    speed_error_m_s: Positive = 1.5  # between commanded and actual velocity, sideways
+    share: Share = 0.5  # of the vehicles under control
     for_s: NotNegative = 5.0
 
 
@@ -112,15 +113,15 @@ class LinksLate(Settings):
     """Telemetry of many vehicles arrives late or not at all: they cannot follow setpoints in time."""
 
     action: Literal["ignore", "pause", "return", "land"] = "pause"
-    then_return_after_s: Positive | None = None  # a way home over late links is no safer than standing
+    then_return_after_s: Positive | None = None  # a return over late links is no safer than holding
     late_s: Positive = 0.2  # on average, compared with the soonest that telemetry ever arrived
-    arrive_min: Share = 0.5  # of the positions asked for
-    share: Share = 0.5  # of those under control
+    arrive_min: Share = 0.5  # of the requested position messages
+    share: Share = 0.5  # of the vehicles under control
     for_s: NotNegative = 3.0
 
 
 class VehiclesLost(Settings):
-    """So many are lost, or killed, that the show is none any more: both numbers must be reached."""
+    """Too many vehicles are lost or killed to continue the show: both numbers must be reached."""
 
     action: Literal["ignore", "pause", "return", "land"] = "return"
     count: Annotated[int, Field(ge=1)] = 2
@@ -128,14 +129,14 @@ class VehiclesLost(Settings):
 
 
 class TargetStale(Settings):
-    """Nobody has renewed the target of a show's live cue."""
+    """The target of a show's live cue has not been updated."""
 
     action: Literal["ignore", "hold-target", "pause", "return"] = "hold-target"
     after_s: Positive = 5.0
 
 
 class ServiceLate(Settings):
-    """Ticks come late, on average of about a second, for a while."""
+    """Ticks come late for some time, on average of about a second."""
 
     action: Literal["ignore", "pause", "return"] = "pause"
     then_return_after_s: Positive | None = 10.0
@@ -144,7 +145,7 @@ class ServiceLate(Settings):
 
 
 class FailsafePolicy(Settings):
-    """Every reaction, and what they share."""
+    """The settings of every failsafe, and those that all share."""
 
     vehicle_lost: VehicleLost = VehicleLost()
     low_battery: LowBattery = LowBattery()
@@ -155,5 +156,5 @@ class FailsafePolicy(Settings):
     vehicles_lost: VehiclesLost = VehiclesLost()
     target_stale: TargetStale = TargetStale()
     service_late: ServiceLate = ServiceLate()
-    clear_s: Positive = 5.0  # a cause that has been gone for so long may act again
-    together_share: Share = 0.5  # when so many have to come home, everybody does, together
+    clear_s: Positive = 5.0  # a cause that has been absent for this time may act again
+    together_share: Share = 0.5  # if this share must return, all vehicles return together

@@ -1,6 +1,6 @@
-"""When which reaction is wanted: pure, for the whole fleet at once.
+"""Decides which failsafes are requested: pure, for the whole fleet at once.
 
-A cause begins when it has held for a while, and ends when it has been gone for `clear_s`: nothing flaps.
+A cause begins when it has held for some time, and ends when it has been absent for `clear_s`: no flapping.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from gcs.model.state import Array, Mask
 from gcs.safety.walls import Fence
 
 LOST, LOW, CRITICAL, POOR, SUDDEN, OUT, BELOW = range(7)
-"""Rows of what can befall one vehicle."""
+"""Rows of the conditions of one vehicle."""
 
 OF_VEHICLES: Final = (
     Cause.VEHICLE_LOST,
@@ -34,52 +34,52 @@ OF_THE_SHOW: Final = (
 )
 
 AT_ONCE_S = 0.3
-"""Who has no position to believe is not commanded, and its autopilot notices that within a second."""
+"""A vehicle without a plausible position is not commanded; its autopilot notices that within a second."""
 
 SMOOTH_S = 1.0
-"""Time constant with which errors of velocity and lateness are averaged."""
+"""Time constant of the averages of velocity error and lateness."""
 
 BATTERY_BACK: Final = 0.03
-"""A battery is called low until it is above its limit by this share: under less load it recovers a little."""
+"""A battery counts as low until it is above its limit by this share: it recovers a little under less load."""
 
 LATENESS_COUNTS: Final = 4.0
-"""One tick counts for at most this many times the limit: a single long stall is over when it is over."""
+"""One tick counts for at most this many times the limit, so that a single long stall soon stops counting."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """What the rules look at, in one tick. Rows as in FleetState; NaN where nothing is known."""
+    """Inputs of the triggers in one tick. Rows as in FleetState; NaN where nothing is known."""
 
     time_s: float
     position_m: Array  # (n, 3) show frame
     velocity_m_s: Array  # (n, 3)
-    desired_m_s: Array  # (n, 3) that each should have had, NaN: not commanded
+    desired_m_s: Array  # (n, 3) commanded velocity, NaN: not commanded
     battery: Array  # (n,) 0 to 1
     horizontal_m: Array  # (n,) accuracy as reported
     vertical_m: Array  # (n,)
-    unbelieved: Mask  # (n,) heard lately, but at an impossible place
-    silent: Mask  # (n,) not heard lately
-    reset_time_s: Array  # (n,) when the position last jumped, -inf: never
+    unbelieved: Mask  # (n,) received lately, but at an impossible position
+    silent: Mask  # (n,) not received lately
+    reset_time_s: Array  # (n,) time of the latest position jump, -inf: never
     fence: Fence
-    target_age_s: float  # since a live target was told; NaN: there is none
-    late_s: float  # by which the newest tick was late
-    link_late_s: Array  # (n,) by which telemetry arrives later than it could
-    link_share: Array  # (n,) of the positions asked for that arrive
+    target_age_s: float  # since a live target's update; NaN: there is none
+    late_s: float  # delay of the newest tick
+    link_late_s: Array  # (n,) delay of telemetry over the least possible
+    link_share: Array  # (n,) share of the requested position messages that arrive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Roles:
-    """Who is what, for those causes that befall somebody. Rows as in FleetState."""
+    """Roles of the vehicles. Rows as in FleetState."""
 
-    flying: Mask  # (n,) in the air, and ours
+    flying: Mask  # (n,) in the air, and under control
     formed: Mask  # (n,) of these in formation
-    lost: Mask  # (n,) were ours when they fell silent, or were killed
-    paused_s: float  # for how long the show has been paused
+    lost: Mask  # (n,) under control when they fell silent, or were killed
+    paused_s: float  # how long the show has been paused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Latch:
-    """Conditions, (k, m), that begin when they have held for a while and end when they are gone for one."""
+    """Conditions, (k, m), that begin after holding for some time, and end after an absence of some time."""
 
     on_since_s: Array  # (k, m) NaN: does not hold now
     last_on_s: Array  # (k, m) when it held last
@@ -87,26 +87,26 @@ class Latch:
 
     @staticmethod
     def idle(causes: int, count: int) -> "Latch":
-        """Nothing has ever held."""
+        """Return the initial state, in which no condition has held."""
         never = np.full((causes, count), np.nan)
         return Latch(never, np.full((causes, count), -np.inf), never)
 
     @property
     def active(self) -> Mask:
-        """(k, m)."""
+        """(k, m) Which conditions are active."""
         return ~np.isnan(self.since_s)
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing holds, nor is active: a tick in which nothing holds would change nothing."""
+        """Whether no condition holds or is active: a tick in which none holds would change nothing."""
         return bool(np.isnan(self.on_since_s).all() and np.isnan(self.since_s).all())
 
     def holds(self, now_s: float, for_s: Array) -> Mask:
-        """(k, m) what holds now, and has for as long as it must: only that grows more severe."""
+        """(k, m) Which conditions hold now, and have for `for_s`: only those grow more severe."""
         return np.asarray(now_s - self.on_since_s >= for_s)  # False for NaN
 
     def next(self, on: Mask, now_s: float, for_s: Array, clear_s: float) -> "Latch":
-        """After a tick in which `on` (k, m) held; `for_s` (k, 1) says how long each must."""
+        """Return the state after a tick in which `on` (k, m) held; (k, 1) `for_s` is each one's delay."""
         on_since_s = np.where(on, np.fmin(self.on_since_s, now_s), np.nan)
         last_on_s = np.where(on, now_s, self.last_on_s)
         begins = on & (now_s - on_since_s >= for_s)
@@ -117,10 +117,10 @@ class Latch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Known:
-    """All that one tick's rules hand to the next. Owns its arrays."""
+    """State that one tick's triggers pass to the next. Owns its arrays."""
 
     time_s: float
-    error_m_s: Array  # (n, 2) flown minus wanted, averaged
+    error_m_s: Array  # (n, 2) actual minus commanded, averaged
     late_s: float  # averaged
     jumps_s: Array  # (j, n) the last jumps of each position, oldest first
     vehicles: Latch  # (7, n)
@@ -128,7 +128,7 @@ class Known:
 
     @staticmethod
     def nothing(count: int, now_s: float, settings: FailsafePolicy) -> "Known":
-        """At the beginning."""
+        """Return the initial state."""
         jumps_s = np.full((settings.bad_position.jumps, count), -np.inf)
         vehicles, show = Latch.idle(len(OF_VEHICLES), count), Latch.idle(len(OF_THE_SHOW), 1)
         return Known(now_s, np.zeros((count, 2)), 0.0, jumps_s, vehicles, show)
@@ -136,23 +136,23 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """What befalls the fleet as a whole."""
+    """Conditions of the fleet as a whole."""
 
     windy: bool = False  # most velocities differ from their setpoints, over links that are on time
-    late: bool = False  # their links are late
+    late: bool = False  # telemetry is late
 
 
 @dataclass(frozen=True, slots=True)
 class FailsafeRequest:
-    """One reaction that is wanted, for as long as its cause lasts."""
+    """One requested failsafe, for as long as its cause lasts."""
 
     cause: Cause
     action: Action
     since_s: float
-    rows: tuple[int, ...]  # whom it concerns; empty: nobody in particular
+    rows: tuple[int, ...]  # concerned; empty: no single vehicle
     whole_show: bool  # whether the action is the show's
     reason: str
-    holds: bool = True  # the cause holds now; False: it was over some moments ago
+    holds: bool = True  # the cause holds now; False: it ended less than `clear_s` ago
 
     @property
     def severity(self) -> int:
@@ -161,10 +161,10 @@ class FailsafeRequest:
 
 
 def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mask, Weather]:
-    """What happens to whom, as far as telemetry alone tells it; cheap, once a tick.
+    """Evaluate the conditions that follow from telemetry; cheap, once a tick.
 
-    Returns: averages brought up to date; (7, n) what would befall whoever flies (see OF_VEHICLES); and
-    what befalls the fleet as a whole.
+    Returns: updated averages; (7, n) conditions of each vehicle if it flies (see OF_VEHICLES); and conditions
+    of the fleet as a whole.
     """
     dt_s = max(seen.time_s - known.time_s, 0.0)
     share = min(1.0, dt_s / SMOOTH_S)
@@ -192,13 +192,13 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
 
 
 def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
-    """(n,) vehicles with late or little telemetry."""
+    """(n,) Which vehicles have late or little telemetry."""
     poor: Mask = (seen.link_late_s > settings.late_s) | (seen.link_share < settings.arrive_min)
     return poor
 
 
 def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, active: Mask, settings: FailsafePolicy) -> Mask:
-    """(7, n), see OF_VEHICLES, of which `active` are; whoever is not in the air is not left out yet."""
+    """(7, n) Conditions, see OF_VEHICLES, `active` as before; vehicles on the ground are included."""
     position, battery = settings.bad_position, settings.low_battery
     on = np.zeros((len(OF_VEHICLES), len(seen.battery)), dtype=np.bool_)
     on[LOST] = seen.silent
@@ -214,14 +214,14 @@ def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, active: Mask, setti
 
 
 def _beyond_m(seen: Seen, within_s: float) -> tuple[Array, Array]:
-    """(n,) how far outside the fence everybody will be, over the ground or above it; and below it."""
+    """(n,) Distance outside the fence after `within_s`, over the ground or above it; and below it."""
     soon_m = seen.position_m + within_s * seen.velocity_m_s
     away_m = np.hypot(soon_m[:, 0], soon_m[:, 1]) - seen.fence.distance_max_m
     return np.maximum(away_m, -soon_m[:, 2] - seen.fence.height_max_m), seen.fence.height_min_m + soon_m[:, 2]
 
 
 def is_calm(on: Mask, known: Known, seen: Seen, settings: FailsafePolicy, weather: Weather) -> bool:
-    """Whether nothing happens, nor did: then `advance` would say so, too."""
+    """Whether no condition holds or is active: then `advance` would change nothing."""
     happens = bool(on.any()) or weather.windy or weather.late or known.late_s > settings.service_late.late_s
     stale = seen.target_age_s > settings.target_stale.after_s  # False for NaN
     return known.vehicles.is_idle and known.show.is_idle and not (happens or stale)
@@ -230,17 +230,17 @@ def is_calm(on: Mask, known: Known, seen: Seen, settings: FailsafePolicy, weathe
 def advance(
     on: Mask, roles: Roles, seen: Seen, known: Known, settings: FailsafePolicy, weather: Weather
 ) -> tuple[Known, tuple[FailsafeRequest, ...]]:
-    """Which reactions are wanted now.
+    """Return the failsafes that are requested now.
 
     Args:
-        on: (7, n), of `look`.
-        roles: who is what.
+        on: (7, n), from `look`.
+        roles: of the vehicles.
         seen: this tick's.
-        known: of `look`.
+        known: from `look`.
         settings: thresholds and actions.
-        weather: of `look`.
+        weather: from `look`.
 
-    Returns: for the next tick; and every reaction whose cause lasts, the most severe first.
+    Returns: the state for the next tick; and every failsafe whose cause lasts, most severe first.
     """
     now_s, flies = seen.time_s, roles.flying
     befalls = on & flies
@@ -251,7 +251,7 @@ def advance(
     fence_s = settings.fence.for_s
     for_s = np.array([0.0, battery.for_s, battery.for_s, position.for_s, sudden_s, fence_s, fence_s])
     vehicles = known.vehicles.next(befalls, now_s, for_s[:, None], settings.clear_s)
-    gone = ~flies & ~roles.lost  # down, a pilot's, or not heard yet: nothing is left to react to
+    gone = ~flies & ~roles.lost  # landed, under pilot control, or not received yet: no failsafe applies
     if gone.any():
         vehicles = replace(vehicles, since_s=np.where(gone, np.nan, vehicles.since_s))
     lost, all_count = int(roles.lost.sum()), int((flies | roles.lost).sum())
@@ -285,7 +285,7 @@ def advance(
 def _of_vehicles(
     latch: Latch, holds: Mask, seen: Seen, known: Known, settings: FailsafePolicy
 ) -> list[FailsafeRequest]:
-    """One for each cause and action, with the vehicles concerned."""
+    """Return one request for each cause and action, with the vehicles concerned."""
     battery, position = settings.low_battery, settings.bad_position
     critical = latch.active[CRITICAL]
     reported = {
@@ -332,7 +332,7 @@ def _least(values: Array, rows: Mask) -> float:
 
 
 def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> str:
-    """Why these positions are bad at once."""
+    """Why these positions count as bad at once."""
     position = settings.bad_position
     if (seen.time_s - known.jumps_s[0][rows] <= position.jumps_within_s).any():
         return f"its position jumped {position.jumps} times within {position.jumps_within_s:g} s"
@@ -340,7 +340,7 @@ def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> s
 
 
 def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
-    """Why these positions are bad."""
+    """Why these positions count as bad."""
     position = settings.bad_position
     worst_m = float(np.nanmax(seen.horizontal_m[rows], initial=0.0))
     up_m = float(np.nanmax(seen.vertical_m[rows], initial=0.0))
@@ -351,7 +351,7 @@ def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
 def _of_the_show(
     latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: FailsafePolicy, losses: str
 ) -> list[FailsafeRequest]:
-    """One for each cause."""
+    """Return one request for each cause."""
     wind, late = settings.wind, settings.service_late
     error_m_s = np.hypot(known.error_m_s[:, 0], known.error_m_s[:, 1])
     strays = int((error_m_s > wind.speed_error_m_s).sum())
@@ -397,7 +397,7 @@ def _of_the_show(
 
 
 def _late_links(seen: Seen, roles: Roles, settings: LinksLate) -> str:
-    """Delay and share of the telemetry of flying vehicles."""
+    """Return delay and share of the telemetry of flying vehicles, in words."""
     flying = np.flatnonzero(roles.flying)
     poor = int(_poor_links(seen, settings)[flying].sum())
     if not len(flying):
