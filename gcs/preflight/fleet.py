@@ -1,4 +1,4 @@
-"""How the vehicles stand to each other, and to the pattern that the show begins from. Pure."""
+"""Checks of the vehicles' positions against each other and against the start pattern. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,19 +14,19 @@ from gcs.preflight.start_pattern import Fit, assigned, fit
 from gcs.preflight.vehicles import judged
 
 ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
-"""Reported places of two pads are off by so much; a check that has passed fails only when more is missing."""
+"""Reported positions of two pads are off by this much; a check that passed fails only if more is missing."""
 
 PLANNED_TOLERANCE_M = 0.01
 
 REPORTED_MAX_DEG = 30.0
-"""A pattern so small that not even this rotation can be told has none that is looked at."""
+"""A pattern too small to detect even this rotation has no rotation check."""
 
 CLOCKWISE = ("clockwise", "counterclockwise")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pattern:
-    """Where vehicles should stand. Places that are nobody's own are for those who have none."""
+    """Where vehicles should stand. Places without an owner are for vehicles without a place."""
 
     places_m: Array  # (m, 2) show frame
     place_of: Mapping[VehicleId, int]  # rows of `places_m`
@@ -35,7 +35,7 @@ class Pattern:
 
 @dataclass(slots=True)
 class Stand:
-    """What was found."""
+    """Checks of each vehicle, and of the fleet."""
 
     fleet: list[Check] = field(default_factory=list)
     of: dict[VehicleId, list[Check]] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Stand:
 
 
 def standing(inputs: PreflightInputs, flying: Sequence[VehicleId], pattern: Pattern | None) -> Stand:
-    """Heights of the pads against each other, and the start pattern. Only who has a position is judged."""
+    """Check pad heights against each other, and the start pattern; only for vehicles with a position."""
     found = Stand(of={name: [] for name in flying})
     rows = inputs.rows
     placed = [name for name in flying if inputs.is_placed(rows[name])]
@@ -62,7 +62,7 @@ def standing(inputs: PreflightInputs, flying: Sequence[VehicleId], pattern: Patt
 def _heights(
     inputs: PreflightInputs, placed: Sequence[VehicleId], at: NDArray[np.intp], found: Stand
 ) -> None:
-    """Pads stand on one field: who is far above or below the others has a wrong altitude."""
+    """Compare the pads, which are on one field: a height far from the others is a wrong altitude."""
     height_m = -inputs.fleet.position_m[at, 2]
     above_m, most_m = height_m - float(np.median(height_m)), inputs.settings.height_spread_max_m
     for name, off_m in zip(placed, above_m.tolist(), strict=True):
@@ -114,7 +114,7 @@ def _places(
     pattern: Pattern,
     found: Stand,
 ) -> None:
-    """Each vehicle against its own place in the pattern as it lies."""
+    """Compare each vehicle with its own place in the pattern as fitted."""
     whose = {row: name for name, row in pattern.place_of.items()}
     whose |= {int(row): name for name, row in zip(names, place, strict=True)}
     lies_m = fitted.placed_m(pattern.places_m)
@@ -142,7 +142,7 @@ def _places(
 
 
 def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, found: Stand) -> None:
-    """The pattern as a whole."""
+    """Check rotation and shift of the pattern as a whole."""
     settings, stand = inputs.settings, int(fitted.stands.sum())
     if 2 * stand <= count and count > 1:
         found.fleet.append(
@@ -202,10 +202,10 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
 def room_to_wander(
     inputs: PreflightInputs, vehicles: Sequence[VehicleId], pattern: Pattern | None
 ) -> dict[VehicleId, Check]:
-    """Whether neighbours keep the floor while their own autopilots climb and hold them.
+    """Check that neighbours keep the minimum separation while their own autopilots climb and hold them.
 
     All of them hold at one height until the last is up: the order and the pause between take-offs do not keep
-    neighbours from holding side by side, so that only the pads' distance counts.
+    neighbours from holding side by side, so only the distance of the pads counts.
     """
     wander_m, least_m = inputs.settings.wander_m, inputs.floor.horizontal_m
     if wander_m == 0.0 or len(vehicles) < 2:
@@ -237,7 +237,7 @@ def room_to_wander(
 
 
 def _planned_m(vehicles: Sequence[VehicleId], pattern: Pattern | None) -> Array:
-    """(k, 2) each one's own place, NaN where it has none."""
+    """(k, 2) Each vehicle's own place, NaN if it has none."""
     places_m = np.full((len(vehicles), 2), np.nan)
     if pattern is not None:
         housed = [index for index, name in enumerate(vehicles) if name in pattern.place_of]
@@ -246,7 +246,7 @@ def _planned_m(vehicles: Sequence[VehicleId], pattern: Pattern | None) -> Array:
 
 
 def _nearest(place_m: Array, index: int) -> tuple[int, float]:
-    """Which of the others (k, 2) is nearest to that one, and how far away; inf where nothing is known."""
+    """Return the nearest of the others (k, 2) to `index`, and its distance; inf if nothing is known."""
     away_m = np.linalg.norm(place_m - place_m[index], axis=1)
     away_m[index] = np.inf
     away_m[np.isnan(away_m)] = np.inf
@@ -255,7 +255,7 @@ def _nearest(place_m: Array, index: int) -> tuple[int, float]:
 
 
 def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
-    """Vehicles too close to another one, flying or not, to climb beside it.
+    """Check for vehicles too close to another one, flying or not, to climb beside it.
 
     A pair that both fly is reported once, with the first of them: the second has no such check then.
     """

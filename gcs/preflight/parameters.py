@@ -1,7 +1,7 @@
-"""The autopilot's parameters that decide whether losing the ground station is safe. Pure.
+"""Autopilot parameters that decide whether losing the ground station is safe. Pure.
 
-One table: what must hold, why, and what `gcs params apply` sets. The names and defaults are PX4 v1.16's
-(docs/FACTS.md, section 3).
+One table: the requirement, its reason, and what `gcs params apply` sets. The names and defaults are PX4
+v1.16's (docs/FACTS.md, section 3).
 """
 
 from collections import Counter
@@ -19,30 +19,30 @@ from gcs.planning.landing_sites import STOP_S
 from gcs.preflight import PAD_HEIGHT_MAX_M
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
-"""COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot sinks."""
+"""Values of COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot descends."""
 
 DATA_LINK_LOSS_ACTIONS: Final = {"descend": (0,), "return": (0, 2), "land": (0, 3), "hold": (0, 1)}
-"""NAV_DLL_ACT that does nothing else than the setpoint-loss action did already."""
+"""Values of NAV_DLL_ACT that do nothing beyond what the setpoint-loss action already does."""
 
 NO_MANUAL_CONTROL: Final = 4  # COM_RC_IN_MODE
 STICKS_TAKE_OVER: Final = 3  # COM_RC_OVERRIDE: bit 0 in the automatic modes, bit 1 in OFFBOARD
 FENCE_HOLDS: Final = 2  # GF_ACTION
 GRAVITY_M_S2: Final = 9.80665
 TILT_RESERVE: Final = 2.0
-"""Times the acceleration that is commanded: the rest is for wind and drag."""
+"""Multiple of the commanded acceleration: the rest is for wind and drag."""
 
 WIDEST: Final = 2.0
-"""A wall farther away than this many times what is needed is none."""
+"""A fence farther away than this multiple of the needed distance protects nothing."""
 
 MEND: Final = "to mend its parameters, stop the service and run: gcs params apply --config FILE"
 
 NEARLY: Final = 1e-4
-"""Relative: parameters are single precision."""
+"""Relative tolerance: parameters are single precision."""
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """What must hold of one parameter: within its bounds, one of `choices` if any, none of `barred`."""
+    """A parameter's requirement: within its bounds, one of `choices` if any, none of `barred`."""
 
     name: str
     set_to: ParameterValue  # by `gcs params apply`; an int for an INT32
@@ -53,7 +53,7 @@ class Requirement:
     barred: tuple[int, ...] = ()
 
     def holds(self, value: ParameterValue) -> bool:
-        """Whether that value will do."""
+        """Whether the value meets the requirement."""
         if not isfinite(value) or value in self.barred:
             return False
         if self.choices:
@@ -63,7 +63,7 @@ class Requirement:
 
     @property
     def desired(self) -> str:
-        """In words."""
+        """The requirement in words."""
         if self.choices:
             return " or ".join(str(choice) for choice in self.choices)
         if self.barred:
@@ -74,7 +74,7 @@ class Requirement:
 
 
 def requirements(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
-    """Everything that must hold of a vehicle flown with these settings, in the order it is told."""
+    """Return all requirements of a vehicle flown with these settings, in the order of display."""
     return (
         *_losing_us(operation),
         *_the_pilot(operation),
@@ -164,11 +164,11 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
 
 
 def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
-    """The autopilot's own fence.
+    """Return the requirements of the autopilot's own fence.
 
-    It is a cylinder round each vehicle's own home, where it was armed; the service's stands round the show's
-    origin. A vehicle at the service's fence, opposite its pad, is farther from home by as much as its pad is
-    from the origin; and it may overshoot by what it flies until it has noticed and stopped.
+    It is a cylinder round each vehicle's own home, where it was armed; the service's fence is centred on the
+    show's origin. A vehicle at the service's fence, opposite its pad, is farther from home by the distance of
+    its pad from the origin. It may also overshoot by the distance it flies until it has noticed and stopped.
     """
     safety = control.safety
     on_s = operation.setpoint_loss_s + STOP_S
@@ -206,14 +206,14 @@ def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[
 
 
 def settings_of(needed: Sequence[Requirement]) -> dict[str, ParameterValue]:
-    """What `gcs params apply` would make of a vehicle: for a fake one to begin with."""
+    """Return the values that `gcs params apply` would set, as initial values of a simulated vehicle."""
     return {requirement.name: requirement.set_to for requirement in needed}
 
 
 def broken(
     needed: Sequence[Requirement], values: Mapping[str, ParameterValue]
 ) -> list[tuple[Requirement, ParameterValue | None]]:
-    """Requirements that `values` do not meet, with the value; None where it is not among them."""
+    """Return the requirements that `values` do not meet, with the value; None if it is missing."""
     return [
         (requirement, values.get(requirement.name))
         for requirement in needed
@@ -222,7 +222,7 @@ def broken(
 
 
 GROUPS: Final = {"MPC_": "speed limits", "GF_": "own fence"}
-"""Names of checks by how the parameters' names begin; all others are called what they are."""
+"""Names of checks by prefix of the parameter; all others have the parameter's name."""
 
 OTHERS: Final = "parameters"
 
@@ -230,12 +230,12 @@ OTHERS: Final = "parameters"
 def parameter_checks(
     needed: Sequence[Requirement], read: Mapping[str, ParameterValue] | None, problem: str | None
 ) -> list[Check]:
-    """What speaks for and against flying one vehicle, with the command that mends it.
+    """Return the parameter checks of one vehicle, with the command that fixes failures.
 
     Args:
         needed: of every vehicle. A show needs no more: its limits and its fence are within the service's.
-        read: what the autopilot holds; None where that is not known.
-        problem: why it is not known, where it was tried in vain.
+        read: the autopilot's values; None if they are not known.
+        problem: why they are not known, after a failed attempt.
     """
     if read is None:
         text = f"parameters not read yet{f': {problem}' if problem else '; it is being asked'}"
@@ -250,7 +250,7 @@ def parameter_checks(
 
 @cache
 def group_of(name: str) -> str:
-    """The name of the check that a parameter belongs to."""
+    """Return the name of the check that a parameter belongs to."""
     return next((group for start, group in GROUPS.items() if name.startswith(start)), OTHERS)
 
 

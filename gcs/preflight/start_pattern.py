@@ -1,7 +1,7 @@
-"""Whether the fleet stands where the show has it stand: the pads fitted to the pattern expected. Pure.
+"""Fits the measured positions of the pads to the expected start pattern. Pure.
 
-A show whose heading or origin is wrong is flown by every vehicle without a fault. It is seen before take-off
-alone, by the pads: in the show's frame they lie turned, or beside where they were set out.
+Every vehicle follows a show with a wrong heading or origin without an error. It is detectable only before
+take-off, by the pads: in the show's frame they are rotated or shifted.
 """
 
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gcs.model.state import Array, Mask
 
 FIRST_MAX, PARTNERS = 64, 8
-"""Pairs of vehicles, each of which suggests how the pattern lies: so many, each with the farthest from it.
+"""Number of vehicle pairs that each suggest a fit: vehicles, and the farthest partners of each.
 
-With several, for the one that is farthest from nearly everybody may be the one that stands elsewhere.
+Several partners, because the vehicle farthest from most others may be the misplaced one.
 """
 
 REFITS = 5
@@ -24,15 +24,15 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """How n pads lie to their expected places: turned about the pattern's middle, then shifted.
+    """The fit of n pads to their expected places: rotated about the pattern's middle, then shifted.
 
     Attributes:
-        rotation_rad: from x towards y, clockwise seen from above; 0 where nothing can be told.
-        reported_rad: what is less cannot be told from the uncertainty of the positions; inf for one place.
+        rotation_rad: from x towards y, clockwise seen from above; 0 if not observable.
+        reported_rad: the smallest rotation above the uncertainty of the positions; inf for one place.
         shift_m: (2,) of the middle.
-        middle_m: (2,) of the expected places of those who stand in the pattern.
-        stands: (n,) who stands in the pattern as it lies.
-        off_m: (n,) how far each is from its place in the pattern as it lies.
+        middle_m: (2,) of the expected places of the vehicles that stand in the pattern.
+        stands: (n,) which vehicles stand in the pattern as fitted.
+        off_m: (n,) distance of each from its place in the pattern as fitted.
     """
 
     rotation_rad: float
@@ -43,31 +43,31 @@ class Fit:
     off_m: Array
 
     def placed_m(self, expected_m: Array) -> Array:
-        """(k, 2) where the pattern as it lies has these expected places (k, 2)."""
+        """(k, 2) Expected places (k, 2), moved to the pattern as fitted."""
         turn = np.exp(1j * self.rotation_rad)
         middle = complex(*self.middle_m)
         return _plane(turn * (_line(expected_m) - middle) + middle + complex(*self.shift_m))
 
     @property
     def origin_m(self) -> Array:
-        """(2,) where the pattern, as it lies, has the origin of the frame."""
+        """(2,) Origin of the frame, moved to the pattern as fitted."""
         placed_m: Array = self.placed_m(np.zeros((1, 2)))[0]
         return placed_m
 
 
 def fit(expected_m: Array, measured_m: Array, uncertainty_m: Array, within_m: float) -> Fit:
-    """The rotation and shift that bring most places onto their pads, and of those the least squares.
+    """Find the rotation and shift that match most places, with least squares over those.
 
-    A vehicle that stands elsewhere must not turn the pattern of the others. So several guesses are compared
-    by how many stand in the pattern as each has it: as it should lie, fitted to all, and fitted to pairs.
-    Then rotation and shift are those of least squares (Kabsch's in the plane, where they are the angle of
-    one complex number) over those who stand in it.
+    A misplaced vehicle must not rotate the pattern of the others. So several guesses are compared
+    by the number of vehicles that match: the expected pattern, fitted to all, and fitted to pairs.
+    Rotation and shift are then those of least squares (Kabsch's in the plane, where they are the angle of
+    one complex number) over the vehicles that match.
 
     Args:
         expected_m: (n, 2) places, n at least 1, row i where vehicle i should stand.
-        measured_m: (n, 2) where it stands.
-        uncertainty_m: (n,) of that.
-        within_m: besides the uncertainty, so far from its place a vehicle still stands in the pattern.
+        measured_m: (n, 2) measured positions.
+        uncertainty_m: (n,) of the measured positions.
+        within_m: besides the uncertainty, distance from its place within which a vehicle matches.
     """
     p, q = _line(expected_m), _line(measured_m)
     near_m = within_m + uncertainty_m
@@ -94,7 +94,7 @@ def fit(expected_m: Array, measured_m: Array, uncertainty_m: Array, within_m: fl
 
 
 def _guess(p: Complex, q: Complex, near_m: Array) -> tuple[complex, complex]:
-    """The guess under which most stand in the pattern; of equals the first: as it should lie."""
+    """Return the guess that most vehicles match; of equals the first, the expected pattern."""
     n = len(p)
     first = np.unique(np.linspace(0, n - 1, min(n, FIRST_MAX)).astype(np.intp))
     farthest = np.argsort(-np.abs(p[first][:, None] - p[None]), axis=1, kind="stable")[:, :PARTNERS]
@@ -112,7 +112,7 @@ def _guess(p: Complex, q: Complex, near_m: Array) -> tuple[complex, complex]:
 
 
 def _rigid(p: Complex, q: Complex) -> tuple[complex, complex]:
-    """The least-squares rotation, a complex number of length 1, and shift: q is turn * p + move."""
+    """Return the least-squares rotation, a complex number of length 1, and shift: q is turn * p + move."""
     p_mean, q_mean = p.mean(), q.mean()
     lever = (np.conj(p - p_mean) * (q - q_mean)).sum()
     turn = complex(lever / abs(lever)) if abs(lever) > 1e-9 else 1.0 + 0.0j
@@ -131,14 +131,14 @@ def _plane(line: Complex) -> Array:
 def assigned(
     expected_m: Array, measured_m: Array, own: NDArray[np.intp], within_m: float
 ) -> NDArray[np.intp]:
-    """(n,) which place each vehicle has: its own, or for who has none (-1) the nearest that is left.
+    """(n,) The place of each vehicle: its own, or for a vehicle without one (-1) the nearest that is left.
 
-    Places are compared as they lie by those who have one of their own; nobody's place is given twice.
+    Places are compared as fitted to the vehicles that have one of their own. No place is assigned twice.
 
     Args:
         expected_m: (m, 2) places.
         measured_m: (n, 2) where the vehicles stand.
-        own: (n,) each one's place, -1 for none.
+        own: (n,) the place of each, -1 for none.
         within_m: as for `fit`.
     """
     place = own.copy()

@@ -1,4 +1,4 @@
-"""What is looked at for one vehicle by itself. Pure."""
+"""Checks of single vehicles. Pure."""
 
 from collections.abc import Iterator
 from math import inf, isfinite, isnan
@@ -11,8 +11,8 @@ from gcs.model.state import VehicleId
 from gcs.preflight.inputs import PreflightInputs
 
 PAD_HEIGHT_MAX_M = 3.0
-"""A pad may lie this much above or below the show's origin: obstacles, heights and landing places count from
-there. More is a wrong origin, or an altitude of another datum (ellipsoid instead of AMSL: tens of metres).
+"""A pad may be this much above or below the show's origin, from which obstacles, heights and landing sites
+count. More is a wrong origin, or an altitude of another datum (ellipsoid instead of AMSL: tens of metres).
 """
 
 FIX_3D = 3
@@ -39,7 +39,7 @@ def judged(
     to_do: str,
     unit: str = "",
 ) -> Check:
-    """A check of a number: NaN is not known, and what is not known does not pass."""
+    """Return the check of a number; NaN is unknown and does not pass."""
     if good and not isnan(value):
         return Check(name, State.PASS, finite(value), unit, limit)
     state = State.UNKNOWN if isnan(value) else State.FAIL
@@ -47,12 +47,12 @@ def judged(
 
 
 def finite(value: float) -> float | None:
-    """None in place of a number that is none."""
+    """Return the value, or None if it is not finite."""
     return float(value) if isfinite(value) else None
 
 
 def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
-    """Everything about one vehicle but its parameters, and how it stands to the others."""
+    """Return all checks of one vehicle except its parameters and its position relative to others."""
     row = inputs.rows[vehicle_id]
     checks = [
         _address(inputs, vehicle_id),
@@ -80,7 +80,7 @@ def _address(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
 
 
 def _position(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Check:
-    """Fresh; or never heard, heard too long ago, or heard and not believed (`gcs.estimation.fleet_state`)."""
+    """Check that the position is fresh: received, recently, and plausible (`gcs.estimation.fleet_state`)."""
     age_s, (received, at) = float(inputs.fleet.age_s[row]), inputs.telemetry[vehicle_id]
     limit = f"at most {inputs.age_max_s:g} s old"
     if inputs.is_placed(row):
@@ -104,7 +104,7 @@ def _position(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Check
 
 
 def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
-    """Its fix, and whether it is good enough: at the cap the margin is not as wide as it should be."""
+    """Check fix and accuracy: at the cap the margin is smaller than the accuracy requires."""
     if not inputs.settings.require_fix:
         return
     received, at = inputs.telemetry[vehicle_id]
@@ -146,7 +146,7 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
 
 
 def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
-    """What the autopilot says of its own sensors, estimator, and checks before arming."""
+    """Check what the autopilot reports of its sensors, estimator, and arming checks."""
     received, at = inputs.telemetry[vehicle_id]
     unhealthy, limit = int(received.unhealthy_sensors[at]), "its own checks before arming pass"
     if unhealthy < 0:
@@ -186,9 +186,9 @@ def _battery(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
 
 
 def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
-    """Whether its pad lies where the show's origin says that pads are."""
+    """Check that its pad is where pads are expected around the show's origin."""
     if not inputs.is_placed(row):
-        return  # nothing is known of it, and that is told
+        return  # reported by the position check
     place_m, fence = inputs.fleet.position_m[row], inputs.fence
     height_m, distance_m = -float(place_m[2]), float(np.hypot(place_m[0], place_m[1]))
     beside = f"{abs(height_m):.1f} m {'above' if height_m > 0.0 else 'below'} the show's origin"
@@ -221,7 +221,7 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
 
 
 def _speed(inputs: PreflightInputs, row: int) -> Check | None:
-    """Whether it may fly as fast as the show needs. None: it has no limit of its own, or there is no show."""
+    """Check that it may fly as fast as the show needs. None: it has no own limit, or there is no show."""
     if inputs.speed_max_m_s is None or not inputs.speed_need_m_s or not isfinite(inputs.speed_max_m_s[row]):
         return None
     able_m_s, need_m_s = float(inputs.speed_max_m_s[row]), inputs.speed_need_m_s
@@ -237,7 +237,7 @@ def _speed(inputs: PreflightInputs, row: int) -> Check | None:
 
 
 def _clock(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check | None:
-    """The vehicles know the time from their satellites: who differs from us shows that somebody is wrong."""
+    """Compare clocks: vehicles have satellite time, so a difference shows that one clock is wrong."""
     most_s = inputs.settings.clock_max_s
     if most_s is None:
         return None
