@@ -39,11 +39,11 @@ class ClosePairs:
         return CLOSE.off * max(floor.horizontal_m, floor.vertical_m)
 
     def look(self, position_m: Array, airborne: Mask, floor: Floor) -> tuple[ClosePair, ...]:
-        """All pairs that count and are too close, the nearest first.
+        """Return all pairs that are too close, nearest first.
 
         Args:
             position_m: (n, 3) show frame, NaN where not known.
-            airborne: (n,) of a pair at least one must be; with both below the pad height none counts.
+            airborne: (n,) a pair counts if at least one is airborne and not both are below the pad height.
             floor: the minimum-separation ellipsoid.
         """
         known = np.flatnonzero(np.isfinite(position_m).all(axis=1))

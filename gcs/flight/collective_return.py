@@ -186,16 +186,16 @@ def return_planner(
     time_s: float,
     uncertainty_m: Array,
 ) -> Planner:
-    """Prepare the plan of a collective return: of a flight, and of its rehearsal.
+    """Prepare the planner of a collective return, for a flight or for its rehearsal.
 
     Args:
-        position_m: (n, 3) where the vehicles are, show frame; owned by the planner.
-        home_m: (n, 3) where they come down.
-        heights_m: above home: least height of the ways, and height from which the autopilots land.
-        control: speeds, fence and floor.
-        plan: its obstacles are avoided where they are at `time_s`.
-        time_s: now.
-        uncertainty_m: (n,) of the positions.
+        position_m: (n, 3) positions of the vehicles, show frame; owned by the planner.
+        home_m: (n, 3) landing positions, show frame.
+        heights_m: above home: least height of the paths, and the height from which the autopilots land.
+        control: speeds, fence and minimum separation.
+        plan: the paths avoid its obstacles at their positions at `time_s`.
+        time_s: time of the planning.
+        uncertainty_m: (n,) uncertainty of the positions.
 
     Raises: ShapeError if there are no vehicles, or a position is not finite.
     """
