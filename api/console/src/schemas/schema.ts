@@ -1186,7 +1186,7 @@ export interface components {
         };
         /**
          * AlarmSeverity
-         * @description How soon an operator has to act. The most severe first.
+         * @description How soon an operator must act, most severe first.
          * @enum {string}
          */
         AlarmSeverity: "emergency" | "warning" | "caution" | "information";
@@ -1232,7 +1232,7 @@ export interface components {
         };
         /**
          * CheckState
-         * @description How far the check of a show has got.
+         * @description State of a show's check.
          * @enum {string}
          */
         CheckState: "waiting" | "running" | "done" | "failed";
@@ -1777,7 +1777,7 @@ export interface components {
         };
         /**
          * Mode
-         * @description Flight mode as the autopilot's heartbeat names it; OTHER is any mode we never order.
+         * @description Flight mode as the autopilot's heartbeat reports it; OTHER is any mode this station never commands.
          * @enum {string}
          */
         Mode: "unknown" | "ready" | "takeoff" | "hold" | "offboard" | "return" | "land" | "position" | "other";
@@ -1925,7 +1925,7 @@ export interface components {
         };
         /**
          * Offer
-         * @description What can be done about it. Nothing is done without an order.
+         * @description What the operator can command for an interrupted flight. Nothing is done without a command.
          * @enum {string}
          */
         Offer: "take-over" | "bring-home";
@@ -1976,19 +1976,19 @@ export interface components {
         };
         /**
          * Outcome
-         * @description How far an order has got with one vehicle.
+         * @description Progress of a command with one vehicle.
          * @enum {string}
          */
         Outcome: "pending" | "done" | "failed" | "not-included";
         /**
          * OverallSeverity
-         * @description State of the whole: the worst of the alarms whose cause lasts.
+         * @description The most severe of the alarms whose cause lasts.
          * @enum {string}
          */
         OverallSeverity: "emergency" | "warning" | "caution" | "information" | "normal";
         /**
          * Phase
-         * @description Where one vehicle stands.
+         * @description Phase of one vehicle.
          * @enum {string}
          */
         Phase: "offline" | "standby" | "takeoff" | "hold" | "formation" | "return" | "landing" | "lost" | "pilot" | "killed";
@@ -2297,7 +2297,7 @@ export interface components {
         };
         /**
          * Right
-         * @description What a call needs.
+         * @description A right that a call requires.
          * @enum {string}
          */
         Right: "watch" | "operate" | "emergency";
@@ -2378,7 +2378,7 @@ export interface components {
         };
         /**
          * Severity
-         * @description How much it matters.
+         * @description Severity of an event.
          * @enum {string}
          */
         Severity: "info" | "warning" | "error";
@@ -2404,7 +2404,7 @@ export interface components {
         };
         /**
          * ShowAction
-         * @description What can be asked of the whole show.
+         * @description A fleet-wide command.
          * @enum {string}
          */
         ShowAction: "start" | "stop" | "pause" | "resume" | "abort";
@@ -2489,7 +2489,7 @@ export interface components {
         };
         /**
          * ShowPhase
-         * @description Where the show stands.
+         * @description Phase of the show.
          * @enum {string}
          */
         ShowPhase: "idle" | "countdown" | "preflight" | "arming" | "assembling" | "running" | "paused" | "returning" | "aborting" | "landed" | "uncontrolled";
@@ -2575,7 +2575,7 @@ export interface components {
         };
         /**
          * State
-         * @description How a check came out. What is not known counts as failed.
+         * @description Result of a check. Unknown counts as failed.
          * @enum {string}
          */
         State: "pass" | "fail" | "unknown";
@@ -2918,7 +2918,7 @@ export interface components {
         };
         /**
          * YawPolicy
-         * @description Where the vehicles look: as at engagement, one way, or at the target.
+         * @description Heading of the vehicles: as at engagement, a fixed yaw, or towards the target.
          * @enum {string}
          */
         YawPolicy: "held" | "fixed" | "target";
