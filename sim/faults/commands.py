@@ -27,7 +27,7 @@ class Number:
     default: float | None = None
 
     def read(self, name: str, value: object) -> Value:
-        """The number, or an FaultCommandError."""
+        """The number, or a FaultCommandError."""
         if (
             isinstance(value, bool)
             or not isinstance(value, int | float)
@@ -51,7 +51,7 @@ class Choice:
         return self.words[0]
 
     def read(self, name: str, value: object) -> Value:
-        """The word, or an FaultCommandError."""
+        """The word, or a FaultCommandError."""
         if not isinstance(value, str) or value not in self.words:
             raise FaultCommandError(f"{name} must be one of {', '.join(self.words)}, not {value!r}")
         return value
