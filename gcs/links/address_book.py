@@ -1,18 +1,18 @@
-"""Who speaks from where: addresses of the configured systems, duplicates and strangers. No I/O."""
+"""Addresses of the configured systems, with duplicates and unknown systems. No I/O."""
 
 from collections.abc import Iterable
 from enum import Enum, auto
 from typing import NamedTuple
 
 SILENT_AFTER_S = 3.0
-"""Not heard for this long a system counts as gone: it is sent nothing, and may come back from elsewhere."""
+"""A system without frames for this long counts as gone: nothing is sent to it, and its address may change."""
 
 CONFLICT_KEPT_S = 5.0
 """A duplicate is reported until it has been silent this long."""
 
 
 class Address(NamedTuple):
-    """Where a system speaks from, and which of our sockets heard it."""
+    """Source of a system's frames, and the socket of ours that received them."""
 
     host: str
     port: int
@@ -23,14 +23,14 @@ class Address(NamedTuple):
 
 
 class Verdict(Enum):
-    """What to do with a frame: the first three are taken, the others dropped."""
+    """What to do with a frame: the first three are accepted, the others dropped."""
 
     KNOWN = auto()
-    FIRST = auto()  # not heard before
-    MOVED = auto()  # heard from another address after a silence
-    DUPLICATE = auto()  # its system id is alive at another address
-    NEW_DUPLICATE = auto()  # the same, for the first time
-    STRANGER = auto()  # not configured
+    FIRST = auto()  # first frame of this system
+    MOVED = auto()  # received from another address after a silence
+    DUPLICATE = auto()  # its system id is in use at another address
+    NEW_DUPLICATE = auto()  # a duplicate, for the first time
+    STRANGER = auto()  # its system id is not configured
 
 
 TAKEN = frozenset({Verdict.KNOWN, Verdict.FIRST, Verdict.MOVED})
@@ -57,11 +57,11 @@ class AddressBook:
         return self._everybody
 
     def address(self, system_id: int) -> Address | None:
-        """Where frames for this system go; None before it was heard."""
+        """Where frames for this system go; None before its first frame."""
         return self._addresses.get(system_id)
 
     def hear(self, system_id: int, address: Address, now_s: float) -> Verdict:
-        """Note that a checked frame of `system_id` arrived from `address`, and judge it."""
+        """Record that a checked frame of `system_id` arrived from `address`, and return the verdict."""
         known = self._addresses.get(system_id)
         if known == address:
             self._received_s[system_id] = now_s
@@ -77,7 +77,7 @@ class AddressBook:
         return Verdict.FIRST if known is None else Verdict.MOVED
 
     def forget(self, address: Address) -> None:
-        """Nobody is there any more: the connection ended. Its systems may come back from anywhere at once."""
+        """Remove an address whose connection ended. Its systems may come back from any address at once."""
         for system_id in [known for known, at in self._addresses.items() if at == address]:
             del self._addresses[system_id]
         self._everybody = tuple(dict.fromkeys(self._addresses.values()))
@@ -90,7 +90,7 @@ class AddressBook:
         return Verdict.NEW_DUPLICATE if is_new else Verdict.DUPLICATE
 
     def conflicts(self, now_s: float) -> dict[int, str]:
-        """Systems heard lately from two addresses, both named in the text."""
+        """Systems with recent frames from two addresses, both named in the text."""
         return {
             system_id: conflict.text
             for system_id, conflict in self._conflicts.items()

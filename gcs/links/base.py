@@ -1,4 +1,4 @@
-"""What every transport of ours tells about itself, and how; a transport adds how its bytes move."""
+"""Base of all transports: identity, addresses, conflicts, counters and recording."""
 
 from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
@@ -14,19 +14,19 @@ from gcs.model.state import VehicleId
 
 
 class Whereabouts(Protocol):
-    """Who speaks from where."""
+    """Addresses and address conflicts of systems."""
 
     def conflicts(self) -> Mapping[int, str]:
-        """System ids heard lately from two addresses, both named in the text."""
+        """System ids with recent frames from two addresses, both named in the text."""
         ...
 
     def address(self, system_id: int) -> Address | None:
-        """Where this system spoke from last; None before it was heard."""
+        """Source of this system's newest frame; None before the first."""
         ...
 
 
 class BaseLink:
-    """The part of `gcs.links.Link` that only tells. Used on the loop's thread."""
+    """The part of `gcs.links.Link` that reports. Used on the loop's thread."""
 
     def __init__(
         self,
@@ -48,12 +48,12 @@ class BaseLink:
 
     @property
     def name(self) -> str:
-        """As the configuration calls it."""
+        """The name in the configuration."""
         return self._name
 
     @property
     def ids(self) -> tuple[VehicleId, ...]:
-        """The vehicles configured on this link, heard or not."""
+        """The vehicles configured on this link, whether connected or not."""
         return self._ids
 
     @property
@@ -64,7 +64,7 @@ class BaseLink:
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
-        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
+        """Vehicles whose system id has recent frames from two addresses: both named in the text."""
         texts = self._whereabouts.conflicts()
         if not texts:
             return {}
@@ -72,12 +72,12 @@ class BaseLink:
 
     @property
     def setpoints_sent(self) -> int:
-        """How many setpoints have left, in all."""
+        """Total of setpoints sent."""
         return self._counters.setpoints_sent
 
     @property
     def addresses(self) -> Mapping[VehicleId, Address]:
-        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
+        """Source of each vehicle's newest frame: all that a kill from another process needs."""
         known = {name: self._whereabouts.address(system_id) for name, system_id in self._vehicles.items()}
         return {name: address for name, address in known.items() if address is not None}
 
@@ -91,5 +91,5 @@ class BaseLink:
 
     @property
     def counters(self) -> Counters:
-        """Totals since the link was made: setpoints sent, refused by the deadman, and so on."""
+        """Totals since the link was created: setpoints sent, setpoints dropped by the watchdog, and so on."""
         return self._counters

@@ -9,7 +9,7 @@ from gcs.model.state import Array
 
 _IDS: Final = 256
 _UNKNOWN: Final = 127
-"""In int8, above every percentage: the least of several ignores it."""
+"""In int8, above every percentage, so that the minimum ignores it."""
 
 
 class BatteryPacks:

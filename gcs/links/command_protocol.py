@@ -1,7 +1,7 @@
-"""Orders to vehicles, over any transport: one at a time, and belief only in the heartbeat.
+"""Execution of commands over any transport: one at a time per vehicle, confirmed by heartbeats only.
 
 PX4 acknowledges a change of mode twice, ACCEPTED first and the real result after; we take the first, as
-MAVSDK does. So an acknowledgement alone proves nothing, and its absence (a lost datagram) nothing either.
+MAVSDK does. So neither an acknowledgement alone nor its absence (a lost datagram) proves anything.
 """
 
 import asyncio
@@ -18,14 +18,14 @@ from gcs.model.state import Landed, Mode, VehicleId
 T = TypeVar("T")
 
 CONFIRM_S: Final = 3.2
-"""Heartbeats come once a second; three of them, and a little for the road."""
+"""Heartbeats come once a second: time for three of them, and a margin."""
 
 _REASON_S: Final = 0.3  # the status text that explains a refusal comes shortly after it
 _KILL_REPEAT_S: Final = 0.1
 
 CLOSED: Final = "the link was closed"
 TIMEOUT: Final = "TIMEOUT"
-"""What a `CommandChannel` says when nobody answers."""
+"""Failure of a `CommandChannel` that receives no answer."""
 
 _DESIRED_MODE: Final = {
     Verb.TAKEOFF: Mode.TAKEOFF,
@@ -37,7 +37,7 @@ _DESIRED_MODE: Final = {
 
 
 class ReportedState(Protocol):
-    """What a vehicle's own frames said: all that is believed of it. `gcs.links.telemetry.Heard` is one."""
+    """A vehicle's state from its own frames, for example `gcs.links.telemetry.VehicleTelemetry`."""
 
     @property
     def heartbeat_time_s(self) -> float:
@@ -46,12 +46,12 @@ class ReportedState(Protocol):
 
     @property
     def armed(self) -> bool:
-        """As that says."""
+        """From the newest heartbeat."""
         ...
 
     @property
     def mode(self) -> Mode:
-        """As that says."""
+        """From the newest heartbeat."""
         ...
 
     @property
@@ -61,43 +61,44 @@ class ReportedState(Protocol):
 
     @property
     def text_time_s(self) -> float:
-        """When that arrived."""
+        """Arrival of that text."""
         ...
 
     @property
     def news(self) -> asyncio.Event:
-        """Fires at its next heartbeat; another one afterwards."""
+        """Fires at its next heartbeat; afterwards this is another event."""
         ...
 
 
 class CommandChannel(Protocol):
-    """How a transport moves one vehicle."""
+    """A transport's commands and parameters for one vehicle."""
 
     def landed(self) -> Landed:
-        """As it said last."""
+        """From the newest EXTENDED_SYS_STATE."""
         ...
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
-        """Send what the order needs, and wait for the acknowledgement, however long the transport does.
+        """Send what the command needs, and wait for the acknowledgement, however long the transport does.
 
-        `may_leave` is called before anything leaves, when earlier calls for this vehicle have ended, on
-        whichever thread sends it; it raises CommandError when nothing may any more.
+        `may_leave` is called right before anything is sent, when earlier calls for this vehicle have ended,
+        on the
+        thread that sends; it raises CommandError when nothing may be sent any more.
 
         Raises: CommandError with a name for the failure.
         """
         ...
 
     async def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds. Raises: CommandError with a name for the failure."""
+        """The autopilot's value. Raises: CommandError with a name for the failure."""
         ...
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it, and wait for the answer. Raises: CommandError with a name for the failure."""
+        """Set the value, and wait for the answer. Raises: CommandError with a name for the failure."""
         ...
 
 
 def obeyed(verb: Verb, reported: ReportedState, landed: Landed) -> bool:
-    """Whether a vehicle's heartbeat (for TAKEOFF and LAND also its landed state) shows that it obeyed."""
+    """Whether a vehicle's heartbeat (for TAKEOFF and LAND also its landed state) confirms the command."""
     match verb:
         case Verb.ARM:
             return reported.armed
@@ -113,12 +114,12 @@ def obeyed(verb: Verb, reported: ReportedState, landed: Landed) -> bool:
 
 
 class CommandProtocol:
-    """Executes orders; one at a time per vehicle, except KILL, which waits for nobody."""
+    """Executes commands, one at a time per vehicle; KILL does not wait for others."""
 
     def __init__(
         self, system_ids: Mapping[VehicleId, int], latch: KillLatch, clock: Callable[[], float]
     ) -> None:
-        """A lock per vehicle, so that silent ones never keep another's order waiting."""
+        """One lock per vehicle, so that a silent vehicle never delays another's command."""
         self._system_ids = system_ids
         self._latch = latch
         self._clock = clock
@@ -128,15 +129,15 @@ class CommandProtocol:
 
     @property
     def awaited(self) -> bool:
-        """Whether somebody waits for an answer."""
+        """Whether an answer is awaited."""
         return self._awaited > 0
 
     def close(self) -> None:
-        """Send nothing more; orders under way fail. On the loop's thread."""
+        """Send nothing more; commands under way fail. On the loop's thread."""
         self._closed = True
 
     async def execute(self, command: Command, channel: CommandChannel, reported: ReportedState) -> None:
-        """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: CommandError."""
+        """Send, and return when the vehicle's heartbeat confirms the command. Raises: CommandError."""
         ticket = self._latch.ticket(self._system_ids[command.vehicle_id])
 
         def may_leave() -> None:
@@ -161,21 +162,21 @@ class CommandProtocol:
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str], channel: CommandChannel
     ) -> Mapping[str, ParameterValue]:
-        """One after the other: orders pass in between. Raises: CommandError naming the parameter."""
+        """One after the other: commands pass in between. Raises: CommandError naming the parameter."""
         with self._awaiting():
             return {name: await _about(vehicle_id, name, channel.parameter(name)) for name in names}
 
     async def set_parameter(
         self, vehicle_id: VehicleId, name: str, value: ParameterValue, channel: CommandChannel
     ) -> None:
-        """Change one. Raises: CommandError naming it."""
+        """Set one parameter. Raises: CommandError naming it."""
         with self._awaiting():
             await _about(vehicle_id, name, channel.set_parameter(name, value))
 
     async def kill(self, command: Command, reported: ReportedState, send_kill: Callable[[], None]) -> None:
-        """Send the kill command now and again until the heartbeat says disarmed. Raises: CommandError.
+        """Send the kill command repeatedly until the heartbeat reports disarmed. Raises: CommandError.
 
-        Not as one command among others: this one goes out at once, and shuts the latch behind it.
+        It does not queue behind other commands: it leaves at once, and shuts the latch.
         """
         began_s = self._clock()
         self._latch.shut(self._system_ids[command.vehicle_id])
@@ -198,9 +199,9 @@ class CommandProtocol:
     async def _confirmed(
         self, verb: Verb, channel: CommandChannel, reported: ReportedState, began_s: float, wait_s: float
     ) -> bool:
-        """Whether a heartbeat younger than the order shows it obeyed, within `wait_s`."""
+        """Whether a heartbeat younger than the command confirms it within `wait_s`."""
         until_s = self._clock() + wait_s
-        while not self._closed:  # a closed link's vehicles must not be asked any more
+        while not self._closed:  # a closed link's vehicles must not be queried any more
             if reported.heartbeat_time_s > began_s and obeyed(verb, reported, channel.landed()):
                 return True
             left_s = until_s - self._clock()
@@ -210,7 +211,7 @@ class CommandProtocol:
         return False
 
     def _failure(self, command: Command, cause: str | None, reported: ReportedState, began_s: float) -> str:
-        """Why an order failed, in words, with what the vehicle itself said since."""
+        """Why a command failed, in words, with what the vehicle itself has reported since."""
         silent_s = self._clock() - reported.heartbeat_time_s
         state = f"it reports {reported.mode}, {'armed' if reported.armed else 'disarmed'}"
         if silent_s > CONFIRM_S:
@@ -223,7 +224,7 @@ class CommandProtocol:
 async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
     """The answer about a parameter.
 
-    A name that does not exist is simply not answered. Raises: CommandError.
+    PX4 does not answer for a name that does not exist. Raises: CommandError.
     """
     try:
         return await answer
@@ -234,7 +235,7 @@ async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
 
 
 async def _news(reported: ReportedState, wait_s: float) -> None:
-    """Until the next heartbeat, or `wait_s`."""
+    """Wait for the next heartbeat, at most `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):
             await reported.news.wait()
@@ -248,5 +249,5 @@ def _refuse_the_impossible(command: Command, reported: ReportedState) -> None:
             raise CommandError(
                 f"{command.vehicle_id}: takeoff to {command.height_m} m; a height above 0 is needed"
             )
-        if not reported.armed:  # PX4 would accept, and climb whenever it is armed next
+        if not reported.armed:  # PX4 would accept, and climb when it is armed next
             raise CommandError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")

@@ -1,4 +1,4 @@
-"""What passes the wire: counted, and shown to whoever wants to see it."""
+"""Counters and observers of the frames on a link."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,43 +7,43 @@ from typing import TypeAlias
 
 
 class Direction(StrEnum):
-    """Seen from the ground."""
+    """Direction of a frame, seen from the ground."""
 
     SENT = "sent"
     RECEIVED = "received"
 
 
 Observer: TypeAlias = Callable[[float, Direction, bytes, int], None]
-"""Called with the time, the direction, one whole frame, and the system it is for or from (0: everybody).
+"""Called with the time, the direction, one whole frame, and its target or source system (0: all).
 
-On the loop's thread for received frames and on MAVSDK's for sent ones: quick, and safe on both.
+On the loop's thread for received frames and on MAVSDK's for sent ones: it must be quick, and safe on both.
 """
 
 
 @dataclass(slots=True)
 class Counters:
-    """What passed and what did not, since the wire was made. Frames, except where it says bytes."""
+    """Totals since the link was created. Frames, except where the name says bytes."""
 
     received: int = 0
     sent: int = 0
     setpoints_sent: int = 0
     setpoints_dropped: int = 0  # not permitted: late, old, or repeated by MAVSDK
-    heartbeats_withheld: int = 0  # of ours, while control was dead
-    commands_dropped: int = 0  # ordered before a kill, and repeated behind it
-    unroutable: int = 0  # for a system not heard yet
+    heartbeats_withheld: int = 0  # our own, while control did not run
+    commands_dropped: int = 0  # given before a kill, and repeated after it
+    unroutable: int = 0  # for a system without an address yet
     send_errors: int = 0
-    no_room: int = 0  # for want of room in a buffer: a slow serial port or connection
+    no_room: int = 0  # no room in a buffer: a slow serial port or connection
     garbage_bytes: int = 0
-    unknown_bytes: int = 0  # of messages that pymavlink does not know: not checked, so not taken
+    unknown_bytes: int = 0  # of messages that pymavlink does not know: not checked, so not accepted
     strangers: int = 0
     duplicates: int = 0
-    unsigned: int = 0  # refused, where signatures are configured
+    unsigned: int = 0  # refused, where signing is configured
     wrongly_signed: int = 0
     replayed: int = 0
-    not_signed: int = 0  # of ours: not sent, since nobody told us the checksum of such a message
+    not_signed: int = 0  # our own, not sent: the checksum seed of the message is unknown
     recorded: int = 0
-    not_recorded: int = 0  # the disk was full, gone or slow
+    not_recorded: int = 0  # the disk was full, missing or slow
     forwarded: int = 0
     not_forwarded: int = 0
-    taken_from_others: int = 0  # other ground stations' frames, passed on to a vehicle
+    taken_from_others: int = 0  # frames of other ground stations, passed on to a vehicle
     refused_from_others: int = 0

@@ -1,4 +1,4 @@
-"""The boundary between the fleet and a transport."""
+"""The interface between the fleet and a transport."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ ParameterValue: TypeAlias = int | float
 
 
 class Verb(StrEnum):
-    """What an autopilot can be ordered to do."""
+    """Commands of an autopilot."""
 
     ARM = "arm"
     DISARM = "disarm"
@@ -27,11 +27,11 @@ class Verb(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One order to one vehicle."""
+    """One command to one vehicle."""
 
     vehicle_id: VehicleId
     verb: Verb
-    height_m: float = 0.0  # TAKEOFF only: above the place where it stands
+    height_m: float = 0.0  # TAKEOFF only: above its position on the ground
 
 
 class Link(Protocol):
@@ -39,54 +39,55 @@ class Link(Protocol):
 
     @property
     def name(self) -> str:
-        """As the configuration calls it."""
+        """The name in the configuration."""
         ...
 
     @property
     def ids(self) -> tuple[VehicleId, ...]:
-        """The vehicles configured on this link, heard or not; never changes."""
+        """The vehicles configured on this link, whether connected or not; never changes."""
         ...
 
     @property
     def problems(self) -> Sequence[str]:
-        """What does not end the flight, but an operator should know: a recording that fails. In words."""
+        """Problems that do not end the flight but concern an operator, like a failed recording. In words."""
         ...
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
-        """Vehicles whose system id was heard lately from two addresses: both named in the text."""
+        """Vehicles whose system id has recent frames from two addresses: both named in the text."""
         ...
 
     @property
     def addresses(self) -> Mapping[VehicleId, Address]:
-        """Where each vehicle heard so far spoke from last: all that a kill from outside needs to know."""
+        """Source of each vehicle's newest frame: all that a kill from another process needs."""
         ...
 
     @property
     def setpoints_sent(self) -> int:
-        """How many setpoints have left, in all."""
+        """Total of setpoints sent."""
         ...
 
     async def run(self) -> None:
-        """Move bytes until cancelled. Raises LinkError when the transport cannot be had."""
+        """Move bytes until cancelled. Raises LinkError when the transport cannot be opened."""
         ...
 
     def snapshot(self) -> Telemetry:
-        """The newest known of every vehicle, with arrival times. Never blocks."""
+        """The newest telemetry of every vehicle, with arrival times. Never blocks."""
         ...
 
     def send(self, setpoints: Setpoints) -> None:
-        """Hand over one tick's orders. Waits some milliseconds at most, and for no vehicle.
+        """Send one tick's setpoints. Waits some milliseconds at most, and for no vehicle.
 
         A vehicle of this link that is not listed gets no further setpoint from the moment of the call; one
-        that is listed gets none later than the deadman's time after the last call that listed it.
+        that is listed gets none later than the watchdog's time after the last call that listed it.
         """
         ...
 
     async def execute(self, command: Command) -> None:
-        """Order, and return when the vehicle is seen to obey (by its heartbeat).
+        """Send a command, and return when the vehicle's heartbeat confirms it.
 
         OFFBOARD needs setpoints already flowing for that vehicle. TAKEOFF returns when the climb has begun.
+
         Raises: CommandError with a reason a person can act on, when it refuses or does not answer in time.
         """
         ...
@@ -94,10 +95,11 @@ class Link(Protocol):
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
-        """What the autopilot holds now, for every one of `names`. Takes seconds, and blocks nobody else.
+        """The autopilot's present values of `names`. Takes seconds, and delays no other vehicle.
 
-        Raises: UnknownError for a vehicle of another link; CommandError naming the parameter, when there is
-        no such one or the vehicle does not answer (which cannot be told apart).
+        Raises: UnknownError for a vehicle of another link; CommandError naming the parameter, when it does
+        not exist
+        or the vehicle does not answer (which cannot be distinguished).
         """
         ...
 
@@ -110,7 +112,7 @@ class Link(Protocol):
         ...
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """Change one; an int only where the autopilot holds an INT32. Whoever needs to be sure reads it back.
+        """Set one; an int only where the autopilot holds an INT32. To be certain, read it back.
 
         Raises: UnknownError for a vehicle of another link; CommandError naming the parameter.
         """

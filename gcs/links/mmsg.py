@@ -22,17 +22,17 @@ SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
 _UDP_SEGMENT: Final = 103  # Linux 4.18; Python does not name it
 
 _RUN_MOST: Final = 64
-"""Datagrams that the kernel cuts out of one piece at most."""
+"""Most datagrams that the kernel splits from one piece."""
 
 REFUSALS: Final = frozenset({errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.EOPNOTSUPP})
-"""What a way says that cannot have runs: it has no checksums of its own, or its packets are too small."""
+"""Errors of a route without runs: it has no checksums of its own, or its packets are too small."""
 
 _ADDRESS: Final = np.dtype([("family", "=u2"), ("port", ">u2"), ("host", ">u4"), ("zero", "V8")])
 """struct sockaddr_in."""
 
 
 class _Header(ctypes.Structure):
-    """A msghdr; pointers as numbers, which is what they are here."""
+    """A msghdr; pointers as integers."""
 
     _fields_ = (
         ("name", ctypes.c_size_t),
@@ -58,7 +58,7 @@ class _Part(ctypes.Structure):
 
 
 class _Control(ctypes.Structure):
-    """A cmsghdr with a timespec in it."""
+    """A cmsghdr that contains a timespec."""
 
     _fields_ = (
         ("length", ctypes.c_size_t),
@@ -70,7 +70,7 @@ class _Control(ctypes.Structure):
 
 
 class _Segment(ctypes.Structure):
-    """A cmsghdr with the length of a run's datagrams in it."""
+    """A cmsghdr that contains the length of a run's datagrams."""
 
     _fields_ = (
         ("length", ctypes.c_size_t),
@@ -81,7 +81,7 @@ class _Segment(ctypes.Structure):
 
 
 def _library() -> Any:
-    """The C library, or None where it has no such calls."""
+    """The C library, or None where it lacks these calls."""
     if sys.platform != "linux":
         return None
     library = ctypes.CDLL(None, use_errno=True)
@@ -97,11 +97,11 @@ def available() -> bool:
 
 
 def sends_runs(source: socket.socket) -> bool:
-    """Whether the kernel takes many datagrams to one place in one piece, and cuts them itself."""
+    """Whether the kernel accepts many datagrams for one destination as one piece, and splits them itself."""
     if _LIBC is None:
         return False
     try:
-        source.setsockopt(socket.IPPROTO_UDP, _UDP_SEGMENT, 0)  # of no length: each says its own
+        source.setsockopt(socket.IPPROTO_UDP, _UDP_SEGMENT, 0)  # 0: each run states its own length
     except OSError:
         return False
     return True
@@ -113,7 +113,7 @@ def _number(host: str) -> int:
 
 
 class Batch:
-    """Room for a number of datagrams, in or out, and the C structures that point at it.
+    """Memory for a number of datagrams, in or out, and the C structures that point to it.
 
     Attributes:
         data: (count, longest) bytes of each.
@@ -156,14 +156,14 @@ class Batch:
         return self._addresses["port"]
 
     def address(self, places: Sequence[tuple[str, int]]) -> None:
-        """Where the first rows are to go: IPv4 address and port of each."""
+        """Set the destinations of the first rows: IPv4 address and port of each."""
         self.host[: len(places)] = [_number(host) for host, _ in places]
         self.port[: len(places)] = [port for _, port in places]
 
     def receive(self, fd: int, first: int, most: int) -> int:
-        """Take in datagrams to rows `first` and following. Returns: how many; never waits.
+        """Read datagrams into row `first` and the following rows. Returns: number; never waits.
 
-        Raises: OSError, BlockingIOError among them when nothing waits.
+        Raises: OSError; BlockingIOError when there is nothing to read.
         """
         rows = slice(first, first + most)
         headers = self._messages["header"][rows]
@@ -186,9 +186,9 @@ class Batch:
         return count
 
     def send(self, fd: int, first: int, end: int) -> int:
-        """Send rows `first` to `end` - 1, in order. Returns: how many of them left; never waits.
+        """Send rows `first` to `end` - 1, in order. Returns: number of rows sent; never waits.
 
-        Raises: OSError when the first of them could not.
+        Raises: OSError when the first of them could not be sent.
         """
         rows = slice(first, end)
         self._parts["length"][rows] = self.length[rows]
@@ -198,10 +198,7 @@ class Batch:
         return self._call(_LIBC.sendmmsg, fd, first, end - first)
 
     def send_runs(self, fd: int, first: int, end: int) -> int:
-        """As `send`; neighbours of one length to one place cost the kernel hardly more than one of them.
-
-        On the wire they are the same datagrams. Raises: OSError when the first run could not leave.
-        """
+        """As `send`; neighbours of equal length and destination cost the kernel little more than one."""
         rows = slice(first, end)
         self._parts["length"][rows] = self.length[rows]
         begins = self._begins(first, end)
@@ -235,7 +232,7 @@ class Batch:
 
 
 def _called(function: Any, fd: int, place: int, count: int, *more: object) -> int:
-    """What sendmmsg or recvmmsg did with the messages there. Raises: OSError."""
+    """Result of sendmmsg or recvmmsg with the messages at `place`. Raises: OSError."""
     done: int = function(fd, ctypes.c_void_p(place), ctypes.c_uint(count), 0, *more)
     if done < 0:
         number = ctypes.get_errno()

@@ -10,22 +10,22 @@ from gcs.model.state import VehicleId
 
 
 class ParameterNews:
-    """Keeps the newest value of each watched parameter until it is asked for: bounded by their number."""
+    """Keeps the newest value of each watched parameter until it is read: bounded by their number."""
 
     def __init__(self) -> None:
         self._names: frozenset[str] = frozenset()
         self._news: dict[VehicleId, dict[str, ParameterValue]] = {}
 
     def watch(self, names: Collection[str]) -> None:
-        """Keep these from now on, and no others."""
+        """Watch these parameters from now on, and no others."""
         self._names = frozenset(names)
 
     def take(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """A vehicle has announced a value."""
+        """Record a value that a vehicle has announced."""
         if name in self._names:
             self._news.setdefault(vehicle_id, {})[name] = value
 
     def drain(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
-        """What was announced since the last call."""
+        """The values announced since the last call."""
         news, self._news = self._news, {}
         return news

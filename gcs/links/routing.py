@@ -1,4 +1,4 @@
-"""Setpoints of the whole fleet, shared out among its links."""
+"""Setpoints of the whole fleet, distributed to its links."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from gcs.model.state import Setpoints, VehicleId
 
 
 class SetpointRouting:
-    """Which rows of a batch are which link's; worked out anew only when a batch lists other vehicles."""
+    """The rows of a batch for each link; computed again only when a batch lists other vehicles."""
 
     def __init__(self, links: Sequence[Link]) -> None:
         self._link_of = {name: index for index, link in enumerate(links) for name in link.ids}
@@ -18,7 +18,7 @@ class SetpointRouting:
         self._parts: list[tuple[tuple[VehicleId, ...], NDArray[np.intp]]] = self._cut((), len(links))
 
     def of(self, setpoints: Setpoints) -> list[Setpoints]:
-        """One batch for each link, without those of the others."""
+        """One batch for each link, with its own vehicles only."""
         if setpoints.ids != self._ids:
             self._ids, self._parts = setpoints.ids, self._cut(setpoints.ids, len(self._parts))
         return [

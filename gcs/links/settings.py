@@ -1,4 +1,4 @@
-"""What the configuration says of a wire's further duties."""
+"""Settings of recording, signing, streams and forwarding."""
 
 import re
 from ipaddress import AddressValueError, IPv4Address
@@ -14,10 +14,11 @@ _URL: Final = re.compile(r"^udp://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{
 
 
 class RecordSettings(Settings):
-    """What is kept of every flight.
+    """What is recorded of every flight.
 
-    In `folder`: `audit.sqlite`, and for each time that the service runs a folder with flight data and with
-    every frame of each link.
+    In `folder`: `audit.sqlite`, and for each run of the service a folder with flight data and with every
+    frame of
+    each link.
     """
 
     folder: Path
@@ -26,14 +27,14 @@ class RecordSettings(Settings):
 
 
 class SigningSettings(Settings):
-    """MAVLink 2 signatures. `link_id` tells apart the links that share a key."""
+    """MAVLink 2 signing. `link_id` distinguishes links that share a key."""
 
     key_file: Path
     link_id: Annotated[int, Field(ge=0, le=255)] = 0
 
 
 class StreamSettings(Settings):
-    """How often the vehicles are to report; `others_hz` is for what only further stations want to see."""
+    """Rates of the vehicles' reports; `others_hz` is for messages that only further stations use."""
 
     position_hz: Positive = 10.0  # the tick brings positions forward with their velocities
     state_hz: Positive = 5.0

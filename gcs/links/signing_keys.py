@@ -1,4 +1,4 @@
-"""The signing key's file, and beside it the newest time that was signed: it never goes back."""
+"""The file of the signing key, and beside it the newest signing time, which never goes back."""
 
 import logging
 import os
@@ -19,7 +19,7 @@ from gcs.model.errors import ConfigError, LinkError
 log = logging.getLogger(__name__)
 
 _AHEAD_UNITS: Final = 60 * UNITS_PER_S
-"""The file holds a time that is not reached yet, so that a crash never brings one back."""
+"""The file holds a time in the future, so that no signing time is used again after a crash."""
 
 _LOOK_S: Final = 1.0
 
@@ -43,7 +43,7 @@ def load_key(path: Path) -> bytes:
 
 
 def create_key(path: Path) -> None:
-    """Write a new key, in hex, readable for nobody else. Raises: ConfigError; it overwrites nothing."""
+    """Write a new key, in hex, readable for its owner only. Raises: ConfigError; it overwrites nothing."""
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as error:
@@ -53,9 +53,9 @@ def create_key(path: Path) -> None:
 
 
 class Signing:
-    """A signer whose time survives the process.
+    """A signer whose time outlasts the process.
 
-    `open` and `close` wait for a disk: in turn, on any thread but the loop's.
+    `open` and `close` wait for a disk: one after the other, on any thread but the loop's.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Signing:
         self._keeper: Thread | None = None
 
     def open(self) -> None:
-        """Go on where the last process ended. Raises: LinkError when the file cannot be read or written."""
+        """Continue where the last process ended. Raises: LinkError when the file cannot be used."""
         start = max(self._signer.time, _stored(self._file), self._now())
         try:
             self._reserve(start + _AHEAD_UNITS)
@@ -85,12 +85,12 @@ class Signing:
         self._keeper.start()
 
     def close(self) -> None:
-        """Nothing is signed any more; the next process may begin right here."""
+        """End signing; the next process may continue from this time."""
         if self._keeper is not None:
             self._closed.set()
             self._keeper.join()
             self._keeper = None
-            with suppress(OSError):  # a later time stands there, which is right too
+            with suppress(OSError):  # the file then holds a later time, which is also correct
                 self._reserve(self._signer.time)
 
     def sign(self, raw: bytes) -> bytes | None:
@@ -110,14 +110,14 @@ class Signing:
                 try:
                     self._reserve(self._signer.time + _AHEAD_UNITS)
                 except OSError as error:
-                    if not self._failed:  # flying goes on, and so does the time in this process
+                    if not self._failed:  # the flight continues, and so does the time in this process
                         log.error("signing_time_not_kept", extra={"cause": str(error)})
                     self._failed = True
                 else:
                     self._failed = False
 
     def _reserve(self, time: int) -> None:
-        """Put a time into the file, whole or not at all."""
+        """Write a time to the file, whole or not at all."""
         time = min(time, TIME_MAX)
         new = self._file.with_name(f"{self._file.name}.new")
         with new.open("w", encoding="ascii") as file:
@@ -129,7 +129,7 @@ class Signing:
 
 
 def _decoded(data: bytes) -> bytes:
-    """From hex or base64, with white space around it; empty when it is neither."""
+    """Key from hex or base64, with white space around it; empty when it is neither."""
     text = data.strip()
     with suppress(ValueError):
         return bytes.fromhex(text.decode("ascii"))

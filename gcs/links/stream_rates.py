@@ -1,7 +1,8 @@
-"""Which streams the vehicles are asked for, and whether they do as asked. No I/O.
+"""Which streams are requested from the vehicles, and whether the vehicles send them. No I/O.
 
-A vehicle is asked when it is first heard, after a silence, and when its boot clock jumped back; then again
-for streams that do not come as asked: an autopilot forgets them when it restarts, and says so to nobody.
+A vehicle gets requests when its first frame arrives, after a silence, and when its boot clock jumped back;
+then
+again for streams with a wrong rate: an autopilot forgets them when it restarts, and does not report that.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,23 +22,24 @@ from gcs.mavlink.framing import (
 )
 
 _NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
-"""Frequent, and nothing here reads them: attitudes, local position, servos, HUD, targets, IMU, clocks, range,
-altitude, the estimator, vibration."""
+"""Frequent, and read by no part of the service: attitudes, local position, servos, HUD, targets, IMU, clocks,
+range, altitude, the estimator, vibration.
+"""
 
 NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {ODOMETRY}
-"""What MAVSDK is not shown. Of ODOMETRY the wire itself reads the reset counter."""
+"""Messages that MAVSDK does not receive. Of ODOMETRY the link itself reads the reset counter."""
 
 REQUESTING_COMPONENT: Final = 191
-"""Ours that asks. Not MAVSDK's own, which would wonder about answers to what it did not ask."""
+"""Our component that requests streams. Not MAVSDK's: it would receive answers to requests it did not send."""
 
-SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it meets a vehicle; ours come after
+SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it discovers a vehicle; ours come after
 _WINDOW_S: Final = 4.0
 _PAUSE_MAX_S: Final = 60.0
-_FRAMES_MIN: Final = 4  # in a window; rarer streams are not judged
+_FRAMES_MIN: Final = 4  # in a window; rarer streams are not checked
 
 
 def desired(streams: StreamSettings) -> dict[int, float]:
-    """Rate in Hz of every message that is asked for; 0 is not at all."""
+    """Rate in Hz of every message that is requested; 0 ends the stream."""
     return {
         GLOBAL_POSITION_INT: streams.position_hz,
         EXTENDED_SYS_STATE: streams.state_hz,
@@ -51,7 +53,7 @@ def desired(streams: StreamSettings) -> dict[int, float]:
 
 
 class _Request:
-    """What is known of one vehicle's obedience."""
+    """State of the requests to one vehicle."""
 
     def __init__(self) -> None:
         self.connection_count = 0
@@ -63,7 +65,7 @@ class _Request:
 
 
 class Rates:
-    """When which vehicle is to be asked for what."""
+    """Decides when to request which streams from which vehicle."""
 
     def __init__(self, desired: Mapping[int, float], system_ids: Iterable[int]) -> None:
         """`desired`: Hz of each message."""
@@ -71,7 +73,7 @@ class Rates:
         self._asked = {system_id: _Request() for system_id in system_ids}
 
     def due(self, system_id: int, telemetry: VehicleTelemetry, now_s: float) -> Iterator[tuple[int, float]]:
-        """The messages, with their rates, to ask this vehicle for now: mostly none."""
+        """The messages, with their rates, to request from this vehicle now: mostly none."""
         asked = self._asked[system_id]
         if now_s - telemetry.heartbeat_time_s > SILENT_AFTER_S:
             return

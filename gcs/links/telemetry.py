@@ -1,4 +1,4 @@
-"""What the wire itself read from one vehicle: arrival times, and the heartbeat's word on mode and arming."""
+"""Telemetry of one vehicle from its frames: arrival times, and mode and arming from HEARTBEAT."""
 
 import asyncio
 from collections import Counter
@@ -42,34 +42,34 @@ from gcs.model.state import Landed, Mode, StatusText
 _AUTOPILOT_COMPONENT = 1
 _TEXT_CHUNKS_MAX = 8
 _TEXTS_KEPT: Final = 6
-_ROW: Final = (0,)  # of the one vehicle among the batteries
+_ROW: Final = (0,)  # of the one vehicle in `BatteryPacks`
 _CLOCKS: Final = frozenset({ATTITUDE, LOCAL_POSITION_NED})
-"""Not asked for, but sent by an autopilot that has just restarted, seconds before its first position."""
+"""Not requested, but sent by an autopilot that has just restarted, seconds before its first position."""
 
 _REORDERED_MS: Final = 1000
-"""A boot clock that goes back by less is that of a late datagram."""
+"""A boot clock that goes back by less comes from a late datagram."""
 
 
 class VehicleTelemetry:
-    """Newest known of one vehicle, and when it arrived. Written and read on the loop's thread.
+    """Newest values of one vehicle, and their arrival. Written and read on the loop's thread.
 
     Attributes:
         time_s: arrival of any frame; `heartbeat_time_s` and `position_time_s` of their own, -inf before.
         motion: of the newest position.
         life_time_s: arrival of any frame of the autopilot: every one is a sign of life.
-        armed, mode, in_failsafe: from the autopilot's heartbeat, which alone is believed.
-        prearm_ok: SYS_STATUS says that the autopilot's own checks before arming pass.
-        unhealthy_sensors: and which sensors are enabled and unhealthy; -1 before.
+        armed, mode, in_failsafe: from the autopilot's heartbeat only.
+        prearm_ok: the autopilot's own pre-arm checks pass, from SYS_STATUS.
+        unhealthy_sensors: sensors enabled and unhealthy, from SYS_STATUS; -1 before.
         accuracy, fix_type: of the newest GPS_RAW_INT.
         clock_base_s: its own clock (Unix time) less ours, as its SYSTEM_TIME arrived; NaN where not known.
-        landed: as the newest EXTENDED_SYS_STATE says.
+        landed: from the newest EXTENDED_SYS_STATE.
         reboot_count: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
         position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
         text, text_time_s: the newest status text, and its arrival.
         texts: the newest few, the oldest first.
-        connection_count: how often it was met: at first, after a restart, after a silence. It may have
-            forgotten what it was asked for.
-        counts: how many messages of each kind the autopilot has sent.
+        connection_count: how often it connected: at first, after a restart, after a silence. It may have
+            forgotten its streams.
+        counts: number of messages of each kind from the autopilot.
         news: fires at the next heartbeat, and is then replaced.
     """
 
@@ -125,7 +125,7 @@ class VehicleTelemetry:
             self._take_rarely(frame, time_s)
 
     def _take_rarely(self, frame: Frame, time_s: float) -> None:
-        """What comes once or twice a second, or when something happens."""
+        """Read messages that come once or twice a second, or on an event."""
         message_id = frame.message_id
         if message_id == SYS_STATUS:
             self.prearm_ok, self.unhealthy_sensors = prearm_ok(frame), unhealthy_sensors(frame)
@@ -146,11 +146,11 @@ class VehicleTelemetry:
             self._take_text(status_text(frame), time_s)
 
     def _take_boot_clock(self, now_ms: int) -> None:
-        """Never an anchor for times: it loses against the wall, and restarts unannounced."""
+        """Not used as an anchor for times: it drifts against the wall clock, and restarts unannounced."""
         if now_ms < self._boot_time_ms - _REORDERED_MS:
             self.reboot_count += 1
             self.connection_count += 1
-            self._reset_counter = None  # of a new life
+            self._reset_counter = None  # of the time before the restart
             self.prearm_ok = False
             self._batteries.forget(_ROW)
             self._boot_time_ms = now_ms
@@ -167,7 +167,7 @@ class VehicleTelemetry:
         fired.set()
 
     def _take_text(self, chunk: TextChunk, time_s: float) -> None:
-        """Put long texts together; one with a chunk missing is shown with what there is."""
+        """Assemble long texts; one with a missing chunk is shown with the chunks received."""
         follows = self._chunks and chunk.text_id == self._chunks[0].text_id and chunk.text_id != 0
         self._chunks = [*self._chunks, chunk][-_TEXT_CHUNKS_MAX:] if follows else [chunk]
         self.text = b"".join(part.text for part in self._chunks).decode(errors="replace").strip()

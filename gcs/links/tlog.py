@@ -1,7 +1,7 @@
-"""Every frame into a `.tlog`, as QGroundControl and pymavlink open it, from a thread of its own.
+"""Records every frame to a `.tlog`, as QGroundControl and pymavlink open it, from a thread of its own.
 
-A record is 8 bytes, big-endian, microseconds of Unix time, and the frame. The disk never delays flight:
-frames wait in a queue that is bounded, and are counted when they cannot be kept.
+A record is 8 bytes, big-endian, microseconds of Unix time, and the frame. The disk never delays the flight:
+frames wait in a bounded queue, and are counted when they cannot be kept.
 """
 
 import logging
@@ -28,18 +28,18 @@ _JOIN_S: Final = 5.0
 
 
 def record(unix_us: int, raw: bytes) -> bytes:
-    """One frame as it stands in the file."""
+    """One frame as a record of the file."""
     return _STAMP.pack(unix_us) + raw
 
 
 class Recorder:
-    """A file for every time that it is opened. `record` is for any thread and takes a microsecond."""
+    """Writes a new file each time it is opened. `record` is for any thread and takes a microsecond."""
 
     def __init__(self, folder: Path, name: str, counters: Counters, clock: Callable[[], float]) -> None:
         """Nothing is opened yet.
 
         Args:
-            folder: made when it is not there.
+            folder: created when missing.
             name: becomes part of the file's name.
             counters: its `recorded` and `not_recorded` are kept here.
             clock: that of the times given to `record`.
@@ -67,7 +67,7 @@ class Recorder:
 
     @property
     def path(self) -> Path | None:
-        """The newest file, once it is there."""
+        """The newest file, once it exists."""
         return self._path
 
     def open(self) -> None:
@@ -78,7 +78,7 @@ class Recorder:
         self._writer.start()
 
     def close(self) -> None:
-        """Write what is left. Blocks, but not for ever on a disk that hangs."""
+        """Write what is left. Blocks for a limited time, also on a disk that hangs."""
         if self._writer is not None:
             self._closed.set()
             self._writer.join(_JOIN_S)
@@ -89,7 +89,7 @@ class Recorder:
         if self._writer is None:
             return
         with self._lock:
-            # the kernel dates arrivals back, so one may be older than what was sent meanwhile
+            # the kernel's time of an arrival may be older than a frame sent meanwhile
             self._newest_us = max(self._newest_us, round((time_s + self._offset_s) * 1e6))
             if self._queued_bytes > _QUEUE_MAX_BYTES:
                 self._counters.not_recorded += 1

@@ -1,4 +1,4 @@
-"""System ids on one link: the vehicles', each once, our own beside them, and how many an instance bears."""
+"""System ids on one link: the vehicles' and our own; number of MAVSDK instances."""
 
 from collections.abc import Collection, Mapping
 from typing import Final
@@ -15,7 +15,7 @@ INSTANCES_MAX: Final = 16
 """Per process; the 20th was measured to speak MAVLink 1."""
 
 _MAVSDK_ID: Final = 245
-_SPARE_ID: Final = 254  # 255 is most other stations'
+_SPARE_ID: Final = 254  # 255 is used by most other stations
 
 
 def station_id(vehicles: Collection[int]) -> int:
@@ -24,7 +24,7 @@ def station_id(vehicles: Collection[int]) -> int:
 
 
 def instances(vehicle_count: int) -> int:
-    """How many instances of MAVSDK that many vehicles of one link need."""
+    """Number of MAVSDK instances for the vehicles of one link."""
     return -(-vehicle_count // VEHICLES_MAX)
 
 

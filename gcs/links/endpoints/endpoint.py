@@ -1,4 +1,4 @@
-"""The boundary to one socket or serial port."""
+"""The interface of one socket or serial port."""
 
 from collections.abc import Callable, Iterable
 from selectors import BaseSelector
@@ -9,7 +9,7 @@ from gcs.mavlink.framing import Split
 
 
 class Arrival(NamedTuple):
-    """What came from one place at one time."""
+    """Bytes that arrived from one address at one time."""
 
     address: Address
     parts: Split
@@ -17,37 +17,37 @@ class Arrival(NamedTuple):
 
 
 Read: TypeAlias = Callable[[float], Iterable[Arrival]]
-"""Takes in what has arrived, given the time now. Every file in the selector has one for its data.
+"""Reads what has arrived, given the present time. Every file in the selector has one as its data.
 
-Whoever iterates may stop: the rest is taken in by the next call.
+The caller may stop iterating: the next call reads the rest.
 """
 
 
 class Endpoint(Protocol):
-    """One way to vehicles, that comes back by itself. Never blocks.
+    """One port to vehicles, which reconnects by itself. Never blocks.
 
     Everything is called on the loop's thread, except `send`, which any thread may call.
     """
 
     @property
     def standing(self) -> tuple[Address, ...]:
-        """Far ends that may be spoken to before they are heard. Safe on any thread."""
+        """Far ends that can be sent to before they send anything. Safe on any thread."""
         ...
 
     def open(self, selector: BaseSelector, now_s: float) -> None:
-        """Begin. Raises: LinkError when it cannot be had, and not for want of the far end."""
+        """Open the port. Raises: LinkError when that fails for another reason than a missing far end."""
         ...
 
     def close(self) -> None:
-        """End; it may be opened again."""
+        """Close; it may be opened again."""
         ...
 
     def tend(self, now_s: float) -> None:
-        """Connect again, go on with what was left half sent. To be called 50 times a second or so."""
+        """Reconnect, and continue frames sent in part. To be called about 50 times a second."""
         ...
 
     def gone(self) -> tuple[Address, ...]:
-        """Addresses that have ended since the last call: whoever spoke from there is not there any more."""
+        """Addresses whose connection has ended since the last call."""
         ...
 
     def send(self, data: bytes, address: Address, *, perishable: bool) -> None:
@@ -56,8 +56,8 @@ class Endpoint(Protocol):
         Args:
             data: the frame.
             address: one of this endpoint's.
-            perishable: not worth sending where it would have to wait behind others.
+            perishable: not worth sending if it would have to wait behind others.
 
-        Raises: BlockingIOError when there is no room; OSError when there is no way.
+        Raises: BlockingIOError when there is no room; OSError when there is no route.
         """
         ...

@@ -1,4 +1,4 @@
-"""From descriptions to endpoints."""
+"""Construction of endpoints from their descriptions."""
 
 from collections.abc import Iterable
 
@@ -12,7 +12,7 @@ from gcs.links.endpoints.urls import Listen, Place, SerialPort, TcpIn, TcpOut, U
 
 
 def make(name: str, places: Iterable[Place]) -> tuple[Endpoint, ...]:
-    """One endpoint for every port; each one's index is that of its addresses. `name` is the link's."""
+    """One endpoint for every port; its index is the socket index of its addresses. `name` is the link's."""
     made: list[Endpoint] = []
     for place in places:
         match place:

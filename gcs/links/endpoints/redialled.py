@@ -1,4 +1,4 @@
-"""One stream to one far end, opened again whenever it ends."""
+"""One stream to one far end, reopened whenever it ends."""
 
 import logging
 from collections.abc import Iterator
@@ -15,19 +15,19 @@ RETRY_S: Final = 1.0
 
 
 class Dial(Protocol):
-    """How to open a channel, without waiting for it."""
+    """Opens a channel without waiting for it."""
 
     def __call__(self, now_s: float) -> Channel | None:
-        """The channel, or None when it takes longer: ask again. Raises: OSError when it cannot be had now."""
+        """The channel, or None while it takes longer: call again. Raises: OSError when it cannot open."""
         ...
 
     def cancel(self) -> None:
-        """Give up what was begun."""
+        """Abandon the attempt."""
         ...
 
 
 class Redialled:
-    """A TCP client, or a serial port that may be pulled out. An `Endpoint`."""
+    """A TCP client, or a serial port that may be unplugged. An `Endpoint`."""
 
     def __init__(self, name: str, address: Address, dial: Dial) -> None:
         """`name` is the link's, for logs."""
@@ -42,22 +42,21 @@ class Redialled:
 
     @property
     def standing(self) -> tuple[Address, ...]:
-        """The far end, while there is one."""
+        """The far end, while connected."""
         return () if self._stream is None else (self._address,)
 
     def open(self, selector: BaseSelector, now_s: float) -> None:
-        """Begin; whether the far end is there shows later."""
+        """Begin to connect; a missing far end shows later."""
         self._selector, self._retry_s, self._failed = selector, now_s, False
         self.tend(now_s)
 
     def close(self) -> None:
-        """End."""
         self._dial.cancel()
         self._drop()
         self._selector = None
 
     def tend(self, now_s: float) -> None:
-        """Go on with what was half sent, or open again."""
+        """Continue a frame sent in part, or reconnect."""
         if self._stream is not None:
             self._stream.looked(now_s)
             try:
@@ -68,7 +67,7 @@ class Redialled:
             self._open_again(self._selector, now_s)
 
     def gone(self) -> tuple[Address, ...]:
-        """The far end, when it has ended since."""
+        """The far end, if its connection has ended since the last call."""
         gone, self._gone = tuple(self._gone), []
         return gone
 

@@ -1,4 +1,4 @@
-"""A serial port. pyserial opens it and sets its speed; bytes go past it, since it waits and we do not."""
+"""A serial port. pyserial opens it and sets its speed; reads and writes bypass pyserial: it would block."""
 
 import errno
 import os
@@ -14,7 +14,7 @@ class SerialChannel:
     """An open port. A `Channel`."""
 
     def __init__(self, port: serial.Serial) -> None:
-        """Take over an open port."""
+        """Use an open port."""
         self._port = port
         self._byte_s = _BITS_PER_BYTE / port.baudrate
 
@@ -24,20 +24,20 @@ class SerialChannel:
         return number
 
     def read(self, size: int) -> bytes:
-        """What has come. Raises: OSError; nothing though there was something: it was pulled out."""
+        """Read what has arrived. Raises: OSError. Nothing, although readable: the port was unplugged."""
         return os.read(self.fileno(), size)
 
     def write(self, data: bytes) -> int:
-        """How much of it was taken. Raises: OSError."""
+        """Number of bytes accepted. Raises: OSError."""
         return os.write(self.fileno(), data)
 
     def delay_s(self) -> float:
-        """Of what waits in the kernel, at the port's speed."""
+        """Delay of the bytes that wait in the kernel, at the port's speed."""
         waiting_bytes: int = self._port.out_waiting
         return waiting_bytes * self._byte_s
 
     def close(self) -> None:
-        """End; without throwing away what waits, closing could wait for it half a minute."""
+        """Close; the output buffer is discarded first, otherwise closing could wait half a minute for it."""
         with suppress(OSError, termios.error):
             self._port.reset_output_buffer()
         with suppress(OSError, termios.error):
@@ -53,7 +53,7 @@ class SerialDial:
         self._baud = baud
 
     def __call__(self, now_s: float) -> SerialChannel:  # noqa: ARG002
-        """Open it, for us alone. Raises: OSError."""
+        """Open it exclusively. Raises: OSError."""
         try:
             port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
             _say_when_empty(port.fileno())
@@ -62,11 +62,11 @@ class SerialDial:
         return SerialChannel(port)
 
     def cancel(self) -> None:
-        """Nothing was begun."""
+        """Nothing is pending."""
 
 
 def _say_when_empty(file: int) -> None:
-    """Have reading raise BlockingIOError when nothing is there; pyserial has it read as the end."""
+    """Make reads raise BlockingIOError without data; with pyserial's setting they would return the end."""
     os.set_blocking(file, False)
     settings = termios.tcgetattr(file)
     settings[6][termios.VMIN] = 1

@@ -1,4 +1,4 @@
-"""A byte stream that carries frames: put together on the way in, whole or not at all on the way out."""
+"""A byte stream of frames: reassembled when received, sent whole or not at all."""
 
 from collections.abc import Iterator
 from threading import Lock
@@ -23,27 +23,27 @@ class Channel(Protocol):
         ...
 
     def read(self, size: int) -> bytes:
-        """What has come, up to `size`. Raises: BlockingIOError when nothing has."""
+        """Read what has arrived, up to `size`. Raises: BlockingIOError when there is nothing."""
         ...
 
     def write(self, data: bytes) -> int:
-        """How much of `data` was taken. Raises: BlockingIOError when nothing was."""
+        """Number of bytes of `data` accepted. Raises: BlockingIOError when none were."""
         ...
 
     def delay_s(self) -> float:
-        """How long what is written now would wait behind what was written before."""
+        """How long data written now would wait behind data written before."""
         ...
 
     def close(self) -> None:
-        """Throw away what was not sent, and end."""
+        """Discard what was not sent, and close."""
         ...
 
 
 class Stream:
-    """One channel and its frames. `read` belongs to the loop's thread, the others to any."""
+    """One channel and its frames. `read` is for the loop's thread, the other methods for any."""
 
     def __init__(self, channel: Channel, address: Address, now_s: float) -> None:
-        """Take over an open channel."""
+        """Use an open channel."""
         self.address = address
         self._channel = channel
         self._lock = Lock()
@@ -58,13 +58,13 @@ class Stream:
         return self._channel.fileno()
 
     def read(self, now_s: float) -> Iterator[Arrival]:
-        """Take in what has come. Raises: OSError when the stream has ended.
+        """Read what has arrived. Raises: OSError when the stream has ended.
 
-        A stream has no dates of arrival. What comes after the loop stood still counts as old as it may be.
+        A stream has no times of arrival. Data read after the loop was blocked counts as old as it may be.
         """
         time_s = now_s if now_s - self._looked_s < _STALL_S else self._looked_s
         garbage_bytes = 0
-        self._unread = True  # until seen empty
+        self._unread = True  # until read empty
         for _ in range(_READS_PER_CALL):
             try:
                 data = self._channel.read(_READ_BYTES)
@@ -80,12 +80,12 @@ class Stream:
                 return
 
     def looked(self, now_s: float) -> None:
-        """The selector has been asked: there is nothing to read but what was left unread."""
+        """The selector was queried: nothing is left to read except data left unread."""
         if not self._unread:
             self._looked_s = now_s
 
     def send(self, data: bytes, *, perishable: bool) -> None:
-        """Send a frame, whole or not at all. Raises: BlockingIOError for want of room; OSError."""
+        """Send a frame, whole or not at all. Raises: BlockingIOError when there is no room; OSError."""
         with self._lock:
             if self._closed:
                 raise ConnectionError("closed")
@@ -95,13 +95,12 @@ class Stream:
             self._half_sent = data[self._channel.write(data) :]
 
     def flush(self) -> None:
-        """Go on with a frame half sent. Raises: OSError when the stream has ended."""
+        """Continue a frame sent in part. Raises: OSError when the stream has ended."""
         with self._lock:
             if not self._closed:
                 self._finish_half_sent()
 
     def close(self) -> None:
-        """End."""
         with self._lock:
             if not self._closed:
                 self._closed = True

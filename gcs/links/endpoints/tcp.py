@@ -1,7 +1,7 @@
-"""TCP: a server to which vehicles or routers connect, and a client that connects again and again.
+"""TCP: a server to which vehicles or routers connect, and a client that reconnects.
 
-A broken connection may show only when the kernel gives up: after `_GIVE_UP_S`. What it had taken by then is
-lost with it; what it delivers late within that time is late, and nobody can call it back.
+A broken connection may show only when the kernel gives up: after `_GIVE_UP_S`. Data that it had accepted by
+then is lost with it; data delivered late within that time cannot be called back.
 """
 
 import errno
@@ -54,15 +54,15 @@ class SocketChannel:
         return self._socket.fileno()
 
     def read(self, size: int) -> bytes:
-        """What has come. Raises: OSError."""
+        """Read what has arrived. Raises: OSError."""
         return self._socket.recv(size)
 
     def write(self, data: bytes) -> int:
-        """How much of it was taken. Raises: OSError."""
+        """Number of bytes accepted. Raises: OSError."""
         return self._socket.send(data)
 
     def delay_s(self) -> float:
-        """Of what has not left yet; where the platform cannot say, nothing."""
+        """Delay of the bytes that have not left yet; 0 where the platform cannot tell."""
         try:
             (waiting_bytes,) = _INT.unpack(ioctl(self._socket.fileno(), _SIOCOUTQNSD, bytes(_INT.size)))
         except OSError:  # not Linux
@@ -71,7 +71,7 @@ class SocketChannel:
         return delay_s
 
     def close(self) -> None:
-        """Reset, not finish: what is still waiting is too old for whoever connects next."""
+        """Reset instead of finishing: data still waiting is too old for the next connection."""
         with suppress(OSError):
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, Struct("@ii").pack(1, 0))
         self._socket.close()
@@ -87,7 +87,7 @@ class TcpDial:
         self._began_s = 0.0
 
     def __call__(self, now_s: float) -> SocketChannel | None:
-        """Begin, or look whether it is connected by now. Raises: OSError when that failed."""
+        """Begin, or check whether it is connected by now. Raises: OSError when that failed."""
         if self._pending is None:
             self._pending = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
             self._pending.setblocking(False)
@@ -105,21 +105,21 @@ class TcpDial:
                 self.cancel()
                 raise TimeoutError(f"no answer within {_CONNECT_S:g} s") from None
             return None
-        if self._pending.getpeername() == self._pending.getsockname():  # nobody listened, and it met itself
+        if self._pending.getpeername() == self._pending.getsockname():  # TCP connected to itself
             self.cancel()
             raise ConnectionRefusedError("nobody listens")
         connected, self._pending = self._pending, None
         return SocketChannel(connected)
 
     def cancel(self) -> None:
-        """Give up what was begun."""
+        """Abandon the attempt."""
         if self._pending is not None:
             self._pending.close()
             self._pending = None
 
 
 class TcpServer:
-    """A listening port and everybody who has connected to it."""
+    """A listening port and all connections to it."""
 
     def __init__(self, name: str, index: int, host: str, port: int) -> None:
         """`name` is the link's, for errors and logs."""
@@ -133,7 +133,7 @@ class TcpServer:
 
     @property
     def standing(self) -> tuple[Address, ...]:
-        """Everybody connected: a vehicle may wait to be spoken to."""
+        """All connections: a vehicle may wait for the first frame."""
         return tuple(self._streams.copy())
 
     def open(self, selector: selectors.BaseSelector, now_s: float) -> None:  # noqa: ARG002
@@ -161,7 +161,7 @@ class TcpServer:
             listening.close()
 
     def tend(self, now_s: float) -> None:
-        """Go on with frames half sent."""
+        """Continue frames sent in part."""
         for stream in tuple(self._streams.values()):
             stream.looked(now_s)
             try:
@@ -184,7 +184,7 @@ class TcpServer:
     def _accept(self, now_s: float) -> Iterable[Arrival]:
         if self._listening is None or self._selector is None:
             return ()
-        with suppress(OSError):  # gone again, or no file is left: whoever it is tries again
+        with suppress(OSError):  # ended again, or no file descriptor is left: the client tries again
             connected, (host, port) = self._listening.accept()
             if len(self._streams) >= _CONNECTIONS_MAX:
                 connected.close()

@@ -1,4 +1,4 @@
-"""UDP, in and out: datagrams with the kernel's dates of arrival."""
+"""UDP, listening or sending first, with the kernel's times of arrival."""
 
 import errno
 import socket
@@ -16,15 +16,15 @@ from gcs.mavlink.framing import split
 from gcs.model.errors import LinkError
 
 _DATAGRAM_MAX_BYTES: Final = 65535
-_READS_PER_CALL: Final = 4096  # empties a socket after a stall, yet cannot be kept busy for ever
-_GARBAGE_MAX_BYTES: Final = 2048  # of a datagram; costs 2 us a byte at worst
+_READS_PER_CALL: Final = 4096  # empties a socket after a stall; a flood cannot block the loop
+_GARBAGE_MAX_BYTES: Final = 2048  # of a datagram; costs at most 2 us a byte
 _RECEIVE_BUFFER_BYTES: Final = 4 << 20
 _SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
 _TIMESPEC: Final = Struct("@ll")
 
 
 class Udp:
-    """One UDP socket: bound, for whoever speaks to it, or with one far end, and nobody else."""
+    """One UDP socket: bound, for any sender, or with exactly one far end."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class Udp:
         bound: tuple[str, int] | None = None,
         far: tuple[str, int] | None = None,
     ) -> None:
-        """Give `bound` to listen there, or `far` to speak to it. `name` is the link's, for errors."""
+        """Give `bound` to listen there, or `far` to send there first. `name` is the link's, for errors."""
         self._name = name
         self._index = index
         self._bound = bound
@@ -72,20 +72,20 @@ class Udp:
         """Nothing to do."""
 
     def gone(self) -> tuple[Address, ...]:
-        """Nobody: a datagram's sender neither comes nor goes."""
+        """None: UDP has no connections."""
         return ()
 
     def send(self, data: bytes, address: Address, *, perishable: bool) -> None:  # noqa: ARG002
-        """Send one datagram. Raises: OSError; after ICMP said so, for an earlier one."""
+        """Send one datagram. Raises: OSError; after an ICMP error this may be that of an earlier datagram."""
         opened = self._socket
         if opened is None:
             raise OSError(errno.ENOTCONN, "closed")
         opened.sendto(data, (address.host, address.port))
 
     def send_batch(self, batch: Batch, first: int, end: int) -> int:
-        """Send rows `first` to `end` - 1 of a batch, in order. Returns: how many of them left.
+        """Send rows `first` to `end` - 1 of a batch, in order. Returns: number of rows sent.
 
-        Raises: OSError when the first of them could not.
+        Raises: OSError when the first of them could not be sent.
         """
         opened = self._socket
         if opened is None:
@@ -93,7 +93,7 @@ class Udp:
         return batch.send(opened.fileno(), first, end)
 
     def _read(self, now_s: float) -> Iterator[Arrival]:
-        """Empty the socket."""
+        """Read until the socket is empty."""
         wall_s = wall_time_s()
         oldest_s = self._drained_s
         for _ in range(_READS_PER_CALL):
@@ -104,7 +104,7 @@ class Udp:
             except BlockingIOError:
                 self._drained_s = now_s
                 return
-            except OSError:  # an ICMP error of an earlier send, reported here; the socket is still good
+            except OSError:  # an ICMP error of an earlier send, reported here; the socket still works
                 continue
             if self._far is not None and sender != self._far:
                 continue
@@ -114,7 +114,7 @@ class Udp:
 
 
 def _bound(host: str, port: int) -> socket.socket:
-    """A UDP socket that never blocks and, on Linux, says when the kernel received each datagram."""
+    """A UDP socket that never blocks and, on Linux, reports when the kernel received each datagram."""
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         bound.setblocking(False)
@@ -131,7 +131,7 @@ def _bound(host: str, port: int) -> socket.socket:
 def _arrival_s(
     ancillary: list[tuple[int, int, bytes]], now_s: float, wall_s: float, oldest_s: float
 ) -> float:
-    """When a datagram really arrived, on our clock: after a stall of the loop that is not "now".
+    """Time of a datagram's arrival on our clock; after a stall of the loop this is not the present.
 
     The kernel stamps with the wall clock, which may be set meanwhile; but nothing read now can have arrived
     before the socket was last empty, which bounds the error.

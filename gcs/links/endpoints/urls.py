@@ -1,4 +1,4 @@
-"""Where vehicles are: URLs to plain descriptions. Nothing is opened here."""
+"""URLs of endpoints, parsed to plain descriptions. Nothing is opened here."""
 
 import re
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Listen:
 
 @dataclass(frozen=True, slots=True)
 class UdpOut:
-    """Consecutive UDP ports of one host to speak to first: one per vehicle, or one for all."""
+    """Consecutive UDP ports of one host to send to first: one per vehicle, or one for all."""
 
     host: str
     first_port: int
@@ -45,7 +45,7 @@ class TcpIn:
 
 @dataclass(frozen=True, slots=True)
 class TcpOut:
-    """A TCP server to connect to, again and again."""
+    """A TCP server to connect to, and to reconnect to."""
 
     host: str
     port: int
@@ -53,7 +53,7 @@ class TcpOut:
 
 @dataclass(frozen=True, slots=True)
 class SerialPort:
-    """A serial device, there or not."""
+    """A serial device, whether present or not."""
 
     device: str
     baud: int
@@ -63,13 +63,13 @@ Place: TypeAlias = Listen | UdpOut | TcpIn | TcpOut | SerialPort
 
 
 def parse(url: str, port_count: int = 1) -> Place:
-    """What a URL describes.
+    """The description of a URL.
 
     Args:
         url: one of `FORMS`.
         port_count: consecutive ports, of the UDP forms only.
 
-    Raises: ConfigError with the URL and what would be right.
+    Raises: ConfigError with the URL and what is allowed.
     """
     serial = _SERIAL.match(url)
     if serial is not None:
@@ -93,7 +93,7 @@ def parse(url: str, port_count: int = 1) -> Place:
 
 
 def _numeric(url: str, host: str) -> str:
-    """An IPv4 address. A name would have to be looked up, which blocks, in flight too."""
+    """An IPv4 address. A host name would have to be resolved, which blocks, also in flight."""
     if host == "localhost":
         return "127.0.0.1"
     try:
@@ -108,7 +108,7 @@ def _refuse_many(url: str, port_count: int) -> None:
 
 
 def occupied(place: Place) -> tuple[str, ...]:
-    """What nobody else can have at the same time: ports to listen on, devices."""
+    """What only one endpoint can use at a time: ports to listen on, devices."""
     match place:
         case Listen(host, first, count):
             return tuple(f"{host}:{port}" for port in range(first, first + count))

@@ -1,6 +1,6 @@
-"""Further ground stations: they see what the vehicles say, and where configured may answer.
+"""Forwarding to further ground stations: they receive the vehicles' frames, and may answer where configured.
 
-Only UDP, which never waits: what a slow or dead station does not take is lost to it, and to nobody else.
+Only UDP, which never waits: what a slow or dead station does not accept is lost to that station only.
 """
 
 import socket
@@ -22,9 +22,11 @@ _NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
 def may_pass(frame: Frame, vehicles: Collection[int], own_system_id: int) -> bool:
     """Whether a frame from another station may go to the vehicle it targets.
 
-    Never setpoints, manual control or a key: the vehicles of a link are flown from here. Never what is for
-    everybody: a heartbeat of theirs would hide from the vehicles that ours has ceased. Never in the name of
-    a vehicle or of this station.
+    Never setpoints, manual control or a key: only this station flies the vehicles of a link. Never frames for
+    all
+    systems: a heartbeat of the other station would hide from the vehicles that ours has ended. Never in the
+    name
+    of a vehicle or of this station.
     """
     if frame.system_id in vehicles or frame.system_id in (0, own_system_id):
         return False
@@ -32,7 +34,7 @@ def may_pass(frame: Frame, vehicles: Collection[int], own_system_id: int) -> boo
 
 
 class Forwarder:
-    """One further station. Everything happens on the loop's thread."""
+    """One further station. Used on the loop's thread only."""
 
     def __init__(self, to: Forward, counters: Counters) -> None:
         """Nothing is opened yet."""
@@ -44,43 +46,42 @@ class Forwarder:
         self._waiting_bytes = 0
 
     def open(self) -> None:
-        """Raises: LinkError when there is no socket to be had."""
+        """Raises: LinkError when no socket can be opened."""
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             made.setblocking(False)
-            made.bind(("0.0.0.0", 0))  # noqa: S104  it is reached on whatever address it has
+            made.bind(("0.0.0.0", 0))  # noqa: S104  reachable on any address
         except OSError as error:
             made.close()
             raise LinkError(f"forward to {self._far[0]}:{self._far[1]}: {error}") from error
         self._socket = made
 
     def close(self) -> None:
-        """Send no more."""
         gone, self._socket = self._socket, None
         if gone is not None:
             gone.close()
 
     def offer(self, raw: bytes) -> None:
-        """Take a frame along; several share a datagram."""
+        """Queue a frame; several share a datagram."""
         if self._waiting_bytes + len(raw) > _DATAGRAM_BYTES:
             self.flush()
         self._waiting.append(raw)
         self._waiting_bytes += len(raw)
 
     def flush(self) -> None:
-        """Send what was taken along, or lose it."""
+        """Send the queued frames, or lose them."""
         waiting, self._waiting, self._waiting_bytes = self._waiting, [], 0
         if self._socket is None or not waiting:
             return
         try:
             self._socket.sendto(b"".join(waiting), self._far)
-        except OSError:  # nobody is there, or they are slow
+        except OSError:  # the station is absent or slow
             self._counters.not_forwarded += len(waiting)
         else:
             self._counters.forwarded += len(waiting)
 
     def read(self) -> Iterator[Frame]:
-        """What the station itself sent, and nobody else; of one that only reads, nothing."""
+        """Frames that this station sent; none from other senders, and none if it is read-only."""
         if self._socket is None or self._read_only:
             return
         for _ in range(_READS_PER_CALL):

@@ -1,7 +1,8 @@
-"""The link over MAVSDK 4.1 and the wire: serial ports, TCP, signatures, further stations.
+"""The link over MAVSDK 4.1 and the router: serial ports, TCP, signing, further stations.
 
-MAVSDK repeats the last setpoint at 20 Hz for ever, from its own thread, whatever becomes of the program that
-set it. Therefore its bytes leave through `Wire`, where setpoints need a permission that every tick renews.
+MAVSDK repeats the last setpoint at 20 Hz without end, from its own thread, whatever happens to the program
+that
+set it. Therefore its bytes leave through `Router`, where setpoints need a permission that every tick renews.
 """
 
 import asyncio
@@ -43,21 +44,21 @@ log = logging.getLogger(__name__)
 
 _BUSY_S: Final = 0.005
 _IDLE_S: Final = 0.025
-"""Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too."""
+"""Periods of reading the sockets: while an answer is awaited, and otherwise. Each tick also reads."""
 
 _BEHIND_TICK_S: Final = (0.0005, 0.001, 0.002)
-"""After a tick what MAVSDK has made of it is passed on at once, and again after these."""
+"""After a tick MAVSDK's setpoints are passed on at once, and again after these times."""
 
 _DISCOVER_S: Final = 0.25
 _POSITION_PERIOD_S: Final = 0.5
-"""So often MAVSDK is shown a position; for the tick the wire reads them all."""
+"""Period of the positions that MAVSDK receives; the tick uses all of them."""
 
 _LOOKS_SHARED: Final = 20
 _AUTOPILOT_COMPONENT: Final = 1
 
 
 class MavsdkLink(BaseLink):
-    """Up to 250 vehicles, each 64 through a MAVSDK instance of their own. A `gcs.links.Link`."""
+    """Up to 250 vehicles, 64 for each MAVSDK instance. A `gcs.links.Link`."""
 
     def __init__(
         self,
@@ -77,17 +78,16 @@ class MavsdkLink(BaseLink):
         """Nothing is opened before `run`.
 
         Args:
-            name: as the configuration calls it.
+            name: the name in the configuration.
             vehicles: system id of each vehicle, 1 to 250, each once.
             listen: where the vehicles are.
             frame: to turn setpoints from the show frame to NED.
-            setpoint_timeout_s: no setpoint leaves later than this after the time of the tick that asked for
-                it.
+            setpoint_timeout_s: no setpoint leaves later than this after the time of its tick.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             clock: the loop's, ``loop.time``.
-            rates_hz: how often the vehicles are to send which message; they are not asked when not given.
+            rates_hz: rate to request for each message; without it no rates are requested.
             record: a folder for recordings of every frame.
-            signing: signs what leaves, refuses what comes unsigned. Of this link alone.
+            signing: signs sent frames, refuses unsigned ones. Of this link alone.
             forward: further ground stations.
 
         Raises:
@@ -129,12 +129,12 @@ class MavsdkLink(BaseLink):
         self._kills = 0
         self._ticked = asyncio.Event()
         n = len(self._ids)
-        self._passed_s = dict.fromkeys(vehicles.values(), -inf)  # position that MAVSDK was shown last
+        self._passed_s = dict.fromkeys(vehicles.values(), -inf)  # newest position given to MAVSDK
         self._looks = 0
         self._healthy = [False] * n
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
+        """Pass every frame to `observer` from now on; call the result to stop. See `Observer`."""
         router = self._router
         router.observers = (*router.observers, observer)
 
@@ -144,14 +144,14 @@ class MavsdkLink(BaseLink):
         return stop
 
     def setpoint_times_s(self, vehicle_id: VehicleId) -> tuple[float, ...]:
-        """When the latest setpoints to this vehicle left our socket, oldest first; bounded."""
+        """Times at which the latest setpoints to this vehicle left our socket, oldest first; bounded."""
         return self._router.setpoint_times_s(self._vehicles[vehicle_id])
 
     async def run(self) -> None:
-        """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
+        """Move bytes until cancelled. Raises: LinkError naming the port that cannot be opened."""
         router = self._router
         router.open()
-        self._heartbeat_gate.beat(self._clock())  # time to begin
+        self._heartbeat_gate.beat(self._clock())  # control gets time to start
         fleet = MavsdkInstances(tuple(self._vehicles.values()), self._source[0])
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         recorder = self._recorder
@@ -174,12 +174,12 @@ class MavsdkLink(BaseLink):
                 stop_recording()
 
     def snapshot(self) -> Telemetry:
-        """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
+        """The newest telemetry of every vehicle, with arrival times; pending datagrams are read first."""
         self._take_in()
         self._look()
         is_met = np.array([system_id in self._met for system_id in self._vehicles.values()], np.bool_)
         motion = np.array([telemetry.motion for telemetry in self._telemetry]).reshape(-1, 7)
-        motion[~is_met] = np.nan  # who cannot be ordered yet
+        motion[~is_met] = np.nan  # vehicles that cannot be commanded yet
         position_time_s = np.array([telemetry.position_time_s for telemetry in self._telemetry])
         position_time_s[~is_met] = -np.inf
         return Telemetry(
@@ -216,7 +216,7 @@ class MavsdkLink(BaseLink):
         )
 
     def _look(self) -> None:
-        """Ask MAVSDK who is healthy: a part of the vehicles each time, and who was not."""
+        """Query MAVSDK for the health of a part of the vehicles, and of all that were unhealthy."""
         self._looks += 1
         unhealthy = [row for row, healthy in enumerate(self._healthy) if not healthy]
         for row in (*unhealthy, *range(self._looks % _LOOKS_SHARED, len(self._ids), _LOOKS_SHARED)):
@@ -224,12 +224,12 @@ class MavsdkLink(BaseLink):
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def send(self, setpoints: Setpoints) -> None:
-        """Hand over one tick's orders. Never blocks.
+        """Send one tick's setpoints. Never blocks.
 
         Permission lasts `setpoint_timeout_s` from the tick's own time, `setpoints.time_s`, on the link's
-        clock: a
-        batch that is older than that when it comes is not sent at all. A row that is not finite, and one for
-        a vehicle that is not connected, is left out, as if it were not listed.
+        clock: a batch
+        that is already older is not sent at all. A row that is not finite, and one for a vehicle that is not
+        connected, is left out, as if it were not listed.
         """
         now_s = self._clock()
         self._heartbeat_gate.beat(now_s)
@@ -240,8 +240,9 @@ class MavsdkLink(BaseLink):
             system_id = self._vehicles.get(vehicle_id, 0)
             if finite[row] and system_id in self._met and self._is_connected(system_id, now_s):
                 rows[system_id] = row
-        # Forbid first what is not listed, and what was asked before; then replace what MAVSDK repeats; only
-        # then allow. The other way round it could repeat an old setpoint of a vehicle that is listed again.
+        # First forbid the vehicles that are not listed, and the previous setpoints; then replace the
+        # setpoints that MAVSDK repeats; only then allow. In another order MAVSDK could repeat an old setpoint
+        # of a vehicle that is listed again.
         since_s = min(now_s, setpoints.time_s)
         reported = velocity_ned_m_s.astype("<f4")
         self._asked.replace({system_id: reported[row].tobytes() for system_id, row in rows.items()})
@@ -260,7 +261,7 @@ class MavsdkLink(BaseLink):
             self._fleet.pass_on(self._router)
 
     async def execute(self, command: Command) -> None:
-        """Order, and return when the vehicle is seen to obey. See `Link.execute`.
+        """Send a command, and return when the vehicle's heartbeat confirms it. See `Link.execute`.
 
         Raises: UnknownError for a vehicle of another link; CommandError.
         """
@@ -289,7 +290,7 @@ class MavsdkLink(BaseLink):
         await protocol.set_parameter(vehicle_id, name, value, channel)
 
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
-        """Who executes orders, and the vehicle's system id. Raises: UnknownError, CommandError."""
+        """The command protocol, and the vehicle's system id. Raises: UnknownError, CommandError."""
         system_id = self._vehicles.get(vehicle_id)
         if system_id is None:
             raise UnknownError(f"{vehicle_id} is not on link {self._name}")
@@ -298,14 +299,14 @@ class MavsdkLink(BaseLink):
         return self._protocol, system_id
 
     def _command_channel(self, vehicle_id: VehicleId, otherwise: str) -> MavsdkCommandChannel:
-        """What moves the vehicle. Raises: CommandError for one that MAVSDK has not met."""
+        """The vehicle's command channel. Raises: CommandError for one that MAVSDK has not discovered."""
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
             raise CommandError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
         return self._workers.channel(vehicle_id, vehicle, self._router.telemetry[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:
-        """Whether it has a sign of life and a known mode."""
+        """Whether it has a recent sign of life and a known mode."""
         telemetry = self._router.telemetry[system_id]
         return now_s - telemetry.life_time_s <= SILENT_AFTER_S and telemetry.mode is not Mode.UNKNOWN
 
@@ -316,13 +317,13 @@ class MavsdkLink(BaseLink):
         if frame.message_id == PARAM_VALUE and frame.component_id == _AUTOPILOT_COMPONENT:
             self._parameter_news.take(self._id_of[frame.system_id], *parameter_value(frame))
         if self._fleet is None or frame.message_id in NOT_FOR_MAVSDK:
-            return  # it has been counted as an arrival, and observers see it
+            return  # it was counted as an arrival, and observers receive it
         if frame.message_id == GLOBAL_POSITION_INT:
             now_s = self._router.telemetry[frame.system_id].position_time_s
             if now_s - self._passed_s[frame.system_id] < _POSITION_PERIOD_S:
                 return
             self._passed_s[frame.system_id] = now_s
-        if not is_answer(frame):  # MAVSDK knows of no question
+        if not is_answer(frame):  # MAVSDK did not send the request
             self._fleet.receive(frame.system_id, frame.raw)
 
     def _send_kill(self, system_id: int) -> None:
@@ -342,7 +343,7 @@ class MavsdkLink(BaseLink):
             self._fleet.pass_on(self._router)
 
     async def _pass_on_behind_ticks(self, fleet: MavsdkInstances) -> None:
-        """MAVSDK's threads write a moment after they are told."""
+        """MAVSDK's threads write a moment after the call."""
         while True:
             await self._ticked.wait()
             self._ticked.clear()
@@ -358,7 +359,7 @@ class MavsdkLink(BaseLink):
             await asyncio.sleep(_IDLE_S if is_idle else _BUSY_S)
 
     async def _discover(self, fleet: MavsdkInstances) -> None:
-        """Look for vehicles that MAVSDK has met since, for ever."""
+        """Look for newly discovered vehicles of MAVSDK, without end."""
         desired = frozenset(self._vehicles.values())
         while True:
             missing = desired - self._met.keys()
@@ -370,7 +371,7 @@ class MavsdkLink(BaseLink):
             await asyncio.sleep(_DISCOVER_S)
 
     async def _shut(self, link_thread: LinkThread, protocol: CommandProtocol, workers: Workers) -> None:
-        """Stop, inside out: no setpoints, no calls, no MAVSDK, no sockets."""
+        """Close from the inside out: setpoints, calls, MAVSDK, sockets."""
         self._setpoint_watchdog.refresh((), self._clock())
         self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
         self._healthy = [False] * len(self._ids)

@@ -1,4 +1,4 @@
-"""Our own sockets and ports: every byte passes here, and no setpoint without permission.
+"""Sockets and ports of the framed link: every byte passes here, and no setpoint without permission.
 
 Everything happens on the loop's thread, when `receive` and `send` are called.
 """
@@ -46,18 +46,20 @@ _TEND_PERIOD_S: Final = 0.02
 _TURN_S: Final = 0.02
 _READ_LEAST_S: Final = 0.001
 _GARBAGE_S: Final = 0.004
-"""Who floods its port keeps neither the loop nor the other ports waiting: a turn's time is shared out among
-the ports that have something, and what is left then waits for the next turn, with the date of its arrival.
-On garbage a port may spend `_GARBAGE_S`: who jams one that is shared must not silence the others."""
+"""Time that a port may spend on garbage, so that one that jams a shared port does not silence the others.
+
+A flooded port must delay neither the loop nor other ports: the ports that are ready share a turn's time, and
+the rest waits for the next turn, with its time of arrival.
+"""
 
 
 class Router:
-    """Sockets and ports, routing by system id, arrival times, the deadman, and a record of what left.
+    """Sockets and ports, routing by system id, arrival times, the setpoint watchdog, times of sent setpoints.
 
     Attributes:
-        telemetry: per configured system id, what the wire itself read.
+        telemetry: telemetry of each configured system id.
         counters: totals, for metrics.
-        observers: whoever wants to see every frame; replace the tuple, do not mutate it.
+        observers: receive every frame; replace the tuple, do not mutate it.
     """
 
     def __init__(
@@ -80,16 +82,16 @@ class Router:
 
         Args:
             name: the link's, for errors and logs.
-            system_ids: the vehicles; whoever else speaks is counted.
+            system_ids: the vehicles; frames of other systems are counted.
             listen: where they are.
             setpoint_watchdog: permits setpoints.
-            latch: holds back what a kill has overtaken.
+            latch: drops what was commanded before a kill.
             clock: the loop's.
-            deliver: gets every accepted frame, on the thread that receives.
+            deliver: called with every accepted frame, on the thread that receives.
             station_id: our own system id.
-            asked: knows old setpoints from new ones; none is too old without.
-            heartbeat_gate: permits our heartbeats; they always leave without.
-            signing: signs all that leaves and judges all that comes. Whoever gives it opens and closes it.
+            asked: distinguishes old setpoints from new ones; without it none counts as old.
+            heartbeat_gate: permits our heartbeats; without it they always leave.
+            signing: signs sent frames and judges received ones. The owner opens and closes it.
             forward: further ground stations.
         """
         self.telemetry: Mapping[int, VehicleTelemetry] = MappingProxyType(
@@ -154,7 +156,7 @@ class Router:
             selector.close()
 
     def receive(self) -> None:
-        """Take in what has arrived, as much as a turn has time for. Never blocks.
+        """Read what has arrived, as much as a turn has time for. Never blocks.
 
         To be called every few milliseconds. Waking the loop for every datagram would cost more, and nothing
         is lost by waiting, since the kernel notes the times of arrival.
@@ -177,16 +179,16 @@ class Router:
                 self._take_from_other(frame)
 
     def send(self, data: bytes, *, to_everybody: bool = True) -> None:
-        """Send our own frames, each to its target only, unless deadman or latch forbid. Never raises.
+        """Send our own frames, each to its target, unless watchdog or latch forbid it. Never raises.
 
         Args:
             data: one frame or several.
-            to_everybody: whether frames without a target leave too.
+            to_everybody: whether frames without a target also leave.
         """
         for frame in split(data, checked=False).frames:
             target = target_system(frame)
             if target == 0 and (frame.message_id == PING or not to_everybody):
-                continue  # one to everybody for every vehicle known grows with the square of the fleet
+                continue  # a broadcast for each known vehicle would grow with the square of the fleet
             if frame.message_id == HEARTBEAT and self._is_dead():
                 continue
             if frame.message_id in SETPOINT_MESSAGES:
@@ -203,20 +205,20 @@ class Router:
             self.send(written.data[row, : written.length[row]].tobytes(), to_everybody=to_everybody)
 
     def send_kill(self, data: bytes) -> None:
-        """Send a kill command, which no latch holds back. Never raises."""
+        """Send a kill command, which no latch drops. Never raises."""
         for frame in split(data).frames:
             self._send_frame(frame, target_system(frame))
 
     def conflicts(self) -> dict[int, str]:
-        """System ids heard lately from two addresses, both named in the text."""
+        """System ids with recent frames from two addresses, both named in the text."""
         return self._address_book.conflicts(self._clock())
 
     def address(self, system_id: int) -> Address | None:
-        """Where this system spoke from last; None before it was heard."""
+        """Source of this system's newest frame; None before the first."""
         return self._address_book.address(system_id)
 
     def setpoint_times_s(self, system_id: int) -> tuple[float, ...]:
-        """When the latest setpoints to this system left, oldest first; bounded."""
+        """Times at which the latest setpoints to this system left, oldest first; bounded."""
         return tuple(self._sent_s[system_id])
 
     def _send_setpoint(self, frame: Frame, target: int) -> None:
@@ -228,32 +230,32 @@ class Router:
             self._note_setpoint(target)
 
     def _note_setpoint(self, target: int) -> None:
-        """It has left."""
+        """Record that a setpoint has left."""
         record = self._sent_s.get(target)
         if record is not None:
-            record.append(self._clock())  # after the call: never earlier than the truth
+            record.append(self._clock())  # after the call: never earlier than the datagram
         self.counters.setpoints_sent += 1
 
     def _is_old(self, frame: Frame, target: int) -> bool:
-        """Whether a setpoint is not what the newest tick asked for."""
+        """Whether a setpoint differs from the newest tick's."""
         return self._asked is not None and not self._asked.is_newest(target, asked_velocity(frame))
 
     def _is_dead(self) -> bool:
-        """Whether control has been silent for so long that our heartbeats may not say otherwise."""
+        """Whether control has not run for so long that our heartbeats must stop."""
         if self._heartbeat_gate is None or self._heartbeat_gate.is_alive(self._clock()):
             return False
         self.counters.heartbeats_withheld += 1
         return True
 
     def _send_unless_killed(self, frame: Frame, target: int) -> bool:
-        """Whether it left."""
+        """Returns whether the frame left."""
         if self._latch.is_shut(target) and moves(frame):
             self.counters.commands_dropped += 1
             return False
         return self._send_frame(frame, target)
 
     def _send_frame(self, frame: Frame, target: int, *, perishable: bool = False) -> bool:
-        """Whether it left to at least one address."""
+        """Returns whether the frame left to at least one address."""
         addresses = self._addresses(target)
         if self._signing is None:
             raw = frame.raw
@@ -281,7 +283,8 @@ class Router:
 
     def _send_to(self, data: bytes, address: Address, target: int, perishable: bool) -> bool:
         send = self._endpoints[address.socket_index].send
-        # Asked again right before the call: a thread may lose its turn, and the process be stopped, anywhere.
+        # Check again right before the call: the thread or the process may have been suspended since the last
+        # check.
         if perishable and not self._setpoint_watchdog.allows(target, self._clock()):
             self.counters.setpoints_dropped += 1
             return False
@@ -293,10 +296,8 @@ class Router:
         return True
 
     def _note_failure(self, address: Address, error: OSError) -> None:
-        """Something could not be sent."""
-        if isinstance(
-            error, BlockingIOError
-        ):  # it is slow: this one is lost, what comes later may get through
+        """Count and log a frame that could not be sent."""
+        if isinstance(error, BlockingIOError):  # slow: this frame is lost, later ones may leave
             self.counters.no_room += 1
             return
         self.counters.send_errors += 1  # no route, or the peer's port is closed: it may come back
@@ -306,7 +307,7 @@ class Router:
         self._failing.add(address)
 
     def _read(self, ready: Sequence[tuple[selectors.SelectorKey, int]], now_s: float) -> None:
-        """Take in what these ports have, each for its share of a turn."""
+        """Read these ports, each for its share of a turn."""
         share_s = max(_TURN_S / max(len(ready), 1), _READ_LEAST_S)
         for key, _ in ready:
             read_s = self._clock()
@@ -345,7 +346,7 @@ class Router:
                 forwarder.offer(frame.raw)
 
     def _take_from_other(self, frame: Frame) -> None:
-        """Pass on to a vehicle what another ground station sent, where that may be."""
+        """Pass a frame of another ground station on to a vehicle, where that is allowed."""
         signed = self._signing is None or self._signing.judge(frame) is Judgement.GOOD
         passes = signed and may_pass(frame, self.telemetry, self._station_id)
         if passes and self._send_unless_killed(frame, target_system(frame)):
@@ -354,14 +355,14 @@ class Router:
             self.counters.refused_from_others += 1
 
     def _has_signed(self, signing: Signing, frame: Frame, address: Address) -> bool:
-        """Whether a vehicle's frame is to be believed. Strangers are left to the roster."""
+        """Whether a vehicle's frame is accepted. Unknown systems are left to the address book."""
         if frame.system_id not in self.telemetry:
             return True
         judgement = signing.judge(frame)
         if judgement is Judgement.GOOD:
             return True
         if frame.message_id == RADIO_STATUS:
-            return False  # made by the radio between us, which has no key: not believed, not held against it
+            return False  # made by the radio, which has no key: not accepted, and not counted
         self.counters.unsigned += judgement is Judgement.UNSIGNED
         self.counters.wrongly_signed += judgement is Judgement.WRONG
         self.counters.replayed += judgement is Judgement.REPLAYED
@@ -372,7 +373,7 @@ class Router:
         return False
 
     def _note(self, verdict: Verdict, frame: Frame, address: Address) -> None:
-        """Count what was not taken, and log every change once."""
+        """Count frames that were not accepted, and log every change once."""
         about = {"link": self._name, "system_id": frame.system_id, "address": str(address)}
         if verdict is Verdict.FIRST:
             log.info("vehicle_connected", extra=about)

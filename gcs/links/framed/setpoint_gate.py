@@ -1,4 +1,4 @@
-"""Velocity setpoints on their way out over UDP: each judged, a tick's all sent with a few system calls."""
+"""Velocity setpoints sent over UDP: each is checked, and a tick's setpoints leave with a few system calls."""
 
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
@@ -29,7 +29,7 @@ class _Way(NamedTuple):
 
 
 class SetpointGate:
-    """Lets through what `Wire.send` would let through one by one. Used on the loop's thread."""
+    """Passes the setpoints that `Router.send` would pass one by one. Used on the loop's thread."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class SetpointGate:
         clock: Callable[[], float],
         failed: Callable[[Address, OSError], None],
     ) -> None:
-        """See `Wire`; `failed` is told of every datagram that could not leave."""
+        """See `Router`; `failed` is called for every datagram that could not leave."""
         warm_up()
         self._setpoint_watchdog = setpoint_watchdog
         self._latch = latch
@@ -61,12 +61,12 @@ class SetpointGate:
         """Send those of the first `count` datagrams that are one velocity setpoint each.
 
         Args:
-            written: what MAVSDK wrote.
-            count: how much of it.
-            left: told the target of every setpoint that has left.
-            observers: shown every frame that has left.
+            written: datagrams that MAVSDK wrote.
+            count: number of datagrams.
+            left: called with the target of every setpoint that has left.
+            observers: called with every frame that has left.
 
-        Returns: the rows that are anything else, or whose way is not UDP, in order.
+        Returns: the rows that are anything else, or that do not leave over UDP, in order.
         """
         is_setpoint = are_setpoints(written.data, written.length, count)
         others: list[int] = np.flatnonzero(~is_setpoint).tolist()
@@ -112,7 +112,7 @@ class SetpointGate:
         self._out.length[:end] = FRAME.itemsize
         self._out.address([(address.host, address.port) for address in way.addresses])
         while first < end:
-            # Asked again right before the call: the process may be stopped anywhere.
+            # Check again right before the call: the process may have been suspended since the last check.
             if not self._setpoint_watchdog.is_alive(self._clock()):
                 self._counters.setpoints_dropped += end - first
                 return

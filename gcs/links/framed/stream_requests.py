@@ -1,4 +1,4 @@
-"""Asks the vehicles for their streams: SET_MESSAGE_INTERVAL, a few vehicles at a time."""
+"""Requests the vehicles' streams with SET_MESSAGE_INTERVAL, a few vehicles at a time."""
 
 import asyncio
 from collections import deque
@@ -12,12 +12,12 @@ from gcs.links.telemetry import VehicleTelemetry
 from gcs.mavlink.framing import COMMAND_ACK, SET_MESSAGE_INTERVAL, Frame, acknowledged_component
 
 _PERIOD_S: Final = 0.05
-_VEHICLES_AT_ONCE_MAX: Final = 4  # about a millisecond of the loop's
+_VEHICLES_AT_ONCE_MAX: Final = 4  # about a millisecond of the loop's time
 _OFF: Final = -1.0
 
 
 def interval_frame(target: int, message_id: int, rate_hz: float, station_id: int) -> bytes:
-    """COMMAND_LONG 511; with rate 0 the stream ends."""
+    """COMMAND_LONG with SET_MESSAGE_INTERVAL (511); rate 0 ends the stream."""
     packer = dialect.MAVLink(None, srcSystem=station_id, srcComponent=REQUESTING_COMPONENT)
     interval_us = 1e6 / rate_hz if rate_hz else _OFF
     message = packer.command_long_encode(
@@ -27,7 +27,7 @@ def interval_frame(target: int, message_id: int, rate_hz: float, station_id: int
 
 
 def is_answer(frame: Frame) -> bool:
-    """Whether a frame acknowledges what this module asks for."""
+    """Whether a frame acknowledges a request of this module."""
     return frame.message_id == COMMAND_ACK and acknowledged_component(frame) == REQUESTING_COMPONENT
 
 
@@ -39,7 +39,7 @@ async def keep_requesting(
     send: Callable[[bytes], None],
     clock: Callable[[], float],
 ) -> None:
-    """Have the vehicles that are met send what is wanted, as often as wanted, for ever."""
+    """Request the desired rates from all discovered vehicles, without end."""
     rates = Rates(desired, received)
     turn = deque(received.items())
     while desired:

@@ -1,4 +1,4 @@
-"""MAVSDK, typed: the one place that imports it. One instance, and its vehicles."""
+"""MAVSDK, typed: the only module that imports it. One instance, and its vehicles."""
 
 import logging
 import os
@@ -25,16 +25,16 @@ from gcs.model.errors import CommandError, LinkError
 log = logging.getLogger(__name__)
 
 COMPONENT_ID: Final = 190
-"""MAVSDK's own as a ground station."""
+"""MAVSDK's own component id as a ground station."""
 
 _SUCCESS: Final = int(OffboardResult.SUCCESS)
 
 _LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
-"""The others are for those who mend MAVSDK. An error is seldom; the last may be why the process ends."""
+"""Other levels are for developers of MAVSDK. Errors are rare; the last may say why the process ends."""
 
 
 class MavsdkVehicle:
-    """One vehicle's plugins. Getters and `set_velocity` take microseconds; `command` blocks for seconds."""
+    """The plugins of one vehicle. Getters and `set_velocity` take microseconds; `command` blocks seconds."""
 
     def __init__(self, system: Any) -> None:
         """Raises: RuntimeError from MAVSDK when the system is gone already."""
@@ -44,7 +44,8 @@ class MavsdkVehicle:
         self._action: Any = Action(system)
         self._param: Any = Param(system)
         self._velocity: Any = VelocityNedYawCStruct()
-        # `Offboard.set_velocity_ned` is this call and 5 us of objects: at 250 vehicles 3 % of a core.
+        # `Offboard.set_velocity_ned` makes this call and objects that cost 5 us: at 250 vehicles 3 % of a
+        # core.
         self._set_velocity_ned: Any = self._offboard._lib.mavsdk_offboard_set_velocity_ned  # noqa: SLF001
 
     def healthy(self) -> bool:
@@ -53,7 +54,7 @@ class MavsdkVehicle:
         return ok
 
     def set_velocity(self, north_m_s: float, east_m_s: float, down_m_s: float, yaw_deg: float) -> bool:
-        """Have MAVSDK send this at once, and then at 20 Hz until told otherwise; whether it agreed."""
+        """Make MAVSDK send this at once, and then at 20 Hz until the next call; whether it accepted."""
         velocity = self._velocity
         velocity.north_m_s, velocity.east_m_s, velocity.down_m_s = north_m_s, east_m_s, down_m_s
         velocity.yaw_deg = yaw_deg
@@ -61,7 +62,7 @@ class MavsdkVehicle:
         return result == _SUCCESS
 
     def command(self, verb: Verb, height_m: float) -> None:
-        """Send an order and wait for its acknowledgement: up to 2 s, or 3 s for a parameter.
+        """Send a command and wait for its acknowledgement: up to 2 s, or 3 s for a parameter.
 
         Raises: CommandError with MAVSDK's name for the failure.
         """
@@ -81,7 +82,7 @@ class MavsdkVehicle:
             raise CommandError(error.result.name) from error
 
     def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds; up to 3 s when it does not answer. Raises: CommandError."""
+        """The autopilot's value; up to 3 s when it does not answer. Raises: CommandError."""
         try:
             try:
                 whole: int = self._param.get_param_int(name)
@@ -96,7 +97,7 @@ class MavsdkVehicle:
         return number
 
     def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it and wait for the answer, up to 3 s. Raises: CommandError."""
+        """Set the value and wait for the answer, up to 3 s. Raises: CommandError."""
         set_it = self._param.set_param_int if isinstance(value, int) else self._param.set_param_float
         try:
             set_it(name, value)
@@ -104,7 +105,7 @@ class MavsdkVehicle:
             raise CommandError(error.result.name) from error
 
     def destroy(self) -> None:
-        """Release the vehicle and its plugins; nothing of it may be used afterwards."""
+        """Release the vehicle and its plugins; they may not be used afterwards."""
         self._system.destroy()
 
     def _take_off(self, height_m: float) -> None:
@@ -113,7 +114,7 @@ class MavsdkVehicle:
 
 
 class MavsdkBinding:
-    """One MAVSDK instance whose bytes we move ourselves.
+    """One MAVSDK instance, whose bytes the link moves.
 
     `open`, `discover` and `destroy` block for milliseconds and belong on another thread than the loop's. A
     thread cannot be cancelled, so they exclude each other, and after `destroy` the others do nothing: MAVSDK
@@ -157,7 +158,7 @@ class MavsdkBinding:
             self._loopback.meet()
 
     def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
-        """Those of the wanted systems that MAVSDK has met, with fresh plugins."""
+        """Those of the desired systems that MAVSDK has discovered, with new plugins."""
         found: dict[int, MavsdkVehicle] = {}
         with self._lock:
             for system in () if self._destroyed else self._mavsdk.get_systems():
@@ -168,13 +169,13 @@ class MavsdkBinding:
                 try:
                     found[system_id] = MavsdkVehicle(system)
                     self._vehicles.append(found[system_id])
-                except RuntimeError as error:  # a plugin could not be made; it is tried again soon
+                except RuntimeError as error:  # a plugin could not be created; it is tried again soon
                     log.warning("vehicle_not_met", extra={"system_id": system_id, "cause": str(error)})
                     system.destroy()
         return found
 
     def destroy(self) -> None:
-        """End its threads; no plugin of it may be used afterwards."""
+        """End its threads; its plugins may not be used afterwards."""
         with self._lock:
             self._destroyed = True
             for vehicle in self._vehicles:
@@ -187,10 +188,7 @@ class MavsdkBinding:
 
 @contextmanager
 def _unhurried() -> Iterator[None]:
-    """Threads started in the block do not interrupt ours when they wake: a hundred times a tick, otherwise.
-
-    Where the platform has such a policy, which threads inherit.
-    """
+    """Keep threads started in the block from preempting ours as they wake: else a hundred times a tick."""
     if sys.platform != "linux":
         yield
         return
@@ -203,16 +201,16 @@ def _unhurried() -> Iterator[None]:
 
 
 _OPENING = Lock()
-"""Several links open side by side, each on its own thread, and MAVSDK has one log for all of them."""
+"""Several links open at the same time, each on its own thread, and MAVSDK has one log for all of them."""
 
 
 @cache
 def _take_messages() -> None:
-    """Once a process: replacing what takes them frees it under an instance that is just saying something."""
+    """Once a process: replacing the callback frees it under an instance that may be logging."""
     log_subscribe(_pass_on)
 
 
 def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
-    """MAVSDK prints to stdout unless somebody takes its messages."""
+    """MAVSDK prints to stdout unless a callback takes its messages."""
     log.log(_LOG_LEVELS.get(level, logging.DEBUG), "mavsdk", extra={"reported": message})
     return True

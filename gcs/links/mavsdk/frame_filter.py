@@ -1,4 +1,4 @@
-"""What of the vehicles' frames MAVSDK is shown: every one costs its threads more than it costs us."""
+"""The frames that MAVSDK receives: each costs its threads more than it costs the link."""
 
 from typing import Final
 
@@ -11,18 +11,18 @@ from gcs.mavlink.kernels import MESSAGE, Bytes, Whole
 from gcs.model.state import Array, Mask
 
 _POSITION_PERIOD_S: Final = 0.5
-"""So often MAVSDK is shown a position; for the tick we read them all."""
+"""Period of the positions that MAVSDK receives; the tick uses all of them."""
 
 
 class FrameFilter:
-    """Chooses frames. Rows as on the link."""
+    """Chooses the frames for MAVSDK. Rows as on the link."""
 
     def __init__(self, count: int) -> None:
         self._hidden: Whole = np.array(sorted(NOT_FOR_MAVSDK), np.int64)
-        self._position_s = np.full(count, -np.inf)  # arrival of the position that it was shown last
+        self._position_s = np.full(count, -np.inf)  # arrival of the newest position given to MAVSDK
 
     def of(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> Mask:
-        """(k,) which of them MAVSDK is to see; arguments as of `FleetTelemetry.take`."""
+        """(k,) which frames MAVSDK receives; arguments as of `FleetTelemetry.take`."""
         message = frames[:, MESSAGE]
         shown: Mask = ~np.isin(message, self._hidden)
         positions = np.flatnonzero(message == GLOBAL_POSITION_INT)
@@ -30,7 +30,7 @@ class FrameFilter:
         shown[positions] = due
         self._position_s[rows[positions[due]]] = time_s[positions[due]]
         answers = np.flatnonzero(message == COMMAND_ACK)
-        if len(answers):  # it knows of no question
+        if len(answers):  # MAVSDK did not send these requests
             stated = codec.decode(COMMAND_ACK, data, frames[answers])
             shown[answers] = stated["target_component"] != REQUESTING_COMPONENT
         return shown

@@ -1,6 +1,6 @@
 """Several MAVSDK instances behind one link.
 
-Each knows at most 64 vehicles, since its chatter grows with the square, and is shown the bytes of its own
+Each has at most 64 vehicles, since its traffic grows with the square, and receives the bytes of its own
 vehicles only.
 """
 
@@ -17,15 +17,13 @@ _DATAGRAM_BYTES: Final = 1400
 
 _ROOM: Final = 256
 _LONGEST_BYTES: Final = 300
-"""Of a frame: 280."""
+"""Longest frame: 280 bytes."""
 
 
 class Sender(Protocol):
-    """How frames leave; see `Wire`."""
+    """Sends frames; see `Router`."""
 
-    def send_batch(self, written: mmsg.Batch, count: int, *, to_everybody: bool = True) -> None:
-        """Send the first `count` datagrams."""
-        ...
+    def send_batch(self, written: mmsg.Batch, count: int, *, to_everybody: bool = True) -> None: ...
 
 
 class MavsdkInstances:
@@ -36,7 +34,7 @@ class MavsdkInstances:
     """
 
     def __init__(self, system_ids: Sequence[int], station_id: int) -> None:
-        """As many instances as need be, alike in size. Of them all the first alone speaks to everybody."""
+        """As many instances as needed, of similar size. Only the first one's broadcasts leave."""
         count = instances(len(system_ids))
         self._fleets = tuple(MavsdkBinding(station_id) for _ in range(count))
         self._ids = tuple(frozenset(system_ids[index::count]) for index in range(count))
@@ -54,7 +52,7 @@ class MavsdkInstances:
             self._written.register(fleet.loopback.fd, selectors.EVENT_READ, fleet)
 
     def pass_on(self, sender: Sender) -> None:
-        """Pass on what they have written until now. Never blocks."""
+        """Send what they have written until now. Never blocks."""
         for key, _ in self._written.select(0):
             fleet: MavsdkBinding = key.data
             count = _ROOM
@@ -63,7 +61,7 @@ class MavsdkInstances:
                 sender.send_batch(self._room, count, to_everybody=fleet is self._fleets[0])
 
     def take(self, room: mmsg.Batch) -> int:
-        """Fill `room` with what they have written, each's in order. Returns: how many. Never blocks."""
+        """Fill `room` with what they have written, in each one's order. Returns: number. Never blocks."""
         count = 0
         for key, _ in self._written.select(0):
             count += key.data.loopback.take(room, count)
@@ -74,7 +72,7 @@ class MavsdkInstances:
         self._waiting[self._of[system_id]].append(raw)
 
     def flush(self) -> None:
-        """Hand over what is kept, many frames to a datagram. What finds no room is lost, as on any wire."""
+        """Give the kept frames to MAVSDK, many to a datagram. Frames without room are lost."""
         for fleet, frames in self._waiting.items():
             if not frames:
                 continue
@@ -88,7 +86,7 @@ class MavsdkInstances:
             frames.clear()
 
     def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
-        """Those of the wanted systems that have been met, with fresh plugins."""
+        """Those of the desired systems that have been discovered, with new plugins."""
         found: dict[int, MavsdkVehicle] = {}
         for fleet, ids in zip(self._fleets, self._ids, strict=True):
             missing = ids.intersection(desired)
@@ -97,7 +95,7 @@ class MavsdkInstances:
         return found
 
     def destroy(self) -> None:
-        """End them all; no plugin may be used afterwards."""
+        """End all instances; their plugins may not be used afterwards."""
         self._written.close()
         for fleet in self._fleets:
             fleet.destroy()

@@ -1,8 +1,9 @@
-"""The link over MAVSDK where all vehicles are on UDP: its commands and setpoints, our batches.
+"""The link over MAVSDK where all vehicles are on UDP: MAVSDK's commands and setpoints, our batches.
 
-MAVSDK's bytes leave through `SetpointFilter` and no other way: it repeats setpoints for ever, from its own
-threads, whatever becomes of the program that set them. Serial ports, TCP, signatures and further stations are
-`MavsdkLink`'s.
+MAVSDK's bytes leave only through `SetpointFilter`: MAVSDK repeats setpoints without end, from its own
+threads,
+whatever happens to the program that set them. `MavsdkLink` has serial ports, TCP, signing and further
+stations.
 """
 
 import asyncio
@@ -35,28 +36,28 @@ from gcs.model.state import Array, Mask, Telemetry, VehicleId
 log = logging.getLogger(__name__)
 
 _LOOKS_S: Final = (0.0005, 0.001, 0.002, 0.004, 0.008)
-"""MAVSDK's threads write a moment after they are told. So long after each other we look, until they have."""
+"""MAVSDK's threads write a moment after the call. Pauses between reads of its output until all is there."""
 
 _PAUSES_S: Final = (0.0002, 0.0003, 0.0004)
-"""So long the tick itself waits for them, each time that it does."""
+"""Pauses in which the tick itself waits for them."""
 
 _PATIENCE_S: Final = 0.015
-"""So long after a tick began none of its links waits any more."""
+"""Time after the start of a tick from which no link waits any more."""
 
 _DISCOVER_S: Final = 0.25
 _HEALTH_SHARES: Final = 5
-"""Of the vehicles one in so many is asked about its health at a time."""
+"""One in this many vehicles is queried for its health at a time."""
 
 _URGENT: Final = 32
-"""So many vehicles' setpoints leave before the others are told."""
+"""Setpoints of this many vehicles leave before the others are set."""
 
 _ROOM: Final = 1024
 _LONGEST_BYTES: Final = 300
-"""Of a frame: 280."""
+"""Longest frame: 280 bytes."""
 
 
 class MavsdkUdpLink(UdpLink):
-    """Up to 250 vehicles over UDP, each 64 through a MAVSDK instance of their own. A `gcs.links.Link`."""
+    """Up to 250 vehicles over UDP, 64 for each MAVSDK instance. A `gcs.links.Link`."""
 
     def __init__(
         self,
@@ -100,7 +101,7 @@ class MavsdkUdpLink(UdpLink):
         self._polls = 0
         self._ticked = asyncio.Event()
         self._connection_count: Whole = np.zeros(n, np.int64)
-        self._since_s: Array = np.full(n, inf)  # when MAVSDK met it, in its newest life
+        self._since_s: Array = np.full(n, inf)  # when MAVSDK discovered it, in its newest connection
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Coroutines]:
@@ -120,28 +121,28 @@ class MavsdkUdpLink(UdpLink):
         return self._telemetry.telemetry(may_be_ready=self._healthy, met=self._is_met)
 
     def _poll_health(self) -> None:
-        """Ask MAVSDK who is healthy: a part of the vehicles each time."""
+        """Query MAVSDK for the health of a part of the vehicles."""
         self._polls += 1
         for row in range(self._polls % _HEALTH_SHARES, len(self._ids), _HEALTH_SHARES):
             vehicle = self._met.get(row)
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def _tell_setpoints(self, desired: SetpointBatch) -> None:
-        self._setpoint_filter.ask(desired)  # and nothing that was asked before
+        self._setpoint_filter.ask(desired)  # discards the previous tick's setpoints
         began_s = desired.until_s - self._hold_s
         yaw_deg = np.degrees(desired.yaw_rad)[:, None]
         rows, values = desired.rows.tolist(), np.hstack([desired.velocity_ned_m_s, yaw_deg]).tolist()
         for part in (slice(_URGENT), slice(_URGENT, None)):
             for row, each in zip(rows[part], values[part], strict=True):
                 if not self._met[row].set_velocity(*each):
-                    self._setpoint_filter.forbid(np.array([row]))  # it would be awaited in vain
+                    self._setpoint_filter.forbid(np.array([row]))  # MAVSDK will not write this one
             self._await(desired.rows[: part.stop], began_s)
         self._move_bytes()
         if self._setpoint_filter.awaits(desired.rows):
             self._ticked.set()
 
     def _await(self, rows: Whole, began_s: float) -> None:
-        """Send what MAVSDK's threads write for these; our core is theirs meanwhile."""
+        """Send what MAVSDK's threads write for these; sleeping leaves the core to them."""
         for pause_s in _PAUSES_S:
             if not self._setpoint_filter.awaits(rows) or self._clock() > began_s + _PATIENCE_S:
                 return
@@ -155,7 +156,7 @@ class MavsdkUdpLink(UdpLink):
         return self._workers.channel(self._ids[row], vehicle, self._telemetry.reported(row))
 
     def _forget_commands(self, row: int) -> None:
-        self._setpoint_filter.forbid(np.array([row]))  # and the latch drops what MAVSDK still repeats
+        self._setpoint_filter.forbid(np.array([row]))  # the latch drops what MAVSDK still repeats
 
     def _orderable(self) -> Mask:
         return self._is_met
@@ -164,12 +165,12 @@ class MavsdkUdpLink(UdpLink):
         return (self._protocol is not None and self._protocol.awaited) or bool(self._to_meet().any())
 
     def _to_meet(self) -> Mask:
-        """(n,) who was heard, but not by MAVSDK."""
+        """(n,) vehicles that were received, but not discovered by MAVSDK."""
         to_meet: Mask = np.isfinite(self._addresses.received_s) & ~self._is_met
         return to_meet
 
     def _watch(self, now_s: float) -> None:
-        """MAVSDK sets a rate itself when it meets a vehicle; ours come after."""
+        """MAVSDK sets a rate itself when it discovers a vehicle; ours are requested afterwards."""
         self._poll_health()
         anew = self._is_met & (
             (self._telemetry.connection_count != self._connection_count) | (self._since_s == inf)
@@ -180,13 +181,13 @@ class MavsdkUdpLink(UdpLink):
         self._streams.watch(may_be_asked, self._telemetry.connection_count, self._telemetry.positions, now_s)
 
     def _move_bytes(self) -> None:
-        """Send what MAVSDK has written, and give it what came: behind setpoints, which do not wait for it."""
+        """Send what MAVSDK has written, then give it the received frames: setpoints do not wait for them."""
         self._pass_on()
         if self._fleet is not None:
             self._fleet.flush()
 
     def _show(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
-        """Keep for MAVSDK what concerns it of what came."""
+        """Keep the received frames that concern MAVSDK."""
         if self._fleet is None:
             return
         shown = self._frame_filter.of(data, frames, rows, time_s)
@@ -212,7 +213,7 @@ class MavsdkUdpLink(UdpLink):
                     break
 
     async def _discover(self, fleet: MavsdkInstances) -> None:
-        """Look for vehicles that MAVSDK has met since, for ever."""
+        """Look for newly discovered vehicles of MAVSDK, without end."""
         rows = {system_id: row for row, system_id in enumerate(self._system_ids.tolist())}
         while True:
             missing = self._system_ids[self._to_meet()].tolist()
@@ -225,7 +226,7 @@ class MavsdkUdpLink(UdpLink):
             await asyncio.sleep(_DISCOVER_S)
 
     async def _shut(self, link_thread: LinkThread, protocol: CommandProtocol, workers: Workers) -> None:
-        """Stop, inside out: no setpoints, no calls, no MAVSDK; then the link closes the sockets."""
+        """Close from the inside out: setpoints, calls, MAVSDK; then the link closes the sockets."""
         self._setpoint_filter.forbid(slice(None))
         self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
         self._is_met[:], self._healthy[:], self._since_s[:] = False, False, inf

@@ -1,4 +1,4 @@
-"""Our end of one MAVSDK instance's connection: a UDP port on this machine, which nobody else may speak to."""
+"""Our end of one MAVSDK instance's connection: a UDP port on this machine, connected to MAVSDK only."""
 
 import socket
 from typing import Final
@@ -17,7 +17,7 @@ class Loopback:
     """One UDP socket. MAVSDK writes to it without Python: its threads and ours never wait for each other."""
 
     def __init__(self, name: str) -> None:
-        """Bound, to a port that the system picks. Raises: LinkError. `name` is for errors."""
+        """Bind to a port that the system picks. Raises: LinkError. `name` is for errors."""
         self._name = name
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -29,16 +29,16 @@ class Loopback:
 
     @property
     def fd(self) -> int:
-        """Of the socket, to wait for."""
+        """File descriptor of the socket, to wait for."""
         return self._socket.fileno()
 
     @property
     def url(self) -> str:
-        """What MAVSDK is to connect to."""
+        """URL to which MAVSDK connects."""
         return f"udpout://{_HOST}:{self._socket.getsockname()[1]}"
 
     def meet(self) -> None:
-        """Wait for MAVSDK's first heartbeat, and hear nobody else from then on. Raises: LinkError."""
+        """Wait for MAVSDK's first heartbeat, and accept no other sender from then on. Raises: LinkError."""
         self._socket.settimeout(_GREETING_S)
         try:
             _, sender = self._socket.recvfrom(_LONGEST_BYTES)
@@ -48,7 +48,7 @@ class Loopback:
         self._socket.setblocking(False)
 
     def give(self, data: bytes) -> bool:
-        """Hand over one datagram of frames; False when there is no room for it, or nobody."""
+        """Send one datagram of frames; False when there is no room or no receiver."""
         try:
             self._socket.send(data)
         except OSError:
@@ -58,7 +58,7 @@ class Loopback:
     def take(self, room: mmsg.Batch, first: int = 0) -> int:
         """Fill `room` from row `first` on with what MAVSDK has written since. Never blocks.
 
-        Returns: how many datagrams.
+        Returns: number of datagrams.
         """
         most = len(room.length) - first
         for _ in range(_ERRORS):
@@ -68,12 +68,12 @@ class Loopback:
                 return self._take_singly(room, first, most)
             except BlockingIOError:
                 return 0
-            except OSError:  # of an earlier send: it was just not there
+            except OSError:  # of an earlier send: MAVSDK was not there
                 continue
         return 0
 
     def _take_singly(self, room: mmsg.Batch, first: int, most: int) -> int:
-        """Where the platform has no batches."""
+        """For platforms without batches."""
         for row in range(first, first + most):
             try:
                 room.length[row] = self._socket.recv_into(memoryview(room.data[row]))

@@ -1,4 +1,4 @@
-"""What MAVSDK writes, on its way to the vehicles: setpoints judged and sent together, all else one by one."""
+"""MAVSDK's output, before it leaves: setpoints are checked and sent together, other frames one by one."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -22,9 +22,9 @@ _ALL: Final = slice(None)
 
 
 class SetpointFilter:
-    """Lets through one setpoint a tick for each vehicle: what the newest tick asked, while it may leave.
+    """Passes one setpoint a tick for each vehicle: that of the newest tick, while it may leave.
 
-    MAVSDK repeats setpoints by itself, and has a queue: what it writes may be said again, or long ago.
+    MAVSDK repeats setpoints by itself, and has a queue: what it writes may be a repetition, or old.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class SetpointFilter:
         counters: Counters,
         clock: Callable[[], float],
     ) -> None:
-        """Nothing is asked of anybody. Rows as on the link."""
+        """No setpoint is expected. Rows as on the link."""
         warm_up()
         n = len(system_ids)
         self._outbox = outbox
@@ -46,27 +46,27 @@ class SetpointFilter:
         self._clock = clock
         self._row_of = np.full(256, NOBODY, np.int64)
         self._row_of[system_ids] = np.arange(n)
-        self._awaited: Mask = np.zeros(n, np.bool_)  # whose setpoint of the newest tick is still to leave
-        self._velocity: NDArray[np.uint32] = np.zeros((n, 3), np.uint32)  # as it stands on the wire
+        self._awaited: Mask = np.zeros(n, np.bool_)  # the setpoint of the newest tick has still to leave
+        self._velocity: NDArray[np.uint32] = np.zeros((n, 3), np.uint32)  # as the frame contains it
         self._until_s = -np.inf
 
     def awaits(self, rows: Whole | slice = _ALL) -> bool:
-        """Whether anything of the newest tick is still to leave to these."""
+        """Whether a setpoint of the newest tick has still to leave to one of these rows."""
         return bool(self._awaited[rows].any())
 
     def ask(self, desired: SetpointBatch) -> None:
-        """Let these leave, once each, and nothing that was asked before."""
+        """Let these setpoints leave, once each, and no earlier ones."""
         self._awaited[:] = False
         self._awaited[desired.rows] = True
         self._velocity[desired.rows] = _on_the_wire(desired.velocity_ned_m_s)
         self._until_s = desired.until_s
 
     def forbid(self, rows: Whole | slice) -> None:
-        """Let nothing of the newest tick leave to these any more."""
+        """Let no setpoint of the newest tick leave to these rows any more."""
         self._awaited[rows] = False
 
     def take(self, written: Batch, count: int) -> None:
-        """Send on the first `count` datagrams, those that may leave. Never blocks, never raises."""
+        """Send those of the first `count` datagrams that may leave. Never blocks, never raises."""
         is_setpoint = are_setpoints(written.data, written.length, count)
         if is_setpoint.any():
             self._take_setpoints(written, is_setpoint)
@@ -83,7 +83,7 @@ class SetpointFilter:
         at, leaving = awaited_setpoints(written.data, setpoints, self._row_of, self._awaited, self._velocity)
         frames = Frames(written.data[at, : FRAME.itemsize], np.full(len(at), FRAME.itemsize))
         left = self._outbox.send(frames, leaving, self._clock(), until_s=self._until_s)
-        left_s = self._clock()  # after the call: never earlier than the truth
+        left_s = self._clock()  # after the call: never earlier than the datagrams
         self._awaited[leaving] = False
         self._sent.note(leaving[left], left_s)
         self._counters.setpoints_sent += int(left.sum())
@@ -92,7 +92,7 @@ class SetpointFilter:
             self._counters.setpoints_dropped += int((~left).sum())
 
     def _may_leave(self, frame: Frame) -> bool:
-        """Of commands and parameters; our heartbeat is the link's, and nothing else is for everybody."""
+        """Whether a frame may leave: commands and parameters, but no broadcast; the link beats by itself."""
         target = target_system(frame)
         if target == 0:
             return False
@@ -115,5 +115,5 @@ class SetpointFilter:
 
 
 def _on_the_wire(velocity_m_s: Array) -> NDArray[np.uint32]:
-    """(k, 3) the bits of single-precision numbers."""
+    """(k, 3) bits of the single-precision values."""
     return velocity_m_s.astype(np.float32).view(np.uint32)

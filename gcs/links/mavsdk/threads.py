@@ -1,4 +1,4 @@
-"""What a link keeps open on other threads than the loop's: MAVSDK, the recording, the signatures' time."""
+"""What a link opens and closes on another thread than the loop's: MAVSDK, recording, signing time."""
 
 from threading import Lock
 
@@ -8,7 +8,7 @@ from gcs.links.tlog import Recorder
 
 
 class LinkThread:
-    """One run of a link. A thread cannot be cancelled, so `close` waits for `open`, or forestalls it."""
+    """One run of a link. A thread cannot be cancelled, so `close` waits for `open`, or prevents it."""
 
     def __init__(self, fleet: MavsdkInstances, recorder: Recorder | None, signing: Signing | None) -> None:
         """Nothing is opened yet."""
@@ -19,7 +19,7 @@ class LinkThread:
         self._closed = False
 
     def open(self) -> None:
-        """Signatures first: nothing leaves without. Blocks. Raises: LinkError."""
+        """Signing first: nothing leaves unsigned. Blocks. Raises: LinkError."""
         with self._lock:
             if self._closed:
                 return
@@ -30,7 +30,7 @@ class LinkThread:
             self._fleet.open()
 
     def close(self) -> None:
-        """End what sends first, so that the last frames are recorded too. Blocks."""
+        """End the senders first, so that the last frames are also recorded. Blocks."""
         with self._lock:
             self._closed = True
             self._fleet.destroy()

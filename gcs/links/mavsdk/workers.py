@@ -19,16 +19,16 @@ _OFFBOARD_RETRY_S: Final = 0.1
 
 
 class LandedState(Protocol):
-    """What a vehicle's own frames said."""
+    """A vehicle's landed state from its own frames."""
 
     @property
     def landed(self) -> Landed:
-        """As it said last."""
+        """From the newest EXTENDED_SYS_STATE."""
         ...
 
 
 class Workers:
-    """A thread for each vehicle that is ordered something, so that silent ones keep nobody waiting."""
+    """One thread for each vehicle that is commanded, so that silent vehicles delay no other."""
 
     def __init__(self, vehicle_ids: Iterable[VehicleId]) -> None:
         self._closed = False
@@ -40,7 +40,7 @@ class Workers:
     def channel(
         self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, received: LandedState
     ) -> "MavsdkCommandChannel":
-        """What moves this vehicle."""
+        """The command channel of this vehicle."""
         return MavsdkCommandChannel(vehicle, received, self._workers[vehicle_id], lambda: self._closed)
 
     def close(self) -> None:
@@ -54,7 +54,7 @@ class Workers:
 
 
 class MavsdkCommandChannel:
-    """One vehicle through MAVSDK. A `gcs.links.command_protocol.Hand`."""
+    """One vehicle through MAVSDK. A `gcs.links.command_protocol.CommandChannel`."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class MavsdkCommandChannel:
         self._closed = closed
 
     def landed(self) -> Landed:
-        """As it said last."""
+        """From the newest EXTENDED_SYS_STATE."""
         return self._received.landed
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
@@ -87,26 +87,26 @@ class MavsdkCommandChannel:
                 return
 
     async def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds; up to 3 s when it does not answer. Raises: CommandError."""
+        """The autopilot's value; up to 3 s when it does not answer. Raises: CommandError."""
         return await self._run(partial(self._vehicle.parameter, name))
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it and wait for the answer, up to 3 s. Raises: CommandError."""
+        """Set the value and wait for the answer, up to 3 s. Raises: CommandError."""
         await self._run(partial(self._vehicle.set_parameter, name, value))
 
     async def _run(self, blocking: Callable[[], T]) -> T:
-        """The result of a call on the vehicle's worker, behind earlier ones. Raises: CommandError."""
+        """The result of a call on the vehicle's worker, after earlier ones. Raises: CommandError."""
 
         def unless_closed() -> T:
             if self._closed():
                 raise CommandError(CLOSED)
             return blocking()
 
-        if self._closed():  # then the workers take no more calls
+        if self._closed():  # then the workers accept no more calls
             raise CommandError(CLOSED)
         return await asyncio.get_running_loop().run_in_executor(self._worker, unless_closed)
 
     def _call(self, command: Command, may_leave: Callable[[], None]) -> None:
-        """On the worker: any earlier call has ended here, even one whose order was cancelled."""
+        """On the worker: any earlier call has ended here, even one whose command was cancelled."""
         may_leave()
         self._vehicle.command(command.verb, command.height_m)

@@ -1,6 +1,6 @@
-"""The link for large fleets: the whole fleet's frames made and read at once, by ourselves.
+"""The link for large fleets: frames of the whole fleet are written and read at once, without MAVSDK.
 
-Setpoints leave in `send` and nowhere else, so that nothing repeats one: when the tick ends, they end.
+Setpoints leave in `send` only, so nothing repeats them: when the ticks end, the setpoints end.
 """
 
 import asyncio
@@ -80,7 +80,7 @@ class NativeLink(UdpLink):
         )
         frames = self._outbox.encode(SETPOINT, messages, rows)
         left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
-        left_s = self._clock()  # after the call: never earlier than the truth
+        left_s = self._clock()  # after the call: never earlier than the datagrams
         if left_s > desired.until_s:
             self._counters.setpoints_dropped += int((~left).sum())
         self._sent.note(rows[left], left_s)

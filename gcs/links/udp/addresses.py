@@ -1,4 +1,4 @@
-"""Who is where: frames judged by the roster, without asking it about every one. No I/O but the log."""
+"""Addresses of the vehicles: frames are checked against the address book in batches. No I/O but the log."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ class Addresses:
     """The source of every vehicle, rows as on the link.
 
     Attributes:
-        source: (n,) where each vehicle's frames go, see `packets.source_of`; -1: not heard yet.
+        source: (n,) where each vehicle's frames go, see `sockets.source_of`; -1: no frame yet.
         received_s: (n,) arrival of its newest frame, -inf before.
     """
 
@@ -41,21 +41,21 @@ class Addresses:
         self._strangers: set[tuple[int, str]] = set()
 
     def conflicts(self) -> Mapping[int, str]:
-        """System ids heard lately from two addresses, both named in the text."""
+        """System ids with recent frames from two addresses, both named in the text."""
         return self._address_book.conflicts(self._clock())
 
     def address(self, system_id: int) -> Address | None:
-        """Where this system spoke from last; None before it was heard."""
+        """Source of this system's newest frame; None before the first."""
         return self._address_book.address(system_id)
 
     def everybody(self) -> Whole:
-        """(k,) rows of vehicles heard, one for each address, though several may share it."""
+        """(k,) rows of known vehicles, one for each address, though several may share it."""
         _, rows = np.unique(self.source, return_index=True)
         telemetry: Whole = rows[self.source[rows] != _NOWHERE]
         return telemetry
 
     def judge(self, frames: Whole, arrived: Datagrams) -> tuple[Whole, NDArray[np.bool_]]:
-        """The row of every frame (k,), and whether it is taken: strangers' and duplicates' are not."""
+        """The row of every frame (k,), and whether it is accepted: unknown systems and duplicates are not."""
         rows = self._row_of[frames[:, SYSTEM]]
         source = arrived.source[frames[:, DATAGRAM]]
         time_s = arrived.time_s[frames[:, DATAGRAM]]
@@ -67,10 +67,10 @@ class Addresses:
         return rows, taken
 
     def _ask(self, row: int, system_id: int, source: int, time_s: float) -> bool:
-        """Have the roster judge a frame from an address that is not known as this system's."""
+        """Let the address book judge a frame from an address that is not known as this system's."""
         address = Address(host_of(source), port_of(source), socket_of(source))
         known = self._address_book.address(system_id)
-        if known is not None:  # the roster was not told of the frames that came from where they should
+        if known is not None:  # the address book has not seen the frames from the known address
             self._address_book.hear(system_id, known, float(self.received_s[row]))
         verdict = self._address_book.hear(system_id, address, time_s)
         self._note(verdict, system_id, address)
@@ -81,7 +81,7 @@ class Addresses:
         return True
 
     def _note(self, verdict: Verdict, system_id: int, address: Address) -> None:
-        """Count what was not taken, and log every change once."""
+        """Count frames that were not accepted, and log every change once."""
         about = {"link": self._name, "system_id": system_id, "address": str(address)}
         if verdict is Verdict.FIRST:
             log.info("vehicle_connected", extra=about)

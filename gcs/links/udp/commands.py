@@ -1,4 +1,4 @@
-"""Commands and parameters: one vehicle is told something, and answers. Tasks of the loop, no threads."""
+"""Commands and parameters of one vehicle, and its answers. Tasks of the loop, no threads."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,7 +22,7 @@ PARAM_SET: Final = 23
 ANSWER_S: Final = 0.5
 TRIES: Final = 4
 LONGEST_S: Final = 10.0
-"""After IN_PROGRESS a vehicle may take its time, but not for ever."""
+"""Longest time for an answer after IN_PROGRESS."""
 
 _AUTOPILOT_COMPONENT: Final = 1
 _NAME_LENGTH: Final = 16
@@ -58,7 +58,7 @@ class Answer(NamedTuple):
 
 
 class Commands:
-    """Sends commands again until they are answered, matching answers by vehicle and command (or parameter).
+    """Repeats commands until they are answered, matching answers by vehicle and command (or parameter).
 
     At most one of a kind at a time for each vehicle: a second waits for the first.
     """
@@ -73,23 +73,23 @@ class Commands:
 
     @property
     def awaited(self) -> bool:
-        """Whether anybody waits for an answer."""
+        """Whether an answer is awaited."""
         return bool(self._pending)
 
     def close(self) -> None:
-        """Send nothing more; whoever waits fails."""
+        """Send nothing more; all waiting calls fail."""
         self._closed = True
         self.fail(lambda _row: True, CLOSED)
 
     def fail(self, which: Callable[[int], bool], reason: str) -> int:
-        """End what is under way with these rows. Returns: how much that was."""
+        """End what is under way with these rows. Returns: number of calls ended."""
         ended = [key for key, waiting in self._pending.items() if which(key[0]) and not waiting.done()]
         for key in ended:
             self._pending[key].set_exception(CommandError(reason))
         return len(ended)
 
     async def command(self, row: int, command: int, values: tuple[float, ...], may_leave: Gate) -> None:
-        """Have a vehicle do a COMMAND_LONG. Raises: CommandError named after its answer, or TIMEOUT."""
+        """Send a COMMAND_LONG until answered. Raises: CommandError named after its answer, or TIMEOUT."""
         message = records(COMMAND_LONG, 1)
         message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
         message["command"] = command
@@ -116,7 +116,7 @@ class Commands:
         return answer.value
 
     async def set_parameter(self, row: int, name: str, value: ParameterValue, may_leave: Gate) -> None:
-        """Give a parameter a value: whole numbers as such, encoded bytewise, as PX4 wants them.
+        """Set a parameter: integers stay integers, encoded bytewise, as PX4 requires.
 
         Raises: CommandError when the vehicle answers with another value, or not at all.
         """
@@ -181,7 +181,7 @@ class Commands:
 
 
 def parameter_values(reported: Records) -> list[tuple[str, ParameterValue]]:
-    """Names and values of PARAM_VALUEs, whole numbers encoded bytewise, as PX4 does."""
+    """Names and values of PARAM_VALUEs, integers encoded bytewise, as PX4 does."""
     values: list[tuple[str, ParameterValue]] = []
     for message in reported:
         whole = _WHOLE.get(int(message["param_type"]))

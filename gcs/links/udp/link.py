@@ -1,7 +1,7 @@
-"""What links over UDP have in common, whoever makes their commands: a fleet's bytes moved in batches.
+"""Common part of the links over UDP: a fleet's bytes moved in batches.
 
-Everything of a datagram that came is done here for all vehicles at once: taken apart, addressed, read; so are
-our heartbeats, and the streams that are asked for.
+Received datagrams are split, addressed and read here for all vehicles at once; so are our heartbeats, and the
+requests for streams.
 """
 
 import asyncio
@@ -43,26 +43,27 @@ from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005
 _IDLE_S: Final = 0.05
-"""Between two looks at the sockets: while an answer is awaited, and otherwise. Each tick looks too, and then
-nobody else need look."""
+"""Periods of reading the sockets: while an answer is awaited, and otherwise. Each tick also reads, which then
+suffices.
+"""
 
 _AHEAD_S: Final = 0.002
-"""So long before a tick is due we look, too: then the tick itself finds little that is still to be read."""
+"""Time before a tick is due at which the sockets are read, so that the tick itself finds little to read."""
 
 _WATCH_S: Final = 0.1
-"""Between two looks at who has come, or has forgotten what it was asked."""
+"""Period of looking for vehicles that connected, or that have forgotten their streams."""
 
 Coroutines = Mapping[str, Coroutine[Any, Any, None]]
-"""By name, what a transport does beside, for as long as the link runs."""
+"""By name, a transport's additional tasks while the link runs."""
 
 
 class SetpointBatch(NamedTuple):
-    """What a tick asks of the vehicles of a link that can be told so, the most urgent first."""
+    """A tick's setpoints for the vehicles of a link that can receive them, the most urgent first."""
 
     rows: Whole  # (k,) none twice
     velocity_ned_m_s: Array  # (k, 3)
     yaw_rad: Array  # (k,) clockwise from north, within [-pi, pi)
-    until_s: float  # behind it nothing of this may leave
+    until_s: float  # none of these may leave later
 
 
 class UdpLink(BaseLink, ABC):
@@ -82,18 +83,17 @@ class UdpLink(BaseLink, ABC):
         record: Path | None,
         clock: Callable[[], float],
     ) -> None:
-        """Nothing is opened before `run`. What has to be compiled is compiled here.
+        """Nothing is opened before `run`. Kernels are compiled here.
 
         Args:
-            name: as the configuration calls it.
+            name: the name in the configuration.
             vehicles: system id of each vehicle, 1 to 250, each once.
-            listen: UDP ports where the vehicles send to.
+            listen: UDP ports to which the vehicles send.
             frame: to turn setpoints from the show frame to NED.
             station_id: our own system id.
-            setpoint_timeout_s: no setpoint leaves later than this after the time of the tick that asked for
-                it.
+            setpoint_timeout_s: no setpoint leaves later than this after the time of its tick.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
-            rates_hz: how often the vehicles are to send which message; they are not asked when not given.
+            rates_hz: rate to request for each message; without it no rates are requested.
             record: a folder for recordings of every frame.
             clock: the loop's, ``loop.time``.
 
@@ -123,7 +123,7 @@ class UdpLink(BaseLink, ABC):
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
         self._ticked_s = -np.inf
         self._received_s = -np.inf
-        self._asked_s = self._asked_before_s = -np.inf  # the newest snapshots
+        self._asked_s = self._asked_before_s = -np.inf  # of the newest snapshots
         self._protocol: CommandProtocol | None = None  # while the link is open
         codec.warm_up()
 
@@ -135,31 +135,31 @@ class UdpLink(BaseLink, ABC):
 
     @abstractmethod
     def _tell_setpoints(self, desired: SetpointBatch) -> None:
-        """Have these leave, and none that were asked for earlier; not called while the link is not open."""
+        """Send these setpoints, and none of earlier ticks; not called while the link is not open."""
 
     @abstractmethod
     def _command_channel(self, row: int, otherwise: str) -> CommandChannel:
-        """What moves a vehicle of the open link. Raises: CommandError for one that was never heard."""
+        """The command channel of a vehicle. Raises: CommandError for one without frames so far."""
 
     @abstractmethod
     def _forget_commands(self, row: int) -> None:
-        """A kill was ordered: end what is under way with this vehicle."""
+        """A kill was commanded: end what is under way with this vehicle."""
 
     @abstractmethod
     def _orderable(self) -> Mask:
-        """(n,) whom the transport can order anything, connected or not."""
+        """(n,) vehicles that the transport can send commands to, connected or not."""
 
     @abstractmethod
     def _is_awaiting(self) -> bool:
         """Whether an answer may come at any moment."""
 
     def _move_bytes(self) -> None:
-        """Look after what the transport has of its own, between ticks too."""
+        """Move the transport's own bytes, also between ticks."""
 
     # the link
 
     def observe(self, observer: Observer) -> Callable[[], None]:
-        """Show every frame to `observer` from now on; call the result to stop. See `Observer`."""
+        """Pass every frame to `observer` from now on; call the result to stop. See `Observer`."""
         boxes = self._inbox, self._outbox
         for box in boxes:
             box.observers = (*box.observers, observer)
@@ -171,13 +171,13 @@ class UdpLink(BaseLink, ABC):
         return stop
 
     def setpoint_times_s(self, vehicle_id: VehicleId) -> tuple[float, ...]:
-        """When the latest setpoints to this vehicle left our socket, oldest first; bounded."""
+        """Times at which the latest setpoints to this vehicle left our socket, oldest first; bounded."""
         return self._sent.times_s(self._row[vehicle_id])
 
     async def run(self) -> None:
-        """Move bytes until cancelled. Raises: LinkError naming the port that cannot be had."""
+        """Move bytes until cancelled. Raises: LinkError naming the port that cannot be opened."""
         self._packets.open()
-        self._ticked_s = self._clock()  # time to begin
+        self._ticked_s = self._clock()  # control gets time to start
         stop_recording = None if self._recorder is None else self.observe(self._recorder.record)
         try:
             async with self._opened() as coroutines, asyncio.TaskGroup() as group:
@@ -191,12 +191,12 @@ class UdpLink(BaseLink, ABC):
                 stop_recording()
 
     def snapshot(self) -> Telemetry:
-        """The newest known of every vehicle, with arrival times: what waits in the sockets is read first."""
+        """The newest telemetry of every vehicle, with arrival times; pending datagrams are read first."""
         self._hear()
         return self._telemetry.telemetry(may_be_ready=self._protocol is not None)
 
     def _hear(self) -> None:
-        """Read what waits in the sockets: a tick wants it, and the next one will in as long again."""
+        """Read pending datagrams for a tick, and schedule the next reading shortly before the next tick."""
         self._receive()
         self._asked_before_s, self._asked_s = self._asked_s, self._received_s
         ahead_s = 2.0 * self._asked_s - self._asked_before_s - _AHEAD_S
@@ -204,11 +204,11 @@ class UdpLink(BaseLink, ABC):
             asyncio.get_running_loop().call_at(ahead_s, self._receive)
 
     def send(self, setpoints: Setpoints) -> None:
-        """Send one tick's orders, now. Waits for nobody but, some milliseconds at most, MAVSDK's threads.
+        """Send one tick's setpoints, now. Waits some milliseconds at most, for MAVSDK's threads.
 
-        A batch that is older than the deadman's time when it comes is not sent at all. A row that is not
-        finite, and one for a vehicle that is not connected or was killed, is left out, as if it were not
-        listed.
+        A batch that is already older than the watchdog's time is not sent at all. A row that is not finite,
+        and one
+        for a vehicle that is not connected or was killed, is left out, as if it were not listed.
         """
         now_s = self._clock()
         self._ticked_s = now_s
@@ -228,7 +228,7 @@ class UdpLink(BaseLink, ABC):
         self._tell_setpoints(SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
 
     async def execute(self, command: Command) -> None:
-        """Order, and return when the vehicle is seen to obey. See `Link.execute`.
+        """Send a command, and return when the vehicle's heartbeat confirms it. See `Link.execute`.
 
         Raises: UnknownError for a vehicle of another link; CommandError.
         """
@@ -261,7 +261,7 @@ class UdpLink(BaseLink, ABC):
         await protocol.set_parameter(vehicle_id, name, value, self._command_channel(row, otherwise))
 
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
-        """Who executes orders, and the vehicle's row. Raises: UnknownError, CommandError."""
+        """The command protocol, and the vehicle's row. Raises: UnknownError, CommandError."""
         row = self._row.get(vehicle_id)
         if row is None:
             raise UnknownError(f"{vehicle_id} is not on link {self._name}")
@@ -273,7 +273,7 @@ class UdpLink(BaseLink, ABC):
         return CommandError(f"{self._ids[row]}: {otherwise}: never heard on link {self._name}")
 
     def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
-        """The ids, which of them are ours (k,), and their rows here (k,); a later mention counts."""
+        """The ids; the indices of this link's vehicles (k,); their rows here (k,). A later mention counts."""
         ours = {self._row[name]: at for at, name in enumerate(ids) if name in self._row}
         return ids, np.array(list(ours.values()), np.int64), np.array(list(ours), np.int64)
 
@@ -325,7 +325,7 @@ class UdpLink(BaseLink, ABC):
         self._streams.watch(may_be_asked, self._telemetry.connection_count, self._telemetry.positions, now_s)
 
     async def _keep_beating(self) -> None:
-        """Our heartbeat, for as long as control lives: autopilots have a failsafe for its end."""
+        """Send our heartbeat while control runs: autopilots have a failsafe for its end."""
         while True:
             now_s = self._clock()
             rows = self._addresses.everybody()

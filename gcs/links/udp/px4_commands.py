@@ -1,4 +1,4 @@
-"""What each order is in MAVLink, for PX4."""
+"""Each command in MAVLink, for PX4."""
 
 from collections.abc import Callable
 from math import nan
@@ -20,8 +20,8 @@ LAND: Final = int(dialect.MAV_CMD_NAV_LAND)
 TAKEOFF_HEIGHT: Final = "MIS_TAKEOFF_ALT"
 
 _CUSTOM: Final = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-_KILL_MAGIC: Final = 21196.0  # param2: even in flight
-_FROM_HERE: Final = (nan,) * 7  # where it is, with what is configured
+_KILL_MAGIC: Final = 21196.0  # param2: also in flight
+_FROM_HERE: Final = (nan,) * 7  # at its position, with the configured parameters
 
 _COMMANDS: Final[dict[Verb, tuple[int, tuple[float, ...]]]] = {
     Verb.ARM: (ARM_DISARM, (1.0,)),
@@ -36,7 +36,7 @@ _COMMANDS: Final[dict[Verb, tuple[int, tuple[float, ...]]]] = {
 
 
 class NativeCommandChannel:
-    """One vehicle. A `gcs.links.command_protocol.Hand`."""
+    """One vehicle. A `gcs.links.command_protocol.CommandChannel`."""
 
     def __init__(self, row: int, commands: Commands, reported: VehicleReport) -> None:
         self._row = row
@@ -44,7 +44,7 @@ class NativeCommandChannel:
         self._stated = reported
 
     def landed(self) -> Landed:
-        """As it said last."""
+        """From the newest EXTENDED_SYS_STATE."""
         return self._stated.landed
 
     async def command(self, given: Command, may_leave: Callable[[], None]) -> None:
@@ -55,20 +55,20 @@ class NativeCommandChannel:
         await self._commands.command(self._row, command, values, may_leave)
 
     async def parameter(self, name: str) -> ParameterValue:
-        """What the autopilot holds. Raises: CommandError."""
+        """The autopilot's value. Raises: CommandError."""
         return await self._commands.get_parameter(self._row, name, _moves_nothing)
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Change it; returns when the vehicle says that value. Raises: CommandError."""
+        """Set the value; returns when the vehicle reports it. Raises: CommandError."""
         await self._commands.set_parameter(self._row, name, value, _moves_nothing)
 
 
 def _moves_nothing() -> None:
-    """A parameter may be asked for behind a kill, too."""
+    """Parameters may also be read and set after a kill."""
 
 
 def kill_message(system_id: int) -> Records:
-    """COMMAND_LONG that stops the motors at once, in flight too."""
+    """COMMAND_LONG that stops the motors at once, also in flight."""
     message = records(COMMAND_LONG, 1)
     message["target_system"], message["target_component"] = system_id, 1
     message["command"] = ARM_DISARM

@@ -1,4 +1,4 @@
-"""Datagrams from vehicles: taken apart, judged, and given to whom they concern."""
+"""Datagrams from vehicles: split into frames, checked, and passed to their readers."""
 
 from collections.abc import Callable
 
@@ -22,11 +22,12 @@ class Inbox:
     """Reads what arrived. Whatever the bytes, it never raises.
 
     Attributes:
-        observers: whoever wants to see every frame; replace the tuple, do not mutate it.
-        commands: who waits for answers; None: nobody.
+        observers: receive every frame; replace the tuple, do not mutate it.
+        commands: reads answers; None: no reader.
         note_parameter: called with row, name and value of every PARAM_VALUE; None: not called.
-        pass_on: who else is to read what was taken: (data, frames, rows, times) as `FleetTelemetry.take` gets
-            them; None: nobody.
+        pass_on: called with (data, frames, rows, times) of accepted frames, as `FleetTelemetry.take`; None:
+        not
+            called.
     """
 
     def __init__(

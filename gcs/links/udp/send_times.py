@@ -1,4 +1,4 @@
-"""When setpoints left: a bounded record for each vehicle."""
+"""Times at which setpoints left: a bounded record for each vehicle."""
 
 from typing import Final
 
@@ -23,13 +23,13 @@ class Sent:
         self._count = np.zeros(count, np.int64)
 
     def note(self, rows: Whole, time_s: float) -> None:
-        """A setpoint left to each of `rows`, none of them there twice."""
+        """Record a setpoint to each of `rows`, which are all different."""
         self.newest_s[rows] = time_s
         self._times_s[rows, self._count[rows] % REMEMBERED] = time_s
         self._count[rows] += 1
 
     def times_s(self, row: int) -> tuple[float, ...]:
-        """Of one vehicle, oldest first."""
+        """Times of one vehicle, oldest first."""
         count = int(self._count[row])
         places = np.arange(max(0, count - REMEMBERED), count) % REMEMBERED
         return tuple(self._times_s[row, places].tolist())

@@ -1,4 +1,4 @@
-"""Frames on their way to vehicles: numbered, addressed, held back where a kill or silence forbids them."""
+"""Frames sent to vehicles: numbered, addressed, and dropped after their time."""
 
 from math import inf
 from typing import Final
@@ -19,7 +19,7 @@ class Outbox:
     """Sends messages to rows of a link.
 
     Attributes:
-        observers: whoever wants to see every frame; replace the tuple, do not mutate it.
+        observers: receive every frame; replace the tuple, do not mutate it.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Outbox:
     def encode(
         self, message_id: int, messages: Records, rows: Whole, *, component_id: int = COMPONENT_ID
     ) -> Frames:
-        """Frames for `rows` (k,), no row twice, each vehicle's numbered in order; `component_id` of ours."""
+        """Frames for `rows` (k,), all different, each vehicle's numbered in order; `component_id` is ours."""
         sequence = self._sequence[rows]
         self._sequence[rows] = sequence + np.uint8(1)
         return encode(message_id, messages, sequence, system_id=self._station_id, component_id=component_id)
@@ -50,14 +50,14 @@ class Outbox:
     def send(
         self, frames: Frames, rows: Whole, now_s: float, *, until_s: float = inf, to_all: bool = False
     ) -> NDArray[np.bool_]:
-        """Send frame i to where row i of `rows` is heard from. Never blocks, never raises.
+        """Send frame i to the source of row i of `rows`. Never blocks, never raises.
 
         Args:
             frames: (k,) whole.
-            rows: (k,) whom they are for.
+            rows: (k,) their targets.
             now_s: the link's clock.
-            until_s: behind it nothing more leaves.
-            to_all: what observers are told: that the frames are for everybody behind those addresses.
+            until_s: no frame leaves later.
+            to_all: observers receive target 0: the frames are for all systems behind those addresses.
 
         Returns: (k,) whether each left.
         """

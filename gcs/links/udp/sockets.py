@@ -1,6 +1,6 @@
-"""UDP sockets for a whole fleet: datagrams come and go in batches, with the kernel's times of arrival.
+"""UDP sockets for a whole fleet: datagrams in batches, with the kernel's times of arrival.
 
-Where the platform has no calls for that (see `mmsg`), one datagram at a time; the same from outside.
+Where the platform has no calls for that (see `mmsg`), one datagram at a time, with the same interface.
 """
 
 import logging
@@ -25,50 +25,47 @@ from gcs.model.state import Array
 log = logging.getLogger(__name__)
 
 _ROOM: Final = 512
-"""Datagrams that are taken in before they are looked at."""
+"""Datagrams that are read before they are processed."""
 
 _LONGEST: Final = 2048
-"""Bytes of a datagram that are read; an Ethernet carries 1500."""
+"""Bytes of a datagram that are read; an Ethernet frame carries 1500."""
 
 _BATCH: Final = 256
 _ROUNDS: Final = 16
-"""Batches a socket may fill in one go, so that it cannot keep us busy for ever."""
+"""Batches that a socket may fill in one turn, so that a flood cannot block the loop."""
 
 _ERRORS: Final = 16
-"""Of earlier sends that a socket may report before it is left alone until the next time."""
+"""Errors of earlier sends that a socket may report in one turn."""
 
 _BUFFER_BYTES: Final = 4 << 20
 _TIMESPEC: Final = Struct("@ll")
-_SO_RCVBUFFORCE: Final = 33  # Linux; beyond the system's limit, where we may
+_SO_RCVBUFFORCE: Final = 33  # Linux; beyond the system's limit, where permitted
 
 
 class Datagrams(NamedTuple):
-    """What arrived, in order of its arrival at each socket. Valid until more is taken in."""
+    """What arrived, in order of its arrival at each socket. Valid until the next read."""
 
     data: Bytes  # flat
     start: Whole  # (m,) of each in `data`
     length: Whole  # (m,)
-    source: Whole  # (m,) whence, see `source_of`
+    source: Whole  # (m,) source, see `source_of`
     time_s: Array  # (m,) of arrival, on our clock
 
 
 def source_of(host: int, port: int, socket_index: int) -> int:
-    """An address, and the socket of ours that it speaks to, as one number."""
+    """An address, and the socket of ours that it sends to, as one number."""
     return socket_index << 48 | host << 16 | port
 
 
 def host_of(source: int) -> str:
-    """The IPv4 address in a source."""
     return socket.inet_ntoa((source >> 16 & 0xFFFFFFFF).to_bytes(4, "big"))
 
 
 def port_of(source: int) -> int:
-    """The port in a source."""
     return source & 0xFFFF
 
 
 def socket_of(source: int) -> int:
-    """The index of our socket in a source."""
     return source >> 48
 
 
@@ -125,7 +122,7 @@ class Packets:
             self._selector.register(opened_socket, selectors.EVENT_READ, index)
 
     def close(self) -> None:
-        """Release the ports; what is sent afterwards goes nowhere."""
+        """Release the ports; what is sent afterwards is lost."""
         sockets, self._sockets = self._sockets, ()
         if self._selector is not None:
             self._selector.close()
@@ -165,8 +162,8 @@ class Packets:
         Args:
             data: (n, longest).
             length: (n,) bytes of each.
-            destination: (n,) sources as they were heard; one below 0 is nowhere.
-            until_s: on our clock; behind it nothing more leaves.
+            destination: (n,) sources as received; negative: no address.
+            until_s: on our clock; no datagram leaves later.
 
         Returns: (n,) whether each left.
         """
@@ -175,7 +172,7 @@ class Packets:
             return left
         index = np.where(destination < 0, -1, destination >> 48)
         changes = np.flatnonzero(np.diff(index)) + 1
-        if len(changes) >= len(np.unique(index)):  # a call for each socket, and not for each change of it
+        if len(changes) >= len(np.unique(index)):  # one call for each socket, not for each change of socket
             order = np.argsort(index, kind="stable")
             left[order] = self.send(data[order], length[order], destination[order], until_s=until_s)
             return left
@@ -186,7 +183,7 @@ class Packets:
         return left
 
     def _filled(self, data: Bytes, length: Whole, destination: Whole) -> mmsg.Batch:
-        """The outbox with these datagrams in it, made larger where they do not fit."""
+        """The outbox filled with these datagrams, enlarged if necessary."""
         n, longest = data.shape
         if self._outbox.data.shape[0] < n or self._outbox.data.shape[1] < longest:
             rows, columns = self._outbox.data.shape
@@ -207,13 +204,13 @@ class Packets:
         left: NDArray[np.bool_],
         until_s: float,
     ) -> None:
-        # Asked again right before every call: the process may be stopped anywhere.
+        # Check again right before every call: the process may have been suspended since the last check.
         while first < end and self._clock() <= until_s:
             try:
                 count = self._send_some(outbox, through, first, end)
             except OSError as error:  # a full buffer, no route: it may come back
                 if self._in_runs and error.errno in mmsg.REFUSALS:
-                    self._in_runs = False  # not on this way: one by one, from now on
+                    self._in_runs = False  # not possible on this route: one by one from now on
                     continue
                 self.send_errors += 1
                 if not self._send_failed:
@@ -225,14 +222,14 @@ class Packets:
             first += count
 
     def _send_some(self, outbox: mmsg.Batch, through: socket.socket, first: int, end: int) -> int:
-        """How many of these rows left. Raises: OSError when the first could not."""
+        """Number of these rows that were sent. Raises: OSError when the first could not be."""
         if not self._batched:
             return _send_one(through, outbox, first)
         send = outbox.send_runs if self._in_runs else outbox.send
         return send(through.fileno(), first, end)
 
     def _read(self, index: int, first: int, most: int) -> int:
-        """Take in what a socket has, `most` at most; how many."""
+        """Read up to `most` datagrams of a socket. Returns: number."""
         source = self._sockets[index]
         for _ in range(_ERRORS):
             try:
@@ -241,7 +238,7 @@ class Packets:
                 return _receive_some(source, self._room, first, most)
             except BlockingIOError:
                 return 0
-            except OSError:  # an error of an earlier send, reported here; the socket is still good
+            except OSError:  # an error of an earlier send, reported here; the socket still works
                 continue
         return 0
 
@@ -285,7 +282,7 @@ def _send_one(through: socket.socket, outbox: mmsg.Batch, row: int) -> int:
 
 
 def _bound(host: str, port: int) -> socket.socket:
-    """A UDP socket that never blocks and, on Linux, says when the kernel received each datagram."""
+    """A UDP socket that never blocks and, on Linux, reports when the kernel received each datagram."""
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         bound.setblocking(False)

@@ -1,7 +1,6 @@
-"""Which messages come how often: asked of every vehicle when it is heard, and again after a reboot.
+"""Requests for message rates, to every vehicle when it connects, and again after a reboot.
 
-One interval after the other, since the acknowledgement does not say which message it is about; for all
-vehicles at once.
+One interval after the other, since the acknowledgement does not name the message; for all vehicles at once.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,18 +21,18 @@ _ANY_COMPONENT: Final = 0
 
 _CHECK_S: Final = 5.0
 _RATE_SHARE: Final = 0.5
-"""Positions may come at a rate that is off by this share before it is asked for again."""
+"""Positions may come at a rate that is off by this share before it is requested again."""
 
 _RECHECKS: Final = 5
 
 
 class Streams:
-    """How far each of n vehicles is with being asked. Rows as on the link."""
+    """State of the requests to each of n vehicles. Rows as on the link."""
 
     def __init__(
         self, system_ids: Whole, rates_hz: Mapping[int, float], tell: Callable[[int, Records, Whole], object]
     ) -> None:
-        """Nobody is asked yet.
+        """Nothing is requested yet.
 
         Args:
             system_ids: (n,) of the vehicles.
@@ -46,27 +45,27 @@ class Streams:
         self._position_hz = rates_hz.get(GLOBAL_POSITION_INT, 0.0)
         self._system_ids = system_ids
         self._tell = tell
-        self._step = np.full(n, len(rates_hz), np.int64)  # the next interval to ask for; all of them: done
+        self._step = np.full(n, len(rates_hz), np.int64)  # the next interval to request; at the end: done
         self._tries = np.zeros(n, np.int64)
         self._asked_s = np.full(n, -np.inf)
         self._connected = np.zeros(n, np.bool_)
         self._connection_count = np.zeros(n, np.int64)
         self._rechecks = np.zeros(n, np.int64)
-        self._checked_s = np.full(n, -np.inf)  # when the positions were counted, -inf: not now
+        self._checked_s = np.full(n, -np.inf)  # when positions were counted, -inf: not now
         self._count = np.zeros(n, np.int64)
 
     @property
     def settled(self) -> Mask:
-        """(n,) whether everything has been asked of a vehicle."""
+        """(n,) whether all intervals have been requested from a vehicle."""
         return self._step >= len(self._message)
 
     def watch(self, connected: Mask, connection_count: Whole, positions: Whole, now_s: float) -> None:
-        """Begin with vehicles that have come, or begun anew; ask what is due.
+        """Begin with vehicles that have connected, also again; send the requests that are due.
 
         Args:
-            connected: (n,) heard lately, and may be asked.
-            connection_count: (n,) how often each was met, see `FleetTelemetry`.
-            positions: (n,) how many have come, in all.
+            connected: (n,) recently received, and may be sent requests.
+            connection_count: (n,) how often each connected, see `FleetTelemetry`.
+            positions: (n,) total of positions received.
             now_s: the link's clock.
         """
         new = connection_count != self._connection_count
@@ -76,7 +75,7 @@ class Streams:
         self._ask(np.flatnonzero(connected & ~self.settled & (now_s - self._asked_s >= _ANSWER_S)), now_s)
 
     def take_acks(self, rows: Whole, reported: Records) -> None:
-        """Go on with those that answered: (k,) rows and COMMAND_ACKs. Whatever they answered, it is said."""
+        """Continue with the vehicles that answered: (k,) rows and COMMAND_ACKs, whatever the result."""
         is_ours = np.isin(reported["target_component"], (REQUESTING_COMPONENT, _ANY_COMPONENT))
         answered = np.unique(rows[is_ours & (reported["command"] == SET_MESSAGE_INTERVAL)])
         answered = answered[np.isfinite(self._asked_s[answered])]
@@ -90,7 +89,7 @@ class Streams:
         self._checked_s[which] = -np.inf
 
     def _ask(self, rows: Whole, now_s: float) -> None:
-        """Ask for the interval each is at; go on without an answer after some tries."""
+        """Request the next interval of each row; continue without an answer after some tries."""
         given_up = rows[self._tries[rows] >= _TRIES]
         self._step[given_up] += 1
         self._tries[given_up] = 0
@@ -109,7 +108,7 @@ class Streams:
         self._asked_s[rows] = now_s
 
     def _off(self, positions: Whole, now_s: float) -> Mask:
-        """(n,) who sends positions at another rate than asked: it forgot, or an answer was mistaken."""
+        """(n,) vehicles with another rate of positions than requested: forgotten, or an answer mistaken."""
         ready = self._connected & self.settled
         counting = ready & np.isfinite(self._checked_s)
         over = counting & (now_s - self._checked_s >= _CHECK_S)

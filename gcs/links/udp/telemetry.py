@@ -1,4 +1,4 @@
-"""What the vehicles of a link said, in columns: read for all of them at once, message by message."""
+"""Telemetry of the vehicles of a link, in columns: read for all of them at once, message by message."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -47,16 +47,16 @@ _CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 _PX4: Final = int(dialect.MAV_AUTOPILOT_PX4)
 _HEADING_MAX_CDEG: Final = 36000  # above: unknown
 _REBOOTED_MS: Final = 1000
-"""A boot clock that is behind itself by more than this began anew; less is datagrams in the wrong order."""
+"""A boot clock that goes back by more than this has restarted; by less, datagrams are out of order."""
 
 _UNKNOWN, _OTHER = -1, -2
-"""Custom modes that no autopilot sends: nothing heard yet, and something that is not PX4's."""
+"""Custom modes that no autopilot sends: none received yet, and one that is not PX4's."""
 
 _LANDED: Final = tuple(Landed)
 
 
 class _Reported(Generic[Value]):
-    """A column as values of Python: made again only when it has changed, which is seldom."""
+    """A column as Python values: converted again only after a change, which is rare."""
 
     def __init__(self, value_of: Callable[[Any], Value]) -> None:
         self._value_of = value_of
@@ -131,9 +131,9 @@ class FleetTelemetry:
         """Read checked frames of our vehicles.
 
         Args:
-            data: where they lie.
+            data: buffer that contains them.
             frames: (k, FRAME_COLUMNS) in order of arrival.
-            rows: (k,) whose each is.
+            rows: (k,) vehicle of each.
             time_s: (k,) of arrival.
         """
         autopilots = frames[:, COMPONENT] == _AUTOPILOT_COMPONENT
@@ -153,32 +153,32 @@ class FleetTelemetry:
             self._texts_reported = tuple(telemetry.texts for telemetry in self._texts)
 
     def mode(self, row: int) -> Mode:
-        """As its newest heartbeat says."""
+        """From its newest heartbeat."""
         return self._mode_of(int(self._mode[row]))
 
     def reported(self, row: int) -> "VehicleReport":
-        """One vehicle's part."""
+        """View of one vehicle."""
         return VehicleReport(self, row)
 
     def text(self, row: int) -> tuple[str, float]:
-        """Its newest status text, and when that arrived."""
+        """Its newest status text, and that text's arrival."""
         return self._texts[row].text, self._texts[row].text_time_s
 
     def news(self, row: int) -> asyncio.Event:
-        """Fires at the vehicle's next heartbeat."""
+        """Event that fires at the vehicle's next heartbeat."""
         return self._waiting.setdefault(row, asyncio.Event())
 
     @property
     def awaited(self) -> bool:
-        """Whether anybody waits for a heartbeat."""
+        """Whether a heartbeat is awaited."""
         return bool(self._waiting)
 
     def telemetry(self, *, may_be_ready: Mask | bool = True, met: Mask | None = None) -> Telemetry:
-        """All of it, as it is now.
+        """A copy of all values.
 
         Args:
-            may_be_ready: (n,) who can be armed, if it says so itself.
-            met: (n,) whose position is told; None: everybody's.
+            may_be_ready: (n,) vehicles that count as ready if they report it.
+            met: (n,) vehicles with a position in the result; None: all.
         """
         unmet = np.zeros(len(self._ids), np.bool_) if met is None else ~met
         complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(self._place[:, 0])
@@ -213,17 +213,17 @@ class FleetTelemetry:
         known = self._modes.get(custom_mode)
         if known is None:
             known = px4_mode(custom_mode)
-            if known is not Mode.OTHER:  # of the others there are too many to remember
+            if known is not Mode.OTHER:  # the others are too many to cache
                 self._modes[custom_mode] = known
         return known
 
     def _take_clocks(self, rows: Whole, reported: Records, _time_s: Array) -> None:
-        """Of messages not asked for, but sent by an autopilot that has just restarted."""
+        """From messages not requested, but sent by an autopilot that has just restarted."""
         boot_ms = reported["time_boot_ms"].astype(np.int64)
         again = np.unique(rows[boot_ms < self._boot_ms[rows] - _REBOOTED_MS])
         self.reboot_count[again] += 1
         self.connection_count[again] += 1
-        self._reset_counter[again] = -1  # of a new life
+        self._reset_counter[again] = -1  # of the time before the restart
         self.prearm_ok[again] = False
         if len(again):
             self._batteries.forget(again)
@@ -270,7 +270,7 @@ class FleetTelemetry:
         self._batteries.take_packs(rows, reported["id"], reported["battery_remaining"])
 
     def _take_accuracies(self, rows: Whole, reported: Records, _time_s: Array) -> None:
-        """As `mavlink_frames.gps_accuracy` reads one."""
+        """As `gcs.mavlink.framing.gps_accuracy`."""
         self._fix_type[rows] = reported["fix_type"]
         fixed = reported["fix_type"] >= FIX_3D
         fields = (("eph", "h_acc"), ("epv", "v_acc"))
@@ -299,7 +299,7 @@ class FleetTelemetry:
 
 
 class VehicleReport:
-    """One vehicle's part of what was heard: what `gcs.links.command_protocol` believes."""
+    """One vehicle's view of `FleetTelemetry`, for `gcs.links.command_protocol`."""
 
     def __init__(self, fleet: FleetTelemetry, row: int) -> None:
         self._fleet = fleet
@@ -312,17 +312,17 @@ class VehicleReport:
 
     @property
     def armed(self) -> bool:
-        """As that says."""
+        """From the newest heartbeat."""
         return bool(self._fleet.armed[self._row])
 
     @property
     def mode(self) -> Mode:
-        """As that says."""
+        """From the newest heartbeat."""
         return self._fleet.mode(self._row)
 
     @property
     def landed(self) -> Landed:
-        """As it said last."""
+        """From the newest EXTENDED_SYS_STATE."""
         return _LANDED[int(self._fleet.landed[self._row])]
 
     @property
@@ -332,7 +332,7 @@ class VehicleReport:
 
     @property
     def text_time_s(self) -> float:
-        """When that arrived."""
+        """Arrival of that text."""
         return self._fleet.text(self._row)[1]
 
     @property
