@@ -1,4 +1,4 @@
-"""Telemetry in, FleetState out: the one place where the fleet's state is made."""
+"""The fleet's state from the telemetry of all links."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -11,35 +11,41 @@ from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 
 FLIES_ON_S: Final = 2.0
-"""Age of telemetry up to which a vehicle may fly on unchanged, as PX4 and the service are delivered: 0.5 s
-for which positions are brought forward, the deadman's 0.2 s and COM_OF_LOSS_T of 1 s; and the 2 s after which
+"""Age of telemetry up to which a vehicle may fly on unchanged, with PX4's and the service's defaults: 0.5 s
+for which positions are brought forward, the watchdog's 0.2 s and COM_OF_LOSS_T of 1 s; or the 2 s after which
 it counts as lost, whichever is longer.
 """
 
 BRAKES_S: Final = 2.0
-"""Braking evenly for so long takes the way of 1 s of unchanged flight (`STOP_S`)."""
+"""Even braking over this time covers the distance of 1 s of unchanged flight (`STOP_S`)."""
 
 
 class Table:
     """Joins the telemetry of all links into one state, rows in the fleet's own order.
 
-    It remembers the last position of each vehicle that was believed, for positions are not believed
-    blindly (a receiver that glitches, an estimator that resets, another vehicle's messages). While a vehicle
-    tells an implausible one, its row keeps the last believed position, and the age inf: nobody commands it.
-    It is believed again at once where it comes back to where it can be, and otherwise after CONSISTENT_S at
-    the new place: in the air only if it can have flown there, on the ground (not armed) wherever that is.
+    It keeps the last accepted position of each vehicle, since a reported position may be wrong (a receiver
+    that
+    glitches, an estimator that resets, another vehicle's messages). While a vehicle reports implausible
+    positions,
+    its row keeps the last accepted one, and the age inf: it is not commanded. Its positions are accepted
+    again at
+    once where they return to a reachable place, and otherwise after CONSISTENT_S at the new place: in the air
+    only
+    if it can have flown there, on the ground (not armed) anywhere.
 
     The velocity of a vehicle without new telemetry ends. For `flies_on_s` it is the last reported one: the
     vehicle may fly on until its autopilot notices the loss, and other vehicles must keep clear of it by
     this estimate alone until it counts as lost. Within `brakes_s` it then fades to rest, as of a vehicle
-    that brakes; one that falls does not move sideways for long either. The growing uncertainty is not in
+    that brakes; a falling vehicle does not move sideways for long either. The growing uncertainty is not in
     the velocity: from the loss on, the swept space (`gcs.planning.landing_sites.swept_segments_m`) covers
-    every place that
-    the vehicle can have reached with the whole of `last_velocity_m_s`, however long ago that was.
+    every place that the vehicle can have reached with the whole of `last_velocity_m_s`, however long ago that
+    was.
 
     Attributes:
-        reset_time_s: (n,) when the position last jumped, as the velocity does not explain or as the estimator
-            said itself; -inf where it never did. Only of the armed: an estimator that starts up jumps, too.
+        reset_time_s: (n,) when the position last jumped, beyond what the velocity explains or by the
+        estimator's
+            own report; -inf where it never did. Only of armed vehicles: an estimator that starts up also
+            jumps.
     """
 
     def __init__(
@@ -57,17 +63,17 @@ class Table:
         self._origin = (frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg)
         n = len(self.ids)
         self._believed_m, self._believed_s = np.full((n, 3), np.nan), np.full(n, -np.inf)
-        self._believed_m_s = np.full((n, 3), np.nan)  # with the believed position
-        self._reported_m, self._reported_s = np.full((n, 3), np.nan), np.full(n, -np.inf)  # believed or not
-        self._reported_since_s = np.full(n, np.inf)  # without a jump, of those not trusted
+        self._believed_m_s = np.full((n, 3), np.nan)  # with the accepted position
+        self._reported_m, self._reported_s = np.full((n, 3), np.nan), np.full(n, -np.inf)  # accepted or not
+        self._reported_since_s = np.full(n, np.inf)  # without a jump, of vehicles not trusted
         self._trusted = np.ones(n, dtype=np.bool_)
-        self._resets = np.full(n, -1)  # as the estimators count them
+        self._resets = np.full(n, -1)  # reset counters of the estimators
         self.reset_time_s = np.full(n, -np.inf)
 
     def state(self, telemetry: Sequence[Telemetry], now_s: float) -> FleetState:
-        """Where everybody is at `now_s`: newest believed positions, brought forward with their velocities.
+        """The fleet at `now_s`: newest accepted positions, brought forward with their velocities.
 
-        Called once a tick; called again with the same telemetry it says the same.
+        Called once a tick; a second call with the same telemetry has the same result.
         """
         n = len(self.ids)
         position_m, velocity_m_s, yaw_rad = (
@@ -95,7 +101,7 @@ class Table:
             time_s[rows] = part.position_time_s
             armed[rows] = part.armed
             resets[rows] = part.position_resets
-        self.reset_time_s = self.reset_time_s.copy()  # whoever has the old one keeps it
+        self.reset_time_s = self.reset_time_s.copy()  # holders of the old array keep it unchanged
         judge(
             now_s,
             position_m,
@@ -127,7 +133,7 @@ class Table:
 
     @property
     def last_velocity_m_s(self) -> Array:
-        """(n, 3) the whole velocity that came with each vehicle's last believed position."""
+        """(n, 3) the whole velocity that came with each vehicle's last accepted position."""
         return self._believed_m_s.copy()
 
     def _rows_of(self, ids: tuple[VehicleId, ...]) -> NDArray[np.intp]:
@@ -138,7 +144,7 @@ class Table:
 
 
 def tuple3(row: Array) -> tuple[float, float, float] | None:
-    """A finite (3,) row as plain numbers, else None."""
+    """A finite (3,) row as floats, else None."""
     if not np.isfinite(row).all():
         return None
     return float(row[0]), float(row[1]), float(row[2])

@@ -1,4 +1,4 @@
-"""Compiled loops of `fleet_state`: telemetry into the show frame, and which of it is believed. Pure."""
+"""Compiled loops of `fleet_state`: telemetry into the show frame, and acceptance of positions. Pure."""
 
 from typing import Final
 
@@ -9,21 +9,21 @@ from gcs.model.jit import kernel
 from gcs.model.state import Array, Bits, Mask
 
 FORWARD_MAX_S: Final = 0.5
-"""Positions are brought forward by no more than this; what is older is refused by its age anyway."""
+"""Longest time by which positions are brought forward; older ones are refused by their age anyway."""
 
 SPEED_PLAUSIBLE_M_S, JUMP_PLAUSIBLE_M = 25.0, 10.0
-"""A position farther from the last believed one than this speed and this jump explain is not believed."""
+"""A position is not accepted if it is farther from the last accepted one than this speed and jump explain."""
 
 UNEXPLAINED_M, UNEXPLAINED_M_S = 1.5, 2.0
-"""A believed position that is off by more than this and this speed from where the velocity led is a reset: of
-the estimator, or of its receiver. Noise comes in centimetres a step.
+"""An accepted position that is off by more than this and this speed from where the velocity led is a reset of
+the estimator or of its receiver. Noise comes in centimetres a step.
 """
 
 FAR_M: Final = 10_000.0
-"""Nor is one farther than this from the show's origin, or at latitude and longitude 0."""
+"""A position is not accepted farther than this from the show's origin, or at latitude and longitude 0."""
 
 CONSISTENT_S: Final = 2.0
-"""How long a vehicle must have been told at a new place, without a jump, before the new place is believed."""
+"""How long a vehicle must be reported at a new place, without a jump, before that is accepted."""
 
 _SEMIMAJOR_M: Final = 6378137.0
 _FLATTENING: Final = 1.0 / 298.257223563
@@ -33,7 +33,7 @@ _POLAR_SHARE: Final = (1.0 - _FLATTENING) ** 2
 
 @kernel
 def _geocentric_m(latitude: float, longitude: float, altitude_m: float) -> tuple[float, float, float]:
-    """From the middle of the earth, angles in radians: towards 0 E, towards 90 E, north."""
+    """From the centre of the earth, angles in radians: towards 0 E, towards 90 E, north."""
     sine, cosine = np.sin(latitude), np.cos(latitude)
     normal_m = _SEMIMAJOR_M / np.sqrt(cosine * cosine + _POLAR_SHARE * sine * sine)
     ring_m = (normal_m + altitude_m) * cosine
@@ -58,10 +58,10 @@ def into_frame(
     yaw_rad: Array,
     exists: Mask,
 ) -> None:
-    """What one link's vehicles say, in the show frame. `ShowFrame.position_m` is the same by pymap3d.
+    """Telemetry of one link's vehicles in the show frame. `ShowFrame.position_m` is the same by pymap3d.
 
     Args:
-        rows: (k,) whose each is.
+        rows: (k,) row of each in the fleet.
         latitude_deg: (k,), and so are longitude and altitude AMSL.
         longitude_deg: see there.
         altitude_m: see there.
@@ -71,7 +71,7 @@ def into_frame(
         position_m: (n, 3), rows written, as of all that follow.
         velocity_m_s: (n, 3).
         yaw_rad: (n,) from the show's x axis, within [-pi, pi).
-        exists: (n,) whether it can be a place at all.
+        exists: (n,) whether the position is possible at all.
     """
     latitude, longitude = np.radians(origin[0]), np.radians(origin[1])
     sine, cosine = np.sin(latitude), np.cos(latitude)
@@ -100,7 +100,7 @@ def into_frame(
 
 @kernel
 def _apart_m(one_m: Array, other_m: Array) -> float:
-    """Between two (3,); inf where either is no place."""
+    """Distance between two (3,); inf where either is unknown."""
     apart_m = np.sqrt(
         (one_m[0] - other_m[0]) ** 2 + (one_m[1] - other_m[1]) ** 2 + (one_m[2] - other_m[2]) ** 2
     )
@@ -109,7 +109,7 @@ def _apart_m(one_m: Array, other_m: Array) -> float:
 
 @kernel
 def _plausible_m(since_s: float, time_s: float) -> float:
-    """How far away something told at `time_s` may be; a jump where nothing was known before."""
+    """Plausible distance of a position at `time_s`; only the jump where none was known before."""
     elapsed_s = time_s - since_s if np.isfinite(since_s) and time_s > since_s else 0.0
     return JUMP_PLAUSIBLE_M + SPEED_PLAUSIBLE_M_S * elapsed_s
 
@@ -133,23 +133,23 @@ def judge(
     known_resets: Bits,
     reset_time_s: Array,
 ) -> None:
-    """Believe what is new, or do not: see `gcs.estimation.fleet_state.Table`.
+    """Accept new positions, or do not: see `gcs.estimation.fleet_state.Table`.
 
     Args:
         now_s: of this tick.
-        position_m: (n, 3) as told now, NaN where nothing is, and so are the next five.
+        position_m: (n, 3) as reported now, NaN where unknown, and so are the next five.
         time_s: (n,) of arrival, -inf before the first.
         velocity_m_s: (n, 3).
-        exists: (n,) whether it can be a place at all.
+        exists: (n,) whether the position is possible at all.
         armed: (n,).
-        resets: (n,) as the estimators count them.
-        reported_m: (n, 3) the newest told, believed or not; written, as all that follow.
+        resets: (n,) reset counters of the estimators.
+        reported_m: (n, 3) the newest reported, accepted or not; written, as all that follow.
         reported_s: (n,) of its arrival.
-        reported_since_s: (n,) since when it was told without a jump, of those not trusted.
-        believed_m: (n, 3) the newest that was believed.
+        reported_since_s: (n,) since when it was reported without a jump, of vehicles not trusted.
+        believed_m: (n, 3) the newest accepted.
         believed_s: (n,) of its arrival.
         believed_m_s: (n, 3) the velocity with it.
-        trusted: (n,) whether the newest was believed.
+        trusted: (n,) whether the newest was accepted.
         known_resets: (n,).
         reset_time_s: (n,) when the position last jumped.
     """
@@ -197,7 +197,7 @@ def brought_forward(
     """Estimate the fleet's motion at `now_s`; see `gcs.estimation.fleet_state.Table`.
 
     Returns: (n, 3) positions, (n, 3) velocities, and the (n,) age of the positions, inf where the newest is
-        not believed.
+        not accepted.
     """
     position_m, velocity_m_s = np.empty_like(believed_m), np.empty_like(believed_m_s)
     age_s = np.empty(len(believed_s))

@@ -1,8 +1,10 @@
 """Delay of each vehicle's telemetry, compared with its smallest so far. Pure; times are given.
 
-A vehicle's SYSTEM_TIME says what its own clock showed when the message left. Clocks differ by a constant, so
-what varies of the difference to its arrival is the way. (The boot clock will not do: a simulator's loses 1 to
-2 % against the wall.)
+A vehicle's SYSTEM_TIME contains its own clock as the message left. Clocks differ by a constant, so the
+varying
+part of the difference to its arrival is the link's delay. (The boot clock is not suitable: a simulator's
+loses 1
+to 2 % against the wall clock.)
 """
 
 from typing import Final
@@ -12,13 +14,13 @@ import numpy as np
 from gcs.model.state import Array
 
 FORGETS: Final = 2e-4
-"""Seconds per second by which the soonest is forgotten: clocks drift."""
+"""Seconds per second by which the smallest delay is forgotten: clocks drift."""
 
 SMOOTH_S: Final = 3.0
 """Time constant of the average; a sample comes once a second."""
 
 CLOCK_SET_S: Final = 3.0
-"""A difference that changes by more is a clock that was set: links keep nothing for so long."""
+"""A difference that changes by more is a clock that was set: no link delays messages for that long."""
 
 
 class LinkDelay:
@@ -26,12 +28,12 @@ class LinkDelay:
 
     def __init__(self, count: int) -> None:
         self._base_s = np.full(count, np.nan)  # the newest sample: vehicle's clock less arrival
-        self._soonest_s = np.full(count, np.nan)  # the largest of them
+        self._soonest_s = np.full(count, np.nan)  # the largest of them: the smallest delay
         self._sampled_s = np.full(count, np.nan)
         self._late_s = np.zeros(count)
 
     def note(self, clock_base_s: Array, now_s: float) -> None:
-        """Take in (n,) what each vehicle's clock showed when ours was 0; NaN: not known."""
+        """Add (n,) each vehicle's clock when ours was 0; NaN: not known."""
         new = (clock_base_s != self._base_s) & ~np.isnan(clock_base_s)
         if not new.any():
             return
@@ -48,5 +50,5 @@ class LinkDelay:
 
     @property
     def late_s(self) -> Array:
-        """(n,) averaged; 0 where nothing is known."""
+        """(n,) average delay; 0 where nothing is known."""
         return self._late_s

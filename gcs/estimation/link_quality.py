@@ -1,4 +1,4 @@
-"""How much of what a vehicle should send arrives, vehicle by vehicle. Pure: time is given."""
+"""Share of each vehicle's expected telemetry that arrives. Pure: time is given."""
 
 from typing import Final
 
@@ -7,21 +7,21 @@ import numpy as np
 from gcs.model.state import Array
 
 REMEMBERED_S: Final = 5.0
-"""What arrived so long ago counts by 1/e."""
+"""Age at which an arrival counts by 1/e."""
 
 
 class LinkQuality:
-    """The share of positions that arrive, of those asked for. Looks at the newest arrivals once a tick."""
+    """The share of requested positions that arrive, from the newest arrivals once a tick."""
 
     def __init__(self, expected_hz: Array) -> None:
-        """`expected_hz` (n,): positions asked for, each above 0 and not more often than looked at."""
+        """`expected_hz` (n,): rates of positions requested, each above 0 and at most the rate of `note`."""
         self._expected_hz = expected_hz
         self._rate_hz = np.zeros_like(expected_hz)
         self._arrival_s = np.full_like(expected_hz, -np.inf)
         self._time_s: float | None = None
 
     def note(self, arrival_s: Array, now_s: float) -> None:
-        """Take in when each vehicle's newest position arrived: (n,), -inf before the first."""
+        """Add the arrival of each vehicle's newest position: (n,), -inf before the first."""
         before_s, self._time_s = self._time_s, now_s
         arrived, self._arrival_s = arrival_s > self._arrival_s, arrival_s
         if before_s is None or now_s <= before_s:

@@ -1,4 +1,4 @@
-"""How far off each vehicle's reported position may be: what its receiver says, and after a jump. Pure."""
+"""Uncertainty of each vehicle's reported position, from its receiver's accuracy and after a jump. Pure."""
 
 import numpy as np
 
@@ -10,16 +10,16 @@ class Positioning(Settings):
     """How reported accuracy and position resets widen a vehicle's margin (decision 0010).
 
     The floor's own uncertainty goes with the accuracy that a good receiver reports: as recorded, 0.9 m
-    sideways and 1.8 m up, for an estimate that is 0.2 m off. What is reported beyond that counts by `share`.
+    sideways and 1.8 m up, for an estimate that is 0.2 m off. Reported accuracy beyond that counts by `share`.
     """
 
     usual_horizontal_m: Positive = 1.0
     usual_vertical_m: Positive = 2.0
     share: NotNegative = 0.4  # recorded: 0.35 m of uncertainty at 0.9 m of accuracy
-    uncertainty_max_m: Positive = 1.5  # wider, a fleet could only flee from itself
+    uncertainty_max_m: Positive = 1.5  # if wider, the vehicles of a fleet could only flee from each other
     reset_margin_m: NotNegative = 0.7  # added after a position jumped
     reset_margin_s: NotNegative = 30.0
-    freeze_s: NotNegative = 3.0  # that a vehicle whose position jumped stands still first
+    freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
 
 
 def excess_m(horizontal_m: Array, vertical_m: Array, positioning: Positioning) -> Array:
@@ -28,7 +28,7 @@ def excess_m(horizontal_m: Array, vertical_m: Array, positioning: Positioning) -
     0 where nothing is reported (NaN), inf without a fix.
     """
     sideways_m = horizontal_m - positioning.usual_horizontal_m
-    up_m = (vertical_m - positioning.usual_vertical_m) / 2.0  # as far as the floor counts it twice there
+    up_m = (vertical_m - positioning.usual_vertical_m) / 2.0  # half, since the floor counts it twice there
     worse_m: Array = np.fmax(np.fmax(sideways_m, up_m), 0.0)
     return worse_m
 
@@ -40,16 +40,16 @@ def uncertainty_m(
     since_reset_s: Array,
     positioning: Positioning,
 ) -> Array:
-    """How far off each position may be.
+    """Uncertainty of each position.
 
     Args:
-        configured_m: never less than this.
+        configured_m: least uncertainty.
         horizontal_m: (n,) accuracy as reported, one sigma; NaN unknown, inf without a fix.
         vertical_m: (n,) the same up and down.
         since_reset_s: (n,) since its position jumped, inf where it never did.
-        positioning: what that adds.
+        positioning: settings.
 
-    Returns: (n,) sideways, at most `uncertainty_max_m` (or what is configured, where that is more).
+    Returns: (n,) sideways, at most `uncertainty_max_m` (or the configured one, where that is more).
     """
     wider_m = positioning.share * excess_m(horizontal_m, vertical_m, positioning)
     wider_m += np.where(since_reset_s < positioning.reset_margin_s, positioning.reset_margin_m, 0.0)

@@ -1,20 +1,20 @@
-"""Which signs of life of a vehicle are missing, and what follows. Pure; decision 0024.
+"""Which signs of life of a vehicle are missing, and the consequence. Pure; decision 0024.
 
 Every message of a vehicle's autopilot is a sign of life. Its position is needed to fly it, its heartbeat to
 know its mode: a pilot's takeover shows nowhere else.
 
 - No telemetry at all, or no position: the vehicle is lost, and nothing is sent to it.
 - No heartbeat, but positions: it is flown on. Setpoints take nothing from a pilot, for PX4 follows them in
-  OFFBOARD alone. An alarm names the missing heartbeats. Without a fresh heartbeat the service sends no mode
+  OFFBOARD only. An alarm names the missing heartbeats. Without a fresh heartbeat the service sends no mode
   change on its own. After BEATS_LACK_MAX_S more the vehicle counts as lost: a pilot may have
-  had it for so long that the others must not rely on its giving way.
+  flown it for so long that the others must not rely on its giving way.
 """
 
 from math import isfinite
 from typing import Final
 
 BEATS_MAY_LACK_S: Final = 1.5
-"""Heartbeats come once a second: one that is lost says nothing. A vehicle on the ground is offline after
+"""Heartbeats come once a second: a single missing one means nothing. A vehicle on the ground is offline after
 `operation.silence_s` and this, and one in the air is reported.
 """
 
@@ -25,11 +25,11 @@ ten heartbeats in a row are lost once in ten million.
 
 
 def lacking(now_s: float, life_s: float, beat_s: float, position_s: float, silence_s: float) -> str:
-    """What of a vehicle's telemetry lacks, in words; empty while nothing does.
+    """What is missing of a vehicle's telemetry, in words; empty when nothing is.
 
     Args:
         now_s: of this tick.
-        life_s: arrival of anything from its autopilot, -inf before the first.
+        life_s: arrival of any message from its autopilot, -inf before the first.
         beat_s: of its newest heartbeat.
         position_s: of its newest position.
         silence_s: `operation.silence_s`.

@@ -1,4 +1,4 @@
-"""Estimates of the time that batteries and maneuvers last. Pure.
+"""Estimates of remaining battery time and of the duration of maneuvers. Pure.
 
 Nothing here commands anything. What is not known yet is NaN or None, never a guess.
 """
@@ -14,34 +14,34 @@ STEPS: Final = 100
 """A battery's charge is reported in whole percent."""
 
 STEPS_BEFORE: Final = 3
-"""So many percent must have been used, from the first change after take-off, before a rate is believed."""
+"""Percent that must have been used, from the first change after take-off, before a rate is estimated."""
 
 STEPS_BACK: Final = 10
-"""The rate is the mean over so many percent at most: what was used long ago says less of now."""
+"""The rate is the mean over at most this many percent: older use says less about the present."""
 
 JUMP: Final = 5
-"""More percent at once are no discharge but a new reckoning or battery: what was known is forgotten."""
+"""A larger change at once is no discharge but a recalculation or another battery: the history is cleared."""
 
 SETTLES_S: Final = 5.0
-"""After take-off: the voltage, and with it what is reported, drops when the motors draw, by no real use."""
+"""After take-off the voltage, and with it the reported charge, drops as the motors start, without use."""
 
 TOP_SHARE: Final = 0.8
-"""Of the radius: so high above the centre is the highest slot, where there are more than three."""
+"""Of the radius: height of the highest slot above the centre, with more than three vehicles."""
 
 CLIMB_M_S: Final = 1.0
-"""On average, from the command to take off until the height is reached (PX4's MPC_TKO_SPEED is 1.5)."""
+"""On average, from the take-off command until the height is reached (PX4's MPC_TKO_SPEED is 1.5)."""
 
 ARMS_S: Final = 2.5
-"""From the command to arm until the motors lift."""
+"""From the arm command until the motors lift."""
 
 JOINS_S: Final = 2.0
-"""From the last one up until all follow setpoints."""
+"""From the end of the last take-off until all follow setpoints."""
 
 STOPS_S: Final = 2.5
-"""A collective return begins with all vehicles standing, and its paths found."""
+"""At the start of a collective return all vehicles stop and their paths are planned."""
 
 SLANT_SHARE: Final = 0.25
-"""Of the shorter of both: paths home slant, but not all the way."""
+"""Of the shorter of both: paths home slant, but not over their whole length."""
 
 TOUCHES_DOWN_M_S: Final = 0.6
 """The autopilot's own landing, from the handover height."""
@@ -64,11 +64,12 @@ class BatteryHistory:
         self._rows = np.arange(n)
 
     def note(self, remaining: Array, flying: Mask, now_s: float) -> None:
-        """Take in what is reported now.
+        """Add the reported charges.
 
         Args:
             remaining: (n,) 0 to 1, NaN where nothing is known.
-            flying: (n,) in the air and received; a vehicle that lands begins anew with its next take-off.
+            flying: (n,) in the air and received; a vehicle that lands starts a new history with its next
+            take-off.
             now_s: any monotonic clock, s.
         """
         begins = flying & np.isnan(self._since_s)
@@ -79,7 +80,7 @@ class BatteryHistory:
         known = flying & np.isfinite(remaining) & (now_s - self._since_s >= SETTLES_S)
         percent = np.clip(np.ceil(STEPS * np.where(known, remaining, 1.0) - 1e-6), 0, STEPS).astype(np.int64)
         falls = known & (percent < self._lowest)
-        for row in np.flatnonzero(falls).tolist():  # seldom: once for each percent of each vehicle
+        for row in np.flatnonzero(falls).tolist():  # rare: once for each percent of each vehicle
             self._fell(row, int(percent[row]), now_s)
 
     def _fell(self, row: int, percent: int, now_s: float) -> None:
@@ -93,19 +94,19 @@ class BatteryHistory:
         self._lowest[row] = percent
 
     def rate_per_s(self, now_s: float) -> Array:
-        """(n,) share of a whole battery used in a second; NaN until enough has been used to know it."""
+        """(n,) share of a whole battery used in a second; NaN until enough has been used to estimate it."""
         known = (self._first >= 0) & (self._first - self._lowest >= STEPS_BEFORE)
         lowest = np.where(known, self._lowest, 0)
         since = np.where(known, np.minimum(self._first, lowest + STEPS_BACK), 1)
         since_s, until_s = self._reached_s[self._rows, since], self._reached_s[self._rows, lowest]
         used = (since - lowest) / STEPS
         with np.errstate(divide="ignore", invalid="ignore"):
-            # since the last change the next one has been due for longer and longer: it is used more slowly
+            # the longer the next change does not come, the slower the use
             rate = np.minimum(used / (until_s - since_s), (used + 1.0 / STEPS) / (now_s - since_s))
         return np.where(known & np.isfinite(rate) & (rate > 0.0), rate, np.nan)
 
     def left_s(self, down_to: float, now_s: float) -> Array:
-        """(n,) until `down_to` (0 to 1) of a battery is left, at least 0; NaN where it is not known."""
+        """(n,) time until `down_to` (0 to 1) of a battery is left, at least 0; NaN where it is not known."""
         rate = self.rate_per_s(now_s)
         known = np.isfinite(rate)
         lowest = np.where(known, self._lowest, 0)
@@ -119,7 +120,7 @@ class Estimates:
     """Energy and time of one fleet, n vehicles; refreshed once a second."""
 
     low_s: Array  # (n,) until the low-battery threshold, 0 below it; NaN: not known
-    empty_s: Array  # (n,) until nothing is left; NaN: not known
+    empty_s: Array  # (n,) until the battery is empty; NaN: not known
     battery_least: float | None  # 0 to 1, of the flying vehicles; where none flies, of all that report
     battery_least_row: int | None
     battery_median: float | None
@@ -129,7 +130,7 @@ class Estimates:
 
 
 def nothing(n: int) -> Estimates:
-    """Before anything is known of n vehicles."""
+    """Estimates of n vehicles before anything is known."""
     unknown = np.full(n, np.nan)
     return Estimates(unknown, unknown, None, None, None, None, None, None)
 
@@ -137,7 +138,7 @@ def nothing(n: int) -> Estimates:
 def batteries(
     history: BatteryHistory, remaining: Array, flying: Mask, received: Mask, below: float, now_s: float
 ) -> Estimates:
-    """What is known of the batteries; no times of manoeuvres.
+    """Estimates of the batteries; without durations of maneuvers.
 
     Args:
         history: that has noted `remaining`.
@@ -150,7 +151,7 @@ def batteries(
     counted = np.isfinite(remaining) & (flying if flying.any() else received)
     rows = np.flatnonzero(counted)
     low_s, empty_s = history.left_s(below, now_s), history.left_s(0.0, now_s)
-    low_s[counted & (remaining <= below)] = 0.0  # however fast it was used until then
+    low_s[counted & (remaining <= below)] = 0.0  # whatever the rate until then
     known = np.flatnonzero(np.isfinite(low_s))
     least = int(rows[np.argmin(remaining[rows])]) if len(rows) else None
     return Estimates(
@@ -166,7 +167,7 @@ def batteries(
 
 
 def approach_s(distance_m: Array, speed_m_s: float, rate_per_s: float, within_m: float) -> Array:
-    """(n,) how long it takes to come within `within_m`, drawn there by `rate_per_s` and at most `speed_m_s`.
+    """(n,) time to come within `within_m` with the rate `rate_per_s` and at most `speed_m_s`.
 
     Far away at the speed; nearer than speed / rate, the distance decays.
     """
@@ -178,19 +179,19 @@ def approach_s(distance_m: Array, speed_m_s: float, rate_per_s: float, within_m:
 
 @dataclass(frozen=True, slots=True)
 class Speeds:
-    """How fast the law lets vehicles fly, m/s, and the rates at which distances decay, 1/s."""
+    """Speeds of vehicles under the law, m/s, and the rates at which distances decay, 1/s."""
 
     level_m_s: float
     up_m_s: float
     down_m_s: float
     slot_m_s: float  # to a slot on the sphere
     slot_rate_per_s: float
-    radius_m_s: float  # of the sphere's own change
+    radius_m_s: float  # change of the sphere's radius
     climb_m_s: float  # of the centre
 
 
 def to_slots_s(position_m: Array, slot_m: Array, within_m: float, speeds: Speeds) -> float:
-    """Until the last of n vehicles is within `within_m` of its slot; 0 for none. (n, 3) show frame each."""
+    """Time until the last of n vehicles is within `within_m` of its slot; 0 for none. (n, 3) show frame."""
     if len(position_m) == 0:
         return 0.0
     way_m = slot_m - position_m
@@ -204,7 +205,7 @@ def to_slots_s(position_m: Array, slot_m: Array, within_m: float, speeds: Speeds
 def to_sphere_s(
     position_m: Array, center_m: Array, radius_m: float, within_m: float, speeds: Speeds
 ) -> float:
-    """The same for those that have no slot yet: to the sphere, and up to its highest slots. (n, 3), (3,)."""
+    """The same for vehicles without a slot: to the sphere, and up to its highest slots. (n, 3), (3,)."""
     if len(position_m) == 0:
         return 0.0
     off_m = np.abs(np.linalg.norm(position_m - center_m, axis=1) - radius_m)
@@ -214,7 +215,7 @@ def to_sphere_s(
 
 
 def take_off_s(waiting: int, stagger_s: float, climbs_m: Array) -> float:
-    """Until all follow setpoints: `waiting` start one by one, and `climbs_m` (n,) is still to climb."""
+    """Time until all follow setpoints: `waiting` start one by one, `climbs_m` (n,) is still to climb."""
     queue_s = (waiting - 1) * stagger_s + ARMS_S if waiting else 0.0
     return queue_s + float(np.maximum(climbs_m, 0.0).max(initial=0.0)) / CLIMB_M_S + JOINS_S
 
@@ -222,7 +223,7 @@ def take_off_s(waiting: int, stagger_s: float, climbs_m: Array) -> float:
 def home_s(
     position_m: Array, home_m: Array, over_m: float, handover_m: float, speeds: Speeds, *, standing: bool
 ) -> float | None:
-    """Until n vehicles are down at their pads; None for none, and where a position or a pad is not known.
+    """Time until n vehicles are down at their pads; None for none, or where a position or a pad is unknown.
 
     Args:
         position_m: (n, 3) show frame.
@@ -230,7 +231,7 @@ def home_s(
         over_m: height above the pads that all keep on their way.
         handover_m: height above the pad from which the autopilot lands.
         speeds: of the law.
-        standing: whether they are on their way already; else they stop first, and their paths are found.
+        standing: whether they are on their way already; else they stop first, and their paths are planned.
     """
     way_m = home_m - position_m
     if len(way_m) == 0 or not np.isfinite(way_m).all():
