@@ -27,7 +27,7 @@ from gcs.mavlink.kernels import (
 Records: TypeAlias = NDArray[np.void]
 
 SYSTEM_ID: Final = 254
-"""Ours as a ground station: no vehicle may have it, for theirs end at 250. QGroundControl has 255."""
+"""This station's system id: no vehicle may have it, for theirs end at 250. QGroundControl has 255."""
 
 COMPONENT_ID: Final = 190
 
@@ -42,7 +42,7 @@ _NUMPY: Final = {"b": "i1", "h": "i2", "i": "i4", "q": "i8", "B": "u1", "H": "u2
 
 
 class Layout(NamedTuple):
-    """How one message lies on the wire."""
+    """Format of one message."""
 
     message_id: int
     dtype: np.dtype[np.void]
@@ -50,14 +50,14 @@ class Layout(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """Frames that go out: row i is ``data[i, :length[i]]``."""
+    """Encoded frames: row i is ``data[i, :length[i]]``."""
 
     data: Bytes  # (n, longest)
     length: Whole  # (n,)
 
 
 class Found(NamedTuple):
-    """What was in a batch of datagrams."""
+    """Content of a batch of datagrams."""
 
     frames: Whole  # (k, FRAME_COLUMNS), see `kernels`
     garbage_bytes: int
@@ -66,9 +66,9 @@ class Found(NamedTuple):
 
 @cache
 def layout(message_id: int) -> Layout:
-    """Of one message of pymavlink's development dialect, extensions included."""
+    """Format of one message of pymavlink's development dialect, extensions included."""
     message: Any = dialect.mavlink_map[message_id]
-    codes = bytes(message.native_format).decode().lstrip("<")  # one letter a field, in wire order
+    codes = bytes(message.native_format).decode().lstrip("<")  # one letter a field, in the order of the frame
     fields = [
         (name, "<" + _NUMPY[code], (length,)) if length else (name, "<" + _NUMPY[code])
         for name, code, length in zip(message.ordered_fieldnames, codes, message.array_lengths, strict=True)
@@ -78,7 +78,7 @@ def layout(message_id: int) -> Layout:
 
 @cache
 def _extras() -> NDArray[np.int16]:
-    """By message id, the byte that its checksum ends with; -1 where there is no such message."""
+    """By message id, the CRC extra byte; -1 where there is no such message."""
     known: dict[int, Any] = dialect.mavlink_map
     extras = np.full(max(known) + 1, -1, dtype=np.int16)
     for message_id, message in known.items():
@@ -103,9 +103,9 @@ def encode(
     """Frames of n messages.
 
     Args:
-        message_id: what they are.
+        message_id: of all messages.
         messages: (n,) as `records` makes them.
-        sequence: (n,) the number each frame carries.
+        sequence: (n,) sequence number of each frame.
         system_id: of the sender, or of each (n,).
         component_id: of the sender.
     """
@@ -119,10 +119,10 @@ def encode(
 
 
 def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
-    """Take datagrams apart: every frame that is whole, known and right.
+    """Find every frame in datagrams that is whole, known and has the right checksum.
 
     Args:
-        data: where they lie, flat.
+        data: buffer that contains them, flat.
         starts: (m,) of each.
         lengths: (m,) in bytes.
     """
@@ -132,7 +132,7 @@ def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
 
 
 def decode(message_id: int, data: Bytes, frames: Whole) -> Records:
-    """Messages out of (k, FRAME_COLUMNS) frames of that one kind, as `find` found them in `data`."""
+    """Messages from (k, FRAME_COLUMNS) frames of one kind, as `find` found them in `data`."""
     dtype = layout(message_id).dtype
     payloads = np.empty((len(frames), dtype.itemsize), np.uint8)
     starts, lengths = np.ascontiguousarray(frames[:, PAYLOAD]), np.ascontiguousarray(frames[:, LENGTH])
@@ -146,12 +146,12 @@ def text(field: Bytes) -> str:
 
 
 def text_field(value: str, length: int) -> Bytes:
-    """A field of characters (length,), zeros behind, as MAVLink wants it."""
+    """A field of characters (length,), padded with zeros."""
     return np.frombuffer(value.encode()[:length].ljust(length, b"\0"), np.uint8)
 
 
 def warm_up() -> None:
-    """Compile, or load, what this module calls, with the types of flight."""
+    """Compile, or load, the kernels of this module, with the types used in flight."""
     sent = encode(0, records(0, 1), np.zeros(1, np.uint8))
     data, starts = sent.data.reshape(-1), np.zeros(1, np.int64)
     decode(0, data, find(data, starts, sent.length).frames)

@@ -1,7 +1,8 @@
-"""MAVLink as bytes, without I/O: frames out of datagrams, their target, and the few contents we read.
+"""MAVLink as bytes, without I/O: frames in datagrams, their target, and the few contents that are read.
 
 Formats come from pymavlink's message classes, so that no offset is typed by hand. MAVLink 2 cuts trailing
-zeros off a payload: a missing byte is 0. Layout of both versions: https://mavlink.io/en/guide/serialization.html
+zeros off a payload: a missing byte is 0. Layout of both versions:
+https://mavlink.io/en/guide/serialization.html
 """
 
 import re
@@ -38,21 +39,22 @@ STATUSTEXT: Final = 253
 ODOMETRY: Final = 331
 
 SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, SET_POSITION_TARGET_LOCAL_NED, 86, 139})
-"""What moves a vehicle for as long as it is repeated: MANUAL_CONTROL, RC_CHANNELS_OVERRIDE,
-SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
+"""Messages that move a vehicle while they are repeated: MANUAL_CONTROL, RC_CHANNELS_OVERRIDE,
+SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET.
+"""
 
 SET_MESSAGE_INTERVAL: Final = 511
 _REQUESTING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
-"""It, REQUEST_MESSAGE, REQUEST_AUTOPILOT_CAPABILITIES: they move nothing."""
+"""With REQUEST_MESSAGE and REQUEST_AUTOPILOT_CAPABILITIES: commands that move nothing."""
 
 
 PREARM_CHECK: Final = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
-AHRS: Final = 0x200000  # the estimator; PX4 tells its health alone
+AHRS: Final = 0x200000  # the estimator; PX4 reports only its health
 SENSORS: Final = 0x2F
 """Gyroscope, accelerometer, magnetometer, barometer, GPS: healthy, or not enabled."""
 
 UNIX_KNOWN_S: Final = 1_234_567_890
-"""PX4 believes its clock from here on, and tells 0 before."""
+"""PX4 trusts its clock from this time on, and reports 0 before."""
 
 _TARGET_FIELDS: Final = ("target_system", "target")  # the latter in MANUAL_CONTROL only
 _MAGIC_1: Final = 0xFE
@@ -66,8 +68,7 @@ _WHOLE_KINDS: Final = range(1, 7)  # MAV_PARAM_TYPE of integers up to 32 bits
 _SIGNED_KINDS: Final = (2, 4, 6)
 PARAM_VALUE: Final = 22
 FAILSAFE_STATES: Final = (5, 6)
-"""MAV_STATE_CRITICAL and _EMERGENCY: PX4 says so while a failsafe of its own acts, never while a pilot flies.
-"""
+"""MAV_STATE_CRITICAL and _EMERGENCY: PX4 reports these while its own failsafe acts, never under a pilot."""
 _LANDED_STATES: Final = frozenset(state.value for state in Landed)
 _BATTERY_ID_AT: Final = 32  # in BATTERY_STATUS
 _TOTAL_PERCENT_AT: Final = 30  # in SYS_STATUS
@@ -78,8 +79,9 @@ FIX_3D: Final = 3
 UNKNOWN_DILUTION: Final = 0xFFFF
 METRES_PER_DILUTION: Final = (1.3, 1.6)
 """For receivers that report no accuracy (eph and epv are dilutions times 100): as PX4's recorded 0.9 m and
-1.78 m go with its 0.70 and 1.10."""
-_KILL_MAGIC: Final = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM, param2: even in flight
+1.78 m go with its 0.70 and 1.10.
+"""
+_KILL_MAGIC: Final = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM, param2: also in flight
 
 _PX4_MODES: Final = MappingProxyType(
     {
@@ -105,18 +107,18 @@ class Frame(NamedTuple):
 
 
 class Split(NamedTuple):
-    """A datagram taken apart; every byte is in exactly one of the three."""
+    """A datagram split into frames; every byte is in exactly one of the three."""
 
     frames: list[Frame]
     garbage_bytes: int
-    unknown_bytes: int  # of frames that may be right, but of messages whose checksum we cannot know
+    unknown_bytes: int  # of frames that may be right, but of messages whose CRC extra byte is unknown
 
 
 _HEADING_MAX_CDEG: Final = 36000  # above: unknown
 
 
 class Heartbeat(NamedTuple):
-    """What a heartbeat says about a vehicle."""
+    """State of a vehicle in a heartbeat."""
 
     autopilot: bool
     armed: bool
@@ -125,14 +127,14 @@ class Heartbeat(NamedTuple):
 
 
 class Accuracy(NamedTuple):
-    """What a receiver says of its fix, one sigma; NaN where it does not say, inf without a fix."""
+    """Accuracy of a receiver's fix, one sigma; NaN where not reported, inf without a fix."""
 
     horizontal_m: float
     vertical_m: float
 
 
 class Motion(NamedTuple):
-    """What a GLOBAL_POSITION_INT says; NaN where it does not say."""
+    """Content of a GLOBAL_POSITION_INT; NaN where not reported."""
 
     latitude_deg: float
     longitude_deg: float
@@ -161,7 +163,7 @@ def _layouts() -> Iterable[tuple[int, int, int | None]]:
         place = next((index for index, name in enumerate(names) if name in _TARGET_FIELDS), None)
         offset = None
         if place is not None:
-            codes = bytes(message.native_format).decode().lstrip("<")  # one letter a field, in wire order
+            codes = bytes(message.native_format).decode().lstrip("<")  # one letter a field, in frame order
             before = zip(message.array_lengths[:place], codes[:place], strict=True)
             offset = calcsize("<" + "".join(f"{max(1, length)}{code}" for length, code in before))
         yield message_id, int(message.crc_extra), offset
@@ -178,9 +180,9 @@ _MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 def checksum(data: bytes) -> int:
     """CRC-16/MCRF4XX, MAVLink's, at the speed of C.
 
-    The standard library has only the mirror image of it: the same polynomial, most significant bit first.
-    Mirroring every byte on the way in and the result on the way out makes one of the other (0.3 us a frame,
-    against 8 us for pymavlink's loop).
+    The standard library has only its mirror image: the same polynomial, most significant bit first.
+    Mirroring every input byte and the result converts one to the other (0.3 us a frame, against 8 us for
+    pymavlink's loop).
     """
     mirrored = crc_hqx(data.translate(_MIRRORED), 0xFFFF)
     return _MIRRORED[mirrored & 0xFF] << 8 | _MIRRORED[mirrored >> 8]
@@ -191,7 +193,7 @@ def _frame_at(data: bytes, start: int, *, checked: bool) -> Frame | None:
     room = len(data) - start
     if data[start] == _MAGIC_2 and room >= 12:
         if data[start + 2] & ~_SIGNED:
-            return None  # flags that nobody knows may change everything that follows
+            return None  # unknown flags may change everything that follows
         length, header = data[start + 1], 10
         end = start + header + length + 2
         message_id = int.from_bytes(data[start + 7 : start + 10], "little")
@@ -218,7 +220,7 @@ def _frame_at(data: bytes, start: int, *, checked: bool) -> Frame | None:
 
 
 def _is_cut(data: bytes, start: int) -> bool:
-    """Whether what begins at `start` may be a frame of which more is to come."""
+    """Whether the bytes from `start` may be a frame whose rest is still to come."""
     room = len(data) - start
     if room < 3:
         return True
@@ -230,7 +232,7 @@ def _is_cut(data: bytes, start: int) -> bool:
 
 
 def _taken_apart(data: bytes, *, checked: bool, goes_on: bool, garbage_max_bytes: int) -> tuple[Split, int]:
-    """What is in `data`, and how much of it that was: all, unless the rest may be a frame cut off."""
+    """The frames in `data`, and the number of bytes used: all, unless the rest may be a frame cut off."""
     frames: list[Frame] = []
     start, garbage, unknown, unknown_end, end = 0, 0, 0, 0, len(data)
     while start < end and garbage + unknown <= garbage_max_bytes:
@@ -246,7 +248,7 @@ def _taken_apart(data: bytes, *, checked: bool, goes_on: bool, garbage_max_bytes
                     continue
                 if behind == end or data[behind] in (_MAGIC_1, _MAGIC_2):
                     unknown_end = behind
-        # To the next possible beginning, not to this one's end: the length itself may be wrong.
+        # Continue at the next possible start, not at this one's end: the length itself may be wrong.
         found = _MAGICS.search(data, start + 1)
         next_start = end if found is None else found.start()
         of_unknown = max(0, min(unknown_end, next_start) - start)
@@ -254,43 +256,44 @@ def _taken_apart(data: bytes, *, checked: bool, goes_on: bool, garbage_max_bytes
         garbage += next_start - start - of_unknown
         start = next_start
     if not goes_on:
-        garbage += end - start  # more than was to be looked at
+        garbage += end - start  # beyond the limit
         start = end
     return Split(frames, garbage, unknown), start
 
 
 def split(data: bytes, *, checked: bool = True, garbage_max_bytes: int = sys.maxsize) -> Split:
-    """Take one datagram apart. Never raises, whatever the bytes.
+    """Split one datagram into frames. Never raises, whatever the bytes.
 
     Args:
         data: one datagram, or several frames end to end.
         checked: leave out frames with a wrong checksum, and messages unknown to pymavlink's development
-            dialect (PX4 sends some: EVENT, LINK_NODE_STATUS), which cannot be checked. Unchecked is for what
-            our own side made.
-        garbage_max_bytes: behind more of garbage and unknown messages than this nothing is looked for, since
-            looking takes time.
+            dialect (PX4 sends some: EVENT, LINK_NODE_STATUS), which cannot be checked. Unchecked is for
+            frames
+            that our own side made.
+        garbage_max_bytes: the search ends after more garbage and unknown messages than this, since it takes
+            time.
     """
     return _taken_apart(data, checked=checked, goes_on=False, garbage_max_bytes=garbage_max_bytes)[0]
 
 
 def split_stream(data: bytes) -> tuple[Split, bytes]:
-    """Take apart what came of a stream; the second result, at most one frame, belongs before what follows."""
+    """Split received bytes of a stream; the second result, at most one frame, goes before the next bytes."""
     parts, end = _taken_apart(data, checked=True, goes_on=True, garbage_max_bytes=sys.maxsize)
     return parts, data[end:]
 
 
 def is_signed(frame: Frame) -> bool:
-    """Whether a signature comes with it, right or wrong."""
+    """Whether the frame has a signature, right or wrong."""
     return frame.raw[0] == _MAGIC_2 and bool(frame.raw[2] & _SIGNED)
 
 
 def crc_extra(message_id: int) -> int | None:
-    """What the checksum of this message begins with at its end; None when nobody told us the message."""
+    """The CRC extra byte of a message; None when the message is unknown."""
     return _CRC_EXTRA.get(message_id)
 
 
 def target_system(frame: Frame) -> int:
-    """The system a frame is meant for; 0 is everybody, also when the message has no target."""
+    """The target system of a frame; 0 is all systems, also when the message has no target."""
     offset = _TARGET_OFFSET.get(frame.message_id)
     if offset is None or offset >= len(frame.payload):
         return 0
@@ -304,27 +307,27 @@ def _layout(message_id: int) -> Struct:
 
 
 def moves(frame: Frame) -> bool:
-    """Whether a frame of ours could make a vehicle do something: a setpoint, a mode, or most commands."""
+    """Whether a frame of ours could make a vehicle move: a setpoint, a mode, or most commands."""
     if frame.message_id in SETPOINT_MESSAGES or frame.message_id == SET_MODE:
         return True
     if frame.message_id not in (COMMAND_INT, COMMAND_LONG):
         return False
-    (command,) = unpack_from("<H", _padded(frame), 28)  # behind seven parameters of 4 bytes, in both
+    (command,) = unpack_from("<H", _padded(frame), 28)  # after seven parameters of 4 bytes, in both
     return command not in _REQUESTING_COMMANDS
 
 
 def _padded(frame: Frame) -> bytes:
-    """The payload with the zeros back that MAVLink 2 cut off."""
+    """The payload with the zeros restored that MAVLink 2 cut off."""
     return frame.payload.ljust(_layout(frame.message_id).size, b"\0")
 
 
 def px4_mode(custom_mode: int) -> Mode:
-    """PX4's custom_mode, main mode << 16 | sub mode << 24, as one of ours; OTHER for those we never order."""
+    """PX4's custom_mode, main mode << 16 | sub mode << 24, as a Mode; OTHER for modes never commanded."""
     return _PX4_MODES.get((custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF), Mode.OTHER)
 
 
 def motion(frame: Frame) -> Motion:
-    """Where a GLOBAL_POSITION_INT says that its vehicle is, and how it moves."""
+    """Read position and velocity of a GLOBAL_POSITION_INT."""
     _, latitude, longitude, altitude_mm, _, north, east, down, yaw_cdeg = unpack_from(
         "<IiiiihhhH", _padded(frame)
     )
@@ -340,7 +343,7 @@ def motion(frame: Frame) -> Motion:
 
 
 def heartbeat(frame: Frame) -> Heartbeat:
-    """Read a HEARTBEAT; the mode of anything but PX4 is OTHER."""
+    """Read a HEARTBEAT; the mode of any autopilot but PX4 is OTHER."""
     custom_mode, _, autopilot, base_mode, status = unpack_from("<IBBBB", _padded(frame))
     known = autopilot == _MAV_AUTOPILOT_PX4 and base_mode & _CUSTOM_MODE_ENABLED
     mode = px4_mode(custom_mode) if known else Mode.OTHER
@@ -354,25 +357,25 @@ def boot_time_ms(frame: Frame) -> int:
 
 
 def acknowledged_component(frame: Frame) -> int:
-    """Read to which component of the asking system a COMMAND_ACK is addressed; 0 is any."""
+    """Read the target component of a COMMAND_ACK; 0 is any."""
     return frame.payload[9] if len(frame.payload) > 9 else 0
 
 
 def prearm_ok(frame: Frame) -> bool:
-    """Whether a SYS_STATUS says that the autopilot's own checks before arming pass."""
+    """Whether the autopilot's own pre-arm checks pass, from a SYS_STATUS."""
     (health,) = unpack_from("<I", _padded(frame), 8)
     return bool(health & PREARM_CHECK)
 
 
 def unhealthy_sensors(frame: Frame) -> int:
-    """Bits of a SYS_STATUS: what the autopilot flies by and calls unhealthy."""
+    """Bits of a SYS_STATUS: sensors in use and unhealthy."""
     words: tuple[int, int, int] = unpack_from("<III", _padded(frame))
     _, enabled, health = words
     return (enabled & SENSORS | AHRS) & ~health
 
 
 def unix_time_s(frame: Frame) -> float:
-    """Read what a vehicle's own clock shows as its SYSTEM_TIME says; NaN while it does not know."""
+    """Read a vehicle's own clock in its SYSTEM_TIME; NaN while the vehicle does not know the time."""
     (time_us,) = unpack_from("<Q", _padded(frame))
     return time_us * 1e-6 if time_us >= UNIX_KNOWN_S * 1e6 else nan
 
@@ -383,7 +386,7 @@ def fix_type(frame: Frame) -> int:
 
 
 def landed(frame: Frame) -> Landed:
-    """Read the MAV_LANDED_STATE of an EXTENDED_SYS_STATE; UNKNOWN for a number without a name."""
+    """Read the MAV_LANDED_STATE of an EXTENDED_SYS_STATE; UNKNOWN for an undefined number."""
     number = _padded(frame)[1]
     return Landed(number) if number in _LANDED_STATES else Landed.UNKNOWN
 
@@ -416,17 +419,17 @@ def gps_accuracy(frame: Frame) -> Accuracy:
 
 
 def asked_velocity(frame: Frame) -> bytes:
-    """The three single-precision numbers of a velocity setpoint; nothing for any other setpoint."""
+    """The three single-precision numbers of a velocity setpoint; empty for any other setpoint."""
     return frame.payload[_VELOCITY_AT] if frame.message_id == SET_POSITION_TARGET_LOCAL_NED else b""
 
 
 def reset_counter(frame: Frame) -> int:
-    """How often the estimator of an ODOMETRY has jumped, modulo 256."""
+    """Read the reset counter of an ODOMETRY: resets of the estimator, modulo 256."""
     return _padded(frame)[_RESET_COUNTER_AT]
 
 
 def parameter_value(frame: Frame) -> tuple[str, int | float]:
-    """Read a PARAM_VALUE: name and value; whole numbers are encoded bytewise, as PX4 does."""
+    """Read a PARAM_VALUE: name and value; integers are encoded bytewise, as PX4 does."""
     raw = _padded(frame)
     value, _, _, name, kind = unpack_from("<fHH16sB", raw)
     reported: int | float = value
@@ -436,14 +439,14 @@ def parameter_value(frame: Frame) -> tuple[str, int | float]:
 
 
 def status_text(frame: Frame) -> TextChunk:
-    """Read a STATUSTEXT; the text is UTF-8 by custom, not by promise, and may be cut within a character."""
+    """Read a STATUSTEXT; the text is usually UTF-8, not always, and may be cut within a character."""
     severity, text, text_id, chunk = unpack_from("<B50sHB", _padded(frame))
     shown = text.split(b"\0", 1)[0]
     return TextChunk(severity, shown, text_id, chunk, last=text_id == 0 or len(shown) < len(text))
 
 
 def kill_frame(target: int, *, sequence: int, source_system: int, source_component: int) -> bytes:
-    """COMMAND_LONG that stops the motors at once, in flight too: arm/disarm, 0, 21196."""
+    """COMMAND_LONG that stops the motors at once, also in flight: arm/disarm, 0, 21196."""
     packer = dialect.MAVLink(None, srcSystem=source_system, srcComponent=source_component)
     packer.seq = sequence % 256
     disarm = dialect.MAV_CMD_COMPONENT_ARM_DISARM

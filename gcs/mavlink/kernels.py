@@ -1,7 +1,7 @@
-"""Compiled loops over bytes: frames out of datagrams, frames around payloads. No I/O, no meaning.
+"""Compiled loops over bytes: frames in datagrams, frames around payloads. No I/O.
 
 Formats: https://mavlink.io/en/guide/serialization.html. The checksum is CRC-16/MCRF4XX over everything but
-the first byte, then over one byte more that the message's definition gives.
+the first byte, then over the CRC extra byte of the message's definition.
 """
 
 from typing import Final, TypeAlias
@@ -16,8 +16,9 @@ Whole: TypeAlias = NDArray[np.int64]
 Number: TypeAlias = int | np.int64
 
 FRAME_COLUMNS: Final = 8
-"""Of what `find_frames` writes: datagram, message, system, component, where the payload begins, how long that
-is, where the whole frame begins, where it ends (signature included)."""
+"""Columns that `find_frames` writes: datagram, message, system, component, start of the payload, its length,
+start of the frame, its end (signature included).
+"""
 
 DATAGRAM, MESSAGE, SYSTEM, COMPONENT, PAYLOAD, LENGTH, BEGIN, END = range(FRAME_COLUMNS)
 
@@ -30,7 +31,7 @@ _SIGNATURE_LENGTH: Final = 13
 
 
 def _table() -> NDArray[np.uint16]:
-    """What one byte does to the checksum (256,)."""
+    """Effect of one byte on the checksum (256,)."""
     table = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         table = np.where(table & 1, table >> 1 ^ 0x8408, table >> 1).astype(np.uint16)
@@ -42,7 +43,7 @@ _CRC: Final = _table()
 
 @kernel
 def checksum(data: Bytes, start: Number, end: Number, extra: Number) -> np.int64:
-    """CRC-16/MCRF4XX over ``data[start:end]`` and one byte `extra` behind it."""
+    """CRC-16/MCRF4XX over ``data[start:end]`` and then one byte `extra`."""
     crc = np.int64(0xFFFF)
     for place in range(start, end):
         crc = crc >> 8 ^ np.int64(_CRC[(crc ^ np.int64(data[place])) & 0xFF])
@@ -51,7 +52,7 @@ def checksum(data: Bytes, start: Number, end: Number, extra: Number) -> np.int64
 
 @kernel
 def _message_id(data: Bytes, start: Number) -> np.int64:
-    """Of the frame whose header begins at `start`."""
+    """Message id of the frame whose header begins at `start`."""
     if data[start] == _MAGIC_1:
         return np.int64(data[start + 5])
     return np.int64(data[start + 7]) | np.int64(data[start + 8]) << 8 | np.int64(data[start + 9]) << 16
@@ -59,15 +60,15 @@ def _message_id(data: Bytes, start: Number) -> np.int64:
 
 @kernel
 def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) -> Number:
-    """Where the frame that begins at `start` ends; 0 when there is none, whole and right.
+    """End of the frame that begins at `start`; 0 when there is none, whole and with the right checksum.
 
-    Negative: where one would end whose message nobody told us, so that its checksum cannot be known.
+    Negative: end of a possible frame of an unknown message, whose checksum cannot be verified.
     """
     room = end - start
     if data[start] == _MAGIC_2 and room >= 12:
         flags = data[start + 2]
         if flags & ~_SIGNED:
-            return 0  # flags that nobody knows may change everything that follows
+            return 0  # unknown flags may change everything that follows
         message = _message_id(data, start)
         last = start + 12 + np.int64(data[start + 1])
         tail = _SIGNATURE_LENGTH if flags else 0
@@ -90,16 +91,16 @@ def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) 
 def find_frames(
     data: Bytes, starts: Whole, lengths: Whole, extras: NDArray[np.int16], frames: Whole
 ) -> tuple[int, int, int]:
-    """Take datagrams apart, as `gcs.mavlink.framing.split` does. Never fails, whatever the bytes.
+    """Find frames in datagrams, as `gcs.mavlink.framing.split` does. Never fails, whatever the bytes.
 
     Args:
-        data: where the datagrams lie.
+        data: buffer that contains the datagrams.
         starts: (m,) of each.
         lengths: (m,) in bytes.
-        extras: by message id, the byte its checksum ends with; -1: not known.
+        extras: by message id, the CRC extra byte; -1: not known.
         frames: (at least bytes / SHORTEST_FRAME, FRAME_COLUMNS), written.
 
-    Returns: how many frames; bytes of garbage; bytes of messages that cannot be checked.
+    Returns: number of frames; bytes of garbage; bytes of messages that cannot be checked.
     """
     found, garbage, unknown = 0, 0, 0
     place: Number
@@ -127,7 +128,7 @@ def find_frames(
                 continue
             if behind < 0 and (-behind == end or data[-behind] in (_MAGIC_1, _MAGIC_2)):
                 unknown_end = -behind
-            # One byte further, not more: length and message themselves may be wrong, and hide a good frame.
+            # Only one byte further: length and message themselves may be wrong, and hide a good frame.
             if place < unknown_end:
                 unknown += 1
             else:
@@ -138,7 +139,7 @@ def find_frames(
 
 @kernel
 def cut_out(data: Bytes, starts: Whole, lengths: Whole, payloads: Bytes) -> None:
-    """Copy payloads to the rows of `payloads` (k, size), zeros behind: MAVLink 2 leaves those out."""
+    """Copy payloads to the rows of `payloads` (k, size), padded with the zeros that MAVLink 2 leaves out."""
     size = payloads.shape[1]
     for row in range(len(starts)):
         length = min(lengths[row], size)
@@ -159,12 +160,12 @@ def put_frames(
     frames: Bytes,
     lengths: Whole,
 ) -> None:
-    """Make a MAVLink 2 frame of every payload, without the zeros at its end (but of one byte at least).
+    """Make a MAVLink 2 frame of every payload, without the zeros at its end (at least one byte stays).
 
     Args:
         payloads: (n, size).
         message: its id.
-        extra: the byte its checksum ends with.
+        extra: the CRC extra byte.
         sequence: (n,) numbers of the frames.
         system: (n,) of the senders.
         component: of the sender.

@@ -1,4 +1,4 @@
-"""What a ground station sends by itself: setpoints, and its heartbeat."""
+"""Messages that a ground station sends by itself: setpoints and its heartbeat."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ from gcs.model.state import Array
 
 SETPOINT: Final = 84  # SET_POSITION_TARGET_LOCAL_NED
 VELOCITY_AND_YAW: Final = 0x9C7
-"""What of it counts; the same as MAVSDK's."""
+"""Type mask: velocity and yaw count; the same as MAVSDK's."""
 
 _AUTOPILOT_COMPONENT: Final = 1
 
@@ -19,7 +19,7 @@ _AUTOPILOT_COMPONENT: Final = 1
 def setpoint_messages(
     system_ids: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
 ) -> Records:
-    """One for each vehicle.
+    """Setpoint messages, one for each vehicle.
 
     Args:
         system_ids: (n,).
@@ -39,7 +39,7 @@ def setpoint_messages(
 
 
 def heartbeats(count: int) -> Records:
-    """A ground station's, `count` times."""
+    """`count` heartbeats of a ground station."""
     messages = records(HEARTBEAT, count)
     messages["type"], messages["autopilot"] = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID
     messages["system_status"], messages["mavlink_version"] = dialect.MAV_STATE_ACTIVE, 3

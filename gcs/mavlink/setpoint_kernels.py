@@ -22,7 +22,7 @@ FRAME: Final = np.dtype(
         ("checksum", "<u2"),
     ]
 )
-"""A MAVLink 2 frame with a SET_POSITION_TARGET_LOCAL_NED, whose last byte is never a zero to be cut off."""
+"""A MAVLink 2 frame with a SET_POSITION_TARGET_LOCAL_NED; its last byte is never 0 and so never cut off."""
 
 NOBODY: Final = -1
 
@@ -33,7 +33,7 @@ _MESSAGE: Final = int(SET_POSITION_TARGET_LOCAL_NED)
 
 
 def _begin_of(field: str) -> int:
-    """Where it stands in a frame."""
+    """Offset of a message field in a frame."""
     frame = np.zeros(1, FRAME)
     return frame["stated"][field].ctypes.data - frame.ctypes.data
 
@@ -49,7 +49,7 @@ def are_setpoints(data: Bytes, length: Whole, count: Number) -> Mask:
     Args:
         data: (room, longest) bytes of each.
         length: (room,) of each.
-        count: how many there are.
+        count: number of datagrams.
     """
     are = np.zeros(count, np.bool_)
     for at in range(count):
@@ -64,16 +64,16 @@ def are_setpoints(data: Bytes, length: Whole, count: Number) -> Mask:
 def awaited_setpoints(
     data: Bytes, setpoints: Mask, row_of: Whole, awaited: Mask, velocity: NDArray[np.uint32]
 ) -> tuple[Whole, Whole]:
-    """Those that say what is awaited; of several that say the same for one vehicle the last.
+    """The setpoints with the awaited velocity; of several equal ones for one vehicle the last.
 
     Args:
         data: (room, longest) bytes of each datagram.
         setpoints: (k,) which of the first k are setpoints.
         row_of: (256,) the row of each system id, NOBODY without one.
-        awaited: (n,) whose setpoint is to leave.
-        velocity: (n, 3) what it says, the bits of single-precision numbers.
+        awaited: (n,) rows whose setpoint is to leave.
+        velocity: (n, 3) awaited velocities, as bits of single-precision numbers.
 
-    Returns: (m,) where in `data` they are, and (m,) whose each is, none there twice.
+    Returns: (m,) their places in `data`, and (m,) their rows, all different.
     """
     place = np.full(len(awaited), -1, np.int64)
     rows, found = np.empty(len(awaited), np.int64), 0
@@ -100,7 +100,7 @@ def awaited_setpoints(
 
 
 def warm_up() -> None:
-    """Compile, or load, what this module has, with the types of flight."""
+    """Compile, or load, the kernels of this module, with the types used in flight."""
     data, length, row_of = np.zeros((1, _LONG), np.uint8), np.zeros(1, np.int64), np.zeros(256, np.int64)
     found = are_setpoints(data, length, 1)
     awaited_setpoints(data, found, row_of, np.zeros(1, np.bool_), np.zeros((1, 3), np.uint32))

@@ -14,7 +14,7 @@ UNITS_PER_S: Final = 100_000
 TIME_MAX: Final = (1 << 48) - 1
 
 _STREAM_LATE_UNITS: Final = 60 * UNITS_PER_S
-"""A sender not heard before may be this much behind the newest time known; as the standard says."""
+"""The first signature of a sender may be this much behind the newest time known, as the standard says."""
 
 _STREAMS_MAX: Final = 4096
 _SIGNED: Final = 0x01
@@ -25,12 +25,12 @@ _HASH_BYTES: Final = 6
 
 
 def signing_time(unix_s: float) -> int:
-    """A signature's time; the first one for what lies before 2015."""
+    """A signature's time; 0 for times before 2015."""
     return min(TIME_MAX, max(0, round((unix_s - EPOCH_S) * UNITS_PER_S)))
 
 
 class Judgement(Enum):
-    """What a signature, or its absence, says of a frame."""
+    """Result of checking a frame's signature."""
 
     GOOD = auto()
     UNSIGNED = auto()
@@ -39,13 +39,13 @@ class Judgement(Enum):
 
 
 class Signer:
-    """Signs what is sent, each later than the last; judges what comes, each later than its sender's last.
+    """Signs sent frames, each later than the last; judges received ones, each later than its sender's last.
 
     One thread at a time for `sign`, one for `judge`; both may run at once, for each writes a time of its own.
     """
 
     def __init__(self, key: bytes, link_id: int, *, start: int, clock: Callable[[], int]) -> None:
-        """No signature will be older than `start`. `clock` gives the time now, as `signing_time` does."""
+        """No signature will be older than `start`. `clock` gives the present time, as `signing_time` does."""
         self._key = key
         self._link_id = link_id
         self._clock = clock
@@ -59,11 +59,11 @@ class Signer:
 
     @property
     def time(self) -> int:
-        """The newest time used or heard; what is signed next is newer."""
+        """The newest time used or received; the next signature is newer."""
         return max(self._sent_time, self._received_time)
 
     def sign(self, raw: bytes) -> bytes | None:
-        """One whole frame, signed; as it is when it was, None when its checksum cannot be known.
+        """One whole frame, signed; unchanged if it was signed, None when its CRC extra byte is unknown.
 
         MAVLink 1 has no signatures: such a frame becomes MAVLink 2.
         """
@@ -76,14 +76,14 @@ class Signer:
             return None
         body = bytes((*raw[1:2], raw[2] | _SIGNED, *raw[3:10])) + raw[10:-2]
         checked = checksum(body + bytes((extra,))).to_bytes(2, "little")
-        # our clock may be behind theirs: what we sign must not look old to them
+        # our clock may be behind the vehicles': our signatures must not look old to them
         self._sent_time = min(TIME_MAX, max(self._sent_time + 1, self._received_time + 1, self._clock()))
         stamp = bytes((self._link_id,)) + self._sent_time.to_bytes(6, "little")
         signed = bytes((_MAGIC_2,)) + body + checked + stamp
         return signed + sha256(self._key + signed).digest()[:_HASH_BYTES]
 
     def judge(self, frame: Frame) -> Judgement:
-        """Whether a frame, its checksum right, comes from somebody who has the key, for the first time."""
+        """Whether a frame with the right checksum comes from a holder of the key, for the first time."""
         if not is_signed(frame):
             return Judgement.UNSIGNED
         raw = frame.raw
@@ -105,6 +105,6 @@ class Signer:
 
 
 def _as_version_2(raw: bytes) -> bytes:
-    """The same message; the checksum is left to whoever signs it."""
+    """The same message as MAVLink 2; its checksum is not yet valid."""
     payload = raw[6:-2].rstrip(b"\0") or raw[6:-2][:1]
     return bytes((_MAGIC_2, len(payload), 0, 0, *raw[2:5], raw[5], 0, 0)) + payload + b"\0\0"
