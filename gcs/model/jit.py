@@ -45,7 +45,7 @@ def _load_without_blas() -> None:
     blas = "scipy.linalg.cython_blas"
     if blas in sys.modules:
         return
-    sys.modules[blas] = None  # type: ignore[assignment]  # as documented: importing it fails - documented: its import fails
+    sys.modules[blas] = None  # type: ignore[assignment]  # as documented: importing it fails
     try:
         import_module("numba.np.arraymath")
     finally:
