@@ -1,4 +1,4 @@
-"""Whether a wish fits the fleet and the moment. Pure; refuses with what would work."""
+"""Whether a change of the plan is feasible for the fleet now. Pure; refusals name a feasible value."""
 
 from collections.abc import Mapping
 from math import ceil, floor, hypot, isfinite
@@ -19,28 +19,28 @@ from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence, obstacle_constraints
 
 NEARLY_M = 1e-9
-"""What arithmetic may lose; nothing is refused for that."""
+"""Tolerance for rounding errors."""
 
 
 def _up(value: float) -> float:
-    """To the next tenth above: a limit that is told must be one that is accepted."""
+    """Round up to a tenth: a limit in a refusal must itself be accepted."""
     tenths = value * 10.0 - NEARLY_M
     return ceil(tenths) / 10.0 if isfinite(tenths) else value
 
 
 def _down(value: float) -> float:
-    """To the next tenth below."""
+    """Round down to a tenth."""
     tenths = value * 10.0 + NEARLY_M
     return floor(tenths) / 10.0 if isfinite(tenths) else value
 
 
 def smallest_formation_radius_m(count: int, safety: SafetySettings) -> float:
-    """The smallest radius that keeps floor and margin for `count`, rounded up to a tenth of a metre."""
+    """Smallest radius that keeps separation and margin for `count`, rounded up to a tenth of a metre."""
     return _up(smallest_radius_m(count, safety.floor.widest_m))
 
 
 def check_formation(formation: Formation, count: int, safety: SafetySettings) -> None:
-    """Raises: InvalidError when the sphere is too small for `count`, or leaves the permitted heights."""
+    """Check the sphere's size and height. Raises: InvalidError if too small for `count`, or out of height."""
     smallest_m = smallest_formation_radius_m(count, safety)
     if formation.radius_m < smallest_m:
         raise InvalidError(
@@ -68,9 +68,9 @@ def check_formation(formation: Formation, count: int, safety: SafetySettings) ->
 def check_radius(
     radius_m: float, height_m: float, target: Target, orbit: Orbit, safety: SafetySettings
 ) -> None:
-    """Whether a sphere may grow to that radius where it is. For one whose radius alone is to change.
+    """Check whether a sphere may grow to a radius at its present place, if only its radius changes.
 
-    Raises: InvalidError with the greatest radius that works there.
+    Raises: InvalidError with the greatest feasible radius there.
     """
     fence = safety.fence
     away_m = hypot(target.x_m, target.y_m)
@@ -90,7 +90,7 @@ def check_radius(
 
 
 def check_orbit(orbit: Orbit, law: LawSettings) -> None:
-    """Raises: InvalidError when the centre could not fly that circle within its limits."""
+    """Check the centre's circle. Raises: InvalidError if it exceeds the limits of the centre."""
     if orbit.speed_m_s > law.center_speed_max_m_s:
         raise InvalidError(
             "speed_m_s", orbit.speed_m_s, f"at most the centre's {law.center_speed_max_m_s:g} m/s"
@@ -113,14 +113,14 @@ def check_target(
     *,
     changed: Literal["target", "orbit", "formation"] = "target",
 ) -> None:
-    """Whether the target can be followed on that orbit with that sphere, from where it is.
+    """Check that the target can be followed on that orbit with that sphere, from where it is.
 
     Args:
         target: at its `x_m` and `y_m`: see `followed` for one that moves.
-        orbit: round it.
+        orbit: around the target.
         formation: that flies it.
         control: speeds, and the fence.
-        changed: what the caller wants to be different, and so what the refusal speaks of.
+        changed: what the caller changes, which the refusal names.
 
     Raises: InvalidError when the target is too fast, or following it would cross the fence.
     """
@@ -146,10 +146,10 @@ def check_target(
 
 
 def followed(plan: Plan, time_s: float, fence: Fence) -> Target:
-    """The target where it is followed at `time_s`: where it is by then, or as near to that as is possible.
+    """The target as followed at `time_s`: at its position then, or the nearest that can be followed.
 
-    A target that went on beyond reach is taken at its limit, so that whatever keeps orbit and sphere as
-    large as they are, or makes them smaller, can still be wished for.
+    A target beyond the fence is moved to its limit. So changes that keep the size of orbit and sphere, or
+    reduce it, remain possible.
     """
     reach_m = target_reach_m(fence.distance_max_m, plan.orbit.radius_m, plan.formation.radius_m)
     place_m, velocity_m_s = followed_target(
@@ -168,15 +168,15 @@ def check_obstacle(
     velocities_m_s: Mapping[VehicleId, Array] | None = None,
     braking: Braking | None = None,
 ) -> None:
-    """An obstacle may not stand on a vehicle in the air, nor where one cannot stop, nor on a landing place.
+    """Check that an obstacle hits no airborne vehicle, no stopping distance, and no landing position.
 
     Args:
         obstacle: in the show frame, where it is now.
-        avoidance: the margins kept beside and above it.
+        avoidance: margins beside and above it.
         airborne_m: (3,) position of every vehicle in the air.
-        homes_m: (3,) landing place of every vehicle that flies.
-        velocities_m_s: (3,) of those in the air; without it they are taken to stand still.
-        braking: how surely they stop; without it that is not asked.
+        homes_m: (3,) landing position of every vehicle that flies.
+        velocities_m_s: (3,) of those in the air; without it they count as being at rest.
+        braking: deceleration and reaction; without it stopping distances are not checked.
 
     Raises: RefusedError naming the vehicles.
     """
@@ -215,7 +215,7 @@ def check_obstacle(
             f"obstacle {obstacle.id} would be too close ahead of {', '.join(late)} to stop (margin"
             f" {margin_m:g} m included); move it farther away, or pause first"
         )
-    blocked = near(homes_m, avoidance.near_m, np.inf)  # nearer, the ellipse would push those who come home
+    blocked = near(homes_m, avoidance.near_m, np.inf)  # nearer, the ellipse would push vehicles away
     if blocked:
         raise RefusedError(
             f"obstacle {obstacle.id} would stand on the landing place of {', '.join(blocked)}, or too near"

@@ -1,4 +1,4 @@
-"""Distinct places to come down on, and what a lost vehicle may sweep. Pure."""
+"""Distinct landing sites, and the volume that a lost vehicle may sweep. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,49 +10,49 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array
 
 ROUNDS = 60
-"""Of pushing apart; what that leaves undone is searched for. A landing is ordered between two ticks."""
+"""Iterations of pushing apart; the rest is searched for, because a landing must fit between two ticks."""
 
 RINGS = np.concatenate([np.arange(13) / 4.0, 3.0 * 1.1 ** np.arange(1, 48)]).reshape(-1, 6)
-"""Rings around a place on which the nearest free one is searched, in spacings: close by, and up to 260, no
-finer outwards than the directions on a ring. Looked at six at a time.
+"""Radii of the rings on which the nearest free site is searched, in spacings: close by, and up to 260, no
+finer in radius than the directions on a ring. Six are examined at a time.
 """
 
 TINY = 1e-6
 
 STOP_S = 1.0
-"""A vehicle that has noticed stops as if it flew on for so long with its last velocity."""
+"""After it notices the loss, a vehicle stops as if it kept its last velocity for this time."""
 
 DRIFT_S = 0.2 + 1.0 + STOP_S
-"""For so long a vehicle that nobody commands any more flies on with its last velocity, at most, as PX4 is
-delivered: until the deadman ends its setpoints, until it notices (COM_OF_LOSS_T), and for its stop. Its last
-position has been brought forward already by the 0.5 s after which nobody commands it.
+"""Longest time that a vehicle without commands keeps its last velocity, with PX4's defaults: until the
+watchdog ends its setpoints, until it notices (COM_OF_LOSS_T), and for its stop. Its last position is
+already extrapolated by the 0.5 s after which it is not commanded any more.
 """
 
 COLUMNS_APART_M = 2.6
-"""At most, between the columns under a drift: less than the width that each of them keeps free."""
+"""Greatest distance between the columns along a drift: less than the width that each keeps free."""
 
 OVERSHOOT_M = 1.0
 """A take-off may end this much too high."""
 
 CLEAR_M = 3.0
-"""To obstacles, as AvoidanceSettings.near_m: nearer, the ellipse would push those who come down."""
+"""Clearance to obstacles, as AvoidanceSettings.near_m: nearer, the ellipse would push vehicles that land."""
 
 
 def distinct_sites_m(
     desired_m: Array, taken_m: Array, spacing_m: float, ellipses: Mapping[str, Ellipse]
 ) -> Array:
-    """Places on the ground near where everybody is, no two closer than `spacing_m`, none near an obstacle.
+    """Return landing sites near the vehicles, no two closer than `spacing_m`, none near an obstacle.
 
-    Pushes places that are too close apart, as little as needed, until none is. Where that gets stuck (in
-    the middle of others that stay), the nearest free place is taken instead.
+    Moves sites that are too close apart, as little as needed, until none is. If that does not converge
+    (between sites that stay), the nearest free site is taken.
 
     Args:
-        desired_m: (n, 2) where they would come down by themselves, show frame.
-        taken_m: (m, 2) places that others stand on or will land on; they stay.
+        desired_m: (n, 2) preferred sites, show frame.
+        taken_m: (m, 2) sites in use or assigned; they stay.
         spacing_m: between any two.
-        ellipses: obstacles with their margins; places keep CLEAR_M to them.
+        ellipses: obstacles with their margins; sites keep CLEAR_M to them.
 
-    Returns: (n, 2), row by row for those who wanted them; NaN for those whose own is not known.
+    Returns: (n, 2), rows as in `desired_m`; NaN where that is NaN.
     """
     place_m = np.array(desired_m, dtype=np.float64)
     known = np.isfinite(place_m).all(axis=1)
@@ -63,7 +63,7 @@ def distinct_sites_m(
     taken_m = taken_m.reshape(-1, 2)
     walls = _Walls.of(ellipses)
     n = len(place_m)
-    # two in exactly the same place have no direction to part in: a fixed, tiny spiral gives them one
+    # two equal positions have no direction in which to separate: a fixed, tiny spiral gives them one
     angle_rad = np.arange(n) * 2.399963
     place_m += TINY * np.arange(1, n + 1)[:, None] * np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
     for _ in range(ROUNDS):
@@ -94,7 +94,7 @@ class _Walls:
         return _Walls(np.array(center_m).reshape(-1, 2), np.array(semi_m).reshape(-1, 2))
 
     def distance_m(self, place_m: Array) -> Array:
-        """(n, k) of (n, 2) places, negative inside."""
+        """(n, k) Distances of (n, 2) positions, negative inside."""
         point, slope = self._point_and_slope(place_m)
         radius = _length(point)
         distance_m: Array = np.where(
@@ -103,32 +103,32 @@ class _Walls:
         return distance_m
 
     def outward(self, place_m: Array) -> Array:
-        """(2, n, k) unit normals away from each ellipse; along x at its very centre."""
+        """(2, n, k) Unit normals away from each ellipse; along x at its centre."""
         point, slope = self._point_and_slope(place_m)
         normal = point / self.semi_m.T[:, None] / np.maximum(slope, TINY**2)
         normal[0] += slope <= TINY**2
         return normal
 
     def _point_and_slope(self, place_m: Array) -> tuple[Array, Array]:
-        """(2, n, k) places where each ellipse is the unit circle, and (n, k) how steep it is there."""
+        """(2, n, k) Positions scaled so that each ellipse is the unit circle, and (n, k) the gradient."""
         point = (place_m.T[:, :, None] - self.center_m.T[:, None]) / self.semi_m.T[:, None]
         return point, _length(point / self.semi_m.T[:, None])
 
 
 def _offsets(place_m: Array, other_m: Array) -> tuple[Array, Array]:
-    """(2, n, m) from each of the others (m, 2) to each place (n, 2), and (n, m) how far that is."""
+    """(2, n, m) Vectors from each of the others (m, 2) to each place (n, 2), and (n, m) their lengths."""
     offset_m = place_m.T[:, :, None] - other_m.T[:, None]
     return offset_m, _length(offset_m)
 
 
 def _length(vector: Array) -> Array:
-    """Of (2, n, m) vectors, (n, m); many times faster than a norm along an axis."""
+    """(n, m) Lengths of (2, n, m) vectors; many times faster than a norm along an axis."""
     length: Array = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1])
     return length
 
 
 def _nearest_free_m(place_m: Array, taken_m: Array, spacing_m: float, walls: _Walls) -> Array:
-    """One after the other: the place itself where it is free, else the nearest free one around it."""
+    """Return, row by row, the place itself if it is free, otherwise the nearest free place."""
     turn_rad = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
     around_m = [(spacing_m * rings[:, None, None] * circle).reshape(-1, 2) for rings in RINGS]
@@ -156,20 +156,20 @@ def swept_segments_m(
     climbing_to_m: float | None = None,
     drift_s: float = DRIFT_S,
 ) -> Array:
-    """The straight pieces of the way a vehicle takes by itself once nobody commands it.
+    """Return the straight segments that a vehicle may fly by itself without commands.
 
-    It flies on for `drift_s` with its last velocity at most, stops somewhere on that way, and does the rest
-    from there. Columns stand at both ends, and between them so close that nobody passes through.
+    It keeps its last velocity for at most `drift_s`, stops somewhere on that path, and executes `action` from
+    there. Columns stand at both ends, and between them so close that no vehicle can pass through.
 
     Args:
-        last_m: (3,) where it was last seen, show frame.
-        last_velocity_m_s: (3,) and how it moved; None where nobody knows.
-        home_m: (3,) its own start, where known.
+        last_m: (3,) last known position, show frame.
+        last_velocity_m_s: (3,) last known velocity; None if unknown.
+        home_m: (3,) its own start, if known.
         action: "descend" and "land": straight down; "hold": stays, and may come down later; "return":
-            climbs to `return_height_m`, flies home at that height and comes down there.
+            climbs to `return_height_m`, flies home at that height and descends there.
         return_height_m: above its home (RTL_RETURN_ALT).
-        climbing_to_m: above its home; where it was last seen lower than that, it may still be on its way up
-            (a take-off goes on without us). None: it does not climb by itself.
+        climbing_to_m: above its home; a vehicle last seen lower may still climb to it (a take-off goes on
+            without this service). None: it does not climb by itself.
         drift_s: see DRIFT_S.
 
     Returns: (m, 2, 3).

@@ -1,9 +1,8 @@
-"""What becomes of a fleet when everybody loses control at once: who would come closer than the floor. Pure.
+"""Pairs that would violate the minimum separation if all vehicles lost control at once. Pure.
 
-Every autopilot then does by itself what COM_OBL_RC_ACT says, and no filter holds them apart. Times are not
-counted on: a vehicle climbs and flies a little faster or slower than the next, so two whose ways come too
-close count, whenever each is where. What is counted on: those who sink alike keep their heights apart until
-the lower one stands on the ground.
+Each autopilot then executes COM_OBL_RC_ACT by itself, and no filter separates the vehicles. Timing is not
+relied on: climb and cruise speeds differ, so two paths that come too close count at any times. Only this is
+relied on: two vehicles that descend alike keep their difference in height until the lower one has landed.
 """
 
 from dataclasses import dataclass
@@ -21,18 +20,18 @@ ACTIONS: Final[tuple[Action, ...]] = ("hold", "return", "land", "descend")
 """In the order in which they are proposed."""
 
 NOTICED_WITHIN_S: Final = 0.3
-"""Some notice the loss later than others: by the deadman's time, and a little for their own clocks. So long
-may one of a pair fly on with the velocity of both while the other stops already.
+"""Vehicles notice the loss at different times: by the watchdog's time, and some for their own clocks. For
+this time one of a pair may keep their common velocity while the other already stops.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Clash:
-    """Two who would come closer than the floor."""
+    """Two vehicles that would violate the minimum separation."""
 
     first: int  # rows
     second: int
-    sideways_m: float  # the closest that their ways come, seen from above
+    sideways_m: float  # closest approach of their paths, seen from above
 
 
 def clashes(
@@ -45,17 +44,17 @@ def clashes(
     speed_m_s: float,
     return_height_m: float,
 ) -> list[Clash]:
-    """Every pair that would come inside the floor, widened by both uncertainties, closest ones first.
+    """Return all pairs that would violate the minimum, widened by both uncertainties, closest first.
 
     Args:
-        position_m: (n, 3) where they are when it happens, show frame.
-        home_m: (n, 3) each one's own start.
-        action: what each does by itself.
-        floor: without its margin, which is for the tracking that has ended.
+        position_m: (n, 3) positions at the loss, show frame.
+        home_m: (n, 3) each vehicle's own start.
+        action: of each vehicle.
+        floor: without its margin, which covers the tracking that has ended.
         uncertainty_m: (n,) of each position.
-        speed_m_s: that all have in common: the orbit's and the target's.
-        return_height_m: RTL_RETURN_ALT, above home. That PX4 stays lower near home (RTL_CONE_ANG) only brings
-            ways closer that cross here already.
+        speed_m_s: common to all: the orbit's and the target's.
+        return_height_m: RTL_RETURN_ALT, above home. That PX4 stays lower near home (RTL_CONE_ANG) only
+            brings paths closer that cross here already.
     """
     first, second = np.triu_indices(len(position_m), 1)
     unsure_m = uncertainty_m[first] + uncertainty_m[second]
@@ -65,7 +64,7 @@ def clashes(
     above_m = np.abs(position_m[first, 2] - position_m[second, 2])
     inside = _is_inside(apart_m, above_m, wide_m, tall_m)
     if action in {"descend", "land"}:
-        # the upper one comes down beside the lower, which stands; below pad_height_m both are on their pads
+        # the upper one descends beside the landed lower one; below pad_height_m both are on their pads
         least_m = np.minimum(above_m, floor.pad_height_m)
         inside |= _is_inside(apart_m, least_m, wide_m, tall_m)
     elif action == "return":
@@ -78,10 +77,10 @@ def clashes(
 
 
 def turned_upright(position_m: Array, center_m: Array) -> Array:
-    """The formation (n, 3) turned about its centre so that the nearest two stand one above the other.
+    """Return the formation (n, 3) turned about its centre so that the nearest two are stacked vertically.
 
-    The law gives every vehicle a place on the sphere, and nobody a certain one: a formation may turn while it
-    flies. Upright is the worst turn, for the floor is taller than wide, and who sinks, sinks onto another.
+    The law assigns no fixed slots: a formation may turn while it flies. Vertical is the worst orientation,
+    because the ellipsoid is taller than wide, and a descending vehicle meets the one below.
     """
     if len(position_m) < 2:
         return position_m.copy()
@@ -94,7 +93,7 @@ def turned_upright(position_m: Array, center_m: Array) -> Array:
     up = np.array([0.0, 0.0, 1.0 if chord_m[2] >= 0.0 else -1.0])
     halfway = chord_m / length_m + up
     halfway /= np.linalg.norm(halfway)
-    offset_m = position_m - center_m  # half a turn about what is halfway between: takes one onto the other
+    offset_m = position_m - center_m  # half a turn about the midpoint direction maps one onto the other
     turned: Array = center_m + 2.0 * np.outer(offset_m @ halfway, halfway) - offset_m
     return turned
 
@@ -113,30 +112,30 @@ def _on_the_way_home(
     tall_m: Array,
     return_height_m: float,
 ) -> tuple[Array, Mask]:
-    """(k,) how near the ways of each pair come, seen from above, and whether that is too near.
+    """(k,) Distance of the paths of each pair, seen from above, and whether they are too close.
 
-    A way: up to the return's height (or where one is, if higher), straight home at that height, down.
+    A path: up to the return height (or from a greater own height), straight home at that height, down.
     """
     height_m = np.maximum(-position_m[:, 2], return_height_m - home_m[:, 2])
     level_m = np.abs(height_m[first] - height_m[second])
     here_m, there_m = position_m[:, :2], home_m[:, :2]
     apart_m = _between_segments_m(here_m[first], there_m[first], here_m[second], there_m[second])
     crosses = _is_inside(apart_m, level_m, wide_m, tall_m)
-    # who climbs, and who comes down, is met by whoever flies past at a height between: a way home ends above
-    # its pad, so that two who come down side by side meet there as well
+    # a climbing or descending vehicle meets those that cruise at a height between; a path home ends above
+    # its pad, so that two that descend side by side meet there as well
     for column_m, low_m in ((here_m, -position_m[:, 2]), (there_m, -home_m[:, 2])):
         for i, j in ((first, second), (second, first)):
             past_m = _from_segment_m(column_m[i], here_m[j], there_m[j])
             outside_m = np.maximum(low_m[i] - height_m[j], height_m[j] - height_m[i])
             crosses |= _is_inside(past_m, np.maximum(outside_m, 0.0), wide_m, tall_m)
-    # beside each other they may climb past each other, whatever their heights
+    # side by side they may climb past each other, whatever their heights
     columns_m = np.hypot(*(here_m[first] - here_m[second]).T)
     crosses |= _is_inside(columns_m, np.zeros(len(first)), wide_m, tall_m)
     return np.minimum(apart_m, columns_m), crosses
 
 
 def _between_segments_m(a_m: Array, b_m: Array, c_m: Array, d_m: Array) -> Array:
-    """(k,) distances between the segments from a to b and from c to d, (k, 2) each."""
+    """(k,) Distances between the segments from a to b and from c to d, (k, 2) each."""
 
     def turn(p_m: Array, q_m: Array, r_m: Array) -> Array:
         side: Array = np.sign(
@@ -158,7 +157,7 @@ def _between_segments_m(a_m: Array, b_m: Array, c_m: Array, d_m: Array) -> Array
 
 
 def _from_segment_m(point_m: Array, a_m: Array, b_m: Array) -> Array:
-    """(k,) distances of points from the segments from a to b, (k, 2) each."""
+    """(k,) Distances of points from the segments from a to b, (k, 2) each."""
     along_m = b_m - a_m
     share = ((point_m - a_m) * along_m).sum(axis=1) / np.maximum((along_m**2).sum(axis=1), 1e-12)
     distance_m: Array = np.linalg.norm(point_m - a_m - np.clip(share, 0.0, 1.0)[:, None] * along_m, axis=1)

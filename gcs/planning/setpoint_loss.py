@@ -1,6 +1,6 @@
-"""Whether the fleet would stay apart if it lost this ground station all at once, where it will fly. Pure.
+"""Whether the fleet would stay separated if it lost this ground station during the planned flight. Pure.
 
-Asked before take-off: then another action can still be chosen.
+Checked before take-off: then another action can still be chosen.
 """
 
 from collections.abc import Sequence
@@ -18,24 +18,24 @@ from gcs.model.state import Array, VehicleId
 from gcs.planning.loss_conflicts import ACTIONS, Action, Clash, clashes, turned_upright
 
 SWEEPS = 300
-"""Of the law's own descent, from the pads to the shape it will have. 50 ms for PREDICTED_MAX vehicles."""
+"""Iterations of the law's own descent, from the pads to the final shape. 50 ms for PREDICTED_MAX vehicles."""
 
 PREDICTED_MAX = 64
-"""For more an even lattice stands for the shape: who will be where is not known, how near they will be is."""
+"""Larger fleets use an even lattice as shape: the slots are not predicted, but the distances are."""
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 PAIRS_NAMED = 4
 
 LOOKED_AT_MAX = 12
-"""Plans of a show, for those who would fly home."""
+"""Plans of a show that are examined for vehicles that fly home."""
 
 TURNS_RAD = (0.5 * np.pi, np.pi, 1.5 * np.pi)
-"""As a formation that spins will also stand to its pads."""
+"""Further orientations to the pads of a formation that spins."""
 
 
 def formation_m(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: ControlSettings) -> Array:
-    """(n, 3) where the law will lead everybody, as it can be known: from their pads, by its own places.
+    """(n, 3) Predicted positions in the formation: each vehicle from its pad to its slot.
 
     Args:
         ids: n vehicles, in the order of the fleet.
@@ -48,7 +48,7 @@ def formation_m(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: 
 
 
 def _places(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: ControlSettings) -> Array:
-    """(n, 3) unit vectors from the centre to where the law will lead everybody."""
+    """(n, 3) Unit vectors from the centre to the predicted slots."""
     if len(ids) > PREDICTED_MAX:
         return _lattice(len(ids))
     rows = np.arange(len(ids), dtype=np.intp)
@@ -59,7 +59,7 @@ def _places(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: Cont
 
 
 def _lattice(count: int) -> Array:
-    """(n, 3) unit vectors, evenly: a Fibonacci lattice."""
+    """(n, 3) Unit vectors, evenly: a Fibonacci lattice."""
     z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(count)
     return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
@@ -74,20 +74,20 @@ def check_setpoint_loss(
     action: Action,
     return_height_m: float,
 ) -> None:
-    """Whether `action`, by everybody at once, keeps the floor.
+    """Check that `action`, by all vehicles at once, keeps the minimum separation.
 
     Args:
         ids: n vehicles that are to fly.
         home_m: (n, 3) their pads, show frame.
-        plans: what they are to fly, one after the other, each with the cue that asks for it ("" without).
-        control: law and floor.
+        plans: to be flown in order, each with the name of its cue ("" without).
+        control: law and minimum separation.
         uncertainty_m: (n,) of each position.
         action: `operation.setpoint_loss_action`.
         return_height_m: RTL_RETURN_ALT.
 
     Raises: RefusedError naming the pairs, and an action that would keep it.
     """
-    places = _places(ids, home_m, plans[0][1], control)  # everybody is led to the same place all along
+    places = _places(ids, home_m, plans[0][1], control)  # each vehicle keeps its slot throughout
 
     def found_by(what: Action) -> tuple[str, list[Clash]]:
         for cue, plan in _worst(plans) if what != "return" else _spread(plans):
@@ -115,7 +115,7 @@ def check_setpoint_loss(
 
 
 def _worst(plans: Sequence[tuple[str, Plan]]) -> Sequence[tuple[str, Plan]]:
-    """For those who stay where they are: the smallest sphere, taken to be as fast as any other."""
+    """For actions in place: return the smallest sphere with the greatest speed of all plans."""
     cue, smallest = min(plans, key=lambda entry: entry[1].formation.radius_m)
     fastest = max((plan for _, plan in plans), key=_speed_m_s)
     spin_rad_s = _rim_m_s(fastest) / smallest.formation.radius_m
@@ -124,19 +124,19 @@ def _worst(plans: Sequence[tuple[str, Plan]]) -> Sequence[tuple[str, Plan]]:
 
 
 def _spread(plans: Sequence[tuple[str, Plan]]) -> Sequence[tuple[str, Plan]]:
-    """For those who fly home: from everywhere, but only so many that a start need not wait for long."""
+    """For flights home: return plans spread over the show, few enough not to delay a start."""
     if len(plans) <= LOOKED_AT_MAX:
         return plans
     return [plans[row] for row in np.linspace(0, len(plans) - 1, LOOKED_AT_MAX).astype(int).tolist()]
 
 
 def _rim_m_s(plan: Plan) -> float:
-    """How fast the spin moves whoever is farthest from its axis."""
+    """Speed of the vehicle farthest from the spin axis."""
     return abs(plan.formation.spin_rad_s) * plan.formation.radius_m
 
 
 def _speed_m_s(plan: Plan) -> float:
-    """At most, of anybody: one of a pair may stop later than the other by as much as that takes it."""
+    """Greatest speed of any vehicle: if one of a pair stops later than the other, it moves on with it."""
     return plan.orbit.speed_m_s * (plan.orbit.radius_m > 0.0) + plan.target.speed_m_s + _rim_m_s(plan)
 
 
@@ -149,11 +149,11 @@ def _first_clashes(
     action: Action,
     return_height_m: float,
 ) -> list[Clash]:
-    """Of the formation as it begins, as it may have turned, and all round its orbit: the first."""
+    """Return the conflicts of the first orientation or orbit position that has any."""
     center_m = _center_m(plan)
     begins_m = center_m + plan.formation.radius_m * places
     shapes_m = [begins_m, turned_upright(begins_m, center_m)]
-    if plan.formation.spin_rad_s and action == "return":  # to the others it matters only how fast it turns
+    if plan.formation.spin_rad_s and action == "return":  # for other actions only the spin rate matters
         shapes_m += [center_m + plan.formation.radius_m * turned(places, turn) for turn in TURNS_RAD]
     for place_m in shapes_m:
         for shift_m in _shifts_m(plan, action):
@@ -172,7 +172,7 @@ def _first_clashes(
 
 
 def _shifts_m(plan: Plan, action: Action) -> list[Array]:
-    """(3,) each: where round the target the centre may be. It matters only to those who fly home."""
+    """(3,) each: possible positions of the centre around the target. They matter only for flights home."""
     radius_m = plan.orbit.radius_m
     if action != "return" or radius_m == 0.0:
         return [np.zeros(3)]

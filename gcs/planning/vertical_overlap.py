@@ -1,4 +1,4 @@
-"""Stacked pairs, one vehicle above the other: they cannot both come straight down. Pure."""
+"""Stacked pairs, one vehicle above the other: they cannot both descend straight. Pure."""
 
 from collections.abc import Sequence
 
@@ -20,14 +20,14 @@ def column_m(floor: Floor) -> float:
 
 
 def overlapping(position_m: Array, width_m: float) -> tuple[NDArray[np.intp], Array]:
-    """Pairs whose columns overlap.
+    """Return the pairs with overlapping columns.
 
     Args:
         position_m: (n, 3) show frame.
         width_m: of a column.
 
-    Returns: (k, 2) upper and lower of each pair, those nearest to each other, seen from above, first; and
-    (k,) how near that is.
+    Returns: (k, 2) upper and lower of each pair, nearest first, seen from above; and (k,) their distances,
+    seen from above.
     """
     first, second = np.triu_indices(len(position_m), 1)
     apart_m = np.hypot(*(position_m[first] - position_m[second])[:, :2].T)
@@ -40,7 +40,7 @@ def overlapping(position_m: Array, width_m: float) -> tuple[NDArray[np.intp], Ar
 
 
 def most_overlapping(position_m: Array, width_m: float) -> int:
-    """At most how many pairs' columns overlap, whichever way the formation (n, 3) is turned.
+    """Return the greatest number of overlapping pairs over all orientations of the formation (n, 3).
 
     The law assigns no fixed slots: the shape's orientation and the vehicles' slots are not known beforehand.
     """
@@ -52,17 +52,17 @@ def most_overlapping(position_m: Array, width_m: float) -> int:
 
 
 def _upward() -> Array:
-    """(TURNS, 3) unit vectors, evenly over half a sphere: ways in which a formation may lie."""
+    """(TURNS, 3) Unit vectors, evenly over half a sphere: possible orientations of a formation."""
     z = (np.arange(TURNS) + 0.5) / TURNS
     level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(TURNS)
     return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
 
 
 def describe(pairs: int, rehearsed: Sequence[str] = ()) -> str:
-    """In words, empty where there are none.
+    """Describe stacked pairs in words; empty if there are none.
 
     Args:
-        pairs: the greatest number, whichever slots the vehicles take.
+        pairs: the greatest number over all assignments of slots.
         rehearsed: the pairs of the show's check by name; others may be stacked in flight.
     """
     if not pairs and not rehearsed:

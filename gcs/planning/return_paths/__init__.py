@@ -1,8 +1,8 @@
 """Paths home for the whole fleet without conflicts, planned before they are flown; pure.
 
-`candidates` lays the ways that each may take, `meeting` finds who takes which and when, `planner` has that
-done round after round, and `pace` lets the plan wait for who is held back.
-`arrival` says when a vehicle comes down.
+`candidates` generates the paths that each vehicle may take, and `conflicts` selects path and time for each.
+`planner` repeats that in rounds, and `progress` lets the plan wait for vehicles that are behind.
+`arrival` decides when a vehicle descends.
 """
 
 from gcs.planning.return_paths.arrival import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over

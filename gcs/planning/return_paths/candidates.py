@@ -1,4 +1,4 @@
-"""The ways that each may take home: slanting, level or round about to above its pad, then straight down."""
+"""Candidate paths of each vehicle: slanting, level or by a detour to above its pad, then straight down."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,45 +11,45 @@ from gcs.planning.return_paths.paths import STEP_S
 from gcs.safety.neighbours import Rows
 
 SLANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Heights above the pad where the slanting part ends: shares between `over_m` and one's own."""
+"""Heights above the pad where the slanting part ends: shares between `over_m` and the own height."""
 
 RISES_M = (0.0, 3.0, 6.0)
-"""Or one first climbs by so much, and flies level."""
+"""Climbs before a level path."""
 
 ASIDES_M = (-9.0, -4.5, 4.5, 9.0)
-"""Or one passes the middle of the straight way so far to its right."""
+"""Sideways offsets of a detour, to the right of the straight path's middle."""
 
 ASIDE_SLANTS = (0.0, 0.5)
 
 EACH = len(SLANTS) + len(RISES_M) + len(ASIDES_M) * len(ASIDE_SLANTS)
-"""Ways of one vehicle."""
+"""Candidate paths of one vehicle."""
 
 TAIL = 10
-"""Steps by which a vehicle trails behind what it is drawn to, at most."""
+"""Most steps by which a vehicle trails behind its goal."""
 
 SPEED_SHARE = 0.95
-"""Of the limits: who is late must be able to catch up."""
+"""Share of the limits: a late vehicle must be able to catch up."""
 
 TOUCH_DOWN_M_S = 0.6
 """Below the handover its autopilot lands it, slower than the limits."""
 
 AreFree = Callable[[Array], Mask]
-"""Which of places (m, 3), show frame, are inside the fence and clear of what stands: (m,)."""
+"""(m,) Which of the places (m, 3), show frame, are inside the fence and clear of obstacles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """All ways of all vehicles, one behind the other: way w of vehicle i is row ``i * EACH + w``."""
+    """All paths of all vehicles in sequence: path w of vehicle i is row ``i * EACH + w``."""
 
-    goal_m: Array  # (m, 3) what the vehicle is drawn to, every STEP_S; each way begins at the start
-    path_m: Array  # (m, 3) where it will be
-    first: Rows  # (n * EACH + 1,) where in those each way begins
+    goal_m: Array  # (m, 3) the vehicle's goal, every STEP_S; each path begins at the start
+    path_m: Array  # (m, 3) its expected position
+    first: Rows  # (n * EACH + 1,) index where each path begins
     over: Rows  # (n * EACH,) steps until it is above its pad
-    free: Mask  # (n * EACH,) of what stands
+    free: Mask  # (n * EACH,) clear of fence and obstacles
 
     @property
     def length(self) -> Rows:
-        """(n * EACH,) of each, in places."""
+        """(n * EACH,) Length of each path, in steps."""
         return np.diff(self.first)
 
 
@@ -63,17 +63,17 @@ def lay(
     goal_rate_per_s: float,
     are_free: AreFree | None = None,
 ) -> Candidates:
-    """Every way of everybody.
+    """Generate all paths of all vehicles.
 
     Args:
         start_m: (n, 3) where they hover, show frame.
-        pad_m: (n, 3) where each comes down.
-        over_m: least height above the pads for anybody on its way.
+        pad_m: (n, 3) landing positions.
+        over_m: least height above the pads on the way.
         handover_m: height above the pad from which its autopilot lands it.
         speeds_m_s: (3,) limits sideways, up, down.
-        goal_rate_per_s: at which a vehicle is drawn to its goal.
-        are_free: None: nothing stands anywhere. Of a vehicle that has no free way all count as free: the
-            filter leads it.
+        goal_rate_per_s: rate at which a vehicle approaches its goal.
+        are_free: None: all places are free. If no path of a vehicle is free, all count as free: the filter
+            leads it.
     """
     corners_m = _corners_m(start_m, pad_m, over_m, handover_m)
     goal_m, path_m, first, over = _laid(
@@ -87,7 +87,7 @@ def lay(
 
 
 def _corners_m(start_m: Array, pad_m: Array, over_m: float, handover_m: float) -> Array:
-    """(n * EACH, 5, 3) start, a place between, above the pad, at the handover, on the pad."""
+    """(n * EACH, 5, 3) Start, an intermediate point, above the pad, at the handover, on the pad."""
     n = len(start_m)
     lowest_z_m = pad_m[:, 2] - over_m
     own_z_m = np.minimum(start_m[:, 2], lowest_z_m)
@@ -117,7 +117,7 @@ def _corners_m(start_m: Array, pad_m: Array, over_m: float, handover_m: float) -
 
 @kernel
 def _steps(begin_m: Array, end_m: Array, sideways_m_s: float, up_m_s: float, down_m_s: float) -> int:
-    """So many steps takes a straight line, as fast as the speeds allow."""
+    """Return the steps that a straight line takes within the speeds."""
     level_m = np.sqrt((end_m[0] - begin_m[0]) ** 2 + (end_m[1] - begin_m[1]) ** 2)
     sinks_m = end_m[2] - begin_m[2]
     time_s = max(level_m / sideways_m_s, -sinks_m / up_m_s, sinks_m / down_m_s)
@@ -128,7 +128,7 @@ def _steps(begin_m: Array, end_m: Array, sideways_m_s: float, up_m_s: float, dow
 def _laid(
     corners_m: Array, speeds_m_s: Array, touch_down_m_s: float, limits_m_s: Array, rate_per_s: float
 ) -> tuple[Array, Array, Rows, Rows]:
-    """Goals and paths (m, 3) of ways (k, 5, 3); where each begins (k + 1,); steps until over the pad (k,)."""
+    """Goals and paths (m, 3) of corners (k, 5, 3); index of each (k + 1,); steps until over the pad (k,)."""
     return_paths, corners = corners_m.shape[:2]
     sideways_m_s, up_m_s, down_m_s = speeds_m_s
     steps = np.empty((return_paths, corners - 1), np.intp)
@@ -155,7 +155,7 @@ def _laid(
 
 @kernel
 def _follow(goal_m: Array, path_m: Array, rate_per_s: float, limits_m_s: Array) -> None:
-    """Write where a vehicle is (k, 3) that is drawn to goals (k, 3), one a step: it rounds the corners."""
+    """Write the position (k, 3) of a vehicle that follows goals (k, 3), one a step: it rounds the corners."""
     path_m[0] = goal_m[0]
     for k in range(1, len(goal_m)):
         desired_m_s = rate_per_s * (goal_m[k] - path_m[k - 1])

@@ -1,4 +1,4 @@
-"""Who takes which way, and when: one after the other the one that is free soonest. Compiled."""
+"""Selects path and time of each vehicle, one after the other, the earliest without conflict. Compiled."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from gcs.planning.return_paths.paths import STEP_S
 from gcs.safety.neighbours import Rows
 
 NEARLY_M = 0.05
-"""A pair that began as close as is kept may be so much closer."""
+"""A pair that began at its kept distance may be closer by this much."""
 
 FAR_M = 25.0
-"""Farther away, nobody is met within a stop's time."""
+"""Beyond this distance no vehicle is met within a stop's time."""
 
 STEP_MAX_M = 2.5
-"""Two come no closer than this in a step, by far."""
+"""Upper bound on how much closer two vehicles come in one step."""
 
 
 @kernel_apart
@@ -30,21 +30,21 @@ def chosen_paths(
     low_m: float,
     count: int,
 ) -> tuple[Rows, Rows]:
-    """For everybody the way that ends soonest without meeting those planned before.
+    """Select for each vehicle the path that ends soonest without a conflict with those planned before.
 
     Args:
-        order: (n,) who is planned first.
-        place_m: (m, 3) the places of all ways, scaled so that the floor is a sphere.
-        first: (k + 1,) where each way begins in those; everybody has equally many.
-        free: (k,) which of them may be taken.
-        spared: (n,) past whose starts the others fly only if they cannot do otherwise.
-        kept_m: (n, n) how far apart a pair stays, scaled.
-        reaction_s: a pair closes no faster than it stops in its gap, this late,
-        deceleration_m_s2: and braking so.
+        order: (n,) rows in the order of planning.
+        place_m: (m, 3) the positions of all paths, scaled so that the minimum separation is a sphere.
+        first: (k + 1,) index where each path begins; every vehicle has equally many.
+        free: (k,) which paths may be taken.
+        spared: (n,) vehicles whose starts the others pass only if there is no alternative.
+        kept_m: (n, n) distance that each pair keeps, scaled.
+        reaction_s: a pair closes no faster than it can stop within its gap, after this delay
+        deceleration_m_s2: and with this braking.
         low_m: pairs that are both lower, scaled, do not count.
         count: steps within which all must be down.
 
-    Returns: (n,) the way taken, -1 where none is free, and (n,) the steps it waits before.
+    Returns: (n,) the path taken, -1 where none is free, and (n,) the steps it waits before.
     """
     n, each = len(order), len(free) // len(order)
     way, wait = np.full(n, -1, np.intp), np.zeros(n, np.intp)
@@ -85,7 +85,7 @@ def _soonest(
     kept_m: Array,
     numbers: tuple[float, float, float],
 ) -> tuple[int, int]:
-    """The way of vehicle i that ends soonest, and the steps it waits before; -1: none is free."""
+    """Return the path of vehicle i that ends soonest, and the steps it waits before; -1: none is free."""
     own, count = i * each, path_m.shape[1]
     latest, shortest = count, count
     for j in others:
@@ -116,7 +116,7 @@ def _is_free(
     mine: int,
     numbers: tuple[float, float, float],
 ) -> bool:
-    """Whether a way meets none of the others; asks first who was in this way the last time."""
+    """Whether a path conflicts with none of the others; tests the last blocker first."""
     last = blocker[mine]
     if last >= 0 and _meets(way_m, begins, path_m[last], kept_m[i, last], numbers):
         return False
@@ -131,7 +131,7 @@ def _is_free(
 def _stays_free(
     start_m: Array, other_m: Array, kept_m: float, until: int, numbers: tuple[float, float, float]
 ) -> int:
-    """So many steps one may stay at its start until another comes, at most `until`."""
+    """Return the steps that a vehicle may stay at its start until another comes, at most `until`."""
     t, last = 0, min(until, len(other_m) - 1)
     while t < last:
         step = _step(start_m, start_m, other_m[t], other_m[t + 1], kept_m, numbers)
@@ -145,7 +145,7 @@ def _stays_free(
 def _meets(
     way_m: Array, begins: int, other_m: Array, kept_m: float, numbers: tuple[float, float, float]
 ) -> bool:
-    """Whether a way (k, 3) begun after so many steps meets another's path (t, 3)."""
+    """Whether a path (k, 3) begun after `begins` steps conflicts with another's path (t, 3)."""
     k = 0
     while k < len(way_m) - 1:
         t = begins + k
@@ -165,7 +165,7 @@ def _step(
     kept_m: float,
     numbers: tuple[float, float, float],
 ) -> int:
-    """0 where two are too close, or too fast for their distance; else after how many steps to look again."""
+    """Return 0 if two are too close, or too fast for their distance; else the steps until the next test."""
     reaction_s, deceleration_m_s2, low_m = numbers
     if -own_m[2] < low_m and -other_m[2] < low_m:
         return 1

@@ -1,35 +1,35 @@
-"""A plan for the whole fleet: who shall be where, when."""
+"""A plan for the whole fleet: each vehicle's goal and position over time."""
 
 from dataclasses import dataclass
 
 from gcs.model.state import Array
 
 STEP_S = 0.2
-"""Between two moments at which the ways are compared."""
+"""Interval at which the paths are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReturnPaths:
-    """A plan for the whole fleet. Rows as it was asked for."""
+    """A plan for the whole fleet. Rows as in the request."""
 
-    drawn_m: Array  # (n, t, 3) every STEP_S, show frame: what each is drawn to
-    path_m: Array  # (n, t, 3) and where it should be then
-    over_s: Array  # (n,) when each is above its pad, from where it comes straight down
+    drawn_m: Array  # (n, t, 3) every STEP_S, show frame: the goal of each vehicle
+    path_m: Array  # (n, t, 3) and its expected position
+    over_s: Array  # (n,) when each is above its pad, from where it descends straight
     down_s: Array  # (n,) when each is down
-    unplanned: tuple[int, ...]  # rows that found no way: they wait for all others, and the filter leads them
+    unplanned: tuple[int, ...]  # rows without a path: they wait for all others, and the filter leads them
 
     def goal_m(self, row: int, time_s: float) -> Array:
-        """(3,) what draws that vehicle `time_s` after the order."""
+        """(3,) Goal of that vehicle `time_s` after the start of the plan."""
         goal_m: Array = at(self.drawn_m[row], time_s)
         return goal_m
 
     def expected_m(self, time_s: float) -> Array:
-        """(n, 3) where everybody should be then."""
+        """(n, 3) Expected positions at that time."""
         return at(self.path_m.swapaxes(0, 1), time_s)
 
 
 def at(moments_m: Array, time_s: float) -> Array:
-    """(...) of (t, ...) places every STEP_S, at a time between them; before and after, the first and last."""
+    """(...) Interpolate (t, ...) positions every STEP_S; before and after, the first and the last."""
     position = min(max(time_s / STEP_S, 0.0), len(moments_m) - 1.0)
     first = min(int(position), max(len(moments_m) - 2, 0))
     last = min(first + 1, len(moments_m) - 1)

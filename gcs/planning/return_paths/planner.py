@@ -1,4 +1,4 @@
-"""Plans for everybody, round after round: who found no way chooses earlier in the next."""
+"""Plans paths for all vehicles in rounds: a vehicle without a path is planned earlier in the next round."""
 
 from collections.abc import Callable
 from functools import cache
@@ -16,39 +16,39 @@ from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
 
 SPARED_FAILS = (5, 8, 3)
-"""Who has found no way so often is not flown past while it waits, if that can be. Where one number leads to
-no plan for all, another does: everything begins anew with it.
+"""A vehicle that found no path in this many rounds is not passed while it waits, if possible. Where one
+number leads to no complete plan, another does: each starts a new attempt.
 """
 
 ATTEMPT_ROUNDS = 25
-"""So often everything is planned with each, at most."""
+"""Most rounds of each attempt."""
 
 ROUNDS = len(SPARED_FAILS) * ATTEMPT_ROUNDS
 
 HASTY_SHARE = 0.4
-"""With the last of them, pairs may close faster, although the filter will slow some of them down."""
+"""In the last attempt pairs may close faster, although the filter will slow some of them down."""
 
 MORE_S = 60.0
-"""So much later may the last round let everybody be down."""
+"""Additional time in the last round until all vehicles must be down."""
 
 LONGEST_SHARE = 1.1
-"""Of the longest way: nobody comes down later than that and `spare_s`, if that can be."""
+"""Of the longest path: no vehicle lands later than that and `spare_s`, if possible."""
 
 LATER_SHARE, LATER_ROUNDS = 1.4, 15
-"""Or later, after so many rounds of an attempt."""
+"""Share that replaces it after this many rounds of an attempt."""
 
 
 class ReturnSettings(Settings):
-    """How ways home are planned."""
+    """Settings of the return planner."""
 
-    spare_m: NotNegative = 0.1  # on top of the floor's margin, for what the plan does not know
+    spare_m: NotNegative = 0.1  # in addition to the separation margin, for what the plan does not know
     spare_s: Positive = 6.0
     reaction_s: NotNegative = 0.5  # two close no faster than the safety filter lets them, see `Braking`
     deceleration_m_s2: Positive = 2.0
 
 
 class Planner:
-    """Finds the ways. Owns all that it reads, so that it may work in a thread of its own."""
+    """Finds the paths. Owns all that it reads, so that it may run in a thread of its own."""
 
     def __init__(
         self,
@@ -65,22 +65,22 @@ class Planner:
         settings: ReturnSettings | None = None,
         are_free: AreFree | None = None,
     ) -> None:
-        """Nothing is planned yet.
+        """Plans nothing yet.
 
         Args:
             start_m: (n, 3) where they hover, show frame.
-            pad_m: (n, 3) where each comes down.
-            over_m: least height above the pads for anybody on its way.
+            pad_m: (n, 3) landing positions.
+            over_m: least height above the pads on the way.
             handover_m: height above the pad from which its autopilot lands it.
             speed_m_s: sideways, at most.
-            goal_rate_per_s: at which a vehicle is drawn to its goal.
+            goal_rate_per_s: rate at which a vehicle approaches its goal.
             limits: up and down.
-            floor: that no pair may be inside.
-            uncertainty_m: of a pair's positions, added up.
+            floor: minimum separation of each pair.
+            uncertainty_m: of a pair's positions, summed.
             settings: of the plan.
-            are_free: which places meet nothing that stands; None: nothing does.
+            are_free: which places are inside the fence and clear of obstacles; None: all.
 
-        Raises: ShapeError where there are no vehicles, or a place is not finite.
+        Raises: ShapeError if there are no vehicles, or a position is not finite.
         """
         if len(start_m) == 0:
             raise ShapeError("a plan for nobody")
@@ -103,8 +103,8 @@ class Planner:
         self._fails = np.zeros(len(start_m))
         self._rounds = 0
         self._candidates: Candidates | None = None
-        self._place_m = self._kept_m = start_m  # both follow with the first round
-        self._best: tuple[Rows, Rows] | None = None  # as `chosen_paths` gives them
+        self._place_m = self._kept_m = start_m  # both are set in the first round
+        self._best: tuple[Rows, Rows] | None = None  # as returned by `chosen_paths`
 
     @property
     def return_paths(self) -> ReturnPaths:
@@ -114,7 +114,7 @@ class Planner:
         return self._laid(self._candidates, *self._best)
 
     def round(self) -> bool:
-        """Plan for everybody once more. Returns: whether there is nothing left to find."""
+        """Plan all vehicles once more. Returns: whether no further round can improve the plan."""
         candidates = self._candidates
         if candidates is None:
             candidates = self._candidates = self._prepared()
@@ -142,11 +142,11 @@ class Planner:
         left = way < 0
         if self._best is None or left.sum() < (self._best[0] < 0).sum():
             self._best = way, wait
-        self._fails[left] += 1  # who found no way chooses earlier in the next round
+        self._fails[left] += 1  # vehicles without a path choose earlier in the next round
         return last or not left.any()
 
     def _prepared(self) -> Candidates:
-        """What all rounds need."""
+        """Return the candidate paths, which all rounds share."""
         candidates = lay(
             self._start_m,
             self._pad_m,
@@ -158,12 +158,12 @@ class Planner:
         self._place_m = candidates.path_m * self._scale
         least_m, wide_m = self._kept_range_m
         apart_m = np.linalg.norm((self._start_m[:, None] - self._start_m[None]) * self._scale, axis=2)
-        # a pair that is closer than that already only may come no closer
+        # a pair that is already closer must not come closer
         self._kept_m = np.minimum(wide_m, np.maximum(0.98 * apart_m, least_m))
         return candidates
 
     def _laid(self, candidates: Candidates, way: Rows, wait: Rows) -> ReturnPaths:
-        """The plan in places. Who found no way follows when all the others are down."""
+        """Return the plan as positions. Vehicles without a path follow when all others are down."""
         unplanned = np.flatnonzero(way < 0)
         way, wait, length = way.copy(), wait.copy(), candidates.length
         planned = np.flatnonzero(way >= 0)
@@ -194,7 +194,7 @@ class Planner:
 
 
 def plan_return_paths(planner: Planner, enough: Callable[[], bool] = lambda: False) -> ReturnPaths:
-    """Round after round until nothing is left to find, or it is `enough`; the first is always finished."""
+    """Run rounds until nothing is left to improve, or `enough()`; the first is always completed."""
     while not planner.round() and not enough():
         pass
     return planner.return_paths
@@ -202,7 +202,7 @@ def plan_return_paths(planner: Planner, enough: Callable[[], bool] = lambda: Fal
 
 @cache
 def warm_up() -> None:
-    """Compile or load the kernels, so that nothing is compiled in the air."""
+    """Compile or load the kernels, so that nothing is compiled in flight."""
     start_m = np.array([[0.0, 0.0, -10.0], [9.0, 0.0, -10.0]])
     pad_m = np.array([[4.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     planner = Planner(

@@ -1,4 +1,4 @@
-"""The plan's own clock: it waits for who is held back, so that nobody passes before its turn."""
+"""The plan's own clock: it waits for vehicles that are behind, so that each one keeps its turn."""
 
 import numpy as np
 
@@ -6,16 +6,16 @@ from gcs.model.state import Array, Mask
 from gcs.planning.return_paths.paths import ReturnPaths
 
 KEPT_UP_M = 2.5
-"""Who is no farther from where it should be keeps up."""
+"""Up to this distance from its expected position a vehicle is on time."""
 
 HELD_UP_M = 5.0
-"""For who is that far, or farther, the plan stands still."""
+"""From this distance on the plan's clock stops."""
 
 GIVEN_UP_M = 9.0
-"""Farther from it, a vehicle does not fly the plan any more, and is not waited for."""
+"""Farther away, a vehicle does not follow the plan any more, and the plan does not wait for it."""
 
 PATIENCE_S = 15.0
-"""For so long the plan waits, in all: one vehicle that something holds must not keep up all the others."""
+"""Total time that the plan waits: one blocked vehicle must not delay all others for longer."""
 
 
 class PathProgress:
@@ -24,16 +24,16 @@ class PathProgress:
     def __init__(self, return_paths: ReturnPaths) -> None:
         self.return_paths = return_paths
         self.time_s = 0.0
-        """In the plan: never ahead of the clock, and behind it by what was waited."""
+        """Time in the plan: never ahead of the clock, and behind it by the total wait."""
         self._waited_s = 0.0
 
     def advance(self, step_s: float, position_m: Array, flown: Mask) -> None:
-        """Let the plan go on for `step_s`, or less.
+        """Advance the plan by `step_s`, or less.
 
         Args:
-            step_s: since the last time.
-            position_m: (n, 3) where they are now, show frame.
-            flown: (n,) which vehicles fly the plan; those that found no way are never waited for.
+            step_s: since the last call.
+            position_m: (n, 3) present positions, show frame.
+            flown: (n,) which vehicles follow the plan; it never waits for those without a path.
         """
         behind_m = np.linalg.norm(position_m - self.return_paths.expected_m(self.time_s), axis=1)
         followed = flown & (behind_m < GIVEN_UP_M)
@@ -45,9 +45,9 @@ class PathProgress:
         self.time_s += step_s - waits_s
 
     def goal_m(self, row: int) -> Array:
-        """(3,) what draws that vehicle now."""
+        """(3,) Present goal of that vehicle."""
         return self.return_paths.goal_m(row, self.time_s)
 
     def is_over(self, row: int) -> bool:
-        """Whether its way has led it above its pad."""
+        """Whether its path has led it above its pad."""
         return self.time_s >= float(self.return_paths.over_s[row])
