@@ -7,7 +7,6 @@ from gcs.cli.remote import add_connection, connected
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs acknowledge`."""
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("alarm", nargs="?", metavar="ID", help="as gcs alarms lists it")
     which.add_argument("--all", action="store_true", help="every alarm not acknowledged yet")

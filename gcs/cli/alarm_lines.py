@@ -1,4 +1,4 @@
-"""Alarms in a terminal: the state of the whole, and every alarm, the most severe first, none left out."""
+"""Alarms in a terminal: the overall severity, and every alarm, the most severe first."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ ENDED: Final = "dim"
 
 
 def alarm_lines(severity: str, alarms: Sequence[Alarm]) -> RenderableType:
-    """For `gcs alarms`, and on top of `gcs status`.
+    """Format alarms for `gcs alarms` and the top of `gcs status`.
 
     Args:
-        severity: the state of the whole.
-        alarms: all of them, the most severe first.
+        severity: the overall severity.
+        alarms: all alarms, the most severe first.
     """
     if not alarms:
         return Text("normal: no alarms", style=STYLE["normal"])

@@ -1,4 +1,4 @@
-"""`gcs alarms`: what an operator should know now, printed once or kept up to date."""
+"""`gcs alarms`: prints the alarms once, or keeps them up to date."""
 
 import argparse
 import time
@@ -18,13 +18,12 @@ PERIOD_S: Final = 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs alarms`."""
     parser.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
     add_connection(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print them. Returns: 0. Raises: GcsError."""
+    """Print the alarms. Returns: 0. Raises: GcsError."""
     console = Console()
     with connected(arguments) as client:
         if arguments.watch and arguments.json:
@@ -50,7 +49,7 @@ def _watch(client: Client, console: Console) -> int:
 
 
 def _newest(client: Client) -> RenderableType:
-    """The alarms, or why they cannot be seen: whoever watches must not take an old list for now."""
+    """Format the newest alarms, or why they are not available, so that no old list looks current."""
     try:
         found = client.alarms()
     except GcsError as error:

@@ -1,7 +1,8 @@
-"""The table of all commands: their names, their texts, and where they are, as words alone.
+"""The table of all commands: their names, their texts, and their modules as strings.
 
-Nothing is imported here, so that `gcs --help`, a typing error and a kill cost no more than Python itself. A
-new command is a line in `COMMANDS` (a module of its own) or in `CALLS` (one call of the REST API).
+This module imports no other module of ours, so that `gcs --help`, a mistyped command and a kill start as fast
+as Python itself. A new command is a line in `COMMANDS` (a module of its own) or in `CALLS` (one call of the
+REST API).
 """
 
 from typing import Final, NamedTuple
@@ -12,10 +13,11 @@ WATCHED: Final = "print one JSON document, with --watch one a line; also of an e
 
 
 class Command(NamedTuple):
-    """One of our own.
+    """A command with a module of its own.
 
-    `options` names, as `module:function`, what adds its arguments to a parser; `run` what does it. That is
-    empty where the options say so. `json` is what it prints with `--json`, which every command takes.
+    `options` is the function that adds its arguments to a parser, as `module:function`. `run` is the function
+    that executes it; empty when the options set it. `json` says what it prints with `--json`, which every
+    command accepts.
     """
 
     options: str
@@ -25,10 +27,10 @@ class Command(NamedTuple):
 
 
 class Call(NamedTuple):
-    """One call of the REST API: a method of `gcs.client.Client`, or of what stands in one of its attributes.
+    """One call of the REST API: a method of `gcs.client.Client`, or of an object in one of its attributes.
 
-    The method's parameters are the arguments. Those that it knows by keyword alone are options, but for those
-    `asked`; with `alone` there are no others.
+    The method's parameters are the arguments. Keyword-only parameters become options, except those in
+    `asked`: they become positional. With `alone` the command has only the parameters in `asked`.
     """
 
     name: str
@@ -39,7 +41,7 @@ class Call(NamedTuple):
 
 
 class Action(NamedTuple):
-    """A command to vehicles that are named; with `all_` also to all that it can apply to."""
+    """A command for named vehicles; with `all_` also for all to which it can apply."""
 
     name: str
     text: str
@@ -197,7 +199,7 @@ ACTIONS: Final = (
 
 
 def names() -> dict[str, str]:
-    """Every first word of a command, and its text."""
+    """Return the first word of every command, and its text."""
     first = {name: command.text for name, command in COMMANDS.items()}
     for call in CALLS:
         group, _, _ = call.name.rpartition(" ")

@@ -1,4 +1,4 @@
-"""`gcs completion SHELL`: the script by which a shell completes commands and options."""
+"""`gcs completion SHELL`: the script with which a shell completes commands and options."""
 
 import argparse
 from typing import Final
@@ -9,7 +9,6 @@ SHELLS: Final = ("bash", "zsh", "fish")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs completion`."""
     parser.add_argument("shell", choices=SHELLS)
     parser.epilog = (
         "bash: gcs completion bash > ~/.local/share/bash-completion/completions/gcs;"
@@ -19,8 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the script; with `--json` an object with it. Returns: 0."""
-    import shtab  # noqa: PLC0415 (for this command alone)
+    """Print the script; with `--json` a JSON object that contains it. Returns: 0."""
+    import shtab  # noqa: PLC0415 (only this command needs it)
 
     from gcs.cli.main import whole_parser  # noqa: PLC0415 (it imports this module's table)
 

@@ -1,4 +1,4 @@
-"""Configurations of commands that open their links: read, with addresses tested on this computer."""
+"""Reads configurations of commands that open links, and tests their addresses on this computer."""
 
 import errno
 import socket
@@ -14,7 +14,7 @@ from gcs.model.errors import FileError, Problem
 
 
 def load_here(name: str) -> Config:
-    """The configuration of a file, or a shipped one.
+    """Load a configuration file, or a shipped configuration by name.
 
     Raises:
         ConfigError: names file, line, key, value and what is allowed; also for addresses that this
@@ -30,7 +30,7 @@ def load_here(name: str) -> Config:
 
 
 def _misfits(config: Config) -> Iterator[Misfit]:
-    """Addresses on which nothing can be listened to here, for they are another computer's."""
+    """Yield the addresses of `listen` that do not belong to this computer."""
     for at, link in enumerate(config.links):
         for place, url in zip(link.places, link.listen, strict=True):
             if isinstance(place, Listen | TcpIn) and not _is_ours(place.host):
@@ -42,7 +42,7 @@ def _misfits(config: Config) -> Iterator[Misfit]:
 
 
 def _is_ours(host: str) -> bool:
-    """Whether this computer has that address; True where it cannot be tested."""
+    """Whether this computer has that address; True when it cannot be tested."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
     except OSError:

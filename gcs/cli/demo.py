@@ -1,4 +1,4 @@
-"""`gcs demo`: fake fleet, service and API on one machine, and a story flown over them."""
+"""`gcs demo`: fake fleet, service and API on one machine, and a scripted demonstration flight."""
 
 import argparse
 import asyncio
@@ -42,19 +42,19 @@ VEHICLES_MAX = {"mavsdk": 50, "native": 1000}
 CHILD_ENDS_S = 5.0
 
 PAD_SPACING_M = 4.0
-"""Of the grid that the fake fleet stands on."""
+"""Grid on which the fake fleet stands."""
 
 SPHERE, LARGE_SPHERE = (1.2, 10.0), (1.05, 6.0)
-"""Its radius over the smallest possible, and how high it begins: large ones not higher than need be."""
+"""Radius of the sphere relative to the smallest possible one, and height of its lowest point."""
 
 LARGE_STAGGER_S = 0.02
-"""Between take-offs where there are hundreds: they climb straight up, 4 m apart."""
+"""Time between take-offs of hundreds of vehicles, which climb vertically, 4 m apart."""
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, as in shells."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly. Returns: 0 when all landed and nothing touched, 1 otherwise."""
+    """Fly. Returns: 0 when all landed, kept the floor and entered no obstacle; else nonzero."""
     logs.set_up(logging.INFO if arguments.verbose else logging.ERROR)
     config = make_config(arguments)
     say = lines(arguments)
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def make_config(arguments: argparse.Namespace) -> configuration.Config:
-    """The shipped demo configuration for that many vehicles. Raises: ConfigError."""
+    """Adapt the shipped demo configuration to the arguments. Raises: ConfigError."""
     count, most = arguments.vehicles, VEHICLES_MAX[arguments.transport]
     if not 2 <= count <= most:
         advice = "" if count < 2 or arguments.transport == "native" else "; --transport native bears more"
@@ -111,12 +111,12 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
 
 
 def _top_m(config: configuration.Config) -> float:
-    """Of the sphere that is flown."""
+    """Height of the top of the sphere."""
     return config.formation.radius_m + config.formation.height_m
 
 
 def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
-    """Links of the direct transport, each with the same system ids; the sphere above the field's middle."""
+    """Configure native links, all with the same system ids, and a sphere over the field's centre."""
     counts = _namespaces(arguments.vehicles)
     raw["links"] = [
         {
@@ -135,12 +135,12 @@ def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
 
 
 def _columns(count: int) -> int:
-    """Of the grid that the fake fleet stands on."""
+    """Grid on which the fake fleet stands."""
     return ceil(sqrt(count))
 
 
 def _namespaces(count: int) -> list[int]:
-    """How many vehicles there are behind each port: all ports but the last bear the same number."""
+    """Number of vehicles behind each port: the same for all ports except the last."""
     each = ceil(count / ceil(count / SYSTEM_ID_MAX))
     return [min(each, count - first) for first in range(0, count, each)]
 
@@ -179,9 +179,9 @@ async def _fly(
 
 
 async def _tell(script: DemoScript) -> GcsError | None:
-    """Tell it on a thread of its own; Ctrl-C brings the fleet home.
+    """Run the script in a thread of its own; Ctrl-C brings the fleet home.
 
-    Returns: what ended it early, if anything did.
+    Returns: the error that ended it early; None when there was none.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, script.interrupt)
@@ -193,29 +193,29 @@ async def _tell(script: DemoScript) -> GcsError | None:
 
 
 class History:
-    """What the service commanded, tick by tick."""
+    """Records what the service commanded in every tick."""
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
 
     async def follow(self, orchestrator: Orchestrator) -> None:
-        """Note every view until cancelled."""
+        """Record every view until cancelled."""
         async for view in orchestrator.view.values():
             center_m = view.center_m or (np.nan, np.nan, np.nan)
             radius_m = np.nan if view.radius_m is None else view.radius_m
             self._rows.append((view.time_s, *center_m, radius_m, *view.target_m))
 
     def commanded(self) -> report.Commanded:
-        """As arrays."""
+        """Return the records as arrays."""
         table = np.array(self._rows, dtype=np.float64)
         return report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
 
 
 @contextmanager
 def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, truth: Path) -> Iterator[None]:
-    """The fake autopilots, in a process of their own, ended with the block.
+    """Run the fake fleet in one process of its own, which ends with the block.
 
-    One process for all: eight of them want most of a core, which flights beside them miss.
+    One process serves all vehicles: eight processes would take most of a core from the flight.
     """
     frame, count = config.show_frame, arguments.vehicles
     common = [sys.executable, "-m", "gcs.sim", "--port-base", str(arguments.port_base)]
@@ -228,7 +228,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
     for name, value in settings_of(requirements(config.operation, config.control)).items():
         common += ["--param", f"{name}={value:g}"]
     common += ["--count", str(count), "--truth", str(truth)]
-    # a session of its own: Ctrl-C brings the fleet home instead of killing it in the air
+    # a session of its own: Ctrl-C must bring the fleet home, not kill the simulator in flight
     child = subprocess.Popen(common, stdout=subprocess.DEVNULL, start_new_session=True)  # noqa: S603
     try:
         yield
@@ -244,7 +244,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
 def _judge(
     truth_file: Path, commanded: report.Commanded, marks: Marks, config: configuration.Config
 ) -> dict[str, object]:
-    """The figures of the flight, from the true states."""
+    """Compute the figures of the flight from the true states."""
     truth = report.read_truth([truth_file], config.frame)
     smallest_m, violations = report.separation(truth, config.control.safety.floor)
     figures: dict[str, object] = {

@@ -1,4 +1,4 @@
-"""What a flight was like, judged by the vehicles' true states alone."""
+"""Figures of a demonstration flight, computed only from the vehicles' true states."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -16,15 +16,15 @@ from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, s
 
 SAMPLE_S = 0.02
 LARGE, LARGE_SAMPLE_S = 100, 0.05
-"""With more vehicles than that flights are looked at as often as the true states are written, not between."""
+"""With more than `LARGE` vehicles true states are sampled at the rate of the file, without interpolation."""
 
 PENETRATION_M = 1.0
-"""A drone this close to a box's walls, or above its top, counts as inside."""
+"""A vehicle this close to a box's walls, or above its top, counts as inside."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTruth:
-    """True states of n vehicles at k common times of the monotonic clock. Show frame."""
+    """True states of n vehicles at k common times of the monotonic clock, in the show frame."""
 
     time_s: Array  # (k,)
     position_m: Array  # (k, n, 3)
@@ -32,14 +32,14 @@ class GroundTruth:
     landed_at_end: Mask  # (n,) on the ground, disarmed
 
     def between(self, start_s: float, end_s: float) -> "GroundTruth":
-        """The part within a window."""
+        """Return the samples within a time window."""
         rows = (self.time_s >= start_s) & (self.time_s <= end_s)
         return GroundTruth(self.time_s[rows], self.position_m[rows], self.airborne[rows], self.landed_at_end)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Commanded:
-    """What the service commanded, tick by tick. Show frame."""
+    """What the service commanded at k ticks, in the show frame."""
 
     time_s: Array  # (k,)
     center_m: Array  # (k, 3), NaN while no formation flew
@@ -47,7 +47,7 @@ class Commanded:
     target_m: Array  # (k, 2)
 
     def at(self, time_s: Array) -> "Commanded":
-        """Interpolated at other times."""
+        """Interpolate at other times."""
 
         def values(array: Array) -> Array:
             columns = array.reshape(len(self.time_s), -1)
@@ -58,11 +58,11 @@ class Commanded:
 
 
 def read_truth(files: Sequence[Path], frame: ShowFrame) -> GroundTruth:
-    """Join truth files, each with the same vehicles from beginning to end.
+    """Join truth files; each has the same vehicles in all its lines.
 
     Args:
-        files: as `python -m gcs.sim --truth` writes them, their origin that of the show.
-        frame: to rotate into the show frame.
+        files: as `python -m gcs.sim --truth` writes them, with the origin of the show.
+        frame: the show frame of the result.
 
     Raises: GcsError when a file is empty.
     """
@@ -82,12 +82,12 @@ def read_truth(files: Sequence[Path], frame: ShowFrame) -> GroundTruth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trajectories:
-    """What one file says of its n vehicles, k times."""
+    """The n vehicles of one file at k times."""
 
     time_s: Array  # (k,)
     ned_m: Array  # (k, n, 3)
     flying: Mask  # (k, n)
-    down: Mask  # (n,) it ended on the ground with motors off
+    down: Mask  # (n,) on the ground with motors off at the end
 
 
 def _read_trajectories(path: Path) -> _Trajectories:
@@ -98,7 +98,7 @@ def _read_trajectories(path: Path) -> _Trajectories:
             try:
                 sample = json.loads(line)
             except json.JSONDecodeError:
-                continue  # the last line of a process that was killed while writing it
+                continue  # the last line may be incomplete when the process was killed
             times_s.append(sample["time_s"])
             rows.append(
                 [
@@ -115,7 +115,7 @@ def _read_trajectories(path: Path) -> _Trajectories:
 
 
 def separation(truth: GroundTruth, floor: Floor) -> tuple[float, int]:
-    """Smallest distance of the pairs that count, and how often a pair came inside the floor."""
+    """Return the smallest distance of the pairs that count, and how often a pair fell below the floor."""
     smallest_m, violations = np.inf, 0
     inside_before: set[tuple[int, int]] = set()
     for position_m, airborne in zip(truth.position_m, truth.airborne, strict=True):
@@ -130,10 +130,10 @@ def separation(truth: GroundTruth, floor: Floor) -> tuple[float, int]:
 
 
 def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
-    """The formation over a steady window, noise averaged out: mean place of each drone about the centre.
+    """Measure the formation over a steady window, from each vehicle's mean position about the centre.
 
-    Returns: energy and nearest distance over those of the best known configuration, and the mean radius
-        error of the worst drone in metres.
+    Returns: energy and nearest distance relative to those of the best known configuration, and the mean
+        radius error of the worst vehicle in metres.
     """
     desired = commanded.at(truth.time_s)
     offset_m = truth.position_m - desired.center_m[:, None, :]
@@ -157,7 +157,7 @@ def orbit_error_m(truth: GroundTruth, commanded: Commanded, orbit_radius_m: floa
 
 
 def penetrations(truth: GroundTruth, obstacle: Obstacle) -> int:
-    """How often a drone came inside the box grown by a metre on all sides."""
+    """Count how often a vehicle entered the box, grown by `PENETRATION_M` on all sides."""
     inside = (
         (np.abs(truth.position_m[:, :, 0] - obstacle.x_m) < obstacle.half_length_x_m + PENETRATION_M)
         & (np.abs(truth.position_m[:, :, 1] - obstacle.y_m) < obstacle.half_length_y_m + PENETRATION_M)
@@ -168,7 +168,7 @@ def penetrations(truth: GroundTruth, obstacle: Obstacle) -> int:
 
 
 def summary(figures: Mapping[str, object]) -> str:
-    """The figures as a table for people."""
+    """Format the figures as a table."""
     width = max(len(name) for name in figures)
     return "\n".join(f"  {name:<{width}}  {_plain(value)}" for name, value in figures.items())
 

@@ -1,4 +1,4 @@
-"""The demonstration: a flight flown through the REST API like anybody else's."""
+"""The demonstration flight, commanded through the REST API like any other flight."""
 
 import time
 from collections.abc import Callable
@@ -19,35 +19,35 @@ TARGET_VELOCITY_M_S = (0.8, -0.4)
 CONNECT_S = 60.0
 READY_S = 30.0
 SETTLE_S, TURN_S = 10.0, 20.0
-"""From assembled, and from past the obstacle, until shape and orbit count as steady."""
+"""Time after assembly, and after the obstacle was passed, until shape and orbit count as steady."""
 
 SHORT_SETTLE_S = 5.0
-"""From assembled in a short flight."""
+"""The same time after assembly in a short flight."""
 
 STEADY_S = 5.0
-"""The least that is flown in the shape."""
+"""Least time of flight in formation."""
 
 READY_FIRST_S, CLIMB_S = 6.0, 8.0
 RISE_M_S, SINK_M_S = 2.0, 1.4
-"""Of those who have farthest to go, on the way to the top of the sphere and down from there."""
+"""Vertical speeds of the vehicles with the longest way, up to the top of the sphere and down from it."""
 
 TOUCH_DOWN_S = 12.0
-"""From the end of a filtered descent until the motors stop, and for who had to let others pass."""
+"""Time from the end of a filtered descent until the motors stop, with a reserve for vehicles that waited."""
 
 AWAY_SPEED_M_S = 1.2
-"""Of the target after the obstacle; with the orbit's speed still below what the centre may fly."""
+"""Speed of the target after the obstacle; with the orbit's speed it stays below the centre's limit."""
 
 AHEAD_S = 13.0
-"""How far ahead on its path the formation meets the obstacle."""
+"""Time until the formation, on its path, meets the obstacle."""
 
 
 class StoppedEarlyError(GcsError):
-    """Somebody pressed Ctrl-C: the fleet is home, the story is not told to its end."""
+    """Ctrl-C ended the script early; the fleet is home."""
 
 
 @dataclass(slots=True)
 class Marks:
-    """When what happened, on the monotonic clock, for the report. None: it did not."""
+    """Times of events on the monotonic clock, for the report. None: did not happen."""
 
     before: tuple[float, float] | None = None  # steady formation before the obstacle
     after: tuple[float, float] | None = None
@@ -59,28 +59,28 @@ class Marks:
 
 
 def whole_s(vehicles: int, top_m: float) -> float:
-    """The shortest flight in which the whole story fits, on a sphere that reaches `top_m` high."""
+    """Shortest duration of the whole script, with a sphere whose top is at `top_m`."""
     return ceil((115.0 + 1.5 * vehicles + home_s(top_m)) / 10.0) * 10.0
 
 
 def home_s(top_m: float) -> float:
-    """Until all are down from a sphere that reaches `top_m` high."""
+    """Time until all have landed from a sphere whose top is at `top_m`."""
     return top_m / SINK_M_S + TOUCH_DOWN_S
 
 
 def shortest_s(vehicles: int, stagger_s: float, top_m: float) -> float:
-    """The shortest flight that can be told of: up, onto a sphere that reaches `top_m` high, and home."""
+    """Shortest duration of a flight to a sphere whose top is at `top_m`, and home."""
     up_s = READY_FIRST_S + stagger_s * vehicles + CLIMB_S + top_m / RISE_M_S
     return ceil((up_s + SHORT_SETTLE_S + STEADY_S + home_s(top_m)) / 10.0) * 10.0
 
 
 class DemoScript:
-    """Tells the story; every step is an API call."""
+    """Runs the demonstration; every step is an API call."""
 
     def __init__(
         self, client: Client, seconds: float, say: Callable[[str], None], *, landing_s: float, whole: bool
     ) -> None:
-        """`landing_s`: kept for the way home. Not whole: without moving target and obstacle."""
+        """`landing_s`: reserved for the return. Without `whole` no target moves and no obstacle appears."""
         self._landing_s, self._whole = landing_s, whole
         self._client = client
         self._say = say
@@ -89,11 +89,11 @@ class DemoScript:
         self._stopped = False
 
     def interrupt(self) -> None:
-        """Come home now (from any thread)."""
+        """Bring the fleet home now. Safe to call from any thread."""
         self._stopped = True
 
     def fly(self) -> None:
-        """The whole flight. Raises: CommandError when vehicles do not connect, start or land in time."""
+        """Fly the script. Raises: CommandError when vehicles do not connect, start or land in time."""
         try:
             self._take_off()
             if self._whole:
@@ -105,7 +105,7 @@ class DemoScript:
         finally:
             self._come_home()
 
-    # the chapters
+    # parts of the script
 
     def _take_off(self) -> None:
         self._until("every vehicle ready", CONNECT_S, lambda: all(v.ready for v in self._client.vehicles()))
@@ -135,7 +135,7 @@ class DemoScript:
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
     def _circle(self) -> None:
-        """What remains of the story in a short flight."""
+        """Fly the short version: only the orbit."""
         steady_s = time.monotonic()
         self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
         self._say(
@@ -178,7 +178,7 @@ class DemoScript:
         self.marks.target_to_m = (target.x_m or 0.0, target.y_m or 0.0)
 
     def _come_home(self) -> None:
-        self._stopped = False  # from here on it is what was asked for
+        self._stopped = False  # the return that Ctrl-C asked for begins here
         if self._phase() in {"idle", "landed"}:
             return
         try:
@@ -189,7 +189,7 @@ class DemoScript:
         self._until("landing", 180.0, lambda: self._phase() == "landed")
         self._say("landed")
 
-    # their parts
+    # helpers
 
     def _phase(self) -> str:
         return self._client.show().phase
@@ -216,7 +216,7 @@ class DemoScript:
             raise StoppedEarlyError("stopped by hand")
 
     def _ahead_m(self, seconds: float) -> tuple[float, float]:
-        """Where the formation's centre will be, by its own law."""
+        """Predict the position of the formation's centre with the orbit law."""
         fleet = self._client.fleet()
         if fleet.center is None:
             raise CommandError("no formation flies")
@@ -238,7 +238,7 @@ class DemoScript:
         return float(center_m[0]), float(center_m[1])
 
     def _turn_away(self, box: Obstacle) -> None:
-        """Send the target straight away from the box, so that nothing disturbs the rest of the orbit."""
+        """Move the target straight away from the box, so that nothing disturbs the rest of the orbit."""
         target = self._client.target()
         x_m, y_m = target.x_m or 0.0, target.y_m or 0.0
         away_m = np.array([x_m - box.x_m, y_m - box.y_m])
@@ -246,7 +246,7 @@ class DemoScript:
         self._client.set_target(x_m, y_m, velocity_x_m_s=vx_m_s, velocity_y_m_s=vy_m_s)
 
     def _clear_of(self, box: Obstacle) -> bool:
-        """Whether every vehicle has passed: none near, and the formation moves away."""
+        """Whether the formation has passed the box: all vehicles are beyond it, or more than 20 m away."""
         fleet = self._client.fleet()
         if fleet.center is None or fleet.center.velocity is None:
             return False

@@ -1,4 +1,4 @@
-"""An event loop that wakes when it should: asyncio's own rounds every wait up to whole milliseconds."""
+"""An event loop with exact wake-ups: asyncio's own rounds every wait up to whole milliseconds."""
 
 import asyncio
 import select
@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 def run(main: Coroutine[Any, Any, T]) -> T:
-    """As `asyncio.run`, on such a loop where the platform can have one."""
+    """As `asyncio.run`, on such a loop when the platform supports it."""
     with asyncio.Runner(loop_factory=_loop) as runner:
         return runner.run(main)
 
@@ -19,7 +19,7 @@ def run(main: Coroutine[Any, Any, T]) -> T:
 if sys.platform == "linux":
 
     class _ExactSelector(selectors.EpollSelector):
-        """epoll counts its timeout in milliseconds, select in microseconds: the one waits for the other."""
+        """Waits with `select`, whose timeout is in microseconds, for epoll, whose own is in milliseconds."""
 
         def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
             if timeout is not None and timeout > 0:

@@ -1,4 +1,4 @@
-"""`gcs sim`: the fake fleet by itself. `python -m gcs.sim` does the same, without `--json`."""
+"""`gcs sim`: runs only the fake fleet. `python -m gcs.sim` does the same, without `--json`."""
 
 import argparse
 import json
@@ -8,7 +8,7 @@ from gcs.sim import cli as sim
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly until interrupted. Returns: the exit code: 0, 1 for a taken port or file, 2 for bad arguments."""
+    """Run until interrupted. Returns: exit code 0, 1 for a port or file in use, 2 for bad arguments."""
     try:
         text = sim.greeting(arguments)
         if arguments.json:

@@ -1,4 +1,4 @@
-"""`gcs files`: documents, the Grafana dashboard and the systemd unit, wherever gcs is installed."""
+"""`gcs files`: documents, Grafana dashboard and systemd unit of the installed gcs."""
 
 import argparse
 import sys
@@ -18,11 +18,10 @@ NAMES = (
     "records.md",
     "stream.md",
 )
-"""Of the repository's folder `docs`; pyproject.toml takes the same into the wheel."""
+"""Files of the repository's folder `docs`; pyproject.toml puts the same files into the wheel."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs files list` and `gcs files show NAME`."""
     actions = parser.add_subparsers(dest="action", required=True)
     actions.add_parser("list", help="their names, and where they are")
     show = actions.add_parser("show", help="print one, as it is")
@@ -30,14 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def folder() -> Path:
-    """Where they lie: inside an installed wheel, or in `docs` of a checkout."""
+    """Folder of the files: inside an installed wheel, or `docs` of a checkout."""
     package = Path(str(resources.files("gcs")))
     packed = package / "_docs"
     return packed if packed.is_dir() else package.parent / "docs"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print. Returns: 0. Raises: ConfigError where there is no such file."""
+    """List the files or print one. Returns: 0. Raises: ConfigError when there is no such file."""
     if arguments.action == "list":
         if arguments.json:
             print_json([{"name": name, "path": str(folder() / name)} for name in NAMES])

@@ -1,4 +1,4 @@
-"""`gcs report`: a recorded flight judged, as JSON and as one page."""
+"""`gcs report`: the report on a recorded flight, as text, JSON or HTML."""
 
 import argparse
 import json
@@ -23,14 +23,14 @@ MEANING: Final = {
 }
 
 READ_SHARE: Final = 0.8
-"""Of the time that a report takes, for reading the files; a guess that the shipped demo's record fits."""
+"""Share of a report's time that is spent reading files, estimated from a record of the shipped demo."""
 
 FLIGHT = "flight*.mcap"
 TRUTH = "truth*.jsonl"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge. Returns: 0 kept, 1 broken, 3 incomplete: not all could be judged; 2 when the input is none."""
+    """Make the report. Returns: 0 limits kept, 1 broken, 3 incomplete (not all judged), 2 invalid input."""
     try:
         if arguments.html:
             require_matplotlib("--html")
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.report:
             _write(Path(arguments.report), text + "\n")
         if arguments.html:
-            from gcs.cli.flight_report_page import page  # noqa: PLC0415  (60 MB, for which a flight has no use)
+            from gcs.cli.flight_report_page import page  # noqa: PLC0415  (60 MB, only for HTML)
 
             _write(Path(arguments.html), page(flight_report, source))
     except GcsError as error:
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport, str]:
-    """The judgement, and which files it is of. Raises: GcsError."""
+    """Return the report and the files that it is of. Raises: GcsError."""
     flights, truths = _found([Path(name) for name in arguments.files])
     if len(flights) > 1:
         raise GcsError(f"{', '.join(map(str, flights))}: one flight at a time")
@@ -83,7 +83,7 @@ def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport,
 
 
 def _found(paths: list[Path]) -> tuple[list[Path], list[Path]]:
-    """Flight data and truth files. Raises: GcsError for what is neither."""
+    """Sort paths into flight data and truth files. Raises: GcsError for other files."""
     flights: list[Path] = []
     truths: list[Path] = []
     for path in paths:
@@ -111,7 +111,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def summary(flight_report: FlightReport, source: str) -> str:
-    """The judgement for a person."""
+    """Format the report as text."""
     trajectories = flight_report.trajectories
     lines = [f"{source}: {len(trajectories.ids)} vehicles, {flight_report.duration_s:.0f} s"]
     lines += [f"based on {trajectories.based_on}: {trajectories.uncertainty}"]

@@ -1,4 +1,4 @@
-"""The judgement of a flight on one page: HTML that needs nothing else, plots inside."""
+"""The flight report as one self-contained HTML page with its plots."""
 
 from datetime import UTC, datetime
 from html import escape
@@ -21,7 +21,7 @@ from gcs.recording.analysis.flight_report import (
 
 SHOWN_PATHS: Final = 80
 POINTS_MAX: Final = 1500
-"""Of a line: more than that nobody sees, and the page grows."""
+"""Most points of a line: more are not visible, and enlarge the page."""
 
 WORDS: Final = {
     "kept": "Kept: all was judged, nothing was broken",
@@ -41,7 +41,7 @@ svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #
 
 
 def page(flight_report: FlightReport, source: str) -> str:
-    """The whole page."""
+    """Make the page."""
     trajectories = flight_report.trajectories
     kind, word = flight_report.verdict, WORDS[flight_report.verdict]
     reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in flight_report.missing))
@@ -103,7 +103,7 @@ def _plots(flight_report: FlightReport) -> str:
 
 
 def figure(flight_report: FlightReport) -> Figure:
-    """Paths from above, least distance, heights and speeds."""
+    """Plot paths from above, least distance, heights and speeds."""
     drawn = Figure(figsize=(11.0, 7.4), layout="constrained")
     above, separation, height, speed = drawn.subplots(2, 2).ravel()
     _from_above(above, flight_report)
@@ -116,7 +116,7 @@ def figure(flight_report: FlightReport) -> Figure:
 
 
 def _shown(flight_report: FlightReport) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and vehicles that are drawn."""
+    """Choose the samples and vehicles to draw."""
     k, n = flight_report.trajectories.airborne.shape
     samples = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
     return samples, np.unique(np.linspace(0, n - 1, min(n, SHOWN_PATHS)).astype(int))
@@ -149,7 +149,7 @@ def _separation(axes: Axes, flight_report: FlightReport) -> None:
     floor, least_m = flight_report.standard.safety.floor, flight_report.least_m
     k = len(least_m)
     starts = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
-    lowest_m = np.minimum.reduceat(least_m, starts)  # of all samples, not of those drawn
+    lowest_m = np.minimum.reduceat(least_m, starts)  # over all samples, including those not drawn
     axes.plot(
         _time_s(flight_report)[starts], np.where(np.isfinite(lowest_m), lowest_m, np.nan), linewidth=0.9
     )

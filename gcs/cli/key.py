@@ -1,4 +1,4 @@
-"""`gcs key`: keys for MAVLink signatures."""
+"""`gcs key`: creates keys for MAVLink signing."""
 
 import argparse
 from pathlib import Path
@@ -8,7 +8,6 @@ from gcs.links.signing_keys import create_key
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What can be done with keys."""
     commands = parser.add_subparsers(dest="key_command", required=True)
     create = commands.add_parser("create", help="write a new key to a file")
     create.add_argument("file", metavar="FILE", help="must not exist; readable for you alone")

@@ -1,4 +1,4 @@
-"""`gcs kill`: motors off, in two steps; through the service where it answers, else without it."""
+"""`gcs kill`: stops motors, in two steps; through the service if it answers, else without it."""
 
 import argparse
 import os
@@ -12,13 +12,12 @@ from gcs.model.errors import GcsError, InvalidError, LinkError
 
 RECORD: Final = "runs"
 ANSWER_S: Final = 2.0
-"""A service that does not answer so soon is not waited for."""
+"""Longest wait for the service; then the kill goes on without it."""
 
 WAIT_S: Final = 6.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs kill`."""
     parser.add_argument("vehicles", metavar="VEHICLE", nargs="*")
     parser.add_argument("--all", action="store_true", help="everybody, in place of names")
     parser.add_argument("--confirm", metavar="CODE", help="the second step, where nobody can be asked")
@@ -31,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Kill. Returns: 0 when all motors are off, 1 when not, or when nothing was confirmed.
+    """Kill vehicles. Returns: 0 when all motors are off, 1 when not, or when the kill was not confirmed.
 
     Raises: GcsError when nothing was sent.
     """
@@ -58,14 +57,14 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
     command = client.confirm_kill(code)
     try:
         command = client.wait_for(command.id, WAIT_S)
-    except GcsError as error:  # it was given: how far it got is told below
+    except GcsError as error:  # the command was accepted: its outcomes are printed below
         note(str(error), as_json=arguments.json)
         command = client.command_record(command.id)
     return describe({name: (part.outcome, part.reason) for name, part in command.vehicles.items()}, arguments)
 
 
 def _without_service(arguments: argparse.Namespace) -> int:
-    """By the record: what that takes is loaded only now, and it may take a second."""
+    """Kill with the addresses in the record. Its imports load only now, because they may take a second."""
     from gcs.cli import kill_direct as kill_directly  # noqa: PLC0415 (numpy, pydantic and the links)
 
     return kill_directly.run(arguments)

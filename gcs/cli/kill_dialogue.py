@@ -1,4 +1,4 @@
-"""The confirmation of `gcs kill` and its answer, with the service and without it."""
+"""The confirmation of `gcs kill` and its result, with the service and without it."""
 
 import argparse
 import sys
@@ -8,11 +8,11 @@ from typing import Final
 from gcs.cli.output import REFUSED, fail, note, print_json
 
 DONE: Final = "done"
-"""Of `gcs.service.Outcome`, which would load numpy."""
+"""A value of `gcs.service.Outcome`, whose import would load numpy."""
 
 
 def asked(names: Sequence[str], code: str, valid_s: float, arguments: argparse.Namespace) -> bool:
-    """The second step on a terminal: whoever kills types whom. Elsewhere it is told how to go on."""
+    """Ask for the second step on a terminal: the operator types the code. Otherwise print how to confirm."""
     note(
         f"this stops the motors of {', '.join(names)}, now, even in the air: they fall",
         as_json=arguments.json,
@@ -39,7 +39,7 @@ def asked(names: Sequence[str], code: str, valid_s: float, arguments: argparse.N
 
 
 def describe(outcomes: Mapping[str, tuple[str, str]], arguments: argparse.Namespace) -> int:
-    """Print outcome and reason of each vehicle. Returns: the exit code."""
+    """Print outcome and reason for each vehicle. Returns: the exit code."""
     if arguments.json:
         parts = {name: {"outcome": outcome, "reason": reason} for name, (outcome, reason) in outcomes.items()}
         print_json({"action": "kill", "vehicles": parts})

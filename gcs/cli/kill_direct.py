@@ -1,4 +1,4 @@
-"""`gcs kill` without the service: vehicles, addresses and configuration are in its record."""
+"""`gcs kill` without the service: the service's record has vehicles, addresses and configuration."""
 
 import argparse
 import getpass
@@ -21,11 +21,11 @@ from gcs.recording.offline_audit import OfflineAudit
 from gcs.service import Outcome
 
 CODE_S: Final = 30.0
-"""A code is good for this long at least, and for twice as long at most."""
+"""A code is valid for at least this long, and at most twice as long."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Kill. Returns: the exit code. Raises: GcsError when nothing was sent."""
+    """Kill vehicles. Returns: the exit code. Raises: GcsError when nothing was sent."""
     known = last_known(Path(arguments.record))
     config, chosen = _config(known, arguments.record), _chosen(known, arguments)
     names = [vehicle.id for vehicle in chosen]
@@ -75,7 +75,7 @@ def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicl
 
 
 def _code(known: LastKnown, chosen: Sequence[KnownVehicle], unix_s: float) -> str:
-    """A hash of the vehicles and the time, so that nothing is stored between the two steps."""
+    """Make the code, a hash of vehicles and time, so that nothing is stored between the two steps."""
     session = "" if known.session is None else known.session.id
     stated = [session, str(int(unix_s / CODE_S)), *sorted(one.id for one in chosen)]
     return hashlib.sha256("\0".join(stated).encode()).hexdigest()[:6]

@@ -1,7 +1,7 @@
-"""A kill without the service: who is where stands in its record, and the commands leave from here.
+"""A kill without the service: its record has the addresses, and this process sends the commands.
 
-The same ports are bound where they are free, so that what routers and NATs let through goes on to pass. A
-service that hangs may still hold them: then the commands leave from any port.
+It binds the service's ports if they are free, so that routers and NATs keep passing the traffic. A service
+that hangs may still hold them; then the commands are sent from any port.
 """
 
 import time
@@ -25,7 +25,7 @@ from gcs.recording.last_known import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome
 
 WITHIN_S: Final = 5.0
-"""Heartbeats come once a second; a TCP connection, or a radio that is plugged in, may take a few."""
+"""Time limit: heartbeats come once a second, and opening a TCP connection or a radio may take a few."""
 
 REPEAT_S: Final = 0.1
 LOOK_S: Final = 0.01
@@ -35,19 +35,19 @@ _ARM_DISARM: Final = 400
 
 @dataclass(slots=True)
 class _Target:
-    """One vehicle that is to be killed, and what it has said."""
+    """One vehicle to be killed, and its replies."""
 
     vehicle: KnownVehicle
     sent: int = 0
     received_at: Address | None = None
     acknowledged: int | None = None  # the newest MAV_RESULT
-    armed: bool | None = None  # as a heartbeat says that came after the first command
-    failure: str = ""  # why the last command could not leave
+    armed: bool | None = None  # from heartbeats after the first command
+    failure: str = ""  # why the last command could not be sent
 
 
 @dataclass(slots=True)
 class _Line:
-    """One link's ways, and the vehicles on it."""
+    """The endpoints of one link, and its vehicles."""
 
     settings: LinkSettings
     endpoints: list[Endpoint]
@@ -59,7 +59,7 @@ class _Line:
     selector: DefaultSelector = field(default_factory=DefaultSelector)
 
     def open(self) -> None:
-        """Take the ports that are free; others where those are not."""
+        """Open the configured ports; for a UDP port in use, any free one."""
         now_s = time.monotonic()
         for index, endpoint in enumerate(self.endpoints):
             try:
@@ -73,11 +73,10 @@ class _Line:
         if self.signing is not None:
             try:
                 self.signing.open()
-            except LinkError as error:  # signed all the same, from the time that it is now
+            except LinkError as error:  # frames are still signed, with timestamps from the present time
                 self.problem = str(error)
 
     def close(self) -> None:
-        """Give back everything."""
         for endpoint in self.endpoints:
             endpoint.close()
         self.selector.close()
@@ -85,7 +84,7 @@ class _Line:
             self.signing.close()
 
     def send(self) -> None:
-        """One command to everybody who is not known to be disarmed."""
+        """Send one command to every vehicle that is not known to be disarmed."""
         for system_id, target in self.targets.items():
             if target.armed is False:
                 continue
@@ -108,7 +107,7 @@ class _Line:
                     target.sent += 1
 
     def _addresses(self, target: _Target) -> list[Address]:
-        """Where it speaks from, and until it does where it spoke from last, and whatever may lead there."""
+        """Return the vehicle's address; before it is received, all standing and recorded addresses."""
         if target.received_at is not None:
             return [target.received_at]
         standing = [address for endpoint in self.endpoints for address in endpoint.standing]
@@ -123,7 +122,7 @@ class _Line:
         return [*standing, Address(known.host, known.port, ports[row])]
 
     def hear(self) -> None:
-        """Take in what has come."""
+        """Process the received frames."""
         now_s = time.monotonic()
         for endpoint in self.endpoints:
             endpoint.tend(now_s)
@@ -144,7 +143,7 @@ class _Line:
 
     @property
     def done(self) -> bool:
-        """Whether everybody says that its motors are off."""
+        """Whether every vehicle reports that its motors are off."""
         return all(target.armed is False for target in self.targets.values())
 
 
@@ -160,12 +159,12 @@ def _note(target: _Target, frame: Frame) -> None:
 def direct_kill(
     config: Config, vehicles: Sequence[KnownVehicle], *, within_s: float = WITHIN_S
 ) -> Mapping[VehicleId, VehicleOutcome]:
-    """Send the command to all of them again and again, until each says that its motors are off.
+    """Repeat the command to all vehicles until each reports that its motors are off.
 
     Args:
-        config: of the session that knew them last.
-        vehicles: whom, as the record knows them.
-        within_s: then it ends, whatever was heard.
+        config: configuration of the session that controlled them last.
+        vehicles: the vehicles, as in the record.
+        within_s: time limit, whatever was received.
 
     Raises: ConfigError when a signing key cannot be read, before anything is sent.
     """

@@ -1,4 +1,4 @@
-"""Structured logs: one line of JSON per change of state, on standard error."""
+"""Structured logs: one JSON line per change of state, on standard error."""
 
 import logging
 import sys
@@ -10,7 +10,7 @@ FIELDS: Final = {"levelname": "level", "name": "logger", "message": "event", "ex
 
 
 class JsonLines(JsonFormatter):
-    """Time, level, logger, event, and whatever the caller added."""
+    """Formats time, level, logger, event, and the caller's extra fields."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -18,7 +18,7 @@ class JsonLines(JsonFormatter):
         )
 
     def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
-        """Time first, in milliseconds; levels in small letters."""
+        """Put the time first, in milliseconds; levels are in lower case."""
         time = log_data.pop("time").isoformat(timespec="milliseconds")
         return {"time": time, **log_data, "level": log_data["level"].lower()}
 
@@ -27,7 +27,7 @@ OURS = ("gcs",)
 
 
 def set_up(level: int) -> None:
-    """Log our own packages from `level`, everybody else's warnings. A record may hear more."""
+    """Log this project's packages from `level`, and others' warnings. A record may receive lower levels."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines())
     handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] not in OURS)

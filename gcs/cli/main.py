@@ -1,6 +1,6 @@
-"""`gcs`: finds the command that is meant, makes its parser alone, and runs it.
+"""`gcs`: finds the given command, makes only its parser, and runs it.
 
-What a command needs is loaded when it runs; for the rest `gcs.cli.commands` has the texts.
+A command's modules are imported when it runs; `gcs.cli.commands` has the texts of all commands.
 """
 
 import argparse
@@ -21,14 +21,14 @@ HELP: Final = frozenset({"--help", "-h"})
 
 
 def load(where: str) -> Callable[..., Any]:
-    """A function by its `module:name`."""
+    """Import a function by its `module:name`."""
     module, _, name = where.partition(":")
     found: Callable[..., Any] = getattr(import_module(module), name)
     return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point. Returns: the exit code; 2 for bad arguments or configuration.
+    """Run the command line. Returns: the exit code; 2 for bad arguments or configuration.
 
     Raises: SystemExit for bad arguments and for help, as argparse does.
     """
@@ -53,14 +53,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def version() -> str:
-    """Of what is installed."""
-    from importlib.metadata import version as installed  # noqa: PLC0415 (a fifth of all that a command loads)
+    """Version of the installed package."""
+    from importlib.metadata import version as installed  # noqa: PLC0415 (a fifth of a command's import time)
 
     return f"gcs {installed('formation-gcs')}"
 
 
 def overview() -> str:
-    """What `gcs --help` prints."""
+    """Text of `gcs --help`."""
     return "\n".join(
         [
             "usage: gcs COMMAND ...",
@@ -75,7 +75,7 @@ def overview() -> str:
 
 
 def find_parser(given: Sequence[str]) -> tuple[Parser, Sequence[str]]:
-    """The parser of the command that is meant, and what is left for it. Ends the process where none is."""
+    """Return the parser of the given command and its arguments. Ends the process for an unknown command."""
     word, rest = given[0], given[1:]
     if word not in GROUPS:
         if word not in names():
@@ -97,14 +97,14 @@ def find_parser(given: Sequence[str]) -> tuple[Parser, Sequence[str]]:
 
 
 def make_parser(name: str, **options: Any) -> Parser:
-    """The parser of one command, by its whole name; `options` are argparse's."""
+    """Make the parser of one command by its full name; `options` go to argparse."""
     parser = Parser(prog=f"gcs {name}", allow_abbrev=False, **options)
     fill(parser, name)
     return parser
 
 
 def fill(parser: Parser, name: str) -> None:
-    """Give a parser the arguments of one command, `--json` among them, and say what runs it."""
+    """Add the arguments of one command to a parser, `--json` included, and set the function that runs it."""
     command = COMMANDS.get(name)
     if command is None:
         load("gcs.cli.remote:add_arguments")(parser, name)
@@ -118,12 +118,12 @@ def fill(parser: Parser, name: str) -> None:
 
 
 def _run(where: str, parsed: argparse.Namespace) -> int:
-    """What a command needs is loaded here, and no sooner."""
+    """Import the command's function and run it."""
     return int(load(where)(parsed))
 
 
 def whole_parser() -> Parser:
-    """One parser with every command, for completion and tests. It imports every module."""
+    """Make one parser with every command, for completion and tests. It imports every module."""
     parser = Parser(prog="gcs", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=version())
     commands = parser.add_subparsers(dest="command", required=True)

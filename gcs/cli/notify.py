@@ -1,4 +1,4 @@
-"""Tells whoever started us that we are ready, and that control lives: systemd's sd_notify protocol."""
+"""Reports readiness and a live control loop to the supervisor, with systemd's sd_notify protocol."""
 
 import logging
 import os
@@ -10,42 +10,42 @@ from typing import Final
 log = logging.getLogger(__name__)
 
 BEATS: Final = 4.0
-"""Within the time after which we count as hanging."""
+"""Watchdog messages in one watchdog period."""
 
 
 class Notifier:
-    """One datagram for each thing said; never blocks, never raises. Silent where nobody asked for it."""
+    """Sends one datagram per message; it never blocks or raises. Without an address it sends nothing."""
 
     def __init__(
         self, address: str = "", watchdog_s: float = 0.0, clock_s: Callable[[], float] = time.monotonic
     ) -> None:
-        """`address` is a path, or an abstract name that begins with @; empty: nobody listens."""
+        """`address` is a path, or an abstract name that begins with @; empty: no supervisor."""
         self._address = f"\0{address[1:]}" if address.startswith("@") else address
         self._period_s = watchdog_s / BEATS
         self._clock_s = clock_s
         self._due_s = 0.0
         self._socket: socket.socket | None = None
-        self.problem = ""  # why nobody watches any more, for people
+        self.problem = ""  # why no supervisor receives messages any more, as text
         if address:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
 
     def ready(self) -> None:
-        """The API answers, and control runs."""
+        """Report that the API answers and control runs."""
         self._say("READY=1")
 
     def stopping(self) -> None:
-        """We were asked to end, and bring everybody home first."""
+        """Report that the service was asked to stop, and brings the fleet home first."""
         self._say("STOPPING=1")
 
     def beat(self) -> None:
-        """A tick came in time. Said now and then only."""
+        """Report a tick in time; sent only `BEATS` times per watchdog period."""
         if self._period_s and self._clock_s() >= self._due_s:
             self._due_s = self._clock_s() + self._period_s
             self._say("WATCHDOG=1")
 
     def close(self) -> None:
-        """Say nothing more."""
+        """Send no more messages."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -55,7 +55,7 @@ class Notifier:
             return
         try:
             self._socket.sendto(text.encode(), self._address)
-        except BlockingIOError:  # it is behind with reading: the next one will do
+        except BlockingIOError:  # the supervisor reads late; the next message suffices
             return
         except OSError as error:
             self._note("nothing starts this service again", str(error))
@@ -69,7 +69,7 @@ class Notifier:
 
 
 def from_environment(environment: MutableMapping[str, str] = os.environ) -> Notifier:
-    """As whoever started us asks for it; our own children are not asked."""
+    """Make the notifier of the environment, and remove its variables, so that child processes ignore them."""
     address = environment.pop("NOTIFY_SOCKET", "")
     interval_us = environment.pop("WATCHDOG_USEC", "0")
     pid = environment.pop("WATCHDOG_PID", str(os.getpid()))

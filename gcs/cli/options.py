@@ -1,4 +1,4 @@
-"""Arguments of the commands with slow imports: their parsers are made without those imports."""
+"""Arguments of commands with slow imports, so that their parsers need no such import."""
 
 import argparse
 from typing import Final
@@ -19,14 +19,13 @@ ROWS: Final = (
         "landing",
     ),
 )
-"""Of docs/flight-quality.md; as `gcs.simulation.scenario.ROWS`."""
+"""Rows of docs/flight-quality.md, as in `gcs.simulation.scenario.ROWS`."""
 
 RECEIVED_S: Final = 8.0
-"""Time for the vehicles' first messages."""
+"""Default time to wait for the vehicles' first messages."""
 
 
 def demo(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs demo`."""
     parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50, direct: to 1000; 8")
     parser.add_argument(
         "--transport",
@@ -44,7 +43,6 @@ def demo(parser: argparse.ArgumentParser) -> None:
 
 
 def serve(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs serve`."""
     parser.add_argument(
         "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
     )
@@ -57,7 +55,6 @@ def serve(parser: argparse.ArgumentParser) -> None:
 
 
 def show(parser: argparse.ArgumentParser) -> None:
-    """`gcs show check`, `gcs show plot`, `gcs show hash`."""
     actions = parser.add_subparsers(dest="action", required=True)
     check = actions.add_parser("check", help="fly it in virtual time; say what is wrong, by line and cue")
     _show(check)
@@ -76,7 +73,6 @@ def show(parser: argparse.ArgumentParser) -> None:
 
 
 def params(parser: argparse.ArgumentParser) -> None:
-    """`gcs params check` and `gcs params apply`."""
     actions = parser.add_subparsers(dest="action", required=True)
     for name, text in (
         ("check", "say which parameters make it unsafe to lose this ground station"),
@@ -89,7 +85,6 @@ def params(parser: argparse.ArgumentParser) -> None:
 
 
 def simulate(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs simulate`."""
     parser.add_argument(
         "scenario", nargs="*", metavar="SCENARIO", help="a YAML file, or the name of a shipped one"
     )
@@ -106,7 +101,6 @@ def simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def replay(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs replay`."""
     parser.add_argument("file", metavar="FILE", help="flight.mcap, or a folder that holds it")
     parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times as fast as flown; 1")
     parser.add_argument("--host", default="127.0.0.1", help="where the API listens; 127.0.0.1")
@@ -114,7 +108,6 @@ def replay(parser: argparse.ArgumentParser) -> None:
 
 
 def report(parser: argparse.ArgumentParser) -> None:
-    """Options of `gcs report`."""
     parser.epilog = "exit code: 0 kept, 1 broken, 3 incomplete (not all could be judged), 2 no record"
     parser.add_argument(
         "files",

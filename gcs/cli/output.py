@@ -1,10 +1,10 @@
-"""What commands print: text for people; with `--json` one document, or one object a line, and errors too.
+"""Output of commands: text, or with `--json` one document or one object per line, for errors as well.
 
 An error is one line on standard error, in one shape (docs/operations.md, "JSON and exit codes"):
 
     {"error": {"exit_code": 2, "detail": "...", "problems": [...], "notes": [...]}}
 
-Nothing heavy is imported here: every command loads this.
+This module has no slow imports, because every command loads it.
 """
 
 import argparse
@@ -40,7 +40,7 @@ EXIT_CODES: Final[dict[type[GcsError], int]] = {
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are JSON where `--json` was given, and that knows the commands inside it."""
+    """A parser that prints errors as JSON if `--json` was given, and that knows its subcommands."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
@@ -48,27 +48,27 @@ class Parser(argparse.ArgumentParser):
         self._is_json = False
 
     def add_subparsers(self, **options: Any) -> Any:
-        """As argparse does, and remember them."""
+        """As in argparse, and remember the subparsers."""
         added = super().add_subparsers(**options)
         self._inside = added.choices
         return added
 
     def leaves(self) -> "Iterator[Parser]":
-        """The parsers that take no further command: this one, or those inside it."""
+        """Yield the parsers without subcommands: this one, or those inside it."""
         if not self._inside:
             yield self
         for each in self._inside.values():
             yield from each.leaves()
 
-    def parse_known_args(  # type: ignore[override] # argparse's two overloads say the same of one namespace
+    def parse_known_args(  # type: ignore[override] # argparse's two overloads are equal for one namespace
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """As argparse does; whether an error is JSON is known before any other argument is read."""
+        """As in argparse; looks for `--json` before any other argument is read."""
         self._is_json = is_json(sys.argv[1:] if args is None else args)
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong with the arguments, and end the process."""
+        """Print what is wrong with the arguments, and end the process."""
         if self._is_json:
             fail(message, WRONG, as_json=True)
             raise SystemExit(WRONG)
@@ -81,12 +81,12 @@ def is_json(given: Sequence[str]) -> bool:
 
 
 def print_json(value: Any, *, indent: int | None = 2) -> None:
-    """Print one document. Numbers that JSON does not have are `null`."""
+    """Print one document. NaN and infinities become `null`."""
     print(_dumped(value, indent), flush=indent is None)
 
 
 def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = None) -> int:
-    """Say what is wrong. Returns: the exit code, `code` or that of the kind of error."""
+    """Print an error. Returns: the exit code: `code`, or that of the error's class."""
     code = exit_code(error) if code is None else code
     notes = tuple(getattr(error, "__notes__", ()))
     fail(str(error), code, as_json=arguments.json, problems=_problems(error), notes=notes)
@@ -94,7 +94,7 @@ def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = No
 
 
 def exit_code(error: GcsError) -> int:
-    """Of its kind."""
+    """Exit code of an error's class."""
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), REFUSED)
 
 
@@ -116,16 +116,16 @@ def fail(
 
 
 def note(text: str, *, as_json: bool) -> None:
-    """Say something beside what is printed, on standard error."""
+    """Print a note on standard error."""
     print(_dumped({"note": text}, None) if as_json else f"gcs: {text}", file=sys.stderr, flush=True)
 
 
 Say = Callable[..., None]
-"""Prints what a command that goes on has to say: `say(event, text, **facts)`."""
+"""Prints an event of a long-running command: `say(event, text, **facts)`."""
 
 
 def lines(arguments: argparse.Namespace) -> Say:
-    """What prints lines of text or, with `--json`, an object each: the event, its text and its facts."""
+    """Return a function that prints text lines or, with `--json`, objects of event, text and facts."""
 
     def say(event: str, text: str, **facts: object) -> None:
         line = _dumped({"event": event, "text": text, **facts}, None) if arguments.json else text
@@ -135,7 +135,7 @@ def lines(arguments: argparse.Namespace) -> Say:
 
 
 def _problems(error: GcsError) -> list[dict[str, object]]:
-    """One by one what is wrong, where that is known: lines of a file, or a field as the API names it."""
+    """List the single problems of an error, if known: lines of a file, or a field as the API names it."""
     if isinstance(error, FileError):
         cues = isinstance(error, ShowError)
         return [
@@ -157,7 +157,7 @@ def _dumped(value: Any, indent: int | None) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """The same without NaN and infinities."""
+    """Replace NaN and infinities by None."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""`gcs params`: what the vehicles' parameters are, what they should be, and to make them so."""
+"""`gcs params`: compares the vehicles' parameters with the required values, and sets them."""
 
 import argparse
 import asyncio
@@ -20,10 +20,8 @@ from gcs.model.errors import CommandError, ConfigError, LinkError
 from gcs.model.state import Mode, Setpoints, VehicleId
 from gcs.preflight.parameters import Requirement, requirements
 
-"""How long it waits for vehicles to speak up: heartbeats come once a second."""
-
 REACHED_S = 3.0
-"""And, once heard, for the link to be able to ask them."""
+"""Time for the link to become able to read parameters, once the vehicle was received."""
 
 POLL_S = 0.1
 
@@ -34,18 +32,18 @@ class Row:
 
     vehicle: VehicleId
     parameter: str
-    value: ParameterValue | None  # None: could not be read
+    value: ParameterValue | None  # None: not readable
     desired: str
     verdict: str  # "ok", "set", or what is wrong
 
     @property
     def good(self) -> bool:
-        """Whether nothing is left to do."""
+        """Whether the parameter needs no change any more."""
         return self.verdict in {"ok", "set"}
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check, or apply. Returns: 0 when everything is as it should be, 1 otherwise."""
+    """Check or apply. Returns: 0 when all parameters have their required values, 1 otherwise."""
     logs.set_up(logging.ERROR)
     config = load_here(arguments.config)
     chosen = _chosen(config, arguments.vehicles)
@@ -79,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _chosen(config: Config, text: str | None) -> tuple[VehicleId, ...]:
-    """Raises: ConfigError naming who does not exist."""
+    """Parse the names of vehicles. Raises: ConfigError that names unknown ones."""
     if text is None:
         return config.ids
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
@@ -92,7 +90,7 @@ def _chosen(config: Config, text: str | None) -> tuple[VehicleId, ...]:
 async def _with_links(
     config: Config, chosen: Sequence[VehicleId], wait_s: float, *, named: bool, apply: bool
 ) -> list[Row]:
-    """Open the links, and do it for everybody at once. Raises: LinkError in a group, of ports taken."""
+    """Open the links, and inspect all vehicles at once. Raises: LinkErrors in a group, for ports in use."""
     links = [make_link(settings, config) for settings in config.links]
     async with _running(links):
         return await inspect(links, config, chosen, wait_s, named=named, apply=apply)
@@ -109,7 +107,7 @@ async def _running(links: Sequence[Link]) -> AsyncIterator[None]:
 
 
 async def _keep_alive(links: Sequence[Link]) -> None:
-    """Ask for nothing, again and again: without that our heartbeats end, and `udpout` speaks to nobody."""
+    """Send empty setpoints repeatedly: without them the links stop heartbeats, and `udpout` sends nothing."""
     nothing = np.zeros((0, 3)), np.zeros(0)
     while True:
         for link in links:
@@ -126,7 +124,7 @@ async def inspect(
     named: bool,
     apply: bool,
 ) -> list[Row]:
-    """Every row of everybody in `chosen`; of those not heard only if they were `named` by the operator."""
+    """Return the rows of all `chosen` vehicles; without telemetry only if the operator `named` them."""
     link_of = {name: link for link in links for name in link.ids}
     received = await _received(link_of, chosen, wait_s)
     needed = requirements(config.operation, config.control)
@@ -141,7 +139,7 @@ async def inspect(
 async def _received(
     link_of: Mapping[VehicleId, Link], chosen: Sequence[VehicleId], wait_s: float
 ) -> set[VehicleId]:
-    """Who of `chosen` has spoken, as soon as all have, or when time is up."""
+    """Return the `chosen` vehicles that were received, as soon as all were, or after `wait_s`."""
     loop = asyncio.get_running_loop()
     until_s = loop.time() + wait_s
     while True:
@@ -157,7 +155,7 @@ async def _received(
 
 
 async def _one(link: Link, name: VehicleId, needed: Sequence[Requirement], *, apply: bool) -> list[Row]:
-    """One vehicle, parameter by parameter."""
+    """Inspect one vehicle, parameter by parameter."""
     return [await _row(link, name, requirement, apply=apply) for requirement in needed]
 
 
@@ -189,7 +187,7 @@ async def _read(link: Link, vehicle_id: VehicleId, name: str) -> ParameterValue:
 
 
 async def _reached(ask: Callable[[], Awaitable[ParameterValue]]) -> ParameterValue:
-    """The answer; asked again for a while when the link has heard, but not yet met the vehicle."""
+    """Return the answer; retry for `REACHED_S` while the link receives the vehicle but cannot ask it yet."""
     loop = asyncio.get_running_loop()
     until_s = loop.time() + REACHED_S
     while True:
@@ -202,7 +200,7 @@ async def _reached(ask: Callable[[], Awaitable[ParameterValue]]) -> ParameterVal
 
 
 def table(rows: Sequence[Row]) -> str:
-    """For people: aligned columns, everything that is not well at the end of its line."""
+    """Format rows as aligned columns, with problems at the end of the line."""
     if not rows:
         return "no vehicle was heard"
     cells = [("vehicle", "parameter", "value", "desired", "verdict")]

@@ -1,4 +1,4 @@
-"""The extra `plots`: commands that draw need matplotlib, which a headless installation does not have."""
+"""The extra `plots`: commands that draw need matplotlib, which a minimal installation does not have."""
 
 from importlib.util import find_spec
 

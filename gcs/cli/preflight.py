@@ -1,4 +1,4 @@
-"""`gcs preflight`: what a start would find, as tables. Exit code 1 when anything speaks against it."""
+"""`gcs preflight`: the checks before a start, as tables. Exit code 1 when a check fails."""
 
 from __future__ import annotations
 
@@ -21,14 +21,13 @@ STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bol
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs preflight`."""
     parser.add_argument("vehicles", nargs="*", metavar="VEHICLE", help="who is to fly (all that are online)")
     parser.add_argument("--all", action="store_true", help="list the checks that pass, too")
     add_connection(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Returns: the exit code. Raises: GcsError."""
+    """Print the report. Returns: the exit code. Raises: GcsError."""
     with connected(arguments) as client:
         report = client.preflight.report(arguments.vehicles or None)
     if arguments.json:
@@ -39,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def board(report: preflight_schemas.Preflight, *, everything: bool) -> RenderableType:
-    """Checks that fail first of all, and what was not looked at; nobody who stays behind is left out."""
+    """Format the report: failed checks first, what was not checked, and every vehicle that does not fly."""
     table = Table(expand=True)
     for name in ("whose", "check", "state", "measured", "limit", "what is wrong, and what to do"):
         table.add_column(name)

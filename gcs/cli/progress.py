@@ -1,6 +1,6 @@
-"""Progress of long work: on a terminal's standard error alone, and gone when the work is done.
+"""Progress of long work: only on a terminal's standard error, and removed when the work is done.
 
-What is printed on standard output stays as it is; in a pipe, in a log and with `--json` nothing is written.
+Standard output is not affected; in a pipe, in a log and with `--json` nothing is written.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,23 +19,23 @@ from rich.progress import (
 )
 
 Report = Callable[[float], None]
-"""Is called with the share of the work that is done, from 0 to 1."""
+"""Called with the finished share of the work, from 0 to 1."""
 
 
 @contextmanager
 def working(
     text: str, total: int | None = None, console: Console | None = None, *, shown: bool = True
 ) -> Iterator[Callable[[], None]]:
-    """Show what is going on, for how long, and with a `total` how much of it is done.
+    """Show the current work, its duration, and with a `total` how much of it is done.
 
     Args:
-        text: what is being done.
-        total: how many parts it has; None: not known beforehand.
-        console: where to; None: standard error.
-        shown: False where nothing is to be shown, as with `--json`.
+        text: description of the work.
+        total: number of parts; None: not known beforehand.
+        console: output; None: standard error.
+        shown: False to show nothing, as with `--json`.
 
     Yields:
-        What is to be called when a part is done.
+        A function to call when a part is done.
     """
     counted = () if total is None or total < 2 else (BarColumn(), MofNCompleteColumn(), TaskProgressColumn())
     with _bar((SpinnerColumn(), *_text(), *counted, TimeElapsedColumn()), console, shown=shown) as progress:
@@ -45,15 +45,15 @@ def working(
 
 @contextmanager
 def share_of(text: str, console: Console | None = None, *, shown: bool = True) -> Iterator[Report]:
-    """Show which share of one long piece of work is done, in per cent.
+    """Show the finished share of one long piece of work, in per cent.
 
     Args:
-        text: what is being done.
-        console: where to; None: standard error.
-        shown: False where nothing is to be shown, as with `--json`.
+        text: description of the work.
+        console: output; None: standard error.
+        shown: False to show nothing, as with `--json`.
 
     Yields:
-        What is to be called with the share that is done. It never goes back.
+        A function to call with the finished share. The display never goes back.
     """
     columns = (*_text(), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with _bar(columns, console, shown=shown) as progress:
@@ -69,7 +69,7 @@ def share_of(text: str, console: Console | None = None, *, shown: bool = True) -
 
 
 def part_of(report: Report, first: float, last: float) -> Report:
-    """A report of one part of the work: from the share `first` of the whole to the share `last`."""
+    """Map the progress of one part of the work to the shares `first` to `last` of the whole."""
     return lambda share: report(first + (last - first) * share)
 
 

@@ -1,4 +1,4 @@
-"""The record that a configuration asks for, and where one that was made lies."""
+"""Creates the record of a configuration, and finds the sessions of an existing one."""
 
 import logging
 from pathlib import Path
@@ -14,13 +14,13 @@ log = logging.getLogger(__name__)
 
 
 def make_record(config: Config) -> Record | None:
-    """A new session's record, not opened yet; None where the configuration names no folder."""
+    """Make a new session's record, not opened yet; None when the configuration has no folder."""
     if config.record is None:
         return None
     vehicles = {each.id: (each.system_id, link.name) for link in config.links for each in link.fleet}
     try:
         found, excluded = interruption(config.record.folder), exclusions(config.record.folder)
-    except GcsError as error:  # a damaged record keeps nobody from flying
+    except GcsError as error:  # a damaged record must not prevent a flight
         log.error("record_unread", extra={"cause": str(error)})
         found, excluded = None, {}
     return Record(
@@ -34,7 +34,7 @@ def make_record(config: Config) -> Record | None:
 
 
 def session_folder(folder: Path) -> Path:
-    """The newest session's folder of a record, else the folder itself. Raises: GcsError for a bad audit."""
+    """Return the folder of a record's newest session, else `folder`. Raises: GcsError for a bad audit."""
     if not (folder / AUDIT).is_file():
         return folder
     session = last_known(folder).session

@@ -1,8 +1,8 @@
-"""Every call of the REST API as a command, as `gcs.cli.commands` lists them.
+"""Every call of the REST API as a command, as listed in `gcs.cli.commands`.
 
-The signatures of the client's methods are the arguments. Exit codes: 0 done; 1 refused, or failed with a
-vehicle; 2 a value that can never be right; 3 nobody answers, or control is not alive; 4 the token may not.
-Errors are printed by `gcs.cli.main`.
+The signatures of the client's methods define the arguments. Exit codes: 0 done; 1 refused, or failed for a
+vehicle; 2 an invalid value; 3 no answer, or control is not alive; 4 the token lacks the right.
+`gcs.cli.main` prints errors.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ CONFIRM_DOWN: Final = "confirm-down"
 LAND: Final = "land"
 FAILED: Final = "failed"
 NOT_INCLUDED: Final = "not-included"
-"""Of `gcs.service`'s words, which would load numpy."""
+"""Values of enumerations in `gcs.service`, whose import would load numpy."""
 
 OWNERS: Final = {
     "": "gcs.client.fleet_client:Client",
@@ -46,7 +46,7 @@ OWNERS: Final = {
 
 
 def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
-    """Those of one call or action of `gcs.cli.commands`, by its name."""
+    """Add the arguments of one call or action of `gcs.cli.commands`, by its name."""
     call = next((each for each in CALLS if each.name == name), None)
     if call is not None:
         parser.description = call.text
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
 
 
 def _method(call: Call) -> Callable[..., Any]:
-    """The method itself, for its parameters: one of a class, without a client."""
+    """Return the client class's method of a call, for its signature."""
     owner, _, name = call.method.rpartition(".")
     module, _, kind = OWNERS[owner].partition(":")
     found: Callable[..., Any] = getattr(getattr(import_module(module), kind), name)
@@ -74,7 +74,7 @@ def _method(call: Call) -> Callable[..., Any]:
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
-    """Where the service is, and how to be let in."""
+    """Add the options for the service's address and the token."""
     environment = os.environ
     url, token = environment.get("GCS_URL", URL), environment.get("GCS_TOKEN")
     lane, ca_file = environment.get("GCS_EMERGENCY_URL"), environment.get("GCS_CA_FILE")
@@ -85,7 +85,7 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
 
 
 def connected(arguments: argparse.Namespace, timeout_s: float = 5.0) -> Client:
-    """The client that the arguments describe. Raises: ConfigError."""
+    """Make the client that the arguments describe. Raises: ConfigError."""
     ca_file = None if arguments.ca_file is None else Path(arguments.ca_file)
     return Client(
         arguments.url,
@@ -97,7 +97,7 @@ def connected(arguments: argparse.Namespace, timeout_s: float = 5.0) -> Client:
 
 
 def watched_json(ask: Callable[[], BaseModel], period_s: float, arguments: argparse.Namespace) -> int:
-    """Print an answer a line until Ctrl-C. An error is a line on standard error, and ends nothing.
+    """Print one answer per line until Ctrl-C. An error is one line on standard error, and the loop continues.
 
     Returns: 0.
     """
@@ -121,7 +121,7 @@ def _add_common(parser: argparse.ArgumentParser, *, is_command: bool) -> None:
 def _add_parameters(
     parser: argparse.ArgumentParser, call: Call, method: Callable[..., Any]
 ) -> tuple[str, ...]:
-    """Arguments and options for the parameters of a method. Returns: their names."""
+    """Add arguments and options for the parameters of a method. Returns: their names."""
     parameters = [each for name, each in inspect.signature(method).parameters.items() if name != "self"]
     if call.alone:
         parameters = [each for each in parameters if each.name in call.asked]
@@ -138,9 +138,9 @@ def _add_parameters(
 
 
 def _kind(hint: str) -> tuple[Callable[[str], Any], bool]:
-    """What an argument is read as, of several kinds the first, and whether there may be several arguments.
+    """Return the conversion for an annotation (the first of a union), and whether it is a list.
 
-    Of the text of an annotation: to evaluate it would load every model of the API.
+    The annotation is text: evaluating it would load every schema of the API.
     """
     only = hint.partition(" | ")[0]
     is_list = only.startswith("list[")
@@ -148,7 +148,7 @@ def _kind(hint: str) -> tuple[Callable[[str], Any], bool]:
 
 
 def _truth(text: str) -> bool:
-    """Raises: ArgumentTypeError for neither."""
+    """Parse yes or no. Raises: ArgumentTypeError for other text."""
     try:
         return {"yes": True, "true": True, "no": False, "false": False}[text.lower()]
     except KeyError:
@@ -177,7 +177,7 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
 
 
 def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.Namespace) -> int:
-    """Command one vehicle, several or all: one that is refused does not keep the others from it."""
+    """Command one, several or all vehicles; a refusal for one vehicle does not stop the others."""
     names, everything = arguments.vehicles, getattr(arguments, "all", False)
     if names and everything:
         parser.error("either names of vehicles or --all, not both")
@@ -188,7 +188,7 @@ def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.N
 
 
 def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> int:
-    """Raises: GcsError when nothing was accepted. Returns: the exit code."""
+    """Send the command. Raises: GcsError when nothing was accepted. Returns: the exit code."""
     names = arguments.vehicles
     if action == CONFIRM_DOWN or len(names) == 1:
         return _one_by_one(client, action, arguments)
@@ -196,7 +196,7 @@ def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> in
         return _reported(client, [client.abort()], arguments)
     try:
         command = client.command_vehicles(action, names or None)
-    except UnknownError:  # a name that is misspelt does not keep the others from the command
+    except UnknownError:  # a misspelt name must not stop the command for the others
         return _one_by_one(client, action, arguments)
     missed = any(command.vehicles[name].outcome == NOT_INCLUDED for name in names)
     return _reported(client, [command], arguments) or (REFUSED if missed else 0)
@@ -213,7 +213,7 @@ def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> i
     if not commands and len(errors) == 1:
         raise errors[0]
     code = exit_code(errors[-1]) if errors else 0
-    if errors and arguments.json:  # one document, whatever was refused
+    if errors and arguments.json:  # one document for all refusals
         fail("; ".join(map(str, errors)), code, as_json=True)
     for each in () if arguments.json else errors:
         failed(each, arguments)
@@ -221,10 +221,10 @@ def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> i
 
 
 def _reported(client: Client, commands: Sequence[schemas.Command], arguments: argparse.Namespace) -> int:
-    """Print orders, waited for if that was asked. Returns: the exit code."""
+    """Print commands, with `--wait` after their end. Returns: the exit code."""
     if arguments.wait is not None:
         commands = [client.wait_for(command.id, arguments.wait) for command in commands]
-    if arguments.json:  # one document, whatever was commanded
+    if arguments.json:  # one document for all commands
         _print(commands[0] if len(commands) == 1 else commands, arguments)
     for command in () if arguments.json else commands:
         print(f"{command.id} {command.action}: {command.outcome}")
@@ -234,7 +234,7 @@ def _reported(client: Client, commands: Sequence[schemas.Command], arguments: ar
 
 
 def _print(answer: BaseModel | Sequence[BaseModel] | str | None, arguments: argparse.Namespace) -> None:
-    """An answer as the API gives it. Text is printed as it is, and with `--json` as a JSON string."""
+    """Print an answer of the API. Text is printed unchanged, or with `--json` as a JSON string."""
     if isinstance(answer, str) and not arguments.json:
         print(answer, end="")
     elif answer is None and not arguments.json:

@@ -26,7 +26,7 @@ from gcs.service.map_settings import MapSettings
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until Ctrl-C. Returns: 0; 2 when the file or an argument is none."""
+    """Serve until Ctrl-C. Returns: 0; 2 for an invalid file or argument."""
     logs.set_up(logging.WARNING)
     if not 0.0 < arguments.speed <= SPEED_MAX:
         raise ConfigError(f"--speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}")
@@ -39,18 +39,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def flight_file(path: Path) -> Path:
-    """The file itself, or the first one in a folder; of a record's folder that of the newest session."""
+    """Return the file itself, or the first one in a folder; for a record, in its newest session's folder."""
     return session_folder(path) / "flight.mcap" if path.is_dir() else path
 
 
 def truths(path: Path, file: Path) -> list[Path]:
-    """Files of true positions, beside the flight data or in the folder that was named."""
+    """Return the files of true positions, beside the flight data or in the given folder."""
     folders = {file.parent, path} if path.is_dir() else {file.parent}
     return sorted(found for folder in folders for found in folder.glob(TRUTH))
 
 
 def recorded_map(config: Mapping[str, Any], *, as_json: bool = False) -> GroundMap | None:
-    """The map that lay under the show; None, with a note, where its file is gone."""
+    """Open the map of the recorded configuration; None, with a note, when its file is missing."""
     reported = config.get("map")
     try:
         return open_map(None if reported is None else MapSettings.model_validate(reported))
@@ -83,7 +83,7 @@ async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Name
     try:
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in ended:
-            task.result()  # raises what ended it
+            task.result()  # raises the error that ended it
     finally:
         listening.cancel()
         for task in tasks:

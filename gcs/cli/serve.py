@@ -1,4 +1,4 @@
-"""Run the service and its API on one loop, each in a group of its own."""
+"""Runs the service and its API on one event loop, each in a task group of its own."""
 
 import asyncio
 import contextlib
@@ -41,9 +41,9 @@ API_RETRY_S = 1.0
 
 
 def make_link(settings: LinkSettings, config: Config, record: Path | None = None) -> Link:
-    """The transport that a link's settings name, recording into a folder.
+    """Make the link with the transport of its settings; it records frames into the folder `record`.
 
-    Raises: ConfigError for a signing key that is none.
+    Raises: ConfigError for an invalid signing key.
     """
     vehicles = {vehicle.id: vehicle.system_id for vehicle in settings.fleet}
     if settings.transport == "native":
@@ -86,10 +86,10 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
 
 @asynccontextmanager
 async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[tuple[Orchestrator, int]]:
-    """The service with its API, until the block ends. Yields the orchestrator and the API's port.
+    """Run the service with its API until the block ends. Yields the orchestrator and the API's port.
 
-    Control and API share the loop, not their fate: an API that fails is restarted, and control does not
-    notice. When control fails, its error ends the block. `heart` is told of every tick that came in time.
+    Control and API share the event loop but not their failures: a failed API is restarted without effect on
+    control. An error of control ends the block. `heart` is notified of every tick in time.
 
     Raises:
         LinkError: the API's port is not available at the start.
@@ -107,9 +107,9 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
 
 
 def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
-    """The map, and what an operator should know of it.
+    """Open the map. Returns: the map, and its problems for an operator.
 
-    A file that cannot be used keeps nobody from flying: a service that was cut off comes back without it.
+    An unusable map file does not prevent a flight: an interrupted service must be able to start without it.
     """
     try:
         return open_map(config.map), []
@@ -120,10 +120,10 @@ def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
 
 @asynccontextmanager
 async def _flying(orchestrator: Orchestrator, config: Config, ground: GroundMap | None) -> AsyncIterator[int]:
-    """Control and API until the block ends. Yields the API's port."""
+    """Run control and API until the block ends. Yields the API's port."""
     names = ("localhost", config.api.host)
     app = create_app(orchestrator, host_names=names, authorization=make_authorization(config), ground=ground)
-    app.openapi()  # takes a quarter of a second: now, not when somebody asks while vehicles fly
+    app.openapi()  # takes a quarter of a second: do it now, not at a request during a flight
     async with (
         _listening(app, config, "api.port", config.api.port) as port,
         _listening(EmergencyLane(app), config, "api.emergency_port", config.api.lane_port) as lane_port,
@@ -136,7 +136,7 @@ async def _flying(orchestrator: Orchestrator, config: Config, ground: GroundMap 
 
 
 def make_authorization(config: Config, audit: Audit = log_denied) -> Authorization:
-    """Who may call; `audit` is handed every denied call. Raises: ConfigError when the token file is none."""
+    """Make the authorization; `audit` receives denied calls. Raises: ConfigError for a bad token file."""
     access = config.access
     tokens = None if access.tokens_file is None else Tokens(access.tokens_file)
     authorization = Authorization(tokens, calls_per_s=access.calls_per_s, burst=access.burst, audit=audit)
@@ -150,7 +150,7 @@ def make_authorization(config: Config, audit: Audit = log_denied) -> Authorizati
 
 @asynccontextmanager
 async def _listening(app: ASGIApp, config: Config, name: str, port: int) -> AsyncIterator[int]:
-    """A listener that is kept up until the block ends. Yields its port."""
+    """Keep a listener running until the block ends. Yields its port."""
     listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     api = asyncio.create_task(_keep_api(app, config, port, name, listening), name=name)
     try:
@@ -158,7 +158,7 @@ async def _listening(app: ASGIApp, config: Config, name: str, port: int) -> Asyn
         await asyncio.wait((ready, api), return_when=asyncio.FIRST_COMPLETED)
         ready.cancel()
         if not listening.done():
-            await api  # raises what kept it from listening
+            await api  # raises the error that prevented listening
         yield listening.result()
     finally:
         api.cancel()
@@ -173,9 +173,9 @@ async def _ready(listening: asyncio.Future[int]) -> None:
 async def _keep_api(
     app: ASGIApp, config: Config, port: int, name: str, listening: asyncio.Future[int]
 ) -> None:
-    """Serve; once it has listened, a failure is retried on the same port."""
+    """Serve; after a first success, restart on the same port after a failure."""
     while True:
-        # a task of its own: whatever ends it, a bug included, ends the API alone
+        # a task of its own: any error in it, a bug included, ends only the API
         server = asyncio.create_task(
             serve_api(app, config.api.host, port, listening=listening, tls=config.access.tls),
             name=f"{name}/server",
@@ -197,11 +197,11 @@ async def _keep_api(
 
 
 async def serve(config: Config, say: Say, notifier: Notifier) -> None:
-    """Run until asked to stop. The first Ctrl-C brings the fleet home, the second stops at once.
+    """Run until asked to stop. The first Ctrl-C brings the fleet home; the second stops at once.
 
     Raises: GcsError when it cannot start.
     """
-    asked = asyncio.Semaphore(0)  # counts the times somebody asked it to stop
+    asked = asyncio.Semaphore(0)  # counts the requests to stop
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, asked.release)
     async with running(config, notifier) as (orchestrator, port):
@@ -221,7 +221,7 @@ async def serve(config: Config, say: Say, notifier: Notifier) -> None:
         try:
             orchestrator.command_show(ShowAction.STOP)
         except RefusedError as refused:
-            say("stop_refused", f"{refused}")  # and yet nothing is left in the air
+            say("stop_refused", f"{refused}")  # still wait until no vehicle is airborne
         say(
             "coming_home",
             "coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)",
@@ -240,16 +240,16 @@ async def _landed(orchestrator: Orchestrator) -> None:
 
 
 def _anybody_up(view: FleetView) -> bool:
-    """Whether a vehicle that a stop would bring home is airborne, or about to be."""
+    """Whether a vehicle that `stop` would bring home is airborne, or about to be."""
     if view.show in {ShowPhase.PREFLIGHT, ShowPhase.ARMING}:
         return True
     if view.interrupted is not None and Offer.BRING_HOME in view.interrupted.offers:
-        return True  # a stall, or a restart, left them hovering
+        return True  # a stall or restart left vehicles hovering
     return any(vehicle.phase in AIRBORNE for vehicle in view.vehicles)
 
 
 def run(config: Config, say: Say) -> None:
-    """Serve on a loop of its own. Raises: GcsError when it cannot start."""
+    """Serve on a new event loop. Raises: GcsError when it cannot start."""
     notifier = notify.from_environment()
     try:
         eventloop.run(serve(config, say, notifier))

@@ -1,4 +1,4 @@
-"""`gcs serve`: the service for a configuration, by itself or under a supervisor."""
+"""`gcs serve`: runs the service for a configuration, alone or under a supervisor."""
 
 import argparse
 import logging

@@ -1,4 +1,4 @@
-"""The command line of `gcs show`."""
+"""`gcs show`: checks, plots or hashes a show file."""
 
 import argparse
 import sys
@@ -15,7 +15,7 @@ from gcs.simulation.rehearsal.verdict import judge, table
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do it. Returns: 0; 1 when the show is not good to fly. Raises: ConfigError when it is no show."""
+    """Run the command. Returns: 0; 1 when the show fails its check. Raises: ConfigError for a bad file."""
     if arguments.action == "check":
         return _check(arguments)
     loaded = load(find(arguments.file))
@@ -52,7 +52,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _plot(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
     require_matplotlib("gcs show plot")
-    from gcs.simulation.rehearsal.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
+    from gcs.simulation.rehearsal.plot import draw  # noqa: PLC0415  (takes a second, only for plots)
 
     file = Path(arguments.picture)
     if not file.parent.is_dir() or file.suffix not in {".png", ".svg", ".pdf"}:

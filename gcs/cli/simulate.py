@@ -1,4 +1,4 @@
-"""The command line of `gcs simulate`."""
+"""`gcs simulate`: flies scenarios in virtual time and judges them."""
 
 import argparse
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from gcs.simulation.summary import summary
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly what is asked for. Returns: 0 when every run shows what its scenario demands, 1 otherwise."""
+    """Fly the scenarios. Returns: 0 when the runs meet their scenarios' limits, 1 otherwise."""
     paths = _paths(arguments)
     if arguments.plot is not None:
         return _plot(paths, arguments)
@@ -64,7 +64,7 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
 
 def _plot(paths: list[Path], arguments: argparse.Namespace) -> int:
     require_matplotlib("--plot")
-    from gcs.simulation.plot import draw  # noqa: PLC0415  (a second that only a plot need wait for)
+    from gcs.simulation.plot import draw  # noqa: PLC0415  (takes a second, only for plots)
 
     runs = [run for path in paths for run in _runs(path, arguments)]
     if len(runs) != 1:

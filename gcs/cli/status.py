@@ -1,4 +1,4 @@
-"""`gcs status`: the fleet as a table in the terminal, once or for as long as somebody looks."""
+"""`gcs status`: the fleet as a table in the terminal, once or continuously."""
 
 import argparse
 import time
@@ -18,7 +18,6 @@ PERIOD_S: Final = 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs status`."""
     parser.add_argument(
         "--watch",
         nargs="?",
@@ -27,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help=f"go on until Ctrl-C, anew every so many seconds ({PERIOD_S:g})",
     )
-    parser.add_argument("--once", action="store_true", help=argparse.SUPPRESS)  # as it does without --watch
+    parser.add_argument("--once", action="store_true", help=argparse.SUPPRESS)  # the default
     parser.add_argument(
         "--columns", type=_columns, metavar="A,B", help=f"these and no others, of {', '.join(COLUMNS)}"
     )
@@ -38,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table, or what `gcs state` prints. Returns: 0. Raises: GcsError."""
+    """Print the table, or with `--json` the state as `gcs state` does. Returns: 0. Raises: GcsError."""
     console = Console()
     with connected(arguments) as client:
         if arguments.watch is not None and arguments.json:
@@ -56,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
 def newest(
     client: Client, width: int, columns: tuple[str, ...] | None = None, sort: str | None = None
 ) -> RenderableType:
-    """The fleet, or why it cannot be seen: whoever watches must not take an old state for now."""
+    """Format the newest state, or why it is not available, so that no old state looks current."""
     try:
         return board(client.fleet(), width, columns=columns, sort=sort)
     except GcsError as error:
@@ -75,7 +74,7 @@ def _watch(client: Client, console: Console, arguments: argparse.Namespace) -> i
 
 
 def _columns(text: str) -> tuple[str, ...]:
-    """Raises: ArgumentTypeError for a column that there is not."""
+    """Parse column names. Raises: ArgumentTypeError for an unknown column."""
     names = tuple(dict.fromkeys(text.split(",")))
     unknown = [name for name in names if name not in COLUMNS]
     if unknown:
@@ -84,7 +83,7 @@ def _columns(text: str) -> tuple[str, ...]:
 
 
 def _seconds(text: str) -> float:
-    """Raises: ArgumentTypeError for what is no time to wait."""
+    """Parse a period. Raises: ArgumentTypeError for an invalid one."""
     try:
         seconds = float(text)
     except ValueError:

@@ -1,7 +1,7 @@
-"""What `gcs status` shows of one state: a head, one line for each vehicle, and what is not ordinary.
+"""The table of `gcs status`: a head, one line per vehicle, and the reasons for unusual states.
 
-A vehicle has one line at any width. Phase and mode are never cut; where the width does not do, whole columns
-are left out, and reasons stand below the table, one line for all that have the same.
+A vehicle has one line at any width. Phase and mode are never cut; on a narrow terminal whole columns are left
+out, and reasons are below the table, one line for all vehicles with the same reason.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ GAP: Final = 2
 
 
 class Column(NamedTuple):
-    """One column: what it shows of a vehicle, and what it is sorted by."""
+    """One column: its head, and the cell for a vehicle."""
 
     head: str
     cell: Callable[[schemas.Vehicle], Text]
@@ -58,7 +58,7 @@ def _speed_m_s(each: schemas.Vehicle) -> float | None:
 
 
 def _why(each: schemas.Vehicle) -> str:
-    """The reason for what is not ordinary; empty where all is as the phase says."""
+    """The reason for an unusual state; empty when the phase says all."""
     if each.limited_by:
         return each.limited_by
     ordinary = each.phase in ORDINARY or (each.phase is Phase.STANDBY and each.ready)
@@ -88,7 +88,7 @@ COLUMNS: Final = {
 }
 
 DROPPED: Final = ("why", "age", "speed", "link", "height")
-"""In this order, where the width does not do."""
+"""Columns that are left out on a narrow terminal, in this order."""
 
 SORTED: Final = ("vehicle", "phase", "battery", "link", "age", "height", "speed")
 
@@ -96,13 +96,13 @@ SORTED: Final = ("vehicle", "phase", "battery", "link", "age", "height", "speed"
 def board(
     fleet: schemas.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
 ) -> RenderableType:
-    """Everything that an operator looks at, `width` characters wide.
+    """Format alarms, fleet and vehicles, `width` characters wide.
 
     Args:
-        fleet: the state.
-        width: of the terminal.
-        columns: of `COLUMNS`; None: as many as there is room for.
-        sort: of `SORTED`; None: as configured.
+        fleet: the state of the fleet.
+        width: width of the terminal in characters.
+        columns: names from `COLUMNS`; None: as many as fit.
+        sort: a name from `SORTED`; None: in the order of the configuration.
     """
     vehicles = _sorted(fleet.vehicles, sort)
     chosen = _fitting(vehicles, width) if columns is None else tuple(columns)
@@ -112,7 +112,7 @@ def board(
 
 
 def _sorted(vehicles: Sequence[schemas.Vehicle], by: str | None) -> Sequence[schemas.Vehicle]:
-    """What needs a look first stands first: the unknown, the least battery and link, the oldest."""
+    """Sort vehicles, those that need attention first: unknown values, low battery or link, old position."""
     key: dict[str, Callable[[schemas.Vehicle], float | str]] = {
         "vehicle": lambda each: each.id,
         "phase": lambda each: each.phase,
@@ -126,13 +126,13 @@ def _sorted(vehicles: Sequence[schemas.Vehicle], by: str | None) -> Sequence[sch
 
 
 def _needed(vehicles: Sequence[schemas.Vehicle], name: str) -> int:
-    """Characters that a column takes at least."""
+    """Characters that a column needs."""
     column = COLUMNS[name]
     return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
 
 
 def _fitting(vehicles: Sequence[schemas.Vehicle], width: int) -> tuple[str, ...]:
-    """The columns that there is room for, each as wide as its widest cell."""
+    """Choose the columns that fit, each as wide as its widest cell."""
     needed = {name: _needed(vehicles, name) for name in COLUMNS}
     chosen = dict.fromkeys(COLUMNS)
     for name in DROPPED:
@@ -212,7 +212,7 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
 
 
 def _energy(found: schemas.Estimates | None) -> str:
-    """Batteries and times in one line; what is not known is left out."""
+    """Format batteries and times in one line, without unknown values."""
     if found is None:
         return ""
     summary = []
@@ -242,10 +242,10 @@ def _warned(text: str, bad: bool) -> Text:
 
 
 def number(value: float | None) -> str:
-    """With one decimal; a question mark where it is not known."""
+    """Format with one decimal; a question mark when not known."""
     return "?" if value is None else f"{value:.1f}"
 
 
 def percent(share: float | None) -> str:
-    """Of a share of 1; a question mark where it is not known."""
+    """Format a share of 1 in per cent; a question mark when not known."""
     return "?" if share is None else f"{share:.0%}"

@@ -1,9 +1,9 @@
-"""`gcs serve --supervised`: a small parent that starts the service again, whatever ends it or makes it hang.
+"""`gcs serve --supervised`: a small parent process that restarts the service when it ends or hangs.
 
-It speaks systemd's protocol (sd_notify: READY=1, WATCHDOG=1 over a Unix datagram socket), so that the service
-is the same under systemd. The standard library alone: what can fail here is little. The service has a session
-of its own, so that Ctrl-C comes once, from here; and it outlives this process, and then says that nobody
-watches over it.
+It implements systemd's protocol (sd_notify: READY=1, WATCHDOG=1 over a Unix datagram socket), so that the
+service runs the same way under systemd. It uses only the standard library, so that little can fail here. The
+service has a session of its own, so that it receives Ctrl-C only once, from this process. It also outlives
+this process, and then reports that it has no supervisor.
 """
 
 import json
@@ -25,21 +25,25 @@ from typing import Final
 OPTION: Final = "--supervised"
 
 WATCHDOG_S: Final = 3.0
-"""PX4 gives up on us after one second without setpoints; a machine that stood still for two is no hang."""
+"""Time without a watchdog message until the service counts as hanging. PX4 leaves OFFBOARD after one second
+without setpoints, but a machine that stood still for two seconds must not cause a restart.
+"""
 
 START_S: Final = 300.0
-"""Until it is ready: after a change of the code all kernels are compiled anew."""
+"""Time limit until the service is ready: after a change of the code all kernels are compiled again."""
 
 WAITS_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
-"""Before the next try, while none of them gets ready; the last for ever."""
+"""Waits before successive restarts while the service never gets ready; the last one repeats."""
 
 TRACE_S: Final = 0.5
-"""What hangs is asked where, by SIGABRT, before it is killed."""
+"""Time for a hanging service to print its stack after SIGABRT, before it is killed."""
 
 LOOK_S: Final = 0.1
 STOOD_STILL_S: Final = 1.0
 HOPELESS: Final = frozenset({0, 1, 2})
-"""Exit codes of one that was never ready, and will not be by another try: asked to end, refused, no sense."""
+"""Exit codes of a service that was never ready and that a restart cannot help: stopped, refused, or invalid
+arguments.
+"""
 
 
 def is_requested(words: Sequence[str]) -> bool:
@@ -48,15 +52,15 @@ def is_requested(words: Sequence[str]) -> bool:
 
 
 def run(words: Sequence[str]) -> int:
-    """Supervise `gcs WORDS`. Returns: the service's exit code, once it was asked to end or cannot begin."""
+    """Supervise `gcs WORDS`. Returns: the service's exit code, when it was asked to stop or cannot start."""
     return Supervisor([sys.executable, "-m", "gcs", *(word for word in words if word != OPTION)]).run()
 
 
 def _log(level: str, event: str, **more: object) -> None:
-    """One line, as the service's own."""
+    """Print one log line in the service's format."""
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
     line = {"time": now, "level": level, "logger": "gcs.cli.supervisor", "event": event, **more}
-    with suppress(OSError):  # a terminal that is gone stops nothing
+    with suppress(OSError):  # a closed terminal must not stop the supervisor
         sys.stderr.write(f"{json.dumps(line)}\n")
         sys.stderr.flush()
 
@@ -67,16 +71,15 @@ class Supervisor:
     def __init__(
         self, command: Sequence[str], *, watchdog_s: float = WATCHDOG_S, waits_s: Sequence[float] = WAITS_S
     ) -> None:
-        """Nothing is started before `run`."""
         self._command = list(command)
         self._watchdog_s = watchdog_s
         self._waits_s = tuple(waits_s)
-        self._asked = 0  # how often we were asked to stop
+        self._asked = 0  # number of requests to stop
         self._passed_on = 0
         self._selector = selectors.DefaultSelector()
 
     def run(self) -> int:
-        """Until asked to stop. Returns: the exit code."""
+        """Supervise until asked to stop. Returns: the exit code."""
         wake_in, wake_out = os.pipe()
         for end in (wake_in, wake_out):
             os.set_blocking(end, False)
@@ -91,7 +94,7 @@ class Supervisor:
             self._selector.register(wake_in, selectors.EVENT_READ)
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, self._note_signal)
-            signal.signal(signal.SIGCHLD, lambda _number, _frame: None)  # it wakes us
+            signal.signal(signal.SIGCHLD, lambda _number, _frame: None)  # wakes the selector
             signal.set_wakeup_fd(wake_out, warn_on_full_buffer=False)
             return self._keep(path, notify, wake_in)
 
@@ -114,22 +117,22 @@ class Supervisor:
                 return 0
 
     def _pause(self, wait_s: float, notify: socket.socket, wake: int) -> None:
-        """Until it is time for the next try, or we are asked to stop."""
+        """Wait until the next restart, or until asked to stop."""
         until_s = time.monotonic() + wait_s
         while not self._is_asked() and (left_s := until_s - time.monotonic()) > 0:
             self._wait(left_s, notify, wake)
 
     def _is_asked(self) -> bool:
-        return self._asked > 0  # a signal changes it
+        return self._asked > 0  # a signal handler changes it
 
     def _watched(self, path: Path, notify: socket.socket, wake: int) -> tuple[subprocess.Popen[bytes], bool]:
-        """Start it, and return when it has ended, and whether it was ever ready."""
+        """Start the service and wait for its end. Returns: its process, and whether it was ever ready."""
         environment = os.environ | {
             "NOTIFY_SOCKET": str(path),
             "WATCHDOG_USEC": str(round(self._watchdog_s * 1e6)),
         }
-        self._wait(0.0, notify, wake)  # what the one before had still to say
-        child = subprocess.Popen(self._command, env=environment, start_new_session=True)  # noqa: S603 (ours)
+        self._wait(0.0, notify, wake)  # drop messages of the previous process
+        child = subprocess.Popen(self._command, env=environment, start_new_session=True)  # noqa: S603 (this program's own command)
         _log("info", "service_started", pid=child.pid)
         is_ready, due_s, looked_s = False, time.monotonic() + START_S, time.monotonic()
         while child.poll() is None:
@@ -139,7 +142,9 @@ class Supervisor:
                 is_ready = True
                 _log("info", "service_ready", pid=child.pid)
             if is_ready and (stated & {b"READY=1", b"WATCHDOG=1"} or now_s - looked_s > STOOD_STILL_S):
-                due_s = now_s + self._watchdog_s  # or we stood still ourselves: it may have, too
+                due_s = (
+                    now_s + self._watchdog_s
+                )  # also if this process stood still: the service may have, too
             looked_s = now_s
             while self._passed_on < self._asked:
                 self._passed_on += 1
@@ -158,7 +163,7 @@ class Supervisor:
             child.wait()
 
     def _wait(self, timeout_s: float, notify: socket.socket, wake: int) -> set[bytes]:
-        """Wait for something to happen. Returns: what the service has said."""
+        """Wait for a message, a signal or the timeout. Returns: the service's messages."""
         self._selector.select(timeout_s)
         with suppress(BlockingIOError):
             os.read(wake, 4096)

@@ -1,4 +1,4 @@
-"""`gcs token`: make, list and revoke the tokens that the API asks for."""
+"""`gcs token`: creates, lists and revokes tokens for the API."""
 
 import argparse
 from datetime import UTC, datetime
@@ -14,7 +14,6 @@ FILE: Final = "tokens.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """`gcs token create|list|revoke`."""
     commands = parser.add_subparsers(dest="token_command", required=True)
     create = commands.add_parser("create", help="make a token; it is printed once, and kept nowhere")
     create.add_argument("name", metavar="NAME", help="stands by every order given with this token")
