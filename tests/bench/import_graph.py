@@ -11,7 +11,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Final
 
-BOX: Final = (150, 34, 24, 56)
+BOX: Final = (150, 34, 70, 80)
 """Width, height, gap between boxes, gap between levels; pixels."""
 
 Graph = dict[str, set[str]]
@@ -71,14 +71,23 @@ def svg(graph: Graph) -> str:
         "<style>text { font-family: sans-serif }</style>",
         '<rect width="100%" height="100%" fill="white"/>',
     ]
-    for name, others in sorted(graph.items()):
-        for other in sorted(others):
-            (x1, y1), (x2, y2) = place[name], place[other]
-            out.append(
-                f'<path d="M{x1 + width / 2:g} {y1 + height:g} C{x1 + width / 2:g} {y1 + height + rise:g} '
-                f'{x2 + width / 2:g} {y2 - rise:g} {x2 + width / 2:g} {y2:g}" fill="none" '
-                'stroke="#5b7" opacity="0.6"/>'
-            )
+    edges = [(name, other) for name, others in sorted(graph.items()) for other in sorted(others)]
+    leaves = {
+        name: sorted((edge for edge in edges if edge[0] == name), key=lambda edge: place[edge[1]])
+        for name in graph
+    }
+    enters = {
+        name: sorted((edge for edge in edges if edge[1] == name), key=lambda edge: place[edge[0]])
+        for name in graph
+    }
+    for name, other in edges:
+        (x1, y1), (x2, y2) = place[name], place[other]
+        x1 += width * (leaves[name].index((name, other)) + 1) / (len(leaves[name]) + 1)
+        x2 += width * (enters[other].index((name, other)) + 1) / (len(enters[other]) + 1)
+        out.append(
+            f'<path d="M{x1:g} {y1 + height:g} C{x1:g} {y1 + height + rise:g} {x2:g} {y2 - rise:g} '
+            f'{x2:g} {y2:g}" fill="none" stroke="#5b7" opacity="0.6"/>'
+        )
     for name, (left, top) in sorted(place.items()):
         out.append(
             f'<rect x="{left:g}" y="{top:g}" width="{width}" height="{height}" rx="6" fill="#eef6f0" '
