@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
         parser.description = call.text
         method = _method(call)
         parameters = _add_parameters(parser, call, method)
-        is_command = method.__annotations__.get("return") == "wire.Command"
+        is_command = method.__annotations__.get("return") == "schemas.Command"
         _add_common(parser, is_command=is_command)
         parser.set_defaults(run=partial(_run, call, parameters))
         return

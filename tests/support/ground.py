@@ -123,7 +123,7 @@ def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str
     text = text.replace("takeoff_stagger_s: 2.0", "takeoff_stagger_s: 0.5")
     assert "failsafes:" not in text
     ignored = ", ".join(f"{cause}: {{action: ignore}}" for cause in ("service_late", "links_late", "wind"))
-    text += f"\nreactions: {{{ignored}}}\n"
+    text += f"\nfailsafes: {{{ignored}}}\n"
     config = folder / f"{name}.yaml"
     config.write_text(text, encoding="utf-8")
     gcs = [sys.executable, "-m", "gcs"]

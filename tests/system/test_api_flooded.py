@@ -20,7 +20,7 @@ from gcs.links.udp.link import UdpLink
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 
-IDS = {"mavsdk": "mavsdk1", "native": "direct2"}
+IDS = {"mavsdk": "mavsdk1", "native": "native2"}
 """Who is flown over which transport."""
 
 FLOOD_S = 5.0
