@@ -1,4 +1,4 @@
-// What can be asked of the service. Each tells what came of it; nothing is believed before it answers.
+// Calls of the service. Each reports its result; the page shows no success before the service answers.
 
 import type { Preview, Command, ShowCheck, State, StoredShow } from "./state";
 import { texts } from "./texts";
@@ -14,9 +14,9 @@ export type FleetCommand = "hold" | "join" | "return" | "land" | "take-control";
 export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number; skips_idle?: boolean };
 export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
 
-/** Each resolves to whether it was accepted; what was refused has been told by then. */
+/** Each resolves to whether the service accepted it; a refusal is shown before that. */
 export interface Actions {
-  /** The selected show, or as the formation is told; null: all online, and now. */
+  /** Start the selected show, or the formation under manual control; null: all online vehicles, at once. */
   start(vehicles: readonly string[] | null, at_unix_time_s: number | null): Promise<boolean>;
   show(command: ShowCommand): Promise<boolean>;
   vehicle(id: string, command: VehicleCommand): Promise<boolean>;
@@ -32,9 +32,9 @@ export interface Actions {
   /** What is not named stays as it is. */
   changeObstacle(id: string, change: Partial<Box>): Promise<boolean>;
   removeObstacle(id: string): Promise<boolean>;
-  /** What was dragged. */
+  /** The values that were dragged. */
   sendPreview(preview: Preview): Promise<boolean>;
-  /** First step; of all that are not offline when nobody is named. */
+  /** First step; without names for all vehicles that are not offline. */
   armKill(vehicles: readonly string[] | null): Promise<boolean>;
   /** Second step. */
   confirmKill(code: string): Promise<boolean>;
@@ -59,7 +59,7 @@ const POLL_MS = 500;
 const later = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 export function createActions(api: Api, dispatch: (message: Message) => void, state: () => State): Actions {
-  /** The data, or null when it was refused, which is told. */
+  /** The data, or null after a refusal, which is shown. */
   async function asked<T>(name: string, call: Call<T>, done: string | null): Promise<{ data: T } | null> {
     const result: Outcome<T> = await outcome(call);
     if (!result.ok) {
@@ -74,14 +74,14 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     return (await asked(name, call, text)) !== null;
   }
 
-  /** Quietly: what cannot be read is told where it would be shown. */
+  /** Without a message: data that cannot be read are reported where they would be shown. */
   async function read<T>(call: Call<T>, found: (data: T) => Message, problem: (reason: string) => Message): Promise<boolean> {
     const result: Outcome<T> = await outcome(call);
     dispatch(result.ok ? found(result.data) : problem(result.reason));
     return result.ok;
   }
 
-  /** What becomes of an order is asked until it is known. */
+  /** Poll the outcome of a command until it is known. */
   async function follow(name: string, first: Command): Promise<void> {
     let command = first;
     dispatch({ kind: "command", command });
@@ -89,7 +89,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       await later(POLL_MS);
       const next: Outcome<Command> = await outcome(api.GET("/api/v1/commands/{command_id}", { params: { path: { command_id: command.id } } }));
       if (next.ok) command = next.data;
-      else if (next.status !== 0) return; // the service was started again: it knows this order no more
+      else if (next.status !== 0) return; // the service was restarted: it no longer knows this command
       dispatch({ kind: "command", command });
     }
     if (command.outcome !== "failed") return;
@@ -236,7 +236,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
           : api.POST("/api/v1/alarms/{alarm_id}/acknowledge", { params: { path: { alarm_id: alarm } } });
       return (await asked(texts.alarms.acknowledge, call, null)) !== null;
     },
-    /** What follows is seen: nothing has to be said. */
+    /** The effect is visible: no message is needed. */
     loadMarks: () =>
       read(
         api.GET("/api/v1/replay/marks"),

@@ -1,10 +1,10 @@
-// How well the shape stands, of one frame. Pure.
+// Errors of the formation's shape in one frame. Pure.
 
 import { PHASES, type Frame } from "./state";
 
 const FORMATION = PHASES.indexOf("formation");
 
-/** Who is flown by the law, at a known place. */
+/** Vehicles that the law flies, at a known position. */
 export function members(frame: Frame): number[] {
   const found: number[] = [];
   for (let i = 0; i < frame.n; i++) {
@@ -17,7 +17,7 @@ export function isPlaced(frame: Frame, i: number): boolean {
   return Number.isFinite(frame.x_m[i]) && Number.isFinite(frame.y_m[i]) && Number.isFinite(frame.height_m[i]);
 }
 
-/** The farthest that anybody in the formation is off the sphere; NaN without a formation. */
+/** The largest distance of a vehicle in the formation from the sphere; NaN without a formation. */
 export function radiusError_m(frame: Frame): number {
   const center = frame.center_m;
   if (center === null || !Number.isFinite(frame.radius_m)) return NaN;
@@ -58,7 +58,7 @@ export function energy(frame: Frame): number {
   return sum / ((who.length * (who.length - 1)) / 2);
 }
 
-/** Each vehicle's distance to the nearest other one that is heard of; NaN for who is at no known place. */
+/** Each vehicle's distance to the nearest other one that is received; NaN without a known position. */
 export function nearest_m(frame: Frame): Float64Array {
   const { n, x_m, y_m, height_m } = frame;
   const squared = new Float64Array(n).fill(Infinity);

@@ -1,4 +1,4 @@
-// Carries out what a key means; `panels/keys.ts` says what that is.
+// Executes the action of a key; `panels/keys.ts` defines it.
 
 import { command } from "./panels/keys";
 import type { PanelActions } from "./panels/actions";

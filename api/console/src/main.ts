@@ -1,4 +1,4 @@
-// Composition: the one state, who changes it, and the one loop that draws it.
+// Composition: the one state, what changes it, and the one loop that draws it.
 
 import "./styles/tokens.css";
 import "./styles/page.css";
@@ -26,9 +26,9 @@ import { createApi } from "./schemas/rest";
 import { openStream } from "./schemas/stream";
 import { createTiles } from "./schemas/tiles";
 
-/** The desk's own pace; what a person does is shown at once. */
+/** Period of the panels; the effect of an operator's input is shown at once. */
 const DESK_MS = 100;
-/** How often it is looked what has to be asked for. */
+/** How often the page looks for data to request. */
 const READ_MS = 500;
 const TOKEN = "token";
 const LOOK = "look";
@@ -46,19 +46,19 @@ let shown: State | null = null;
 let shown_ms = -Infinity;
 let drawn_ms = -Infinity;
 
-/** Who asks for less motion sees the scene at the desk's pace. */
+/** With reduced motion the scene is drawn as often as the panels. */
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 const dispatch = (message: Message): void => void waiting.push(message);
 
-/** Whatever a person did is shown with the next frame. */
+/** The effect of an operator's input is shown with the next frame. */
 const byHand = (message: Message): void => {
   isUrgent = true;
   dispatch(message);
 };
 
 const token = (): string => sessionStorage.getItem(TOKEN) ?? "";
-/** Nor waits a change of the connection: what is old must not look fresh for longer than it has to. */
+/** A change of the connection is shown at once: old data must not look fresh. */
 const stream = openStream(token, (message) => {
   if (message.kind === "connection") byHand(message);
   else dispatch(message);
@@ -94,7 +94,7 @@ function dress(night: boolean): void {
 
 const signs = createSigns(document, (isBlocked) => byHand({ kind: "sound-blocked", isBlocked }));
 
-/** A tab that is hidden is drawn no more, but its title, its icon and its sound still tell of alarms. */
+/** A hidden tab is not drawn, but its title, icon and sound still report alarms. */
 function unseen(): void {
   dispatch({ kind: "tick", now_ms: performance.now() });
   signs.show(newest());
@@ -135,7 +135,7 @@ const frontOf = ({ panels: { layout, left, right, front } }: State): string => `
 /** Of the room's height: where the camera's buttons take more, they lie over the scene. */
 const COVERED_MOST = 0.3;
 
-/** The scene is drawn in what the desk leaves free and nowhere else: what panels cover is not painted. */
+/** The scene is drawn only in the part that the panels leave free. */
 function fit(): void {
   const room = place.querySelector("[data-room]")!.getBoundingClientRect();
   const [left, top] = [Math.round(room.left), Math.round(room.top)];

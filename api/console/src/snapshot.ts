@@ -4,7 +4,7 @@ import type { components } from "./schemas/schema";
 
 type Schemas = components["schemas"];
 
-/** What the stream's text messages say: what changes seldom. */
+/** Content of the stream's text messages: state that changes seldom. */
 export type Status = Schemas["Status"];
 export type StatusVehicle = Schemas["StatusVehicle"];
 export type LogEvent = Schemas["LogEvent"];

@@ -51,7 +51,7 @@ export type Camera = "orbit" | "top" | "side" | "follow";
 /** How the page looks, and which vehicles are selected. The message `select` alone changes the selection. */
 export interface View extends Selection {
   camera: Camera;
-  /** How often it was asked that everything is in the picture. */
+  /** Counts the requests to fit everything into view. */
   fits: number;
   night: boolean;
 }
@@ -84,7 +84,7 @@ export interface State {
   preview: Preview | null;
   kill: Kill | null;
   attention: Attention;
-  /** What the desk alone remembers. */
+  /** State of the panels alone. */
   panels: PanelState;
 }
 

@@ -33,7 +33,7 @@ export const texts = {
   showDeselected: "No show selected",
   showSought: (cue: string) => `The show starts at ${cue}`,
 
-  // The desk, panel by panel.
+  // The panels, one by one.
 
   shell: {
     skip: "Skip to the controls",

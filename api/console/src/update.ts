@@ -13,7 +13,7 @@ export function update(state: State, message: Message): State {
   return updateAttention(state, updateDesk(updateShared(state, message), message), message);
 }
 
-/** What the desk and the scene share. */
+/** State that panels and scene share. */
 function updateShared(state: State, message: Message): State {
   switch (message.kind) {
     case "tick":
@@ -81,7 +81,7 @@ function onConnection(before: Connection, now: Connection): Connection {
   return before.kind === now.kind ? { ...now, since_ms: before.since_ms } : now;
 }
 
-/** Another service, or the same one started again: nothing of the last one is true of it. */
+/** Another service, or the same one restarted: nothing of the earlier state applies. */
 function onStatus(state: State, status: Status): State {
   const known = new Set(status.vehicles.map((each) => each.id));
   const kept = remaining(state.view, (id) => known.has(id));

@@ -52,7 +52,7 @@ function attended(before: State, state: State, message: AttentionMessage | { kin
     case "fold-alarms":
       return { ...attention, isFolded: message.isFolded };
     case "status": {
-      const isSame = before.status?.began_unix_time_s === status?.began_unix_time_s; // another service numbers its alarms anew
+      const isSame = before.status?.began_unix_time_s === status?.began_unix_time_s; // another service starts its alarm numbers again
       return afterAlarms(attention, isSame ? alarmsOf(before.status) : [], alarmsOf(status), page_ms, isSilent);
     }
     case "connection":
@@ -88,7 +88,7 @@ function headline(text: string): string {
   return /^.*?[:.](?=\s|$)/.exec(text)?.[0].slice(0, -1) ?? text;
 }
 
-/** Which of the page's icons says it. */
+/** The page's icon for it. */
 export function iconOf(alarms: readonly Alarm[]): "normal" | Exclude<Severity, "information"> {
   const severity = worst(alarms);
   return severity === "information" ? "normal" : severity;

@@ -20,7 +20,7 @@ export interface Attention {
   ring: Ring;
   /** The page's clock at the newest ring. */
   rang_ms: number;
-  /** What a screen reader says, once: `urgent` interrupts it. */
+  /** Text for the screen reader, once: `urgent` interrupts it. */
   announced: { number: number; urgent: string; calm: string };
 }
 

@@ -82,7 +82,7 @@ function one(state: State, actions: PanelActions, alarm: Alarm): TemplateResult 
   </li>`;
 }
 
-/** What a screen reader says of new alarms, once; the list itself is silent. Always there, so that it is listened to. */
+/** Text for a screen reader about new alarms, once; the list itself is silent. Always in the page, so that it is announced. */
 export function announcer({ attention: { announced } }: State): TemplateResult {
   return html`<div class="for-readers" data-testid="announcer">
     <div role="alert">${keyed(announced.number, html`<p>${announced.urgent}</p>`)}</div>

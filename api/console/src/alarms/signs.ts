@@ -14,7 +14,7 @@ const ICONS = { normal, caution, warning, emergency } as const;
 
 export interface Signs {
   show(state: State): void;
-  /** Somebody has pressed something: sound may be played from now on. */
+  /** The page was pressed: sound may be played from now on. */
   touched(): void;
 }
 

@@ -27,7 +27,7 @@ export class Sounder {
     this.#blocked = blocked;
   }
 
-  /** Ask the browser for sound: it is given only after somebody has pressed something on the page. */
+  /** Request sound from the browser, which allows it only after a press on the page. */
   unlock(): void {
     if (this.#context?.state === "running") return;
     if (this.#context === null) {

@@ -1,4 +1,4 @@
-/** What a person does at the desk: of the page alone, or handed on to the service. The views know nothing else. */
+/** What an operator does in the panels: within the page, or as a call of the service. The views know nothing else. */
 
 import type { Actions, FleetCommand, ReplayChange, ShowCommand, VehicleCommand } from "../actions";
 import type { Choice, Selection } from "../selection";

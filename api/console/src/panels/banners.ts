@@ -37,7 +37,7 @@ export function banner(state: State): TemplateResult | typeof nothing {
 
 const TOAST_ICON: Record<Toast["kind"], IconName> = { done: "check", grave: "kill", refused: "cross" };
 
-/** Answers to what was ordered; those that were refused stay longer, and in the events. */
+/** Answers to commands; refusals stay longer, and stay in the events. */
 export function toasts(state: State, actions: PanelActions): TemplateResult {
   return html`<section class="toasts" aria-label=${texts.toasts.title} aria-live="assertive" data-testid="toasts">
     ${state.toasts.map(

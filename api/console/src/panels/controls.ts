@@ -1,4 +1,4 @@
-/** Buttons and fields, so that all of them look, speak and refuse alike. */
+/** Buttons and fields, so that all have the same look, accessible text and refusals. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { texts } from "../texts";
@@ -15,15 +15,15 @@ export interface Button {
   why?: string; // it may not be pressed, and why
   icon?: IconName;
   kind?: "normal" | "primary" | "danger" | "quiet";
-  name?: string; // for a screen reader, where the label alone says too little
-  describedBy?: string; // id of the element that says what it does
+  name?: string; // for a screen reader, where the label alone is not enough
+  describedBy?: string; // id of the element that describes it
   pressed?: boolean;
   expanded?: boolean;
   iconOnly?: boolean;
   focus?: boolean; // when it appears
 }
 
-/** One that may not be pressed stays in the tab order: its reason has to be found by keyboard, too. */
+/** A disabled button stays in the tab order, so that the keyboard reaches its reason. */
 export function button(actions: PanelActions, b: Button): TemplateResult {
   const why = b.why ?? "";
   return html`<button
@@ -47,11 +47,11 @@ export interface NumberField {
   field: string; // draft, and data-testid
   label: string;
   unit: string;
-  value: string; // as the service says it
+  value: string; // as the service reports it
   now?: string; // where it is on its way there
 }
 
-/** What is typed stays typed, whatever the service says meanwhile, until it is sent or undone. */
+/** Typed text stays until it is sent or undone, whatever the service reports meanwhile. */
 export function numberField(state: State, actions: PanelActions, f: NumberField): TemplateResult {
   const draft = state.panels.drafts[f.field];
   const wrong = draft !== undefined && parsed(draft) === null;

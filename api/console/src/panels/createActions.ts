@@ -1,4 +1,4 @@
-/** What the desk's actions do: they change the page's own state, or call the service. */
+/** The panels' actions: they change the page's own state, or call the service. */
 
 import type { Actions, Box } from "../actions";
 import type { Choice, Selection } from "../selection";

@@ -14,7 +14,7 @@ export interface Entry {
   hint: string;
 }
 
-/** What is known, in the order in which it is read; what is not known is left out, never guessed. Pure. */
+/** The known values in reading order; unknown values are left out, never guessed. Pure. */
 export function entries(frame: Frame, ids: readonly string[]): Entry[] {
   const least = ids[frame.batteryLeastRow];
   const first = firstLow(frame);

@@ -1,4 +1,4 @@
-/** What happened: the service's log, the orders with what became of each vehicle, and what was refused. */
+/** Events: the service's log, the commands with the outcome of each vehicle, and refusals. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { Command, State } from "../state";

@@ -31,7 +31,7 @@ function warning(state: State, action: Big): string {
   return action === "start" && report && !report.passes ? texts.flight.fails(failures(report)) : "";
 }
 
-/** What a big button does, by hand or by key. */
+/** What a big button does, by pointer or key. */
 export function pressBig(state: State, actions: PanelActions, action: Big): void {
   const why = whyNotBig(state, action);
   if (why !== "") actions.refuse(texts.flight[action], why);

@@ -30,7 +30,7 @@ export function percent(share: Maybe): string {
   return known(share) ? `${Math.floor(share * 100 + 1e-3)} %` : UNKNOWN;
 }
 
-/** As above, without the sign: where the heading says it. */
+/** As above, without the percent sign, for columns whose heading has it. */
 export function percentOnly(share: Maybe): string {
   return known(share) ? String(Math.floor(share * 100 + 1e-3)) : UNKNOWN;
 }
@@ -59,7 +59,7 @@ export function clockTime(unix_time_s: Maybe): string {
   return new Date(unix_time_s * 1000).toLocaleTimeString("en-GB");
 }
 
-/** What somebody typed, as a number; a comma is a point. null: no number. */
+/** Typed text as a number; a comma is a point. null: no number. */
 export function parsed(text: string): number | null {
   const trimmed = text.trim().replace(",", ".").replace("−", "-");
   if (!/^[-+]?(\d+\.?\d*|\.\d+)$/.test(trimmed)) return null;

@@ -1,4 +1,4 @@
-/** Line drawings, 24 x 24: beside every colour there is a shape, for who cannot tell the colours apart. */
+/** Line drawings, 24 x 24: every colour comes with a shape, for people who cannot distinguish the colours. */
 
 import { html, svg, type TemplateResult } from "lit-html";
 import type { Phase } from "../state";

@@ -1,4 +1,4 @@
-/** The desk around the scene: a pure function of the state. */
+/** The panels around the scene: a pure function of the state. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { flightReport } from "../replay/report";
@@ -58,7 +58,7 @@ const SHEETS: Record<Sheet, { view: View; title: string }> = {
   help: { view: help, title: texts.help.title },
 };
 
-/** A number beside a panel's name, where somebody should look into it. */
+/** A number beside the name of a panel that needs attention. */
 function count(state: State, name: PanelName): number {
   const report = name === "preflight" ? preflightNow(state) : null;
   if (report && !report.passes) return failures(report);

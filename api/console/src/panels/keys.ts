@@ -1,4 +1,4 @@
-/** The keyboard: which key does what. Flight needs Shift, so that nobody who leans on a key flies anything. Pure. */
+/** The keyboard: which key does what. Flight commands need Shift, so that a key pressed by accident sends none. Pure. */
 
 export const KEYS = {
   start: "S",

@@ -1,4 +1,4 @@
-/** Where the service asks for a token: the page says so, and takes one. */
+/** Where the service requires a token: the page requests one. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State } from "../state";

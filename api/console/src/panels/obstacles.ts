@@ -1,4 +1,4 @@
-/** Obstacles as a list: add, change, remove. By hand in the scene they become a ghost first; see ghost.ts. */
+/** Obstacles as a list: add, change, remove. A drag in the scene makes a preview first; see scene/dragPreviews.ts. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { Obstacle, State } from "../state";
@@ -19,7 +19,7 @@ const FIELDS = [
   ["height_m", t.height],
 ] as const;
 
-/** What a new one is like until somebody types otherwise. */
+/** Default values of a new obstacle. */
 export const NEW_OBSTACLE = { x_m: 0, y_m: 0, half_length_x_m: 2, half_length_y_m: 2, height_m: 10 } as const;
 
 function form(state: State, actions: PanelActions, known: Obstacle | null): TemplateResult {

@@ -43,7 +43,7 @@ export function columns(history: History, values: Float64Array, floor: number): 
 
 const REDRAW_MS = 1000;
 const HEIGHT_PX = 104;
-const SHORTEST_S = 60; // what has just begun is not stretched: its time axis would say the same twice
+const SHORTEST_S = 60; // a history that has just begun is not stretched: its time axis would repeat labels
 
 class Plot extends AsyncDirective {
   private plot: uPlot | null = null;

@@ -1,4 +1,4 @@
-/** Preflight as a list of what to do: the same trouble of many is told once, with whom it concerns. */
+/** Preflight as a list of tasks: a problem of several vehicles is shown once, with their names. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { guard } from "lit-html/directives/guard.js";
@@ -18,20 +18,20 @@ const t = texts.preflight;
 /** How long a report counts as what is so now, and not as what was. */
 const NEW_MS = 12_000;
 
-/** The report, as long as it tells of now: on the ground, and read a short while ago. Pure. */
+/** The report while it is current: on the ground, and read a short while ago. Pure. */
 export function preflightNow(state: State): PreflightReport | null {
   const isNew = state.page_ms - state.panels.preflightRead_ms < NEW_MS; // NaN: not yet
   return isNew && whyNotOnGround(state) === "" ? state.preflight : null;
 }
 
-/** The report for a start of these vehicles (null: of every one that is online); null: there is none that tells of now. Pure. */
+/** The report for a start of these vehicles (null: of every one that is online); null: there is no current one. Pure. */
 export function preflightOf(state: State, vehicles: readonly string[] | null): PreflightReport | null {
   return state.panels.preflightFor === reportKey(vehicles) ? preflightNow(state) : null;
 }
 
 export const reportKey = (vehicles: readonly string[] | null): string => vehicles?.join(" ") ?? "";
 
-/** How many checks keep the fleet on the ground; those of who does not fly do not. */
+/** How many checks keep the fleet on the ground; those of vehicles that do not fly do not count. */
 export function failures(report: PreflightReport): number {
   const failing = (checks: readonly Check[]): number => checks.filter((each) => each.state !== "pass").length;
   return failing(report.fleet) + report.vehicles.reduce((sum, each) => sum + (each.flies ? failing(each.checks) : 0), 0);
@@ -47,13 +47,13 @@ function measured(check: Check): string {
   return `${plain(check.value)} ${check.unit}`.trim();
 }
 
-/** What keeps whom on the ground; what asks for the same is one trouble, the most common first. Pure. */
+/** What keeps which vehicles on the ground; problems with the same remedy are one, the most common first. Pure. */
 export function troubles(report: PreflightReport): Trouble[] {
   const found = new Map<string, Trouble>();
   for (const vehicle of report.vehicles) {
     for (const check of vehicle.flies ? vehicle.checks : []) {
       if (check.state === "pass") continue;
-      const hasText = check.unit === ""; // what was measured is said by the problem alone
+      const hasText = check.unit === ""; // the problem alone gives the measured value
       const key = [check.name, check.state, check.limit, check.to_do, hasText ? check.problem : ""].join("\n");
       const trouble = found.get(key) ?? { check, vehicles: [] };
       trouble.vehicles.push({ id: vehicle.id, measured: hasText ? "" : measured(check) });
@@ -164,7 +164,7 @@ function vehicleList(state: State, actions: PanelActions, list: readonly Vehicle
   ${list.length > VEHICLES_MAX ? html`<p class="dim">${t.moreVehicles(list.length - VEHICLES_MAX)}</p>` : nothing}`;
 }
 
-/** What passes is one line, until somebody wants to see it: a start is prepared by what does not. */
+/** Passed checks are one line until the operator opens it: a start is prepared by the failed ones. */
 function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle[], checks: readonly Check[]): TemplateResult {
   const { allChecks } = state.panels;
   return html`<section class="preflight-passing" data-testid="preflight-passing">
@@ -217,7 +217,7 @@ function details(state: State, actions: PanelActions, found: PreflightReport): T
       : nothing}`;
 }
 
-/** With 200 vehicles the list is long: it is made anew when something in it has changed, and not ten times a second. */
+/** With 200 vehicles the list is long: it is rendered again when it changed, and not ten times a second. */
 function report(state: State, actions: PanelActions, found: PreflightReport): TemplateResult {
   const { allChecks, excluding: who, drafts } = state.panels;
   const onGround = whyNotOnGround(state);

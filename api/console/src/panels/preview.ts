@@ -1,4 +1,4 @@
-/** What was dragged and is not ordered yet: confirm it or drop it. */
+/** What was dragged and is not sent yet: confirm or discard it. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { Preview, State } from "../state";

@@ -1,4 +1,4 @@
-/** What the stream does not say is asked for while somebody looks at it: preflight, orders, show files. */
+/** Data that the stream lacks are requested while their panel is open: preflight, commands, show files. */
 
 import type { Actions } from "../actions";
 import { startOrder } from "./start";
@@ -10,7 +10,7 @@ const PREFLIGHT_MS = 2000;
 const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
 
-/** Call it a few times a second. One question of a kind at a time, so that a slow service is not asked more. */
+/** Call it a few times a second. One request of a kind at a time, so that a slow service gets no more. */
 export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadShows" | "loadMarks">): (state: State) => void {
   const asked_ms = { preflight: -Infinity, commands: -Infinity };
   const busy = new Set<string>();

@@ -6,7 +6,7 @@ import { texts } from "../texts";
 export type VehicleAction = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down";
 export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "take-control", "confirm-down"];
 
-/** From which phases the service takes an order to one vehicle: gcs/model/lifecycle.py. It has the last word. */
+/** Phases in which the service accepts a command to one vehicle: gcs/model/lifecycle.py. The service decides. */
 export const FROM: Record<VehicleAction, readonly Phase[]> = {
   hold: ["formation", "return", "landing"],
   join: ["hold"],
@@ -18,7 +18,7 @@ export const FROM: Record<VehicleAction, readonly Phase[]> = {
 
 const EMERGENCY: readonly string[] = ["pause", "stop", "abort", "hold", "return", "land", "bring-home", "kill", "acknowledge"];
 
-/** Who brings the fleet down is tried also with old data: the service answers as things are there. */
+/** Commands that bring the fleet down are sent also with old data: the service decides by its own state. */
 export function whyNot(state: State, action: string): string {
   const emergency = EMERGENCY.includes(action);
   if (state.status?.replay) return texts.flight.replay;
@@ -29,7 +29,7 @@ export function whyNot(state: State, action: string): string {
   return emergency || fresh(state) ? "" : texts.flight.noData;
 }
 
-/** As for pausing: whoever may calm the fleet may say that an alarm was seen. */
+/** As for pausing: the right to pause the fleet includes acknowledging alarms. */
 export function whyNotAcknowledge(state: State): string {
   return whyNot(state, "acknowledge");
 }

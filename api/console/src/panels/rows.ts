@@ -1,4 +1,4 @@
-/** The fleet as rows of a table: what is shown, in which order, and which of it is on the screen. Pure. */
+/** The fleet as rows of a table: columns, order, and the rows on the screen. Pure. */
 
 import type { Frame, Phase, Status } from "../snapshot";
 import { MODES, PHASES, type Mode } from "../snapshot";
@@ -75,7 +75,7 @@ const VALUE: Record<Exclude<Column, "id">, (row: Row) => number> = {
   held: (row) => (row.limited ? 1 : 0),
 };
 
-/** In order; what is not known comes last, whichever way it is sorted. */
+/** Sorted; unknown values come last in both directions. */
 export function sorted(rows: readonly Row[], sort: Sort): Row[] {
   const sign = sort.descending ? -1 : 1;
   const { column } = sort;

@@ -1,4 +1,4 @@
-/** The start: what flies, who, when, and whether preflight would let it. One press to open, one to take off. */
+/** The start: which show, which vehicles, when, and whether preflight passes. One press to open, one to take off. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import type { State } from "../state";
@@ -19,7 +19,7 @@ export interface StartOrder {
 
 const DAY_S = 86_400;
 
-/** What the start says as typed; a text where it cannot be sent. Pure. */
+/** The start as typed; a text where it cannot be sent. Pure. */
 export function startOrder(state: State): StartOrder | string {
   const { drafts, startAt, startNamed } = state.panels;
   const vehicles = startNamed ? names(drafts["start-names"] ?? "") : null;

@@ -1,4 +1,4 @@
-/** What the desk alone remembers: what is open, what is typed, how the table is sorted. Plain data. */
+/** State of the panels: what is open, what is typed, how the table is sorted. Plain data. */
 
 import type { ShowCheck, StoredShow } from "../snapshot";
 import type { Sort } from "./rows";
@@ -22,7 +22,7 @@ export interface Refusal {
   text: string;
 }
 
-/** The order of the fleet table; made anew once a second, so that rows do not jump under a finger. */
+/** The order of the fleet table; sorted again once a second, so that rows do not jump under a finger. */
 export interface Table {
   command: readonly number[]; // indices of vehicles
   nearest_m: Float64Array;
@@ -53,7 +53,7 @@ export interface PanelState {
   openShow: string | null;
   wasDown: boolean; // with the newest status: a start could be prepared
   preflightRead_ms: number; // the page's clock; NaN: not yet
-  preflightFor: string; // the vehicles it was asked for, with spaces between; empty: all that are online
+  preflightFor: string; // the vehicles it was requested for, with spaces between; empty: all that are online
   preflightProblem: string;
   allChecks: boolean; // also those that pass
   sure: string; // what waits for a second press: "obstacle:tower", "show:parade"

@@ -1,4 +1,4 @@
-/** The bar on top: where the show stands, whether this is now, who is here, and how it looks. */
+/** The top bar: the show's phase, whether the data are current, the user, and the appearance. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { overall, soundButton } from "../alarms/panel";

@@ -1,4 +1,4 @@
-/** The desk's part of the one update: what it remembers follows from the same messages. Pure. */
+/** The panels' part of the one update: their state follows from the same messages. Pure. */
 
 import { nearest_m } from "../formation";
 import { PHASES, type State } from "../state";
@@ -10,7 +10,7 @@ import { rowOf, sorted } from "./rows";
 import { REFUSALS_KEPT, type PanelState, type Table } from "./state";
 import { steppedBack, steppedForward } from "./stepping";
 
-/** The table is put in order at most so often: rows that jump cannot be pressed. */
+/** The table is sorted at most this often: rows that jump cannot be pressed. */
 const TABLE_MS = 1000;
 
 /** Behind the update of everything else; `message` is the same. */

@@ -1,4 +1,4 @@
-/** One vehicle: all that is known of it, and what can be asked of it. */
+/** One vehicle: all its values, and the commands it accepts. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { FLAG, indexOf, type State } from "../state";

@@ -17,7 +17,7 @@ const t = texts.replay;
 const SPEEDS: readonly string[] = ["0.5", "1", "2", "4", "10"];
 export const JUMP_S = 10;
 
-/** Where the record is now: each frame tells when it was recorded. Pure. */
+/** The replay's position: each frame has its recording time. Pure. */
 export function position_s(state: State): number {
   const { frame, status } = state;
   const replay = status?.replay;

@@ -8,13 +8,13 @@ export const MARK = { limited: 1, lost: 2, selected: 4 } as const;
 
 const ON_GROUND: ReadonlySet<Phase> = new Set(["offline", "standby", "killed"]);
 const DARKEST = 0.35; // a light that is nearly off still has a colour that one can see
-const FAINT = 0.3; // shine of who is in the air without a light
+const FAINT = 0.3; // shine of an airborne vehicle without a light
 
 export function phaseOf(frame: Frame, i: number): Phase {
   return PHASES[frame.phase[i]!] ?? "offline";
 }
 
-/** Whether what is known of a vehicle's place is too old to be shown as fresh. */
+/** Whether a vehicle's position is too old to be shown as fresh. */
 export function isStale(frame: Frame, i: number, isFresh: boolean): boolean {
   return !isFresh || !(frame.position_age_s[i]! <= STALE_MS / 1000);
 }

@@ -1,4 +1,4 @@
-// The camera that three.js draws with, and what every shader of the scene is told of it.
+// The camera that three.js draws with, and its uniforms for every shader of the scene.
 
 import { Camera, Vector2, Vector3 } from "three";
 

@@ -1,5 +1,5 @@
-// The camera in time: what hands and keys asked for, the change from one camera to another, following, and keeping the
-// formation in view. It moves by itself only when the formation leaves the picture, and never under an operator's hand.
+// The camera over time: input of pointer and keys, the change from one camera to another, following, and keeping the
+// formation in view. It moves automatically only when the formation leaves the view, and never during an operator's input.
 
 import type { Camera, State } from "../state";
 import { north_rad, type Vec3 } from "./axes";
@@ -11,9 +11,9 @@ import { approach, EASE_S, entered, framed, panned, SLOW_EASE_S, START, turned, 
 const HALF_TURN = Math.PI;
 const STEP_MAX_S = 0.1; // after a pause the camera does not leap
 const FOLLOWED_SPAN_M = 26;
-const REST_MS = 1500; // after a hand let go, before the camera moves by itself
-const AWAY_MS = 20_000; // so long a hand may have left the camera where nothing flies
-const LEFT_OVER = 0.5; // of the vehicles that an operator chose to look at; with fewer all are fitted
+const REST_MS = 1500; // after the end of an operator's input, before the camera moves automatically
+const AWAY_MS = 20_000; // how long the camera may stay where an operator left it without vehicles in view
+const LEFT_OVER = 0.5; // share of the vehicles that an operator brought into view; below it all are fitted
 
 /** A view that was left, to be found again as it was. */
 interface Left {
@@ -35,7 +35,7 @@ export class CameraController {
   #drawn_ms = 0;
   #hand_ms = -Infinity;
   #isByHand = false; // panned or zoomed: what is seen now was chosen
-  #isWide = false; // all was asked for: it stays so wide
+  #isWide = false; // the operator fitted all vehicles: the view stays that wide
   #chosen: readonly number[] | null = null; // null: the camera chooses
 
   /** Whether it is still on its way. */
@@ -51,7 +51,7 @@ export class CameraController {
     }
   }
 
-  /** What is seen goes along with the hand. */
+  /** The view moves with the pointer. */
   pan(right: number, up: number): void {
     this.#byHand(panned(this.#goal, -right, -up));
     this.#isByHand = true;
@@ -67,7 +67,7 @@ export class CameraController {
     this.#isFramed = false;
   }
 
-  /** The pose of this picture. `isHeld`: a hand is on the scene. */
+  /** The pose for this frame. `isHeld`: an operator drags the scene. */
   at(state: State, poses: Poses, selected: number, screen: Screen, now_ms: number, isHeld = false): Pose {
     const dt_s = Math.min(STEP_MAX_S, Math.max(0, (now_ms - this.#drawn_ms) / 1000));
     this.#drawn_ms = now_ms;
@@ -112,7 +112,7 @@ export class CameraController {
     this.#isFramed = this.#isFramed && camera !== "top" && camera !== "side";
   }
 
-  /** Fit when it was asked for, when the visible region changed, and when the formation leaves it. */
+  /** Fit on request, when the visible region changed, and when the formation leaves it. */
   #keep(state: State, poses: Poses, screen: Screen, now_ms: number): void {
     const { left, top, width, height } = screen.free;
     const region = [screen.width, screen.height, left, top, width, height].join();

@@ -1,4 +1,4 @@
-// What a hand can move, and what it has been moved to: a ghost. Pure; nothing here orders anything.
+// What an operator can drag, and its preview where it was dragged. Pure; nothing here sends a command.
 
 import type { Preview, Obstacle, State } from "../state";
 import { may } from "../state";
@@ -8,17 +8,17 @@ import type { Ray, Screen } from "./picking";
 import { facing, intoBox, onLevel, project } from "./picking";
 import type { Basis, Pose } from "./rig";
 
-/** How the screen looks at the scene just now. */
+/** The present view of the scene. */
 export interface Sight {
   basis: Basis;
   pose: Pose;
   screen: Screen;
 }
 
-/** What was taken hold of, and by which part of it: ground off the hand's place. */
+/** What is dragged, and at which part of it: offset on the ground from the pointer. */
 export interface Grip {
   preview: Preview;
-  /** Level over which the hand moves it. */
+  /** Height of the plane on which the pointer moves it. */
   height_m: number;
   off_x_m: number;
   off_y_m: number;
@@ -27,7 +27,7 @@ export interface Grip {
 const REACH_PX = 18;
 const RADIUS_MIN_M = 0.5;
 
-/** A step that a hand can mean at this zoom: some 4 pixels or more. */
+/** The smallest step that a pointer can express at this zoom: some 4 pixels or more. */
 export function step_m(span_m: number, height_px: number): number {
   const least_m = (4 * span_m) / height_px;
   return least_m <= 0.1 ? 0.1 : least_m <= 0.5 ? 0.5 : least_m <= 1 ? 1 : 5;
@@ -51,7 +51,7 @@ export function sphereOf(state: State): { center: Vec3; radius_m: number } | nul
   return { center: toScene(...frame.center_m), radius_m: frame.radius_m };
 }
 
-/** What is under the pointer and may be dragged by who looks; null: nothing. A ghost goes before what it is of. */
+/** What is under the pointer and may be dragged with the viewer's rights; null: nothing. A preview comes before its original. */
 export function gripAt(state: State, sight: Sight, ray: Ray, px: number, py: number): Grip | null {
   if (!may(state, "operate") || state.frame === null || state.status === null || state.status.replay !== null) {
     return null;
@@ -140,7 +140,7 @@ function gripped(preview: Exclude<Preview, { kind: "radius" }>, ray: Ray, height
   return { preview, height_m, off_x_m: preview.x_m - at.x_m, off_y_m: preview.y_m - at.y_m };
 }
 
-/** The ghost when the hand has moved on; the old one where the hand points at nothing. */
+/** The preview after the pointer moved; the old one where the pointer is over nothing. */
 export function moved(grip: Grip, sphereCenter: Vec3 | null, sight: Sight, ray: Ray): Preview {
   const step = step_m(sight.pose.span_m, sight.screen.free.height);
   if (grip.preview.kind === "radius") {

@@ -61,7 +61,7 @@ export class DynamicLayer {
     parts.forEach((each) => each.commit());
   }
 
-  /** Where on the ground everybody is, and how high above it. */
+  /** Each vehicle's position on the ground, and its height above it. */
   #threads({ poses, tints, selected, palette }: Picture): void {
     const faint = poses.n <= THREADS_UP_TO ? 0.2 : 0;
     for (let i = 0; i < poses.n; i += 1) {

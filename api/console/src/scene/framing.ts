@@ -84,7 +84,7 @@ export function visible(pose: Pose, screen: Screen, poses: Poses, vehicles: read
   return vehicles.filter((i) => isVisible(pose, screen, placeOf(poses, i), margin_px));
 }
 
-/** Whether all places together take so little of the visible region that vehicles cannot be told apart. */
+/** Whether all positions together take so little of the visible region that vehicles cannot be distinguished. */
 export function isTiny(pose: Pose, screen: Screen, places: Iterable<Vec3>): boolean {
   const basis = basisOf(pose);
   const seen = [...places].map((place) => project(basis, pose, screen, place)).filter((each) => each !== null);

@@ -35,7 +35,7 @@ export class Ground {
     this.#changed = changed;
   }
 
-  /** Nothing is asked for while the camera moves. */
+  /** No tile is requested while the camera moves. */
   draw(status: Status | null, eye: Eye, moves: boolean, now_ms: number, overlay: Overlay): void {
     for (const sheet of this.group.children) {
       sheet.visible = false;
@@ -91,7 +91,7 @@ export class Ground {
     }
   }
 
-  /** Whom to thank for what is shown, and what keeps the rest from being shown. */
+  /** Attribution of the shown tiles, and why others are missing. */
   #stated(addresses: readonly string[], attribution: string): string {
     const shown = addresses.filter((address) => this.#tile_cache.picture(address) !== null).length;
     const failures = addresses.map((address) => this.#tile_cache.failure(address)).filter((failure) => failure !== null);

@@ -40,7 +40,7 @@ export interface Scene {
 }
 
 export interface SceneEvents {
-  /** While something is dragged: what it would be. Nothing is ordered by it. */
+  /** During a drag: the values it would set. It sends no command. */
   preview(preview: Preview | null): void;
   choose(choice: Choice): void;
 }
@@ -222,7 +222,7 @@ class LiveScene implements Scene {
     return this.#selection.indices;
   }
 
-  /** What the graphics card is told of each vehicle, once for all that is drawn of it. */
+  /** Attributes of each vehicle on the graphics card, shared by everything that is drawn of it. */
   #tell(n: number): void {
     this.#reported.grow(n);
     const { numbers, texture } = this.#reported;

@@ -106,7 +106,7 @@ function repeated(shape: BufferGeometry, n: number): BufferGeometry {
   return whole;
 }
 
-/** Things of one shape that are collected anew now and then. */
+/** Objects of one shape that are collected again now and then. */
 export class Collected {
   readonly #repeated: Repeated;
   readonly #table: Table;
@@ -127,14 +127,14 @@ export class Collected {
     this.#n = 0;
   }
 
-  /** One more; what is not told is 0. */
+  /** Add one; values that are not given are 0. */
   add(...row: number[]): void {
     this.#table.grow(this.#n < this.#table.room ? 0 : 2 * this.#n);
     this.#table.numbers.set(row, this.#n * 4 * this.#table.columns);
     this.#n += 1;
   }
 
-  /** Hand what was collected to the graphics card. */
+  /** Upload the collected objects to the graphics card. */
   commit(): void {
     this.#table.texture.needsUpdate = this.#n > 0;
     this.#repeated.draw(this.#shape, this.#table, this.#n);

@@ -31,7 +31,7 @@ export interface Zooms {
   zoom_max: number;
 }
 
-/** The column may lie beyond the map's edge: the world goes on there. */
+/** The column may lie beyond the map's edge, where it wraps around. */
 export interface Tile {
   zoom: number;
   column: number;
@@ -39,7 +39,7 @@ export interface Tile {
 }
 
 export interface Choice {
-  /** In the order in which they are to be had: what covers most first, then from the middle outwards. */
+  /** In the order of loading: tiles that cover most first, then from the middle outwards. */
   tiles: readonly Tile[];
   /** So far around the middle all is covered. */
   reach_m: number;
@@ -139,7 +139,7 @@ export function choose(origin: Origin, x_m: number, y_m: number, pixel_m: number
     : { tiles: [...square(middle, coarse, COARSE), ...near], reach_m: reach(coarse, COARSE) };
 }
 
-/** Where a tile is to be had; the world goes on beyond the map's edge. */
+/** The address of a tile; columns wrap around at the map's edge. */
 export function addressOf({ zoom, column, row }: Tile, template: string): string {
   const count = 2 ** zoom;
   const values: Record<string, number> = { z: zoom, x: ((column % count) + count) % count, y: row };

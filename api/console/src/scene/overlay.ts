@@ -1,4 +1,4 @@
-// Words over the picture, as elements of the page: sharp at any size. They are for the eye; the desk has all of it as text.
+// Labels over the scene, as elements of the page: sharp at any size. Screen readers skip them; the panels have the same as text.
 
 import { texts } from "../texts";
 import type { Vec3 } from "./axes";
@@ -77,7 +77,7 @@ export class Overlay {
     this.#compass.style.transform = `translate(${free.left + 14}px, ${height - 78}px)`;
   }
 
-  /** What is to be said of the map, in the lower right corner; empty: nothing. */
+  /** Note about the map, in the lower right corner; empty: none. */
   credit(text: string, eye: Eye): void {
     if (this.#credit.textContent !== text) {
       this.#credit.textContent = text;

@@ -1,5 +1,5 @@
 // The scene's colours. Phases: Okabe and Ito's palette, lightened at night and darkened by day, so that people who
-// are colour-blind can tell them apart; what matters is marked by shape as well.
+// are colour-blind can distinguish them; important states also have a shape of their own.
 
 import type { Phase } from "../state";
 

@@ -1,17 +1,17 @@
 // When which frame is shown. The scene runs about one frame period behind what arrived, so that there are always
-// two frames to move between; after the newest it goes on with the velocities for a moment, and then it stands.
+// two frames to interpolate; after the newest it extrapolates with the velocities for a moment, and then stops.
 
 import type { Frame } from "../state";
 import type { Vec3 } from "./axes";
 
-/** What is late is carried on for no longer than this: old data must never look alive. */
+/** Longest extrapolation of late data: old data must never look fresh. */
 export const CARRIED_ON_MS = 200;
 
 const BEHIND = 1.1; // periods
 const KEPT = 5; // frames
 const SHORTEST_MS = 20;
 const LONGEST_MS = 400;
-const LOST_BEAT_MS = 250; // farther from the beat than this: begin anew
+const LOST_BEAT_MS = 250; // farther from the beat than this: start again
 const FOLLOW = 0.2; // how fast the beat follows arrivals
 const FOLLOW_PERIOD = 0.1;
 /** Two frames of one run are no farther apart in recorded time: live 0.1 s, a replay at 10 times its speed about 1 s. */
@@ -38,7 +38,7 @@ interface FrameFilter {
   at_ms: number;
 }
 
-/** A short memory of frames, each with the moment when it is due. Time is told to it. */
+/** A short memory of frames, each with the time when it is due. The caller passes the time. */
 export class Playback {
   #shown: FrameFilter[] = [];
   #period_ms = 100;
@@ -94,14 +94,14 @@ export class Playback {
   }
 }
 
-/** Whether one frame follows the other without a break: same vehicles, and recorded time goes on by no more than a step. */
+/** Whether one frame follows the other without a break: same vehicles, and recorded time advances by no more than a step. */
 function continues(last: Frame, next: Frame): boolean {
   const passed_s = recorded_s(last, next);
   const isSame = last.n === next.n && last.revision <= next.revision && next.time_s >= last.time_s;
   return last === next || (isSame && passed_s >= -CLOCK_BACK_S && passed_s <= STEP_MAX_S);
 }
 
-/** How much later it was recorded: in a replay the service's own clock goes on whatever is played. */
+/** How much later it was recorded: in a replay the service's own clock always advances. */
 function recorded_s(from: Frame, to: Frame): number {
   return to.unix_time_s - from.unix_time_s;
 }
@@ -148,7 +148,7 @@ export function placeOf(poses: Poses, i: number): Vec3 {
   return [poses.place[4 * i]!, poses.place[4 * i + 1]!, poses.place[4 * i + 2]!];
 }
 
-const LEAP_M = 25; // in one frame nobody flies so far
+const LEAP_M = 25; // farther than any vehicle flies in one frame
 
 function mixed(from: number, to: number, share: number): number {
   return Math.abs(to - from) < LEAP_M ? from + share * (to - from) : to; // also where `from` is NaN

@@ -7,7 +7,7 @@ import type { Screen } from "./picking";
 const PIXEL_RATIO_MAX = 2;
 const MANY = 100;
 
-/** A processor alone paints fewer pixels where there are many vehicles: words and desk stay sharp. Pure. */
+/** Without a graphics card fewer pixels are drawn where there are many vehicles; labels and panels stay sharp. Pure. */
 export function pixelRatio(software: boolean, ofScreen: number, vehicles: number): number {
   if (!software) return Math.min(PIXEL_RATIO_MAX, ofScreen);
   return vehicles > MANY ? 0.75 : 1;
@@ -28,7 +28,7 @@ function isSoftware(): boolean {
 const SOFTWARE_MS = 1000 / 30;
 const EARLY_MS = 4; // the browser's own beat: rather a little early than a whole picture late
 
-/** Whether a picture is due: a processor that paints leaves every second one to the desk. Pure. */
+/** Whether a frame is due: without a graphics card every second one is left to the panels. Pure. */
 export function isDue(software: boolean, sinceLast_ms: number): boolean {
   return !software || sinceLast_ms >= SOFTWARE_MS - EARLY_MS;
 }
@@ -49,7 +49,7 @@ export function createRenderer(canvas: HTMLCanvasElement): Fitted {
   return { renderer, software, pixelRatio: (ofScreen, vehicles) => pixelRatio(software, ofScreen, vehicles) };
 }
 
-/** The canvas, and what the desk leaves free of it: it says so by the padding of what the canvas is in. */
+/** The canvas, and the part that the panels leave free, given by the padding of the canvas's parent. */
 export function screenOf(canvas: HTMLCanvasElement, width: number, height: number): Screen {
   const css = canvas.parentElement === null ? null : getComputedStyle(canvas.parentElement);
   const px = (text: string | undefined): number => Number.parseFloat(text ?? "") || 0;

@@ -1,4 +1,4 @@
-// What stands still unless somebody changes it: pads, fence, obstacles, orbit, target. Collected anew when it changed.
+// What stands still unless an operator changes it: pads, fence, obstacles, orbit, target. Collected again after a change.
 
 import type { Group } from "three";
 
@@ -34,7 +34,7 @@ export function fenceNearness({ x_m, y_m, height_m, n }: Frame, { distance_max_m
   return Math.min(1, Math.max(0, (FENCE_FAR_M - nearest_m) / (FENCE_FAR_M - FENCE_NEAR_M)));
 }
 
-/** An obstacle where it is now: it goes on as it moves, as long as somebody tells of it. */
+/** An obstacle at its present position, extrapolated with its velocity while the service reports it. */
 export function broughtForward(box: Obstacle, since_s: number): Obstacle {
   const for_s = Math.min(Math.max(since_s, 0), 3);
   return { ...box, x_m: box.x_m + for_s * box.velocity_x_m_s, y_m: box.y_m + for_s * box.velocity_y_m_s };
@@ -135,7 +135,7 @@ export class Scenery {
     this.#lines.box(low, high, { color: palette.obstacle, alpha: palette.night ? 0.5 : 0.8, width_px: 1.2 });
   }
 
-  /** What is written beside it. */
+  /** Its label. */
   words(status: Status, frame: Frame, time_s: number, eye: Eye, overlay: Overlay): void {
     const [x_m, y_m] = frame.target_m;
     overlay.put(eye, toScene(x_m, y_m, 0), texts.scene.target, "thing", 26);

@@ -1,5 +1,5 @@
 // Every line of the scene that is not a trail: one draw call for as many as one likes, in pixels' width, soft, dashed
-// or not. Collected anew when something changed.
+// or not. Collected again after a change.
 
 import type { Vec3 } from "./axes";
 import type { Shared } from "./camera";

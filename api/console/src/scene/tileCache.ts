@@ -1,12 +1,12 @@
-// Which pictures are held, which are to be asked for, and when again one that could not be had. Pure but for what it
-// holds; time is given.
+// Which tiles are cached, which are to be requested, and when a failed one is requested again. Pure except for its
+// cache; the caller passes the time.
 
 export const HELD_MAX = 64;
 const AT_ONCE = 4;
-/** What could not be had is not asked for again any sooner. */
+/** A failed tile is not requested again sooner. */
 export const RETRY_MS = 60_000;
 
-/** Why a picture could not be had. */
+/** Why a tile could not be loaded. */
 export interface Failure {
   reason: string;
   /** There is none: the map ends there. */
@@ -27,7 +27,7 @@ export class TileCache<Picture> {
     return this.#held.size;
   }
 
-  /** Of what is wanted, HELD_MAX at most, what is to be asked for now. Each is answered by `put` or `fail`. */
+  /** The wanted tiles (at most HELD_MAX) to request now. The caller answers each with `put` or `fail`. */
   ask(desired: readonly string[], now_ms: number): string[] {
     for (const [address, { at_ms }] of this.#failures) {
       if (now_ms - at_ms >= RETRY_MS) this.#failures.delete(address);

@@ -1,5 +1,5 @@
-// Where everybody has been: a ring of samples on the graphics card, in which every sample is written once. A sample is
-// a place and when that was; a segment whose end is older than its beginning is the seam of the ring, and is not drawn.
+// Trails of all vehicles: a ring of samples on the graphics card, in which every sample is written once. A sample is
+// a position and its time; a segment whose end is older than its beginning is the seam of the ring, and is not drawn.
 
 import type { Shared } from "./camera";
 import { STRIP, STRIP_EDGE } from "./glsl";
@@ -14,7 +14,7 @@ const SLOTS_MAX = 96;
 const SLOTS_MIN = 6;
 const LASTS_S = 14; // about, where there is room for it
 const OFTEN_S = 0.15;
-const LEAP_M_S = 60; // faster than anything that flies here: a jump, not a way
+const LEAP_M_S = 60; // faster than any vehicle here: a jump, not a path
 
 /** How many samples each of n vehicles leaves. */
 export function slotsFor(n: number): number {
@@ -41,12 +41,12 @@ export class Ring {
     this.rows = table.numbers;
   }
 
-  /** Whether these poses are joined to those before: after a break of recorded time a straight line would be a lie. */
+  /** Whether these poses are joined to those before: after a break of recorded time a straight line would be wrong. */
   joins(poses: Poses): boolean {
     return poses.n === this.n && poses.run === this.run;
   }
 
-  /** Write who is where. */
+  /** Write the position of each vehicle. */
   write(poses: Poses, colors: Float32Array, time_s: number): void {
     const goesOn = time_s - this.#head_s >= this.every_s;
     const before = this.head;
@@ -87,7 +87,7 @@ export class Ring {
     return far_m > 2 + LEAP_M_S * Math.abs(time_s - this.rows[last + 3]!);
   }
 
-  /** Forget the way of one. */
+  /** Forget the trail of one vehicle. */
   #wipe(i: number): void {
     for (let slot = 0; slot <= this.slots; slot += 1) {
       this.rows[(slot * this.n + i) * FLOATS + 7] = 0;
@@ -114,7 +114,7 @@ export class Trails {
     return this.#all.mesh;
   }
 
-  /** The time is when it was recorded: a replay that is paused keeps its trails, and one that is scrubbed begins anew. */
+  /** The time is that of the recording: a paused replay keeps its trails, and a seek starts new ones. */
   draw(poses: Poses, colors: Float32Array, selected: number): void {
     if (!this.#ring.joins(poses)) {
       this.#begin(poses);

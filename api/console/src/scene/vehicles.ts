@@ -8,7 +8,7 @@ import { ORDER } from "./materials";
 import type { Palette } from "./palette";
 import { quadrotor } from "./quadrotor";
 
-/** What is told of every vehicle in every picture: place and turn; colour and shine; marks. */
+/** Attributes of every vehicle in every frame: position and turn; colour and shine; marks. */
 export const REPORTED = 3;
 
 /** Half of the span that is drawn at least: somewhat more than theirs, and what one still sees from far away. */
@@ -68,7 +68,7 @@ uniform vec3 uNose;
 varying vec3 vColor;
 ${telling(REPORTED)}
 
-/** Who is seen from the edge leans towards the eye, for a flat thing seen from its edge has no shape. Heading stays. */
+/** A vehicle seen from its edge tilts towards the camera, since a flat thing seen from its edge has no shape. Heading stays. */
 mat3 leaning(vec3 toEye) {
   float lean = clamp(0.5 - asin(clamp(toEye.y, -1.0, 1.0)), 0.0, 0.9);
   vec3 level = normalize(vec3(toEye.x, 1e-5, toEye.z));

@@ -10,7 +10,7 @@ const BYTES = 7;
 /** Bytes of a frame of n vehicles. */
 export const size = (n: number): number => HEADER_BYTES + n * (4 * FLOATS + BYTES);
 
-/** Whoever sent this speaks another language than this page. */
+/** The sender uses another format than this page. */
 export class FrameError extends Error {}
 
 /** Read a frame; its columns are views of `buffer`. Throws FrameError, with what is wrong, for what is none. */

@@ -1,4 +1,4 @@
-// The console's stream: asks who we are, opens the WebSocket, opens it again when it is cut or silent.
+// The console's stream: requests the identity, opens the WebSocket, and opens it again when it is closed or silent.
 
 import type { Access, Connection, Status } from "../state";
 import { texts } from "../texts";
@@ -6,9 +6,9 @@ import type { Message } from "../update";
 import { decode, FrameError } from "./frame";
 import type { components } from "./schema";
 
-/** Silence for so long, and whatever is shown is old; with the grace and the next drawing, less than a second. */
+/** After this silence the shown data are old; with the grace and the next drawing it is less than a second. */
 const SILENT_MS = 800;
-/** What waits to be read while the page was busy is not silence. */
+/** Messages that wait to be read while the page was busy are no silence. */
 const GRACE_MS = 60;
 const RETRY_MIN_MS = 500;
 const RETRY_MAX_MS = 5000;
@@ -16,7 +16,7 @@ const RATE_HZ = 10;
 const POLICY_VIOLATION = 1008;
 
 export interface Stream {
-  /** Begin anew, with the token as it is now. */
+  /** Start again with the present token. */
   restart(): void;
   stop(): void;
 }
@@ -31,7 +31,7 @@ export function openStream(token: () => string, dispatch: (message: Message) => 
   const tell = (kind: Connection["kind"], reason: string): void =>
     dispatch({ kind: "connection", connection: { kind, since_ms: performance.now(), reason } });
 
-  /** Whatever was begun is of no interest any more. */
+  /** Ignore the results of everything that was started. */
   function drop(): void {
     attempt++;
     clearTimeout(silence);
@@ -109,7 +109,7 @@ export function read(data: string | ArrayBuffer): Message {
     : { kind: "frame", frame: decode(data, performance.now()) };
 }
 
-/** A browser does not tell why a WebSocket was refused: this call does. */
+/** A browser does not report why a WebSocket was refused; this call does. */
 async function ask(token: string): Promise<Access | "denied" | "unreachable"> {
   const headers = token === "" ? {} : { Authorization: `Bearer ${token}` };
   try {

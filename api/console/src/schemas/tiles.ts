@@ -17,7 +17,7 @@ export class TileError extends Error {
 
 export type LoadTile = (address: string) => Promise<ImageBitmap>;
 
-/** How to ask for a tile. Nobody else is given the token, nor led on to others; map servers want to know the page's origin. */
+/** How to request a tile. Only this service gets the token, and redirects are not followed; map servers require the page's origin. */
 export function requestFor(address: string, page: string, token: string): { url: string; init: RequestInit } {
   const url = new URL(address, page);
   const isOurs = address.startsWith("/") && url.origin === new URL(page).origin;
