@@ -1,4 +1,4 @@
-"""`python -m gcs.sim`: a fleet alone."""
+"""`python -m gcs.sim`: a fake fleet without a ground station."""
 
 import sys
 

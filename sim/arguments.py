@@ -1,4 +1,4 @@
-"""What the command line's values look like, and how wrong ones are refused."""
+"""Parsers of the command line's values; wrong values are refused with the allowed form."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def pair(form: str) -> Callable[[str], tuple[float, float]]:
 
 
 def _numbers(text: str, form: str, count: int) -> list[float]:
-    """So many finite numbers. Raises: ArgumentTypeError."""
+    """Parse `count` finite numbers. Raises: ArgumentTypeError."""
     values = [_float(part) for part in text.split(",")]
     if len(values) != count or not all(map(math.isfinite, values)):
         words = {2: "two numbers with a comma", 3: "three numbers with commas"}[count]

@@ -1,4 +1,4 @@
-"""Between sockets and vehicles: what is sound passes at once, broken links go through their faults."""
+"""Carries datagrams between sockets and vehicles; links with faults pass through their fault models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gcs.sim.fleet import Fleet
 
 SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
-TARGET_AT = 10 + 50  # header, and what stands before target_system
+TARGET_AT = 10 + 50  # header, and the fields before target_system
 
 
 class Radio:
@@ -30,7 +30,7 @@ class Radio:
         self._apart: dict[Endpoint, list[tuple[int, int]]] = {}
 
     def listen(self, ready: Sequence[Endpoint]) -> None:
-        """Hear what has arrived there; answer at once, as PX4 does within milliseconds."""
+        """Read the ready endpoints; answer at once, as PX4 does within milliseconds."""
         fleet, broken = self._fleet, self._fault_injector.broken
         if self._changes != self._fault_injector.changes:
             self._part()
@@ -47,7 +47,7 @@ class Radio:
         self.deliver()
 
     def deliver(self) -> None:
-        """Hear what the broken links have let through by now, and answer whatever has been heard."""
+        """Process what links with faults have let through by now, and send all answers."""
         batch: list[tuple[int, bytes]] = []
         origins: list[tuple[Endpoint, Address]] = []
         for row, channel in self._fault_injector.broken.items():
@@ -95,7 +95,7 @@ class Radio:
                 endpoint.send_alone(garbage)
 
     def _part(self) -> None:
-        """Let those with broken links hear their sockets only through their faults."""
+        """Separate vehicles with link faults: they receive datagrams only through their fault models."""
         self._changes = self._fault_injector.changes
         self._apart = {}
         for row in self._fault_injector.broken:
@@ -108,7 +108,7 @@ class Radio:
 
 
 def _concerns(datagram: bytes, system_id: int) -> bool:
-    """False for a setpoint that is for somebody else: most of what a shared socket hears."""
+    """False for a setpoint for another vehicle: most of what a shared socket receives."""
     if len(datagram) != SETPOINT_FRAME or datagram[7:10] != SETPOINT_ID:
         return True
     return datagram[TARGET_AT] in {0, system_id}

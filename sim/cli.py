@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class FleetError(Exception):
-    """The fleet cannot be flown as it was asked for.
+    """The fleet cannot be flown with these arguments.
 
     Attributes:
         code: the exit code: 1 for a taken port or file, 2 for bad arguments.
@@ -56,7 +56,7 @@ def fly(given: argparse.Namespace, greeting: str) -> None:
     """Fly until SIGINT or SIGTERM; print the greeting when the fleet can be reached.
 
     Raises:
-        FleetError: a port or file is taken, or the arguments lead beyond what there is.
+        FleetError: a port or file is taken, or the arguments exceed the possible vehicles or ports.
     """
     ports = _checked_ports(given)
     with contextlib.ExitStack() as stack:
@@ -109,7 +109,7 @@ def _settings(given: argparse.Namespace) -> Settings:
 
 
 def _checked_ports(given: argparse.Namespace) -> list[Port]:
-    """Raises: FleetError where vehicles or ports lead beyond what there is."""
+    """Raises: FleetError where vehicles or ports exceed the possible ones."""
     last = given.first + given.count
     if last > MAX_COUNT:
         fit = f"at most {MAX_COUNT - given.first} fit"
@@ -129,12 +129,12 @@ def _ports(given: argparse.Namespace) -> list[Port]:
 
 
 def destinations(given: argparse.Namespace) -> list[int]:
-    """The UDP ports that the vehicles talk to. Raises: FleetError."""
+    """The UDP ports that the vehicles send to. Raises: FleetError."""
     return [port.destination for port in _checked_ports(given)]
 
 
 def greeting(given: argparse.Namespace) -> str:
-    """What is flown, and where it can be reached, in words. Raises: FleetError."""
+    """Number of vehicles, their ids and ports, in words. Raises: FleetError."""
     vehicles = f"{given.count} vehicle" + ("s" if given.count > 1 else "")
     return f"sim: {vehicles}, {_ids(given)}, udp {HOST}:{_span(destinations(given))}"
 

@@ -1,4 +1,4 @@
-"""Where orders come in: lines on standard input, or datagrams on a UDP port. Each gets a line back."""
+"""Input of fault commands: lines on standard input, or datagrams on a UDP port. Each gets a line back."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
 
 
 class Control(Protocol):
-    """Something that orders are read from, whenever it is readable."""
+    """A source of fault commands, read whenever it is readable."""
 
     def fileno(self) -> int:
-        """What to wait for."""
+        """File descriptor to wait for."""
         ...
 
     def read(self, fault_injector: FaultInjector) -> bool:
-        """Carry out what has come and answer it. Returns: whether more can come."""
+        """Execute the commands that have arrived, and answer them. Returns: whether more can arrive."""
         ...
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release it."""
         ...
 
 
@@ -38,11 +38,11 @@ class StandardInput:
         self._part = b""
 
     def fileno(self) -> int:
-        """Of standard input."""
+        """File descriptor of standard input."""
         return sys.stdin.fileno()
 
     def read(self, fault_injector: FaultInjector) -> bool:
-        """Carry out the whole lines that have come."""
+        """Execute the whole lines that have arrived."""
         data = os.read(self.fileno(), LARGEST)
         *lines, self._part = (self._part + data).split(b"\n")
         if len(self._part) > LONGEST_LINE or (not data and self._part):
@@ -58,7 +58,7 @@ class StandardInput:
 
 
 class ControlPort:
-    """The same in UDP datagrams, answered to the sender."""
+    """The same commands in UDP datagrams, answered to the sender."""
 
     def __init__(self, host: str, port: int) -> None:
         """Open it.
@@ -75,17 +75,17 @@ class ControlPort:
             raise PortError(f"udp port {port}: {error.strerror}") from error
 
     def fileno(self) -> int:
-        """Of the socket."""
+        """File descriptor of the socket."""
         return self._socket.fileno()
 
     def read(self, fault_injector: FaultInjector) -> bool:
-        """Carry out the lines of one datagram."""
+        """Execute the lines of one datagram."""
         try:
             data, sender = self._socket.recvfrom(LARGEST)
             answers = [fault_injector.obey(line) for line in data.split(b"\n") if line.strip()]
             if answers:
                 self._socket.sendto("\n".join(answers).encode() + b"\n", sender)
-        except OSError:  # ICMP: who asked no longer listens
+        except OSError:  # ICMP: the sender no longer listens
             pass
         return True
 

@@ -1,4 +1,4 @@
-"""A UDP socket with vehicles behind it, and to whom it talks."""
+"""A UDP socket with vehicles behind it, and the peer that they send to."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Address: TypeAlias = tuple[str, int]
 PEER_SILENT_AFTER_S = 3.0
 DATAGRAM_LENGTH = 1400
 LARGEST = 65536
-READ_MOST = 2000  # datagrams at a time: whoever floods one socket does not stop the flight
+READ_MOST = 2000  # datagrams at a time: a flood on one socket does not stop the flight
 BUFFER = 1 << 21
 
 
@@ -24,14 +24,14 @@ class PortError(OSError):
 
 
 class Endpoint:
-    """Until someone has spoken, the vehicles talk to their destination.
+    """At first the vehicles send to their configured destination.
 
-    Then they talk to whoever spoke first, until that one has been silent for a while; others get the answers
-    to what they send.
+    Then they send to the first sender, until it has been silent for a while; other senders get the answers to
+    their own messages.
     """
 
     def __init__(self, host: str, port: Port, circle: int) -> None:
-        """Open the socket; circle is what sim.ears calls the vehicles behind it.
+        """Open the socket; `circle` is the receiver's number for the vehicles behind it.
 
         Raises:
             PortError: the port is taken.
@@ -53,11 +53,11 @@ class Endpoint:
             raise PortError(f"udp port {port.bind}: {error.strerror}") from error
 
     def fileno(self) -> int:
-        """Of the socket."""
+        """File descriptor of the socket."""
         return self._socket.fileno()
 
     def read(self) -> list[tuple[bytes, Address]]:
-        """What has arrived, and from whom."""
+        """The datagrams that have arrived, with their senders."""
         arrived: list[tuple[bytes, Address]] = []
         receive, keep = self._socket.recvfrom, arrived.append
         try:
@@ -65,19 +65,19 @@ class Endpoint:
                 keep(receive(LARGEST))
         except BlockingIOError:
             pass
-        except OSError:  # ICMP: nobody listens there; a vehicle goes on talking
+        except OSError:  # ICMP: nothing listens there; a vehicle continues to send
             pass
         return arrived
 
     def received(self, address: Address, now_s: float) -> None:
-        """Note who has spoken soundly."""
+        """Record the sender of a valid frame."""
         if address == self._peer or now_s - self._received_s >= PEER_SILENT_AFTER_S:
             self._peer, self._received_s = address, now_s
         else:
             self._askers.add(address)
 
     def answer(self, frames: Iterable[bytes]) -> None:
-        """Send answers: to the peer, and to those others who have asked since the last answers."""
+        """Send answers: to the peer, and to other senders since the last answers."""
         packets = _packed(frames)
         for address in (self._peer, *self._askers):
             self._send(packets, address)
@@ -87,11 +87,11 @@ class Endpoint:
         self._send(_packed(frames), self._peer)
 
     def send_alone(self, datagram: bytes) -> None:
-        """Send to the peer what is to share its datagram with nothing."""
+        """Send to the peer a datagram that must not be combined with others."""
         self._send([datagram], self._peer)
 
     def answered(self) -> None:
-        """Forget who has asked."""
+        """Forget the other senders."""
         self._askers.clear()
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ class Endpoint:
 
 
 def _packed(frames: Iterable[bytes]) -> list[bytes]:
-    """Several frames share a datagram, as with PX4."""
+    """Combine frames in datagrams, as PX4 does."""
     whole = b"".join(frames)
     if len(whole) <= DATAGRAM_LENGTH:
         return [whole] if whole else []

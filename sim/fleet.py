@@ -37,7 +37,7 @@ MAX_SYSTEM_ID = 250
 READY_AFTER_S = (4.0, 6.0)  # item 2
 READY_AT_ONCE_S = 0.1
 FIX_BEFORE_READY_S = 1.0
-CLOCK_LOSS = (0.01, 0.02)  # item 12: the boot clock is slower than the wall's
+CLOCK_LOSS = (0.01, 0.02)  # item 12: the boot clock is slower than the wall clock
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What a fleet is like. Vehicle i stands at row i // columns, column i % columns of a grid.
+    """Settings of a fleet. Vehicle i stands at row i // columns, column i % columns of a grid.
 
     Vehicle 0 stands at `grid_at_m` (north, east); rows lead towards `grid_heading_deg`, columns to its right.
     Its namespace is i // namespace_size, its system id there i % namespace_size + 1.
@@ -86,7 +86,7 @@ class Fleet:
         by seed and first index, so that processes that share a seed differ.
 
         Raises:
-            ParameterError: settings name a parameter or value that PX4 does not take.
+            ParameterError: settings name a parameter or value that PX4 does not accept.
         """
         self.settings = settings
         self.time_s = start_s
@@ -124,14 +124,14 @@ class Fleet:
         self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
         self.receiver = Receiver(self.state, self.autopilots)
         self._local_origin_m = np.full((count, 3), np.nan)
-        self._lost = True  # somebody has no local origin yet
+        self._lost = True  # at least one vehicle has no local origin yet
         self._contact = np.ones(count, dtype=np.bool_)
         for row in range(count):
             self._boot(row, start_s)
         self._sensors = self._sense()
 
     def step(self) -> None:
-        """Let STEP_S pass for everyone."""
+        """Advance all vehicles by STEP_S."""
         self._steps += 1
         self.time_s = self.state.now_s = self._start_s + self._steps * STEP_S
         if self.settings.noise_scale > 0.0:
@@ -160,11 +160,11 @@ class Fleet:
 
     @property
     def estimate_m(self) -> Array:
-        """(n, 3): where the vehicles believe themselves, in the fleet's common NED."""
+        """(n, 3): the vehicles' estimated positions, in the fleet's common NED."""
         return self._sensors.estimate_m
 
     def take_frames(self, *, streams: bool = True) -> dict[int, list[bytes]]:
-        """What each vehicle (by row) has to say now: answers and texts; unless unwanted, the streams too."""
+        """Frames that each vehicle (by row) sends now: answers and texts, and with `streams` the streams."""
         stated: dict[int, list[bytes]] = {}
         for row, item in self._outbox.take(self.time_s):
             if isinstance(item, int):
@@ -181,9 +181,9 @@ class Fleet:
         return stated
 
     def reboot(self, row: int, *, off_s: float = 0.0) -> None:
-        """Start one vehicle's autopilot again; it forgets everything but its parameters.
+        """Restart one vehicle's autopilot; it forgets everything but its parameters.
 
-        The motors stand still from now on, as with PX4, which has no way to go on in the air. The boot clock
+        The motors stand still from now on, as with PX4, which cannot resume a flight. The boot clock
         begins at 0 after off_s.
         """
         self.state.forget(row)
@@ -193,7 +193,7 @@ class Fleet:
         self._boot(row, self.time_s + off_s)
 
     def restart_link(self, row: int, *, off_s: float = 0.0) -> None:
-        """Let one vehicle's clock, streams and frame numbers begin afresh while it flies on."""
+        """Restart one vehicle's clock, streams and frame numbers while it flies on."""
         self.state.boot_s[row] = self.time_s + off_s
         self.state.clock_offset_s[row] = 0.0
         self.state.sequence[row] = 0
@@ -237,7 +237,7 @@ class Fleet:
         )
 
     def _set_home(self, row: int) -> None:
-        """Home is where the vehicle was armed, or first had a fix."""
+        """Set home to the present position: called when armed, or at the first fix."""
         state = self.state
         if self.time_s < state.fix_at_s[row]:
             return
@@ -268,7 +268,7 @@ class Fleet:
 
 
 def _grid_m(settings: Settings) -> Array:
-    """(n, 3) where everybody stands, NED."""
+    """(n, 3) start positions, NED."""
     indices = range(settings.first, settings.first + settings.count)
     cells = np.array([(*divmod(i, settings.grid_columns), 0.0) for i in indices], dtype=np.float64)
     turn_rad = math.radians(settings.grid_heading_deg)

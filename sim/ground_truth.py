@@ -1,4 +1,4 @@
-"""Where the vehicles truly are, as JSON Lines for reports and tests. No autopilot sees this."""
+"""True positions of the vehicles, as JSON Lines for reports and tests. No autopilot reads them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PERIOD_S = 0.05
 
 
 class GroundTruthFile:
-    """Writes one line per sample, and flushes it: killed at any moment, at most a line is lost."""
+    """Writes one line per sample, and flushes it: killed at any moment, at most one line is lost."""
 
     def __init__(self, file: TextIO) -> None:
         """Write to an open text file, which the caller closes."""

@@ -1,4 +1,4 @@
-"""Which vehicle is reached where. System ids are 8 bit: more vehicles need several namespaces."""
+"""Ports of the vehicles. System ids have 8 bits: more vehicles need several namespaces."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from itertools import groupby
 
 HOST = "127.0.0.1"
 PX4_BIND, PX4_DESTINATION, PX4_SHARED_FROM = 14580, 14540, 9
-PX4_NAMESPACE_PORTS = 10  # a namespace's destinations lie so far below the one's before
+PX4_NAMESPACE_PORTS = 10  # a namespace's destinations are this much below those of the namespace before
 MAX_PORT = 65535
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """One socket: where it binds (0: anywhere), whom it talks to unasked, and the vehicles behind it."""
+    """One socket: the port it binds (0: any), its first destination, and the vehicles behind it."""
 
     bind: int
     destination: int
@@ -21,10 +21,10 @@ class Port:
 
 
 def own_ports(first: int, count: int, namespace_size: int, base: int | None) -> list[Port]:
-    """A socket for each vehicle: vehicle i (from 0) talks to base + i, or as PX4 does.
+    """A socket for each vehicle: vehicle i (from 0) sends to base + i, or as PX4 does.
 
-    As PX4: it binds 14580 + i and talks to 14540 + its place in its namespace, from the tenth on all to
-    14549; the ports of namespace k lie 10 k below.
+    As PX4: it binds 14580 + i and sends to 14540 + its place in its namespace, from the tenth on all to
+    14549; the ports of namespace k are 10 k lower.
     """
     indices = range(first, first + count)
     if base is not None:
@@ -33,9 +33,9 @@ def own_ports(first: int, count: int, namespace_size: int, base: int | None) -> 
 
 
 def shared_ports(first: int, count: int, namespace_size: int, base: int | None) -> list[Port]:
-    """A socket for each namespace, as behind a radio or a router: namespace k talks to base + k.
+    """A socket for each namespace, as behind a radio or a router: namespace k sends to base + k.
 
-    Without a base it binds 14580 + k and talks to 14540 + k.
+    Without a base it binds 14580 + k and sends to 14540 + k.
     """
     groups = groupby(range(count), lambda row: (first + row) // namespace_size)
     return [

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gcs.sim.ports import Port
 
 CATCH_UP_S = 0.25  # a longer stall is dropped, as if the vehicles had been paused
-REST_S = 0.002  # how long datagrams gather where they come without end; PX4 answers in 1 to 4 ms
+REST_S = 0.002  # time in which datagrams of a continuous flow gather; PX4 answers in 1 to 4 ms
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -91,7 +91,7 @@ def serve(
 
 
 def _register(selector: selectors.BaseSelector, control: Control, fault_injector: FaultInjector) -> None:
-    """Wait for orders; those in a file, which cannot be waited for, are carried out now."""
+    """Wait for fault commands; those in a file, which cannot be waited for, are executed now."""
     try:
         selector.register(control, selectors.EVENT_READ, control)
     except PermissionError:
@@ -116,8 +116,8 @@ def _paced(
         behind_s = time.monotonic() - dropped_s - fleet.time_s
         if behind_s > CATCH_UP_S:
             dropped_s += behind_s - STEP_S
-            fleet.unix_ahead_s += behind_s - STEP_S  # the satellites' clocks go on
-            behind_s = STEP_S  # one step at least: a machine that is always late still flies, slowly
+            fleet.unix_ahead_s += behind_s - STEP_S  # GPS time continues
+            behind_s = STEP_S  # at least one step: a machine that is always late still flies, slowly
         for _ in range(int(behind_s / STEP_S + 1e-9)):
             fleet.step()
             fault_injector.pass_time()
@@ -134,7 +134,7 @@ def _paced(
 def _read(
     selector: selectors.BaseSelector, wait_s: float, radio: Radio, fault_injector: FaultInjector
 ) -> None:
-    """Wait for datagrams, until the next step at most; give more of them a moment to gather."""
+    """Wait for datagrams until the next step at most, then give more of them a moment to gather."""
     if not (ready := selector.select(wait_s)):
         return
     readers = [key.data for key, _ in ready]

@@ -1,4 +1,4 @@
-"""The simulator link of PX4's SIH: HIL_STATE_QUATERNION with each vehicle's true state, for judging."""
+"""The simulator link of PX4's SIH: HIL_STATE_QUATERNION with each vehicle's true state, for evaluation."""
 
 from __future__ import annotations
 

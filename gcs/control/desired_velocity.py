@@ -26,7 +26,7 @@ class Spread:
 
     place: Array  # (n, 3) as in Memory
     change: Array  # (n, 3) as in Memory
-    velocity_m_s: Array  # (m, 3) of the m drones in formation
+    velocity_m_s: Array  # (m, 3) of the m vehicles in formation
 
 
 def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:

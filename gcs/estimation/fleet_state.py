@@ -24,14 +24,10 @@ class Table:
     """Joins the telemetry of all links into one state, rows in the fleet's own order.
 
     It keeps the last accepted position of each vehicle, since a reported position may be wrong (a receiver
-    that
-    glitches, an estimator that resets, another vehicle's messages). While a vehicle reports implausible
-    positions,
-    its row keeps the last accepted one, and the age inf: it is not commanded. Its positions are accepted
-    again at
-    once where they return to a reachable place, and otherwise after CONSISTENT_S at the new place: in the air
-    only
-    if it can have flown there, on the ground (not armed) anywhere.
+    that glitches, an estimator that resets, another vehicle's messages). While a vehicle reports implausible
+    positions, its row keeps the last accepted one, and the age inf: it is not commanded. Its positions are
+    accepted again at once where they return to a reachable place, and otherwise after CONSISTENT_S at the new
+    place: in the air only if it can have flown there, on the ground (not armed) anywhere.
 
     The velocity of a vehicle without new telemetry ends. For `flies_on_s` it is the last reported one: the
     vehicle may fly on until its autopilot notices the loss, and other vehicles must keep clear of it by
@@ -43,9 +39,8 @@ class Table:
 
     Attributes:
         reset_time_s: (n,) when the position last jumped, beyond what the velocity explains or by the
-        estimator's
-            own report; -inf where it never did. Only of armed vehicles: an estimator that starts up also
-            jumps.
+            estimator's own report; -inf where it never did. Only of armed vehicles: an estimator that starts
+            up also jumps.
     """
 
     def __init__(

@@ -1,10 +1,8 @@
 """Delay of each vehicle's telemetry, compared with its smallest so far. Pure; times are given.
 
 A vehicle's SYSTEM_TIME contains its own clock as the message left. Clocks differ by a constant, so the
-varying
-part of the difference to its arrival is the link's delay. (The boot clock is not suitable: a simulator's
-loses 1
-to 2 % against the wall clock.)
+varying part of the difference to its arrival is the link's delay. (The boot clock is not suitable: a
+simulator's loses 1 to 2 % against the wall clock.)
 """
 
 from typing import Final

@@ -57,9 +57,8 @@ def agree(
     """One round: dead-reckon the centre, mix with the neighbours, lean towards the own sighting.
 
     Metropolis weights, ``1 / (1 + max(d_i, d_j))``, are the same for both of a pair, so that every vehicle
-    counts
-    alike in the result, and each needs to know its neighbours only. A lost message makes a pair's exchange
-    one-sided and moves the agreed value; leaning towards the sightings takes it back to their mean.
+    counts alike in the result, and each needs to know its neighbours only. A lost message makes a pair's
+    exchange one-sided and moves the agreed value; leaning towards the sightings takes it back to their mean.
 
     Args:
         belief: of n vehicles. A vehicle without one takes its own sighting, else its neighbours' mean.

@@ -148,8 +148,7 @@ def slot_velocity(
     """Velocity of each vehicle towards its slot: along the sphere and onto it, at the same time.
 
     Along the sphere instead of straight, because straight paths lead through the sphere: they cross each
-    other
-    and pass through vehicles that have arrived.
+    other and pass through vehicles that have arrived.
 
     Args:
         direction: (n, 3) unit vectors from the centre.

@@ -18,10 +18,9 @@ AHEAD = 2.0
 """Factor by which a vehicle aims beyond the point where it would rest among neighbours at rest.
 
 No vehicle can compute the repulsion ahead for all the others, as `gcs.formation.law` does, so soft modes
-settle
-along the plain force: the larger the factor, the faster. Measured (N = 20 and 50, PX4's response, 10 % loss):
-settled after 36 to 60 s with 0.5, 13 to 25 s with 2; 3 is no faster, with 4 the stiff modes never come to
-rest.
+settle along the plain force: the larger the factor, the faster. Measured (N = 20 and 50, PX4's response, 10 %
+loss): settled after 36 to 60 s with 0.5, 13 to 25 s with 2; 3 is no faster, with 4 the stiff modes never come
+to rest.
 """
 
 

@@ -52,8 +52,7 @@ class Ellipse:
 
         As printed (semi-axes sqrt(2) times the half-lengths) it passes through the corners; growing the box
         first leaves at least `margin_m` to the box everywhere. A moving box is taken at its position at
-        `time_s`, or
-        at its last received position without `time_s`.
+        `time_s`, or at its last received position without `time_s`.
         """
         x_m, y_m = obstacle.position_m(obstacle.time_s if time_s is None else time_s)
         return Ellipse(

@@ -39,9 +39,8 @@ def followed_target(target_m: Array, velocity_m_s: Array, reach_m: float) -> tup
         reach_m: radius of that circle, 0 or more.
 
     Returns: (2,) position and (2,) velocity of what is followed. Beyond the circle that is the velocity of
-    the
-        projection: without the target's outward motion, and with its motion round the origin scaled to the
-        smaller circle.
+        the projection: without the target's outward motion, and with its motion round the origin scaled to
+        the smaller circle.
     """
     distance_m = hypot(target_m[0], target_m[1])
     if distance_m <= reach_m:

@@ -48,8 +48,7 @@ def repulsion_force(position_m: Array, charge: Array, *, gain: float) -> Array:
         gain: k_r.
 
     Returns: (n, 3) forces ``k_r q_n sum_i q_i r_ni / |r_ni|^3``; equal and opposite for each pair. Vehicles
-    in
-        the same place do not push each other: there is no direction to push in.
+        in the same place do not push each other: there is no direction to push in.
 
     Source: article, section 2.2.
     """
@@ -74,8 +73,7 @@ def pushes(direction: Array, charge: Array) -> Array:
     """The article's repulsion of every pair, (n, 3), for (n, 3) unit vectors and (n,) charges.
 
     Single precision is enough for the shape and several times as fast. All pairs of 10,000 cost less than a
-    grid
-    of cells with its bookkeeping.
+    grid of cells with its bookkeeping.
     """
     n = len(direction)
     place, push, single = np.empty((3, n), np.float32), np.zeros((3, n), np.float32), np.empty(n, np.float32)

@@ -106,8 +106,7 @@ def along_tangent(
     """The velocity whose part relative to an obstacle `moving` (2,) points along the tangent.
 
     As fast over the ground as the desired velocity (2,) along the tangent, at least `keep_m_s`, and at least
-    the
-    desired speed relative to the obstacle.
+    the desired speed relative to the obstacle.
     """
     over_ground = max(desired[0] * tangent_x + desired[1] * tangent_y, keep_m_s)
     drift = moving[0] * tangent_x + moving[1] * tangent_y

@@ -83,7 +83,7 @@ def _descent(flat: Array) -> tuple[float, Array]:
 
 
 def smallest_radius_m(count: int, separation_m: float) -> float:
-    """The smallest sphere on which `count` drones settle no closer than `separation_m` to each other."""
+    """The smallest sphere on which `count` vehicles settle no closer than `separation_m` to each other."""
     if count < 2:
         return 0.0
     return separation_m * sqrt(count) / NEAREST_FACTOR_FEW.get(count, NEAREST_FACTOR)

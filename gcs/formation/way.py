@@ -73,8 +73,7 @@ def steer_center(
     """The velocity that leads the formation's centre, and with it the whole sphere, past every obstacle.
 
     The ellipses are grown by as much of the sphere as is below their tops, so that no vehicle has to leave
-    the
-    shape. Where the centre is nearer already, or its destination is, they are grown less.
+    the shape. Where the centre is nearer already, or its destination is, they are grown less.
 
     Args:
         center_m: (3,) of the sphere, show frame.

@@ -81,8 +81,7 @@ class CommandChannel(Protocol):
         """Send what the command needs, and wait for the acknowledgement, however long the transport does.
 
         `may_leave` is called right before anything is sent, when earlier calls for this vehicle have ended,
-        on the
-        thread that sends; it raises CommandError when nothing may be sent any more.
+        on the thread that sends; it raises CommandError when nothing may be sent any more.
 
         Raises: CommandError with a name for the failure.
         """

@@ -98,8 +98,7 @@ class Link(Protocol):
         """The autopilot's present values of `names`. Takes seconds, and delays no other vehicle.
 
         Raises: UnknownError for a vehicle of another link; CommandError naming the parameter, when it does
-        not exist
-        or the vehicle does not answer (which cannot be distinguished).
+        not exist or the vehicle does not answer (which cannot be distinguished).
         """
         ...
 

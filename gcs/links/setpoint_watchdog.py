@@ -52,8 +52,7 @@ class ExpectedSetpoints:
     """The newest tick's setpoint of each vehicle: a setpoint with another velocity is an old one.
 
     MAVSDK has a queue and threads of its own. A thread that was stuck continues with what waited there, under
-    the
-    permission that a tick has renewed meanwhile. One thread replaces, any thread asks.
+    the permission that a tick has renewed meanwhile. One thread replaces, any thread asks.
     """
 
     def __init__(self) -> None:

@@ -17,8 +17,7 @@ class RecordSettings(Settings):
     """What is recorded of every flight.
 
     In `folder`: `audit.sqlite`, and for each run of the service a folder with flight data and with every
-    frame of
-    each link.
+    frame of each link.
     """
 
     folder: Path

@@ -1,8 +1,8 @@
 """Which streams are requested from the vehicles, and whether the vehicles send them. No I/O.
 
 A vehicle gets requests when its first frame arrives, after a silence, and when its boot clock jumped back;
-then
-again for streams with a wrong rate: an autopilot forgets them when it restarts, and does not report that.
+then again for streams with a wrong rate: an autopilot forgets them when it restarts, and does not report
+that.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -268,8 +268,7 @@ def split(data: bytes, *, checked: bool = True, garbage_max_bytes: int = sys.max
         data: one datagram, or several frames end to end.
         checked: leave out frames with a wrong checksum, and messages unknown to pymavlink's development
             dialect (PX4 sends some: EVENT, LINK_NODE_STATUS), which cannot be checked. Unchecked is for
-            frames
-            that our own side made.
+            frames that our own side made.
         garbage_max_bytes: the search ends after more garbage and unknown messages than this, since it takes
             time.
     """

@@ -23,8 +23,8 @@ def kept_in(package: Path) -> Path:
     """The folder for the compiled code of a package, named by a hash of all its kernel sources.
 
     Numba checks the file of the kernel that is called, but not the files of the kernels that it calls: after
-    a
-    change in one of those it would keep running the old code. With another folder name all is compiled again.
+    a change in one of those it would keep running the old code. With another folder name all is compiled
+    again.
     """
     sources = [path.read_bytes() for path in sorted(package.rglob("*.py"))]
     digest = sha256(b"\0".join(source for source in sources if MARK in source)).hexdigest()[:16]

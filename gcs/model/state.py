@@ -69,8 +69,7 @@ class Telemetry:
     """The newest telemetry of each vehicle of one link. Owns its arrays.
 
     Every group of values has its own time of arrival, ``-inf`` before the first, so that old values cannot
-    pass
-    as new ones.
+    pass as new ones.
     """
 
     ids: tuple[VehicleId, ...]

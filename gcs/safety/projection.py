@@ -95,8 +95,7 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
     """As `project`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,).
 
     The active constraints are contiguous in memory. Most rows come to rest within a few sweeps, where only
-    few
-    constraints touch each other; a sweep skips constraints whose rows are at rest, because they would not
+    few constraints touch each other; a sweep skips constraints whose rows are at rest, because they would not
     change.
     """
     velocity_m_s = desired_m_s.copy()

@@ -159,8 +159,7 @@ def separation_constraints(
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
     Where both are commanded, both are restrained, as the projection finds cheapest. Where one is not (held by
-    its
-    autopilot, flown by a pilot), the other gives way completely to its measured velocity.
+    its autopilot, flown by a pilot), the other gives way completely to its measured velocity.
 
     Args:
         position_m: (n, 3), show frame; NaN rows take no part.

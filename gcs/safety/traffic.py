@@ -102,8 +102,7 @@ def give_way(
     """Remove from vehicles with far to go the approach to a close vehicle that is nearly at its goal.
 
     Seen from the vehicle with right of way, the other no longer comes nearer: it stops, backs off or slides
-    past.
-    Each vehicle gives way to one at a time, the one on which it closes in the most. It needs no memory.
+    past. Each vehicle gives way to one at a time, the one on which it closes in the most. It needs no memory.
 
     Args:
         desired_m_s: (n, 3), show frame.

@@ -1,4 +1,4 @@
-"""Orders to the fleet's operator, as JSON: which fault, for which vehicles, for how long. Strict."""
+"""Fault commands in JSON: which fault, for which vehicles, for how long. Strict."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ LONGEST_LINE = 65536
 
 
 class FaultCommandError(ValueError):
-    """An order that cannot be carried out; the message says why."""
+    """A command that cannot be executed; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A field that holds a number from low to high; required where it has no default."""
+    """A field with a number from low to high; required if it has no default."""
 
     low: float
     high: float
     default: float | None = None
 
     def read(self, name: str, value: object) -> Value:
-        """The number, or a FaultCommandError."""
+        """The number. Raises: FaultCommandError."""
         if (
             isinstance(value, bool)
             or not isinstance(value, int | float)
@@ -41,17 +41,16 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A field that holds one of these words; the first unless told otherwise."""
+    """A field with one of these words; the first is the default."""
 
     words: tuple[str, ...]
 
     @property
     def default(self) -> str:
-        """The first."""
         return self.words[0]
 
     def read(self, name: str, value: object) -> Value:
-        """The word, or a FaultCommandError."""
+        """The word. Raises: FaultCommandError."""
         if not isinstance(value, str) or value not in self.words:
             raise FaultCommandError(f"{name} must be one of {', '.join(self.words)}, not {value!r}")
         return value
@@ -117,7 +116,7 @@ FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType({**LINK_FAULTS, **V
 
 @dataclass(frozen=True, slots=True)
 class FaultCommand:
-    """One fault for some vehicles. for_s is inf where it lasts until it is taken back."""
+    """One fault for some vehicles. for_s is inf where it lasts until it is ended by a command."""
 
     fault: str
     vehicles: tuple[int, ...] | None  # numbers from 1; None: all
@@ -129,7 +128,7 @@ def parse(line: str | bytes) -> FaultCommand:
     """Read one line of JSON.
 
     Raises:
-        FaultCommandError: it is none, names something unknown, or a value is out of range.
+        FaultCommandError: it is no JSON object, names something unknown, or a value is out of range.
     """
     if len(line) > LONGEST_LINE:
         raise FaultCommandError(f"a line of {len(line)} bytes; at most {LONGEST_LINE} are read")
@@ -167,7 +166,7 @@ def _value(fields: Mapping[str, object], name: str, field: Field) -> Value:
 
 
 def _vehicles(fields: dict[str, object]) -> tuple[int, ...] | None:
-    """The numbers, from 1; taken out of the fields."""
+    """The vehicle numbers, from 1; removed from the fields."""
     if ("vehicle" in fields) == ("vehicles" in fields):
         raise FaultCommandError(
             'either "vehicle": 3 or "vehicles": [1, 2] or "vehicles": "all" must be there'

@@ -1,4 +1,4 @@
-"""Carries out orders: breaks links and vehicles, and mends them when their time is over. Sans-I/O."""
+"""Executes fault commands: breaks links and vehicles, and repairs them when their time is over. Sans-I/O."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gcs.sim.fleet import Fleet
 
 Origin: TypeAlias = "tuple[Endpoint, Address]"
-"""Where a packet came from: the shell's business."""
+"""Source of a packet; only the server uses it."""
 
 FAULT_SEED = 2
 REPORTED = ("accuracy", "fix", "sensor", "wrong-time")
@@ -33,20 +33,20 @@ class FaultInjector:
     """The faults of a fleet's vehicles; rows are the fleet's."""
 
     def __init__(self, fleet: Fleet) -> None:
-        """Begin with everything sound. Chance follows from the fleet's seed and each vehicle's index."""
+        """Begin without faults. Random numbers follow from the fleet's seed and each vehicle's index."""
         self._fleet = fleet
         self._channels: dict[int, Channel[Origin]] = {}
         self._ends: dict[tuple[int, str], float] = {}
         self.changes = 0
-        """How often the set of broken links has changed."""
+        """How often the set of links with faults has changed."""
 
     @property
     def broken(self) -> Mapping[int, Channel[Origin]]:
-        """The links that need care, by row."""
+        """The links with faults, by row."""
         return self._channels
 
     def obey(self, line: str | bytes) -> str:
-        """Carry out one line of JSON.
+        """Execute one line of JSON.
 
         Returns: a line of JSON, with "ok", and with "error" where nothing changed.
         """
@@ -110,7 +110,7 @@ class FaultInjector:
         return True
 
     def _befall(self, row: int, command: FaultCommand) -> bool:
-        """What happens to the vehicle itself."""
+        """Apply a fault to the vehicle itself."""
         state, values, fault = self._fleet.state, command.values, command.fault
         if fault in {"gps-jump", "position-reset"}:
             state.offset_m[row] += [float(values[name]) for name in ("north_m", "east_m", "down_m")]
@@ -137,7 +137,7 @@ class FaultInjector:
         return True
 
     def _mistell(self, row: int, fault: str, values: Mapping[str, Value]) -> None:
-        """Have it tell something else of its receiver, its sensors or its clock."""
+        """Make the vehicle report false values of its receiver, sensors or clock."""
         state = self._fleet.state
         if fault == "accuracy":
             self._blur(row, values)
@@ -172,7 +172,7 @@ class FaultInjector:
                 column[row] = float(values[name])
 
     def _reboot(self, row: int, values: Mapping[str, Value]) -> None:
-        """The link is silent for off_s. In the air PX4's motors stop; go-on restarts all but the flight."""
+        """Silence the link for off_s. In the air PX4's motors stop; with go-on only the flight continues."""
         off_s = float(values["off_s"])
         if values["motors"] == "stop":
             self._fleet.reboot(row, off_s=off_s)
@@ -183,7 +183,7 @@ class FaultInjector:
             self._ends[row, "silence"] = self._fleet.time_s + off_s
 
     def _take_over(self, row: int, values: Mapping[str, Value]) -> bool:
-        """By the mode switch always; by moving the sticks only where COM_RC_OVERRIDE allows."""
+        """Take over: by the mode switch always; by moving the sticks only where COM_RC_OVERRIDE allows it."""
         state, commander = self._fleet.state, self._fleet.autopilots[row].commander
         if values["by"] == "sticks" and not commander.overridden():
             return False
@@ -222,7 +222,7 @@ class FaultInjector:
             self._let_go(row)
 
     def _let_go(self, row: int) -> None:
-        """Without a pilot the vehicle holds, where it was flown by hand."""
+        """End the pilot's control: the vehicle holds, where it was flown by hand."""
         state, commander = self._fleet.state, self._fleet.autopilots[row].commander
         by_hand = state.piloted[row] and commander.mode in {
             Mode.POSITION,

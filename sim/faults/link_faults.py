@@ -1,4 +1,4 @@
-"""What goes wrong on a vehicle's link: seeded, sans-I/O, time injected. Packets are datagrams' contents."""
+"""Faults of a vehicle's link: seeded, sans-I/O, time injected. Packets are datagrams' contents."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 Tag = TypeVar("Tag")
 
-OVERTAKEN_S = 0.05  # how much later than the others a packet comes that loses its place
+OVERTAKEN_S = 0.05  # delay of a reordered packet behind the others
 LONGEST_GARBAGE = 280  # about a MAVLink frame
 
 
 @dataclass(slots=True)
 class Ills:
-    """What a way suffers from; shares are of packets, from 0 to 1. As made it is healthy."""
+    """Faults of one direction; shares are of packets, from 0 to 1. The defaults are faultless."""
 
     silent: bool = False
     loss: float = 0.0
@@ -33,7 +33,7 @@ class Way(Generic[Tag]):
     """One direction of a vehicle's link. A tag travels with each packet."""
 
     def __init__(self, random: np.random.Generator) -> None:
-        """Be healthy; all chance comes from random."""
+        """Faultless at first; all chance comes from `random`."""
         self.ills = Ills()
         self._random = random
         self._queue: list[tuple[float, int, bytes, Tag]] = []
@@ -41,7 +41,7 @@ class Way(Generic[Tag]):
         self._last_due_s = 0.0
 
     def put(self, packet: bytes, tag: Tag, now_s: float) -> None:
-        """Send a packet on its way; it may never arrive, or twice, or damaged."""
+        """Send a packet; it may never arrive, or twice, or damaged."""
         ills, chance = self.ills, self._random.random
         if ills.silent or chance() < ills.loss:
             return
@@ -56,7 +56,7 @@ class Way(Generic[Tag]):
             heapq.heappush(self._queue, (due_s, next(self._order), packet, tag))
 
     def take(self, now_s: float) -> list[tuple[bytes, Tag]]:
-        """What has arrived by now, in the order of arrival."""
+        """Packets that have arrived by now, in the order of arrival."""
         if self.ills.silent:
             self._queue.clear()
         arrived = []
@@ -66,7 +66,7 @@ class Way(Generic[Tag]):
         return arrived
 
     def _damaged(self, packet: bytes) -> bytes:
-        """One to three bytes are others than they were."""
+        """Change one to three bytes."""
         damaged = bytearray(packet)
         for place in self._random.integers(0, len(packet), self._random.integers(1, 4)):
             damaged[place] ^= int(self._random.integers(1, 256))
@@ -77,7 +77,7 @@ class Jammer:
     """A source of garbage at a steady rate."""
 
     def __init__(self, random: np.random.Generator) -> None:
-        """Be quiet until rate_hz is set."""
+        """Quiet until rate_hz is set."""
         self.rate_hz = 0.0
         self._random = random
         self._reported_s: float | None = None
@@ -95,15 +95,15 @@ class Jammer:
 
 
 class Channel(Generic[Tag]):
-    """A vehicle's link: what it says, what it hears, and what it jams."""
+    """A vehicle's link: both directions and a jammer."""
 
     def __init__(self, random: np.random.Generator) -> None:
-        """Be healthy."""
+        """Faultless at first."""
         self.out: Way[None] = Way(random)
         self.into: Way[Tag] = Way(random)
         self.jammer = Jammer(random)
 
     @property
     def ways(self) -> dict[str, Ills]:
-        """The ills by the name of the way."""
+        """The faults by the name of the direction."""
         return {"out": self.out.ills, "in": self.into.ills}

@@ -37,7 +37,7 @@ TEXT_LENGTH = 50
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """What the autopilots of a fleet have in common."""
+    """Objects that the autopilots of a fleet share."""
 
     state: State
     schedule: Schedule
@@ -51,7 +51,7 @@ class Autopilot:
     """PX4's protocol for one vehicle."""
 
     def __init__(self, shared: Shared, row: int, parameters: params.Parameters) -> None:
-        """Speak for row `row` of the fleet's state; the parameters are owned by this vehicle from now on."""
+        """Represent row `row` of the fleet's state; from now on this vehicle owns the parameters."""
         self.row = row
         self.parameters = parameters
         self._shared = shared
@@ -68,11 +68,11 @@ class Autopilot:
 
     @property
     def yaw_rad(self) -> float:
-        """Where the nose points, from north, clockwise."""
+        """Heading from north, clockwise."""
         return float(self._state.yaw_rad[self.row])
 
     def hear(self, message: Message) -> None:
-        """Obey or answer a message that is for this vehicle; unknown ones change nothing."""
+        """Execute or answer a message for this vehicle; unknown ones change nothing."""
         handler = self._HANDLERS.get(message.get_type())
         if handler is not None and not self.is_sender(message):
             handler(self, message)
@@ -80,7 +80,7 @@ class Autopilot:
     def is_sender(self, message: Message) -> bool:
         """Whether it claims to come from this autopilot itself: ignored, as by PX4.
 
-        Another component with its system id is heard: vehicle 245 hears a ground station 245/190.
+        Another component with its system id is accepted: vehicle 245 accepts a ground station 245/190.
         """
         sender = (message.get_srcSystem(), message.get_srcComponent())
         return bool(sender == (self.system_id, AUTOPILOT_COMPONENT))
@@ -90,7 +90,7 @@ class Autopilot:
         self._shared.outbox.post(self.row, item, self._state.now_s + after_s)
 
     def arm(self, *, force: bool = False) -> Result:
-        """Arm; home is where it happens."""
+        """Arm; the present position becomes home."""
         was_armed = self.commander.armed
         result = self.commander.arm(force=force)
         if self.commander.armed and not was_armed:
@@ -98,7 +98,7 @@ class Autopilot:
         return result
 
     def change_mode(self, mode: Mode) -> Result:
-        """Change the mode; asking for the same one again takes a new target."""
+        """Change the mode; a request for the same mode sets a new target."""
         result = self.commander.change_mode(mode)
         if result is Result.ACCEPTED:
             self._forget_target()
@@ -111,14 +111,14 @@ class Autopilot:
         return result
 
     def reboot(self) -> Result:
-        """What a command asks for: refused while armed, as by PX4."""
+        """Reboot by command: denied while armed, as by PX4."""
         if self.commander.armed:
             return Result.DENIED
         self._shared.reboot(self.row)
         return Result.ACCEPTED
 
     def forget(self) -> None:
-        """Boot: nobody has been heard yet, nothing is waiting to be said."""
+        """Boot: clear texts and pending answers."""
         self._text_id = 0
         self._shared.outbox.forget(self.row)
 
@@ -148,14 +148,14 @@ class Autopilot:
         )
 
     def say_invalid(self) -> None:
-        """Item 10: with every axis ignored PX4 complains, and the loss failsafe follows."""
+        """Item 10: PX4 reports a setpoint with every axis ignored, and the loss failsafe follows."""
         self._post_text(CRITICAL, "SET_POSITION_TARGET_LOCAL_NED invalid\t")
 
     def _forget_target(self) -> None:
         self._state.guided_mode[self.row] = NO_MODE
 
     def _announce(self) -> None:
-        """Mode or arming has changed; item 9: PX4 leaves that to the next HEARTBEAT."""
+        """Mode or arming has changed; item 9: PX4 reports it in the next HEARTBEAT."""
         if not self._shared.quirks.late_heartbeat:
             self.reply(common.MAVLINK_MSG_ID_HEARTBEAT)
 
@@ -186,7 +186,7 @@ class Autopilot:
         self.reply(common.MAVLink_command_ack_message(command.number, int(result), 0, 0, *sender), after_s)
 
     def _hear_ping(self, message: Message) -> None:
-        """Echo a request; an answer to one of ours needs nothing."""
+        """Echo a request; an answer to a ping of ours needs no reply."""
         if message.target_system == 0:
             sender = (message.get_srcSystem(), message.get_srcComponent())
             self.reply(common.MAVLink_ping_message(message.time_usec, message.seq, *sender))
@@ -197,7 +197,7 @@ class Autopilot:
             self.reply(common.MAVLink_timesync_message(boot_ns, message.ts1))
 
     def _hear_parameter_read(self, message: Message) -> None:
-        """By index, or by name where the index is -1; what does not exist is not answered."""
+        """By index, or by name where the index is -1; there is no answer for an unknown parameter."""
         by_name = message.param_index < 0
         name = message.param_id if by_name else params.name_at(message.param_index)
         if name is not None and name in self.parameters:
@@ -207,7 +207,7 @@ class Autopilot:
         self._shared.outbox.list_parameters(self.row, self.parameters.names())
 
     def _hear_parameter_set(self, message: Message) -> None:
-        """Answered with the value that holds afterwards; only a change is announced again."""
+        """Answer with the resulting value; only a change is announced a second time."""
         name = message.param_id
         if name not in self.parameters:
             return
@@ -223,7 +223,7 @@ class Autopilot:
         return bool(self._state.now_s - self._state.station_s[self.row] <= GCS_SILENT_AFTER_S)
 
     def _post_text(self, severity: int, text: str) -> None:
-        """Item 8: in chunks of 50, and only where a ground station has been heard of late."""
+        """Item 8: in chunks of 50, and only with a recent heartbeat of a ground station."""
         if self._shared.quirks.quiet_texts and not self._gcs_listens():
             return
         raw = text.encode("ascii")

@@ -1,4 +1,4 @@
-"""MAV_CMD to deeds: the table of commands that this autopilot knows."""
+"""The MAV_CMD commands that the fake autopilot knows."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from gcs.sim.protocol.outbox import Item
     from gcs.sim.vehicle.commander import Commander
 
-FORCE = 21196  # param2 that overrides the checks: arms anything, kills in the air
+FORCE = 21196  # param2 that overrides the checks: arms in any case, kills in the air
 CUSTOM_MODE_ENABLED = 1
 AUTOPILOT_VERSION_ID, PROTOCOL_VERSION_ID = 148, 300
 MAX_MESSAGE_ID = 2**24
 VERSION = 0x011001FF  # v1.16.1, release
-CAPABILITIES = (  # only what is true here
+CAPABILITIES = (  # only those that hold here
     common.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     | common.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     | common.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -42,7 +42,7 @@ class Command:
 
 
 class Commanded(Protocol):
-    """What commands need of the autopilot that they are given to."""
+    """What commands need of the autopilot that executes them."""
 
     commander: Commander
 
@@ -64,7 +64,7 @@ class Commanded(Protocol):
         ...
 
     def reboot(self) -> Result:
-        """Start again, if it stands disarmed."""
+        """Reboot, if it is disarmed."""
         ...
 
     def available(self, message_id: int) -> bool:
@@ -76,7 +76,7 @@ class Commanded(Protocol):
         ...
 
     def default_interval_s(self, message_id: int) -> float | None:
-        """The same after booting."""
+        """The interval after booting."""
         ...
 
     def set_interval(self, message_id: int, interval_s: float | None) -> None:
@@ -84,12 +84,12 @@ class Commanded(Protocol):
         ...
 
     def reply(self, item: Item) -> None:
-        """Send a message, or the report of that id, to whoever asked."""
+        """Send a message, or the report of that id, to the sender of the command."""
         ...
 
 
 def execute(autopilot: Commanded, command: Command) -> Result:
-    """Do it, or say why not; unknown commands are UNSUPPORTED."""
+    """Execute the command, or return why not; unknown commands are UNSUPPORTED."""
     handler = HANDLERS.get(command.number)
     return Result.UNSUPPORTED if handler is None else handler(autopilot, command)
 
@@ -129,7 +129,7 @@ def _return(autopilot: Commanded, _command: Command) -> Result:
 
 
 def _reboot(autopilot: Commanded, command: Command) -> Result:
-    """1 reboots the autopilot; PX4 denies it while armed, and everything else but 0."""
+    """1 reboots the autopilot, denied while armed; 0 is accepted; PX4 denies all other values."""
     desired = command.values[0]
     if desired == 0.0:
         return Result.ACCEPTED
@@ -178,7 +178,7 @@ def _request_version(autopilot: Commanded, _command: Command) -> Result:
 
 
 def version(autopilot: Commanded) -> common.MAVLink_autopilot_version_message:
-    """AUTOPILOT_VERSION; the uid is the system id, so that vehicles can be told apart."""
+    """AUTOPILOT_VERSION; the uid is the system id, so that vehicles can be distinguished."""
     none = [0] * 8
     return common.MAVLink_autopilot_version_message(
         CAPABILITIES, VERSION, VERSION, 0, 0, none, none, none, 0, 0, autopilot.system_id

@@ -26,7 +26,7 @@ Bytes: TypeAlias = NDArray[np.uint8]
 Words: TypeAlias = NDArray[np.uint16]
 Fields: TypeAlias = "Mapping[str, object]"
 
-CHECKED_HEADER = HEADER_LENGTH - 1  # the checksum leaves the magic out
+CHECKED_HEADER = HEADER_LENGTH - 1  # the checksum excludes the magic byte
 LONGEST = CHECKED_HEADER + 255 + 1
 SETPOINT = common.MAVLink_set_position_target_local_ned_message
 SETPOINT_PAYLOAD = 53
@@ -35,7 +35,7 @@ SETPOINT_FRAME = HEADER_LENGTH + SETPOINT_PAYLOAD + CHECKSUM_LENGTH
 
 @cache
 def layout(message_id: int) -> np.dtype[np.void]:
-    """The payload on the wire as a record, untruncated; little endian, largest fields first."""
+    """The payload in the frame as a record, untruncated; little endian, largest fields first."""
     form = common.mavlink_map[message_id]
     codes = form.native_format.decode().lstrip("<")
     names = {"b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8"}
@@ -52,8 +52,8 @@ def pack(message_id: int, fields: Fields, system_id: Bytes, sequence: Bytes) -> 
 
     Args:
         message_id: of the common dialect.
-        fields: name to (m,) or (m, k) array, or to one value for all; what is missing is 0.
-        system_id: (m,), who sends.
+        fields: name to (m,) or (m, k) array, or to one value for all; missing fields are 0.
+        system_id: (m,), of the senders.
         sequence: (m,), the frames' numbers.
 
     Returns: m frames. Trailing zeros of the payload are left out, as MAVLink 2 does.
@@ -87,10 +87,10 @@ def checksums(checked: Bytes, extra: int) -> Words:
 
 
 def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
-    """Read nothing but whole, unsigned SET_POSITION_TARGET_LOCAL_NED frames laid end to end.
+    """Read frames that are only whole, unsigned SET_POSITION_TARGET_LOCAL_NED, end to end.
 
     Returns: the payloads (m,), the senders' system and component ids (m, 2) and which checksums are right
-    (m,); or None where anything else is among them.
+    (m,); or None if there is anything else among them.
     """
     count, rest = divmod(len(raw), SETPOINT_FRAME)
     if rest or not count:
@@ -114,13 +114,13 @@ def record(message: Message) -> NDArray[np.void]:
 
 
 def _lengths(payload: Bytes) -> Rows:
-    """(m,): how many bytes remain without trailing zeros; at least 1."""
+    """(m,): number of bytes without trailing zeros; at least 1."""
     used = payload[:, ::-1] != 0
     return np.where(used.any(axis=1), payload.shape[1] - used.argmax(axis=1), 1)
 
 
 def _sealed(raw: Bytes, length: int, extra: int) -> list[bytes]:
-    """Cut to that payload and add the checksums, in place."""
+    """Cut to that payload length and add the checksums, in place."""
     end, size = HEADER_LENGTH + length, HEADER_LENGTH + length + CHECKSUM_LENGTH
     raw[:, end:size] = checksums(raw[:, 1:end], extra).astype("<u2")[:, np.newaxis].view(np.uint8)
     data = raw[:, :size].tobytes()
@@ -129,7 +129,7 @@ def _sealed(raw: Bytes, length: int, extra: int) -> list[bytes]:
 
 @cache
 def _whole(message_id: int) -> tuple[np.dtype[np.void], Bytes, int]:
-    """A frame as a record, the header that all of a kind share, and the message's extra byte."""
+    """A frame as a record, the common header of a message, and the message's extra byte."""
     payload = layout(message_id)
     fields = [(name, payload.fields[name][0]) for name in payload.names or () if payload.fields]
     form = np.dtype([("head", np.uint8, (HEADER_LENGTH,)), *fields, ("sum", np.uint8, (CHECKSUM_LENGTH,))])
@@ -140,13 +140,13 @@ def _whole(message_id: int) -> tuple[np.dtype[np.void], Bytes, int]:
 
 @cache
 def _checking(length: int, extra: int) -> tuple[Rows, np.uint16]:
-    """For so many bytes and an extra one: how many follow each, and what their number alone adds."""
+    """For `length` bytes and an extra one: how many follow each, and the constant for the length."""
     return length - np.arange(length), np.uint16(int(_table()[0, extra]) ^ _empty(length + 1))
 
 
 @cache
 def _table() -> Words:
-    """(LONGEST, 256): what a byte adds to the checksum when so many bytes follow it."""
+    """(LONGEST, 256): contribution of a byte to the checksum, by the number of bytes that follow it."""
     single = [_fed(byte, 0) for byte in range(256)]
     table = np.zeros((LONGEST, 256), dtype=np.uint16)
     table[0] = single

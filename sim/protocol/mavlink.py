@@ -1,4 +1,4 @@
-"""MAVLink 2 frames to messages and back, one datagram at a time; unsound frames are passed over. Sans-I/O."""
+"""MAVLink 2 frames to messages and back, one datagram at a time; invalid frames are skipped. Sans-I/O."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import common
 
-Message: TypeAlias = Any  # pymavlink carries no types
+Message: TypeAlias = Any  # pymavlink has no types
 
 MAGIC = 0xFD
 HEADER_LENGTH = 10
@@ -17,7 +17,7 @@ AUTOPILOT_COMPONENT = 1
 
 
 class Codec:
-    """Packs for any vehicle, and unpacks."""
+    """Encodes for any vehicle, and decodes."""
 
     def __init__(self) -> None:
         self._mav = common.MAVLink(None, srcComponent=AUTOPILOT_COMPONENT)
@@ -28,10 +28,10 @@ class Codec:
         return bytes(message.pack(self._mav))
 
     def decode(self, datagram: bytes) -> list[Message]:
-        """Every sound MAVLink 2 frame in the datagram; the rest is passed over.
+        """Every valid MAVLink 2 frame in the datagram; the rest is skipped.
 
         No state is kept between datagrams, so a truncated frame cannot swallow the next one. MAVLink 1
-        is not spoken here.
+        is not supported.
         """
         messages = []
         start = datagram.find(MAGIC)
@@ -47,7 +47,7 @@ class Codec:
         return messages
 
     def _decode_frame(self, frame: bytes) -> Message | None:
-        # An id outside the dialect has no known checksum: it may be garbage that hides sound frames.
+        # An id outside the dialect has no known checksum: it may be garbage that hides valid frames.
         if int.from_bytes(frame[7:10], "little") not in common.mavlink_map:
             return None
         try:

@@ -1,4 +1,4 @@
-"""What waits to be sent: some now, some a little later, as a real autopilot takes time to answer."""
+"""Pending answers: some leave now, some later, as a real autopilot takes time to answer."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from gcs.sim.protocol.mavlink import Message
 
 Item: TypeAlias = "Message | int"
-"""A message, or the id of a report that is made when it is sent."""
+"""A message, or the id of a report that is composed when it is sent."""
 
-BURST = 5  # parameters per call: PX4 shares its link between the list and the streams
+BURST = 5  # parameters per call: in PX4 the list and the streams share the link
 
 
 class Outbox:
@@ -31,17 +31,17 @@ class Outbox:
         heapq.heappush(self._timed, (due_s, next(self._order), row, item))
 
     def list_parameters(self, row: int, names: Iterable[str]) -> None:
-        """Send these parameters bit by bit; a new list replaces the old one."""
+        """Send these parameters a few at a time; a new list replaces the old one."""
         self._listed[row] = deque(names)
 
     def forget(self, row: int) -> None:
-        """Drop what a vehicle still had to say."""
+        """Drop a vehicle's pending answers."""
         self._timed = [entry for entry in self._timed if entry[2] != row]
         heapq.heapify(self._timed)
         self._listed.pop(row, None)
 
     def take(self, now_s: float) -> list[tuple[int, Item]]:
-        """What is due, and whose."""
+        """The items that are due, with their rows."""
         items = []
         while self._timed and self._timed[0][0] <= now_s:
             _, _, row, item = heapq.heappop(self._timed)
@@ -49,7 +49,7 @@ class Outbox:
         return items
 
     def take_parameters(self) -> list[tuple[int, str]]:
-        """The next few parameters of every list that is under way."""
+        """The next few parameters of every list in progress."""
         taken = [
             (row, names.popleft())
             for row, names in self._listed.items()

@@ -1,4 +1,4 @@
-"""Datagrams to the vehicles that they are for: setpoints for all at once, everything else one by one."""
+"""Received datagrams, passed to their vehicles: setpoints all at once, everything else one by one."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ SETPOINT_NAME = frames.SETPOINT.msgname
 
 
 class Receiver:
-    """A circle is the vehicles that hear one socket; their system ids differ."""
+    """Passes messages to vehicles. A circle is the vehicles on one socket; their system ids differ."""
 
     def __init__(self, state: State, autopilots: Sequence[Autopilot]) -> None:
-        """Row i of the state is autopilots[i]; every vehicle is circle number `row`, alone."""
+        """Row i of the state is autopilots[i]; at first every vehicle alone is circle number `row`."""
         self._state = state
         self._autopilots = autopilots
         self._codec = Codec()
@@ -35,7 +35,7 @@ class Receiver:
         self._row_of[np.arange(len(autopilots)), state.system_id] = np.arange(len(autopilots))
 
     def circle(self, rows: Sequence[int]) -> int:
-        """Let these vehicles hear a socket together. Returns: the circle's number."""
+        """Let these vehicles share a socket. Returns: the circle's number."""
         row_of = np.full((1, ADDRESSES), NOBODY, dtype=np.int32)
         self._row_of = np.concatenate([self._row_of, row_of])
         self._rows.append([])
@@ -43,17 +43,17 @@ class Receiver:
         return len(self._rows) - 1
 
     def regroup(self, circle: int, rows: Sequence[int]) -> None:
-        """Let these, and no others, hear the socket."""
+        """Let exactly these vehicles receive from the socket."""
         self._rows[circle] = list(rows)
         self._row_of[circle] = NOBODY
         self._row_of[circle, self._state.system_id[self._rows[circle]]] = rows
 
     def hear(self, batch: Sequence[tuple[int, bytes]]) -> list[bool]:
-        """Hear (circle, datagram)s that have come together; setpoints first, then the rest in order.
+        """Process (circle, datagram)s that arrived together; setpoints first, then the rest in order.
 
-        Bad bytes, other vehicles' messages and unknown ones change nothing.
+        Invalid bytes, messages for other vehicles and unknown messages change nothing.
 
-        Returns: for each whether there was a sound frame in it, whoever it was for.
+        Returns: for each whether it contains a valid frame, whatever its target.
         """
         if not batch:
             return []
@@ -72,7 +72,7 @@ class Receiver:
     def _hear_setpoints(
         self, batch: Sequence[tuple[int, bytes]], places: Sequence[int], sound: list[bool]
     ) -> set[int]:
-        """Those of these datagrams that hold nothing but setpoints for one vehicle each. Returns: which."""
+        """Process the datagrams that contain only setpoints with one target each. Returns: their places."""
         found = frames.setpoints(b"".join([batch[place][1] for place in places]))
         if found is None:
             places = [p for p in places if frames.setpoints(batch[p][1]) is not None]
@@ -112,7 +112,7 @@ class Receiver:
         return bool(messages)
 
     def _addressed(self, circle: int, message: Message) -> list[int]:
-        """Whom a message is for; those without an address are for everyone."""
+        """Rows that a message is for; messages without a target are for all."""
         system = getattr(message, "target_system", EVERYONE)
         if getattr(message, "target_component", EVERYONE) not in {EVERYONE, AUTOPILOT_COMPONENT}:
             return []

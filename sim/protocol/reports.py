@@ -1,4 +1,4 @@
-"""What vehicles say: one function per message, for many vehicles at once. Fields as PX4 v1.16 fills them.
+"""The messages that vehicles send: one function each, for many vehicles at once. Fields as PX4 v1.16's.
 
 Each function returns the fields by name: (m,) or (m, k) arrays, or one value for all; 0 is left out.
 Left out of what a recorded PX4 sends: five messages outside the common dialect, OPEN_DRONE_ID_*,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gcs.sim.vehicle.dynamics import Array
 
 QUADROTOR, PX4 = 2, 12
-STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE; PX4 says 0 where it could not be armed
+STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE; PX4 sends 0 where it could not be armed
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x300402F, 0x301402F, 0x320C83F
 GPS_SENSOR, PREARM_CHECK = 0x20, 0x10000000
 ARMED, GUIDED = 128, 16
@@ -104,21 +104,21 @@ def attitude_quaternion(s: Snapshot) -> Fields:
 
 
 def attitude_target(s: Snapshot) -> Fields:
-    """The attitude as it is: its loop is part of the response's lag."""
+    """The present attitude: its control loop is part of the response's lag."""
     q = _quaternion(*s.tilt_rad, s.yaw_rad)
     thrust = np.where(s.powered, THROTTLE_HOVER, 0.001)
     return {"time_boot_ms": s.boot_ms, "q": q, "thrust": thrust}
 
 
 def ping(s: Snapshot) -> Fields:
-    """PX4 asks everyone for an echo once a second."""
+    """PX4 asks all systems for an echo once a second."""
     s.state.pings[s.rows] += 1
     return {"time_usec": s.boot_us, "seq": s.state.pings[s.rows]}
 
 
 def system_time(s: Snapshot) -> Fields:
     """Wall and boot clock."""
-    unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows], 0.0)  # it learns it from GPS
+    unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows], 0.0)  # known from GPS
     return {"time_unix_usec": np.round(unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
 
@@ -166,7 +166,7 @@ def highres_imu(s: Snapshot) -> Fields:
 
 
 def global_position_int(s: Snapshot) -> Fields:
-    """Position in the world; hdg in centidegrees."""
+    """Global position; hdg in centidegrees."""
     above_home_m = s.state.home_m[s.rows, 2] - s.position_m[:, 2]
     fields = {"time_boot_ms": s.boot_ms, "relative_alt": np.round(above_home_m * 1e3), "hdg": s.heading_cdeg}
     return (
@@ -186,7 +186,7 @@ def local_position_ned(s: Snapshot) -> Fields:
 
 
 def odometry(s: Snapshot) -> Fields:
-    """The same, with the variances of a recorded one."""
+    """The same position, with the variances of a recorded one."""
     return {
         "time_usec": s.boot_us,
         "frame_id": 1,
@@ -202,7 +202,7 @@ def odometry(s: Snapshot) -> Fields:
 
 
 def altitude(s: Snapshot) -> Fields:
-    """Heights over everything."""
+    """Heights above several references."""
     local_m = -s.position_m[:, 2]
     amsl_m, height_m = s.place[:, 2], s.sensors.height_m[s.rows]
     return {
@@ -239,7 +239,7 @@ def vfr_hud(s: Snapshot) -> Fields:
 
 
 def gps_raw_int(s: Snapshot) -> Fields:
-    """The receiver's fix; here the same place that the estimator believes in."""
+    """The receiver's fix; here the same position as the estimator's."""
     course_deg = np.degrees(np.arctan2(s.velocity_m_s[:, 1], s.velocity_m_s[:, 0]))
     state, rows = s.state, s.rows
     place = _split(("lat", "lon", "alt"), np.round(s.place * (1e7, 1e7, 1e3)))
@@ -259,7 +259,7 @@ def gps_raw_int(s: Snapshot) -> Fields:
 
 
 def home_position(s: Snapshot) -> Fields:
-    """Where RTL leads."""
+    """The home position of RTL."""
     state, rows = s.state, s.rows
     level = np.zeros(len(rows))
     places = np.round(state.home_place[rows] * (1e7, 1e7, 1e3))
@@ -308,7 +308,7 @@ def exists(message_id: int) -> bool:
 
 
 def report(message_id: int, snapshot: Snapshot) -> Fields:
-    """The fields; KeyError for a message that does not exist."""
+    """The fields of a message. Raises: KeyError for a message that does not exist."""
     make = ALWAYS.get(message_id) or WITH_A_FIX[message_id]
     return make(snapshot)
 

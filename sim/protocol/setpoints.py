@@ -19,12 +19,12 @@ FIRST_AXIS_AT = 4
 
 
 def obey(state: State, rows: Rows, messages: NDArray[np.void]) -> Rows:
-    """Take the orders (m,), one for each of these rows (m,); of several for one vehicle the last counts.
+    """Store the setpoints (m,), one for each of these rows (m,); of several for one vehicle the last counts.
 
-    A frame other than local or body NED is refused, silently. A body frame is turned by the vehicle's yaw;
-    its position is not supported by PX4 and dropped. Infinity is as unusable as NaN.
+    A frame other than local or body NED is refused without a report. A body frame is turned by the vehicle's
+    yaw; PX4 does not support a position in it, so that is dropped. Infinity is treated as NaN.
 
-    Returns: the rows whose order commands nothing (item 10): they are unchanged.
+    Returns: the rows whose setpoint commands nothing (item 10): they are unchanged.
     """
     frame = messages["coordinate_frame"]
     known = (frame == LOCAL_NED) | (frame == BODY_NED)
@@ -58,7 +58,7 @@ def obey(state: State, rows: Rows, messages: NDArray[np.void]) -> Rows:
 
 
 def _given(messages: NDArray[np.void]) -> Array:
-    """(3, m, 3): positions, velocities and accelerations, NaN where an axis is ignored or no number."""
+    """(3, m, 3): positions, velocities and accelerations, NaN where an axis is ignored or not a number."""
     raw = messages.view(np.uint8).reshape(len(messages), messages.itemsize)[
         :, FIRST_AXIS_AT : FIRST_AXIS_AT + 4 * AXES
     ]

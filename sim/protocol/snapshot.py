@@ -1,4 +1,4 @@
-"""Some vehicles at one moment: what messages are made from."""
+"""Some vehicles at one moment: the values that messages are made from."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """m of the fleet's vehicles. What is asked for twice is computed once; every property has m rows."""
+    """m of the fleet's vehicles; every property has m rows, and values used more than once are cached."""
 
-    rows: Rows  # (m,), which
+    rows: Rows  # (m,), rows of the fleet
     unix_s: float
     state: State
     sensors: Sensors
@@ -41,18 +41,18 @@ class Snapshot:
 
     @property
     def has_fix(self) -> Mask:
-        """Who knows where it is."""
+        """Which vehicles know their position."""
         fixed: Mask = self.state.home_set[self.rows]
         return fixed
 
     @property
     def powered(self) -> Mask:
-        """Whom the motors carry."""
+        """Which vehicles are carried by their motors."""
         return self.state.powered[self.rows]
 
     @property
     def can_arm(self) -> Mask:
-        """Who passes the prearm check."""
+        """Which vehicles pass the prearm check."""
         return self.transitions.can_arm()[self.rows]
 
     @property
@@ -88,7 +88,7 @@ class Snapshot:
 
     @cached_property
     def body_acceleration_m_s2(self) -> tuple[Array, Array, Array]:
-        """Forward, right (by yaw only) and down; rest where the motors stand still."""
+        """Forward, right (by yaw only) and down; zero where the motors stand still."""
         felt = (self.powered & self.has_fix)[:, np.newaxis]
         north, east, down = np.where(felt, self.sensors.acceleration_m_s2[self.rows], 0.0).T
         cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
@@ -96,7 +96,7 @@ class Snapshot:
 
     @cached_property
     def tilt_rad(self) -> tuple[Array, Array]:
-        """Roll and pitch that push a point mass the way it accelerates."""
+        """Roll and pitch that push a point mass in the direction of its acceleration."""
         forward_m_s2, right_m_s2, down_m_s2 = self.body_acceleration_m_s2
         lift_m_s2 = np.maximum(GRAVITY_M_S2 - down_m_s2, 1.0)
         return np.arctan2(right_m_s2, lift_m_s2), -np.arctan2(forward_m_s2, lift_m_s2)

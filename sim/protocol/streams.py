@@ -1,4 +1,4 @@
-"""When each message of each vehicle is due. The rates are those recorded on PX4 v1.16's offboard link."""
+"""Due times of each vehicle's messages. The rates are those recorded on PX4 v1.16's offboard link."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TIME_SLACK_S = 1e-6
 
 
 def lean_hz(telemetry_hz: float) -> Mapping[int, float]:
-    """What a ground station with a large fleet would ask for: positions at telemetry_hz, the rest slowly."""
+    """Rates that a ground station of a large fleet requests: positions at telemetry_hz, the rest slowly."""
     return {
         common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: telemetry_hz,
         common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
@@ -62,15 +62,15 @@ class Schedule:
     """The due times of a fleet's messages."""
 
     def __init__(self, count: int, rates_hz: Mapping[int, float]) -> None:
-        """Nothing is due before start; rates_hz says what each vehicle sends unasked."""
+        """Nothing is due before start; rates_hz are those that each vehicle sends without a request."""
         self._default_s = {message_id: 1.0 / rate_hz for message_id, rate_hz in rates_hz.items()}
         self._places = {message_id: place for place, message_id in enumerate(RECORDED_HZ)}
         self._interval_s = np.full((len(RECORDED_HZ), count), np.inf)
         self._due_s = np.full((len(RECORDED_HZ), count), np.inf)
-        self._next_s = math.inf  # none is due before
+        self._next_s = math.inf  # none is due earlier
 
     def start(self, row: int, now_s: float, random: np.random.Generator) -> None:
-        """Start a vehicle's streams as they are after booting, each at a phase of its own."""
+        """Start a vehicle's streams as after booting, each at a random phase of its own."""
         self._interval_s[:, row] = self._due_s[:, row] = np.inf
         for message_id, place in self._places.items():
             phase = random.random()
@@ -81,7 +81,7 @@ class Schedule:
         self._next_s = -math.inf
 
     def default_s(self, message_id: int) -> float | None:
-        """The interval of a stream that nobody has changed, or None where it is not sent unasked."""
+        """The interval of a stream that was never changed, or None where it is not sent without a request."""
         return self._default_s.get(message_id)
 
     def interval_s(self, row: int, message_id: int) -> float | None:
@@ -97,7 +97,7 @@ class Schedule:
         self._next_s = -math.inf
 
     def due(self, now_s: float) -> list[tuple[int, Rows]]:
-        """Which messages to send now, and whose; what was missed is dropped, not made up."""
+        """Messages to send now, with their rows; missed ones are dropped, not sent later."""
         if self._next_s > now_s + TIME_SLACK_S:
             return []
         places, rows = np.nonzero(self._due_s <= now_s + TIME_SLACK_S)

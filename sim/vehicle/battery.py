@@ -1,4 +1,4 @@
-"""Batteries that empty while the motors carry the vehicles; columns of a whole fleet."""
+"""Batteries that discharge while the motors carry the vehicles; columns of a whole fleet."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Batteries:
         self._endurance_s = endurance_s
 
     def drain(self, powered: Mask, dt_s: float) -> None:
-        """Carry those whose motors do, (n,), for dt_s."""
+        """Discharge the batteries of powered vehicles, (n,), for dt_s."""
         used = powered * (dt_s / self._endurance_s)
         np.maximum(self._state.remaining - used, 0.0, out=self._state.remaining)
 

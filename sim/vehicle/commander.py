@@ -1,6 +1,6 @@
-"""PX4's commander for one vehicle: what its transitions do. When they are due is decided in sim.watch.
+"""PX4's commander for one vehicle: its transitions. `sim.vehicle.transitions` decides when they are due.
 
-Two modes are kept apart, as in PX4: the one asked for (intended) and the one flown (mode). They differ
+Two modes are kept apart, as in PX4: the one requested (intended) and the one flown (mode). They differ
 during a failsafe. Items in comments are those of FACTS, section 3.
 """
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from gcs.sim.vehicle.state import State
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
-IMPATIENT_S = 0.25  # how long OFFBOARD lives without setpoints where the quirk of item 13 is off
+IMPATIENT_S = 0.25  # longest time without setpoints in OFFBOARD where the quirk of item 13 is off
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2  # bits of COM_RC_OVERRIDE
 BATTERY_TEXTS = {
     battery.LOW: "Low battery",
@@ -63,7 +63,7 @@ class LandedState(IntEnum):
 
 
 class Stuck(Enum):
-    """How a vehicle whose mode is stuck answers the wish for another one."""
+    """Answer of a vehicle with a stuck mode to a request for another one."""
 
     NO = "no"
     SAYS_YES = "accepted"
@@ -82,7 +82,7 @@ class Commander:
         say: Callable[[int, str], None],
         changed: Callable[[], None],
     ) -> None:
-        """Command vehicle `row`; say takes a MAV_SEVERITY and a text, changed hears of mode and arming."""
+        """Command vehicle `row`; `say` takes a MAV_SEVERITY and a text, `changed` reports mode and arming."""
         self._state = state
         self._row = row
         self._parameters = parameters
@@ -103,7 +103,7 @@ class Commander:
 
     @property
     def landed(self) -> bool:
-        """Whether it believes itself on the ground."""
+        """Whether its own landed state is on the ground."""
         return bool(self._state.landed[self._row])
 
     @property
@@ -113,7 +113,7 @@ class Commander:
 
     @property
     def setpoint_seen(self) -> bool:
-        """Whether there has ever been one."""
+        """Whether there has ever been a setpoint."""
         return bool(self._state.setpoint_seen[self._row])
 
     @property
@@ -123,7 +123,7 @@ class Commander:
 
     @property
     def can_arm(self) -> bool:
-        """The prearm check: started up, and a mode that may be armed and has what it needs."""
+        """The prearm check: started up, in a mode that allows arming, with the setpoints that mode needs."""
         intended = MODES[int(self._state.intended[self._row])]
         fed = intended is not Mode.OFFBOARD or not self._quirks.starved_offboard or self.fed
         started = self._state.now_s >= self._state.ready_at_s[self._row]
@@ -132,7 +132,7 @@ class Commander:
 
     @property
     def fed(self) -> bool:
-        """Whether a setpoint has come within COM_OF_LOSS_T (items 5 and 13)."""
+        """Whether a setpoint has arrived within COM_OF_LOSS_T (items 5 and 13)."""
         patience_s = self._parameters["COM_OF_LOSS_T"]
         if not self._quirks.patient_offboard:
             patience_s = min(patience_s, IMPATIENT_S)
@@ -166,7 +166,7 @@ class Commander:
         return Result.ACCEPTED
 
     def change_mode(self, mode: Mode) -> Result:
-        """What DO_SET_MODE and its like ask for; in the air only what can be flown (item 4)."""
+        """Change the mode, as DO_SET_MODE requests; in the air only to modes that can be flown (item 4)."""
         if self.stuck is not Stuck.NO:
             return Result.ACCEPTED if self.stuck is Stuck.SAYS_YES else Result.TEMPORARILY_REJECTED
         starved = mode is Mode.OFFBOARD and self._quirks.starved_offboard and not self.fed
@@ -197,7 +197,7 @@ class Commander:
         return bool(bits & (OVERRIDE_OFFBOARD if mode is Mode.OFFBOARD else OVERRIDE_AUTO))
 
     def starve_or_feed(self) -> None:
-        """Failsafe when OFFBOARD starves (item 5), and back by itself when it is fed again (item 6)."""
+        """Failsafe when OFFBOARD loses setpoints (item 5), and back by itself when they return (item 6)."""
         state, row = self._state, self._row
         if state.failsafe[row]:
             state.failsafe[row], state.mode[row] = False, Mode.OFFBOARD.number
@@ -213,7 +213,7 @@ class Commander:
             self.stop("Disarmed by failsafe")
 
     def lose_station(self) -> None:
-        """NAV_DLL_ACT; it never ends a landing, nor a return in favour of a hold."""
+        """Apply NAV_DLL_ACT; it never ends a landing, nor a return in favour of a hold."""
         mode = STATION_LOSS_MODE.get(int(self._parameters["NAV_DLL_ACT"]))
         if self.mode is Mode.LAND or (self.mode is Mode.RETURN and mode is Mode.HOLD):
             return
@@ -225,7 +225,7 @@ class Commander:
             self._intervene(mode)
 
     def weaken(self, charge: int) -> None:
-        """COM_LOW_BAT_ACT, once per worsening: 2 lands at critical; 3 returns then, lands at emergency."""
+        """Apply COM_LOW_BAT_ACT at each worsening: 2 lands at critical; 3 returns, at emergency lands."""
         self._state.charge[self._row] = charge
         self._say(CRITICAL, BATTERY_TEXTS[charge])
         action = int(self._parameters["COM_LOW_BAT_ACT"])
@@ -235,7 +235,7 @@ class Commander:
             self._intervene(mode)
 
     def lift_off(self) -> None:
-        """The take-off is detected."""
+        """Take-off detected."""
         state, row = self._state, self._row
         state.landed[row], state.flown[row] = False, True
         state.airborne_since_s[row] = state.now_s
@@ -243,14 +243,14 @@ class Commander:
         self._say(INFO, "Takeoff detected")
 
     def touch_down(self) -> None:
-        """The landing is detected."""
+        """Landing detected."""
         state, row = self._state, self._row
         state.landed[row], state.landed_s[row] = True, state.now_s
         if state.armed[row]:
             self._say(INFO, "Landing detected")
 
     def stop(self, text: str) -> None:
-        """Disarm; the mode falls back to the last one that may be armed in (item 7)."""
+        """Disarm; the mode falls back to the last one that allows arming (item 7)."""
         state, row = self._state, self._row
         state.armed[row] = state.failsafe[row] = state.intervenes[row] = False
         state.climb_since_s[row] = math.inf
@@ -260,7 +260,7 @@ class Commander:
         self._changed()
 
     def intend(self, mode: Mode) -> None:
-        """Fly that mode from now on, whoever wanted it."""
+        """Fly that mode from now on, whatever requested it."""
         state, row = self._state, self._row
         state.failsafe[row] = state.intervenes[row] = False
         state.intended[row] = state.mode[row] = mode.number
@@ -269,9 +269,9 @@ class Commander:
         self._changed()
 
     def _intervene(self, mode: Mode) -> None:
-        """Fly that mode by a failsafe of its own; the heartbeat says so until another mode is wanted."""
+        """Fly that mode by the autopilot's own failsafe; the heartbeat shows it until the next request."""
         self.intend(mode)
         self._state.intervenes[self._row] = True
 
     def _say(self, severity: int, text: str) -> None:
-        self._tell(severity, text + "\t")  # PX4 ends its texts so
+        self._tell(severity, text + "\t")  # PX4 ends its texts with a tab

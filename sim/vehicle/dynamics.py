@@ -1,6 +1,6 @@
 """Point masses behind an autopilot's velocity loop, vectorised over the fleet. Pure: no clock, no I/O.
 
-Each vehicle answers a velocity command as PX4 v1.16 was measured to (FACTS, section 3). Per axis, with
+Each vehicle responds to a velocity command as PX4 v1.16 was measured to (FACTS, section 3). Per axis, with
 the error e between the delayed command and the measured velocity:
 
     u = proportional e + I,   I' = integral e,   |u| < limit       the autopilot's controller
@@ -29,7 +29,7 @@ GRAVITY_M_S2 = 9.80665
 FALL_M_S2 = np.array((0.0, 0.0, GRAVITY_M_S2))
 
 KEPT_RESPONSES = 64
-"""Of which the settings stay prepared; a response is never changed."""
+"""Responses whose prepared settings are cached; a response is never changed."""
 
 
 class ShapeError(ValueError):
@@ -38,7 +38,7 @@ class ShapeError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """How vehicles answer velocity commands. Every setting is a number, or an (n,) array: one per vehicle.
+    """Response to velocity commands. Every setting is a number, or an (n,) array: one per vehicle.
 
     The horizontal gains, limit, lag, delay and drag are FACTS section 3. The vertical gains were chosen
     so that a 2 m/s climb reaches 63 % in 0.34 s, as measured. drag_per_s is that of PX4's own simulator;
@@ -56,7 +56,7 @@ class Response:
     drag_per_s: Setting = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated.
+        """Refuse settings that cannot be simulated.
 
         Raises:
             ValueError: a setting is negative or not finite, or the lag is zero.
@@ -73,12 +73,12 @@ class Response:
 class PointMasses:
     """The state of n vehicles; row i is vehicle i. Owns its arrays.
 
-    commands_m_s holds the last commands, newest first, each (n, 3): what the delay still has to deliver.
+    commands_m_s holds the last commands, newest first, each (n, 3): those that the delay still needs.
     """
 
     position_m: Array  # (n, 3), NED
     velocity_m_s: Array  # (n, 3), over ground
-    acceleration_m_s2: Array  # (n, 3), what thrust and tilt give, without drag
+    acceleration_m_s2: Array  # (n, 3), of thrust and tilt, without drag
     integral_m_s2: Array  # (n, 3), the velocity controller's integrator
     commands_m_s: tuple[Array, ...]
 
@@ -132,12 +132,12 @@ def step(
 
     Args:
         state: n vehicles.
-        command_m_s: (n, 3), NED. A row that is not finite is the caller's mistake and spreads to that
-            vehicle only.
+        command_m_s: (n, 3), NED. A row that is not finite is the caller's error and affects that vehicle
+        only.
         dt_s: the step.
-        response: how they answer.
+        response: of the vehicles.
         wind_m_s: (3,) or (n, 3), velocity of the air over ground; still air without it.
-        velocity_error_m_s: (n, 3), what the vehicle's own velocity estimate adds to the truth.
+        velocity_error_m_s: (n, 3), error of the vehicle's own velocity estimate.
         powered: (n,), False where the motors stand still and the vehicle falls; all powered without it.
 
     Returns: the state dt_s later. There is no ground here: see rest_on_ground.
@@ -172,7 +172,7 @@ def step(
 
 
 def rest_on_ground(state: PointMasses, *, ground_down_m: float = 0.0) -> tuple[PointMasses, Mask]:
-    """Stop what has reached the ground: no sinking, no sliding, and an integrator that starts afresh.
+    """Stop vehicles that have reached the ground: no descent, no sliding, and a reset integrator.
 
     Returns: the state, and (n,) True where a vehicle touches the ground and does not climb.
     """
@@ -201,7 +201,7 @@ def _column(setting: Setting) -> Setting:
 
 @lru_cache(maxsize=KEPT_RESPONSES)
 def _lag_and_drag(response: Response, dt_s: float) -> tuple[Array, Setting]:
-    """What of the way to the wanted acceleration one step goes, and the drag; as columns."""
+    """Share of the difference to the desired acceleration that one step covers, and the drag; as columns."""
     return -np.expm1(-dt_s / np.asarray(_column(response.lag_s))), _column(response.drag_per_s)
 
 
@@ -226,7 +226,7 @@ def _delay_steps(response: Response, dt_s: float) -> tuple[int, Array, Array, Ar
 def _delayed(
     commands_m_s: tuple[Array, ...], response: Response, dt_s: float
 ) -> tuple[Array, tuple[Array, ...]]:
-    """Look the delay back into the commands, newest first; keep no more of them than that needs."""
+    """The commands as they were `delay_s` ago, and the commands to keep, newest first."""
     count, near, far, share = _delay_steps(response, dt_s)
     kept = commands_m_s[:count]
     oldest = len(kept) - 1

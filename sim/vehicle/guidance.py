@@ -1,6 +1,6 @@
-"""Which velocity each mode asks of the velocity loop, for a whole fleet at once. Local NED, m/s.
+"""The velocity that each mode demands of the velocity loop, for a whole fleet at once. Local NED, m/s.
 
-`rows` are the vehicles that a function is about; what it returns has one row for each of them.
+`rows` are the vehicles that a function is about; its result has one row for each of them.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from gcs.sim.vehicle.sensors import Sensors
     from gcs.sim.vehicle.state import Rows, State
 
-BLIND_DESCENT_M_S = 0.9  # recorded after setpoint loss with nobody at the sticks (item 5)
-TAKEOFF_START_M_S = -0.7  # PX4 ramps the climb from below zero up, so that lifting off is gentle
+BLIND_DESCENT_M_S = 0.9  # recorded after setpoint loss without a pilot at the sticks (item 5)
+TAKEOFF_START_M_S = -0.7  # PX4 ramps the climb up from below zero, so that lifting off is gentle
 ARRIVED_M = 1.0
 STOPPED_M_S = 0.4
-WANDER_S = 12.0  # once round
+WANDER_S = 12.0  # period of one turn
 TINY = 1e-9
 
 TAKEOFF, HOLD, RETURN = Mode.TAKEOFF.number, Mode.HOLD.number, Mode.RETURN.number
@@ -37,7 +37,7 @@ LIFTS = np.array([mode.number in {TAKEOFF, OFFBOARD} for mode in MODES])  # only
 
 
 class Guidance:
-    """The targets: where vehicles hold, how high they take off, how far their return has come."""
+    """Targets of vehicles: hold positions, take-off heights, progress of returns."""
 
     def __init__(
         self, state: State, commanders: Sequence[Commander], parameters: Columns, quirks: Quirks
@@ -74,7 +74,7 @@ class Guidance:
         return demand_m_s
 
     def _desired(self, rows: Rows, sensors: Sensors, dt_s: float) -> Array:
-        """What each one's mode asks for; the automatic ones accelerate gently."""
+        """The velocity that each vehicle's mode requests; the automatic modes accelerate gently."""
         flown = FLOWN_AS[self._state.mode[rows]]  # before a take-off that ends in this step
         kinds = set(flown.tolist())
         desired_m_s = np.empty((len(rows), 3))
@@ -88,10 +88,10 @@ class Guidance:
         return desired_m_s
 
     def turn(self, powered: Mask, dt_s: float) -> None:
-        """Turn the yaw towards what the setpoint commands, no faster than MPC_YAWRAUTO_MAX.
+        """Turn the yaw towards the setpoint's, no faster than MPC_YAWRAUTO_MAX.
 
         Args:
-            powered: (n,), whom the motors carry.
+            powered: (n,), vehicles carried by their motors.
             dt_s: the step.
         """
         state = self._state
@@ -106,7 +106,7 @@ class Guidance:
         state.yaw_rad[rows] = _wrapped(yaw_rad + _clipped(turn_rad, -most_rad, most_rad))
 
     def _enter(self, rows: Rows, sensors: Sensors) -> None:
-        """Take the target of a mode that begins: where the vehicle will have stopped, for most."""
+        """Set the target of a mode that begins: for most the point where the vehicle will have stopped."""
         state, p = self._state, self._parameters
         mode = state.mode[rows]
         state.guided_mode[rows], state.last_m_s[rows] = mode, sensors.velocity_m_s[rows]
@@ -115,7 +115,7 @@ class Guidance:
         across_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1]) / (2.0 * p["MPC_ACC_HOR"][rows])
         down_s = np.abs(velocity_m_s[:, 2]) / (2.0 * p["MPC_ACC_DOWN_MAX"][rows])
         stop_m = position_m + velocity_m_s * np.stack([across_s, across_s, down_s], axis=1)
-        stop_m[:, :2] -= self._wander_m(rows)  # it is off its place already
+        stop_m[:, :2] -= self._wander_m(rows)  # it is already off its place
         climbing, homing = mode == TAKEOFF, mode == RETURN
         if climbing.any():
             stop_m[climbing, :2] = position_m[climbing, :2]
@@ -136,7 +136,7 @@ class Guidance:
         return lowest_m
 
     def _return_down_m(self, rows: Rows, sensors: Sensors) -> Array:
-        """How high to fly home: RTL_RETURN_ALT, lower inside the cone around home, never lower than now."""
+        """Height of the return: RTL_RETURN_ALT, lower inside the cone around home, never lower than now."""
         p, home_m, here_m = self._parameters, self._state.home_m[rows], sensors.position_m[rows]
         distance_m = np.hypot(*(here_m - home_m)[:, :2].T)
         lowest_m, highest_m = p["RTL_DESCEND_ALT"][rows], p["RTL_RETURN_ALT"][rows]
@@ -155,7 +155,7 @@ class Guidance:
         there = state.powered[rows] & (gap_m < self._parameters["NAV_MC_ALT_RAD"][rows])
         for row in rows[there].tolist():
             self._commanders[row].intend(Mode.HOLD)
-            state.guided_mode[row] = HOLD  # hold at the takeoff's target, not where it is now
+            state.guided_mode[row] = HOLD  # hold at the take-off's target, not at the present position
         return self._towards(rows, sensors, climb_max_m_s=self._parameters["MPC_TKO_SPEED"][rows])
 
     def _towards(self, rows: Rows, sensors: Sensors, climb_max_m_s: Array | None = None) -> Array:
@@ -180,7 +180,7 @@ class Guidance:
         return whole_m_s
 
     def _wander_m(self, rows: Rows) -> Array:
-        """(k, 2) by which TAKEOFF and HOLD miss their place now: round it, each at a pace of its own."""
+        """(k, 2) present offset of TAKEOFF and HOLD from their target, round it, each at its own pace."""
         wide_m = self._state.wander_m[rows]
         if not wide_m.any():
             return np.zeros((len(rows), 2))
@@ -189,7 +189,7 @@ class Guidance:
         return off_m
 
     def _land(self, rows: Rows, sensors: Sensors) -> Array:
-        """Sink over the target, slower from MPC_LAND_ALT1 to MPC_LAND_ALT2, slowest below MPC_LAND_ALT3."""
+        """Descend over the target, slower from MPC_LAND_ALT1 to _ALT2, slowest below _ALT3."""
         p, height_m = self._parameters, sensors.height_m[rows]
         fast_m_s, slow_m_s = p["MPC_Z_V_AUTO_DN"][rows], p["MPC_LAND_SPEED"][rows]
         upper_m, lower_m = p["MPC_LAND_ALT1"][rows], p["MPC_LAND_ALT2"][rows]
@@ -200,7 +200,7 @@ class Guidance:
         return self._across(rows, sensors, sink_m_s)
 
     def _return(self, rows: Rows, sensors: Sensors) -> Array:
-        """Climb, fly home, descend to RTL_DESCEND_ALT, wait RTL_LAND_DELAY (negative: for ever), land."""
+        """Climb, fly home, descend to RTL_DESCEND_ALT, wait RTL_LAND_DELAY (negative: without end), land."""
         state, p, here_m = self._state, self._parameters, sensors.position_m[rows]
         home_m, was_returning = state.home_m[rows], state.returning[rows]
         high = ~was_returning & (here_m[:, 2] < state.target_m[rows, 2] + ARRIVED_M)
@@ -223,7 +223,7 @@ class Guidance:
         return desired_m_s
 
     def _by_hand(self, rows: Rows, _sensors: Sensors) -> Array:
-        """What the sticks say; with nobody at them it sinks."""
+        """Follow the sticks; without a pilot the vehicle descends."""
         piloted = self._state.piloted[rows, np.newaxis]
         return np.where(piloted, self._state.stick_m_s[rows], (0.0, 0.0, BLIND_DESCENT_M_S))
 
@@ -245,7 +245,7 @@ class Guidance:
         return last_m_s + _clipped(desired_m_s - last_m_s, -bound_m_s, bound_m_s)
 
     def _bounded(self, rows: Rows, desired_m_s: Array) -> Array:
-        """Clip each axis on its own, as recorded, which bends the direction."""
+        """Clip each axis on its own, as recorded, which changes the direction."""
         state, p = self._state, self._parameters
         low_m_s = -p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP")[rows]
         high_m_s = p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_DN")[rows]
@@ -259,7 +259,7 @@ class Guidance:
 
 
 def _clipped(values: Array, low: Array, high: Array) -> Array:
-    """As np.clip, which takes its time with arrays as small as these."""
+    """As np.clip, which is slow for arrays as small as these."""
     clipped: Array = np.minimum(np.maximum(values, low), high)
     return clipped
 

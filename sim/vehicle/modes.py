@@ -1,4 +1,4 @@
-"""PX4's flight modes and how a HEARTBEAT spells them."""
+"""PX4's flight modes, and their encoding in a HEARTBEAT."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Mode(Enum):
 
     @staticmethod
     def find(main: int, sub: int) -> Mode | None:
-        """The mode DO_SET_MODE asks for, or None."""
+        """The mode that DO_SET_MODE requests, or None."""
         for mode in Mode:
             if mode.value[0] == main and mode.value[1] == sub:
                 return mode
@@ -57,7 +57,7 @@ CUSTOM_MODES = np.array([mode.custom_mode for mode in MODES], dtype=np.uint32)
 BASE_MODES = np.array([mode.base_mode for mode in MODES], dtype=np.uint8)
 NEEDS_PILOT = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.STABILIZED})
 PREVENTS_ARMING = frozenset({Mode.LAND, Mode.RETURN})
-# COM_OBL_RC_ACT to the mode shown after setpoints are lost; 6 and 7 stop the motors instead.
+# COM_OBL_RC_ACT to the mode flown after setpoints are lost; 6 and 7 stop the motors instead.
 OFFBOARD_LOSS_MODE = {
     0: Mode.POSITION,
     1: Mode.ALTITUDE,

@@ -1,4 +1,4 @@
-"""How wrong the vehicle's own position estimate is: seeded, correlated in time, vectorised.
+"""Errors of the vehicles' own position estimates: seeded, correlated in time, vectorised.
 
 Measured while holding for 60 s (FACTS, section 3): estimate minus truth has sd 0.09, 0.19, 0.41 m
 (north, east, down), correlated over 3 to 6 s. The errors of two vehicles are independent.
@@ -55,7 +55,7 @@ def draw(count: int, scale: float, random: np.random.Generator) -> EstimateError
 
 
 def step(error: EstimateError, dt_s: float, scale: float, random: np.random.Generator) -> EstimateError:
-    """Let the errors wander for dt_s (well below a second); scale as in draw."""
+    """Advance the errors by dt_s (well below a second); scale as in draw."""
     fresh = scale * random.standard_normal((2, *error.position_m.shape))
     follow = -math.expm1(-dt_s / FOLLOW_S)
     return EstimateError(
@@ -66,7 +66,7 @@ def step(error: EstimateError, dt_s: float, scale: float, random: np.random.Gene
 
 
 def _wander(value: Array, share: float, fresh: Array) -> Array:
-    """First-order Gauss-Markov, exact for any step; fresh has the standing spread."""
+    """First-order Gauss-Markov, exact for any step; fresh has the stationary spread."""
     keep = math.exp(-share)
     moved: Array = keep * value + math.sqrt(1.0 - keep * keep) * fresh
     return moved

@@ -1,6 +1,6 @@
 """The parameters of PX4 v1.16.1, typed, as one vehicle holds them.
 
-The table is what a PX4 v1.16.1 SITL listed (px4_params.json: whole numbers are INT32, the others FLOAT).
+The table is what a PX4 v1.16.1 SITL listed (px4_params.json: integers are INT32, the others FLOAT).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ REAL32_MAX = 3.4028234e38
 
 
 class ParameterError(ValueError):
-    """A parameter does not exist, or does not take that value."""
+    """A parameter does not exist, or does not accept that value."""
 
 
 @cache
@@ -97,13 +97,13 @@ class Parameters:
 
 
 class Columns:
-    """The parameters of a fleet as (n,) arrays, for what is computed for all vehicles at once.
+    """The parameters of a fleet as (n,) arrays, for values computed for all vehicles at once.
 
-    A column is made when it is first asked for, and follows every change of a vehicle's own table.
+    A column is created on first use, and follows every change of a vehicle's own table.
     """
 
     def __init__(self, vehicles: Sequence[Parameters]) -> None:
-        """Row i is vehicles[i], whose changes are listened to from now on."""
+        """Row i is vehicles[i], whose changes are followed from now on."""
         self._vehicles = vehicles
         self._columns: dict[str, Array] = {}
         self._axes: dict[tuple[str, str], Array] = {}
@@ -149,7 +149,7 @@ def name_at(place: int) -> str | None:
 
 
 def encoded_value(name: str, value: Value) -> float:
-    """PX4's bytewise encoding: an INT32's four bytes travel in the float field."""
+    """PX4's bytewise encoding: the float field contains an INT32's four bytes."""
     if kind(name) == REAL32:
         return float(value)
     return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
@@ -159,7 +159,7 @@ def decoded_value(name: str, param_type: int, value: float) -> Value:
     """Undo encoded_value.
 
     Raises:
-        ParameterError: the sender believes the parameter to be of another type.
+        ParameterError: the sender uses another type for this parameter.
     """
     if param_type != kind(name):
         raise ParameterError(f"{name} is of MAV_PARAM_TYPE {kind(name)}, not {param_type}")

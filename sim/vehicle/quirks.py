@@ -1,4 +1,4 @@
-"""A switch for each of PX4's habits that a ground station must cope with (FACTS, section 3)."""
+"""A switch for each of PX4's habits that a ground station must handle (FACTS, section 3)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class QuirkError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quirks:
-    """On is as PX4 does; off is as one would wish it. On the command line `_` is written `-`."""
+    """On is PX4's behaviour; off is the ideal one. On the command line `_` is written `-`."""
 
     own_origin: bool = True
     """1: each local NED origin is the vehicle's own first fix; off: all have the fleet's."""
@@ -27,17 +27,17 @@ class Quirks:
     """4: OFFBOARD without setpoints is accepted disarmed, then arming is refused; in the air it is refused.
     Off: both are accepted."""
     setpoint_loss: bool = True
-    """5: COM_OBL_RC_ACT acts COM_OF_LOSS_T after the last setpoint; off: the last setpoint is flown on."""
+    """5: COM_OBL_RC_ACT acts COM_OF_LOSS_T after the last setpoint; off: the last setpoint stays in force."""
     resume: bool = True
-    """6: OFFBOARD comes back by itself when setpoints do; off: only when it is ordered."""
+    """6: OFFBOARD resumes by itself when setpoints return; off: only by command."""
     mode_reverts: bool = True
-    """7: after landing and disarming the mode falls back, to OFFBOARD for one; off: to HOLD."""
+    """7: after landing and disarming the mode falls back, for example to OFFBOARD; off: to HOLD."""
     quiet_texts: bool = True
-    """8: texts only where a ground station's heartbeat is heard; off: always."""
+    """8: texts only while a ground station's heartbeats arrive; off: always."""
     late_heartbeat: bool = True
     """9: a mode change shows in the next HEARTBEAT, up to 1 s late; off: one is sent at every change."""
     whole_velocity: bool = True
-    """10: a velocity with an axis missing is not followed; off: the axes that are given are."""
+    """10: a velocity with a missing axis is not followed; off: its given axes are."""
     early_takeoff: bool = True
     """11: NAV_TAKEOFF while disarmed is accepted and happens at the next arming; off: it is refused."""
     disarm_refused: bool = True
@@ -45,10 +45,10 @@ class Quirks:
     slow_clock: bool = True
     """12: the boot clock loses 1 to 2 %; off: it is exact. (Jumps are faults: clock-jump, reboot.)"""
     patient_offboard: bool = True
-    """13: OFFBOARD lives on 2 Hz, up to COM_OF_LOSS_T between setpoints; off: 0.25 s is too long."""
+    """13: OFFBOARD continues at 2 Hz, up to COM_OF_LOSS_T between setpoints; off: 0.25 s is too long."""
 
     def changed(self, changes: Iterable[tuple[str, bool]]) -> Quirks:
-        """With these switches set; names as on the command line.
+        """A copy with these switches set; names as on the command line.
 
         Raises:
             QuirkError: no such quirk.
@@ -62,5 +62,5 @@ class Quirks:
 
 
 def names() -> tuple[str, ...]:
-    """All of them, as on the command line."""
+    """All quirks, as on the command line."""
     return tuple(field.name.replace("_", "-") for field in fields(Quirks))

@@ -1,4 +1,4 @@
-"""What the vehicles' estimators and sensors tell their autopilots."""
+"""Estimates of the vehicles' estimators and sensors, as their autopilots receive them."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Sensors:
     position_m: Array  # (n, 3), local NED; NaN before the first fix
     velocity_m_s: Array  # (n, 3), NED
     acceleration_m_s2: Array  # (n, 3), NED, of thrust and tilt
-    height_m: Array  # (n,), over ground, as a rangefinder sees it
-    contact: Mask  # (n,), something stands on the ground
+    height_m: Array  # (n,), over ground, as a rangefinder measures it
+    contact: Mask  # (n,), on the ground
     estimate_m: Array  # (n, 3), the position in the fleet's common NED
-    locate: Callable[[Array], Array]  # that, for any rows: latitude, longitude (deg), altitude AMSL (m)
+    locate: Callable[[Array], Array]  # any rows of it to latitude, longitude (deg), altitude AMSL (m)
 
     def place(self, rows: Rows) -> Array:
         """(len(rows), 3): estimated latitude and longitude in degrees, altitude AMSL in metres."""
@@ -37,7 +37,7 @@ class Sensors:
 
     @cached_property
     def _places(self) -> Array:
-        """Everybody's, once for all messages of a small fleet."""
+        """Positions of all vehicles, once for all messages of a small fleet."""
         return self.locate(self.estimate_m)
 
     @cached_property

@@ -1,7 +1,7 @@
-"""What changes in the autopilots of a fleet, as columns: row i of every array is vehicle i.
+"""State of the autopilots of a fleet, as columns: row i of every array is vehicle i.
 
-One vehicle's transitions (sim.commander) and the fleet's conditions (sim.watch, sim.guidance) share it, so
-that one vehicle and a thousand behave alike.
+One vehicle's transitions (sim.vehicle.commander) and the fleet's conditions (sim.vehicle.transitions,
+sim.vehicle.guidance) share it, so that one vehicle and a thousand behave alike.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Rows: TypeAlias = NDArray[np.intp]
 Numbers: TypeAlias = NDArray[np.int64]
 
 NO_MODE = -1
-# What is not the autopilot's memory: the vehicle's number and battery, its receiver, the pilot.
+# Columns that a reboot does not reset: the vehicle's number and battery, its receiver, the pilot.
 LASTING = frozenset(
     {
         *("system_id", "remaining", "offset_m", "frozen_m", "hdop", "vdop"),
@@ -40,7 +40,7 @@ class State:
     """
 
     def __init__(self, count: int, yaw_rad: float) -> None:
-        """Boot count vehicles that look along yaw_rad."""
+        """Boot `count` vehicles with heading yaw_rad."""
         self.count = count
         self.now_s = 0.0
         self.system_id = np.zeros(count, dtype=np.uint8)
@@ -52,46 +52,46 @@ class State:
         self._receive(count)
 
     def _boot(self, count: int) -> None:
-        """Clocks."""
+        """Create the clocks."""
         self.boot_s = np.zeros(count)
         self.clock_rate = np.ones(count)
-        self.clock_offset_s = np.zeros(count)  # what a jump of the boot clock adds to it
+        self.clock_offset_s = np.zeros(count)  # added to the boot clock by jumps
         self.ready_at_s = np.full(count, np.inf)
         self.fix_at_s = np.full(count, np.inf)
 
     def _land(self, count: int) -> None:
-        """What the commander keeps."""
+        """Create the commander's columns."""
         self.mode: Numbers = np.full(count, Mode.HOLD.number)  # the one flown
-        self.intended: Numbers = np.full(count, Mode.HOLD.number)  # the one asked for
+        self.intended: Numbers = np.full(count, Mode.HOLD.number)  # the one requested
         self.after_disarming: Numbers = np.full(count, Mode.HOLD.number)
         self.armed = _no(count)
         self.landed = ~_no(count)
         self.flown = _no(count)  # since it was armed
-        self.failsafe = _no(count)  # for want of setpoints
-        self.intervenes = _no(count)  # any other failsafe of its own flies it
-        self.piloted = _no(count)  # somebody has the sticks
+        self.failsafe = _no(count)  # setpoints were lost
+        self.intervenes = _no(count)  # another failsafe of its own flies it
+        self.piloted = _no(count)  # a pilot has the sticks
         self.setpoint_seen = _no(count)
         self.setpoint_s = np.full(count, -np.inf)
-        self.station_s = np.full(count, -np.inf)  # when a ground station's heartbeat came last
-        self.station_lost = _no(count)  # which has been acted on
+        self.station_s = np.full(count, -np.inf)  # arrival of a ground station's newest heartbeat
+        self.station_lost = _no(count)  # and the failsafe has acted
         self.armed_s = np.full(count, -np.inf)
         self.airborne_since_s = np.full(count, -np.inf)
         self.climb_since_s = np.full(count, np.inf)
         self.down_since_s = np.full(count, np.inf)
         self.landed_s = np.full(count, -np.inf)
         self.takeoff_altitude_amsl_m = np.full(count, np.nan)  # NaN: MIS_TAKEOFF_ALT above home
-        self.charge: Numbers = np.full(count, OK)  # the worst that was acted on
+        self.charge: Numbers = np.full(count, OK)  # the worst that the failsafe acted on
         self.remaining = np.ones(count)  # of the battery
 
     def _stand(self, count: int, yaw_rad: float) -> None:
-        """What guidance keeps, and home."""
-        self.guided_mode: Numbers = np.full(count, NO_MODE)  # whose target is kept
+        """Create guidance's columns, and home."""
+        self.guided_mode: Numbers = np.full(count, NO_MODE)  # mode of the kept target
         self.target_m = np.zeros((count, 3))  # local NED
-        self.last_m_s = np.zeros((count, 3))  # what the mode wanted last
-        self.demanded_m_s = np.full((count, 3), np.nan)  # what POSITION_TARGET_LOCAL_NED tells
-        self.stick_m_s = np.zeros((count, 3))  # what the pilot asks for
+        self.last_m_s = np.zeros((count, 3))  # velocity that the mode last requested
+        self.demanded_m_s = np.full((count, 3), np.nan)  # for POSITION_TARGET_LOCAL_NED
+        self.stick_m_s = np.zeros((count, 3))  # requested by the pilot
         self.returning = _no(count)
-        self.wander_m = np.zeros(count)  # that its own TAKEOFF and HOLD let it be off its place: recorded 1 m
+        self.wander_m = np.zeros(count)  # offset of its own TAKEOFF and HOLD from the target: recorded 1 m
         self.descend_from_s = np.full(count, np.inf)
         self.yaw_rad = np.full(count, yaw_rad)
 
@@ -102,14 +102,14 @@ class State:
         self.home_boot_ms: Numbers = np.zeros(count, dtype=np.int64)
 
     def _receive(self, count: int) -> None:
-        """The last orders, and what the receiver is made to believe."""
+        """Create the columns of the last setpoints, and of the receiver's faults."""
         self.setpoint_position_m = np.full((count, 3), np.nan)  # the last setpoint; NaN: not given
         self.setpoint_velocity_m_s = np.full((count, 3), np.nan)
         self.setpoint_flyable = _no(count)
         self.setpoint_yaw_rad = np.full(count, np.nan)
         self.setpoint_yaw_rate_rad_s = np.full(count, np.nan)
 
-        self.offset_m = np.zeros((count, 3))  # what a fault adds to the estimated position
+        self.offset_m = np.zeros((count, 3))  # added to the estimated position by a fault
         self.frozen_m = np.full((count, 3), np.nan)  # the estimate that a frozen receiver repeats
         self.reset_counter = np.zeros(count, dtype=np.uint8)
         self.horizontal_accuracy_m = np.full(count, 0.9)  # as recorded
@@ -118,11 +118,11 @@ class State:
         self.vdop = np.full(count, 1.1)
         self.fix_type: Numbers = np.full(count, FIX_3D)
         self.unhealthy_sensors: Numbers = np.zeros(count, dtype=np.int64)  # bits of MAV_SYS_STATUS_SENSOR
-        self.unix_ahead_s = np.zeros(count)  # what its receiver's time is wrong by
+        self.unix_ahead_s = np.zeros(count)  # error of its receiver's time
         self.pings: Numbers = np.zeros(count, dtype=np.int64)
 
     def forget(self, row: int) -> None:
-        """Let one vehicle boot: everything that memory does not outlast is as at the start."""
+        """Boot one vehicle: reset all columns but LASTING."""
         fresh = vars(State(1, float(self.yaw_rad[row])))
         for name, column in vars(self).items():
             if isinstance(column, np.ndarray) and name not in LASTING:
@@ -134,7 +134,7 @@ class State:
         return self.armed & ~self.landed
 
     def boot_clock_s(self) -> Array:
-        """(n,): what the vehicles' clocks show; slower than the wall's (item 12)."""
+        """(n,): the vehicles' boot clocks; slower than the wall clock (item 12)."""
         return (self.now_s - self.boot_s) * self.clock_rate + self.clock_offset_s
 
     def boot_ms(self, row: int) -> int:

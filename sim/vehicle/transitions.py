@@ -1,7 +1,7 @@
-"""When a transition of PX4's commander is due, for a whole fleet at once.
+"""Decides when transitions of PX4's commander are due, for a whole fleet at once.
 
-Loss of setpoints or of the ground station, battery, landing, take-off, disarming. What it does to one vehicle
-is in sim.commander.
+Loss of setpoints or of the ground station, battery, landing, take-off, disarming. The effect on one vehicle
+is in sim.vehicle.commander.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
 
 
 class Transitions:
-    """Lets time pass for the commanders of a fleet."""
+    """Advances the commanders of a fleet."""
 
     def __init__(
         self, state: State, commanders: Sequence[Commander], parameters: Columns, quirks: Quirks
@@ -46,13 +46,13 @@ class Transitions:
         self._quirks = quirks
 
     def update(self, awake: Mask, contact: Mask, climb_m_s: Array, batteries: Batteries) -> None:
-        """Do what has fallen due at the state's time.
+        """Execute the transitions that are due at the state's time.
 
         Args:
-            awake: (n,), who has a position.
-            contact: (n,), who stands on the ground.
+            awake: (n,), vehicles with a position.
+            contact: (n,), vehicles on the ground.
             climb_m_s: (n,), the upward speed that the flown mode demands.
-            batteries: whose MAV_BATTERY_CHARGE_STATE counts.
+            batteries: for MAV_BATTERY_CHARGE_STATE.
         """
         state = self._state
         armed = awake & state.armed
@@ -72,7 +72,7 @@ class Transitions:
             self._watch_disarming(standing)
 
     def fed(self) -> Mask:
-        """(n,): whether a setpoint has come within COM_OF_LOSS_T."""
+        """(n,): whether a setpoint has arrived within COM_OF_LOSS_T."""
         patience_s = self._parameters["COM_OF_LOSS_T"]
         if not self._quirks.patient_offboard:
             patience_s = np.minimum(patience_s, IMPATIENT_S)
@@ -89,7 +89,7 @@ class Transitions:
         return able
 
     def landed_state(self) -> Numbers:
-        """(n,): MAV_LANDED_STATE, what EXTENDED_SYS_STATE says."""
+        """(n,): MAV_LANDED_STATE, as in EXTENDED_SYS_STATE."""
         state = self._state
         flying = np.where(state.mode == LAND, int(LandedState.LANDING), int(LandedState.IN_AIR))
         flying[state.armed & (state.mode == TAKEOFF)] = LandedState.TAKEOFF
@@ -106,7 +106,7 @@ class Transitions:
             self._commanders[row].starve_or_feed()
 
     def _watch_station(self, armed: Mask) -> None:
-        """NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
+        """Apply NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
         state, p = self._state, self._parameters
         silent = state.now_s - state.station_s > p["COM_DL_LOSS_T"]
         if not silent.any():
@@ -129,7 +129,7 @@ class Transitions:
             self._commanders[row].lift_off()
 
     def _watch_landing(self, flying: Mask, contact: Mask, climb_m_s: Array) -> None:
-        """On the ground and told to sink: landed after a while; at once when the motors stand still."""
+        """On the ground with a descent demanded: landed after a while, at once when the motors are off."""
         state = self._state
         if not contact.any():
             state.down_since_s[flying] = np.inf
@@ -144,7 +144,7 @@ class Transitions:
             self._commanders[row].touch_down()
 
     def _watch_disarming(self, standing: Mask) -> None:
-        """COM_DISARM_LAND after a flight, COM_DISARM_PRFLT before one; not positive means never."""
+        """Apply COM_DISARM_LAND after a flight, COM_DISARM_PRFLT before one; not positive means never."""
         state, p = self._state, self._parameters
         wait_s = np.where(state.flown, p["COM_DISARM_LAND"], p["COM_DISARM_PRFLT"])
         since_s = np.where(state.flown, state.landed_s, state.armed_s)

@@ -62,7 +62,7 @@ class SocketChannel:
         return self._socket.send(data)
 
     def delay_s(self) -> float:
-        """Delay of the bytes that have not left yet; 0 where the platform cannot tell."""
+        """Delay of the bytes that have not left yet; 0 where the platform does not report them."""
         try:
             (waiting_bytes,) = _INT.unpack(ioctl(self._socket.fileno(), _SIOCOUTQNSD, bytes(_INT.size)))
         except OSError:  # not Linux

@@ -1,8 +1,8 @@
 """The link over MAVSDK 4.1 and the router: serial ports, TCP, signing, further stations.
 
 MAVSDK repeats the last setpoint at 20 Hz without end, from its own thread, whatever happens to the program
-that
-set it. Therefore its bytes leave through `Router`, where setpoints need a permission that every tick renews.
+that set it. Therefore its bytes leave through `Router`, where setpoints need a permission that every tick
+renews.
 """
 
 import asyncio

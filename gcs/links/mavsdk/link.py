@@ -1,9 +1,8 @@
 """The link over MAVSDK where all vehicles are on UDP: MAVSDK's commands and setpoints, our batches.
 
 MAVSDK's bytes leave only through `SetpointFilter`: MAVSDK repeats setpoints without end, from its own
-threads,
-whatever happens to the program that set them. `MavsdkLink` has serial ports, TCP, signing and further
-stations.
+threads, whatever happens to the program that set them. `MavsdkLink` has serial ports, TCP, signing and
+further stations.
 """
 
 import asyncio

@@ -207,8 +207,7 @@ class UdpLink(BaseLink, ABC):
         """Send one tick's setpoints, now. Waits some milliseconds at most, for MAVSDK's threads.
 
         A batch that is already older than the watchdog's time is not sent at all. A row that is not finite,
-        and one
-        for a vehicle that is not connected or was killed, is left out, as if it were not listed.
+        and one for a vehicle that is not connected or was killed, is left out, as if it were not listed.
         """
         now_s = self._clock()
         self._ticked_s = now_s

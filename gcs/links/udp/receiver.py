@@ -26,8 +26,7 @@ class Inbox:
         commands: reads answers; None: no reader.
         note_parameter: called with row, name and value of every PARAM_VALUE; None: not called.
         pass_on: called with (data, frames, rows, times) of accepted frames, as `FleetTelemetry.take`; None:
-        not
-            called.
+            not called.
     """
 
     def __init__(

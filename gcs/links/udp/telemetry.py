@@ -72,17 +72,17 @@ class _Reported(Generic[Value]):
 
 
 class FleetTelemetry:
-    """Newest known of n vehicles, rows as on the link. Arrays are replaced row by row as frames come.
+    """Newest values of n vehicles, rows as on the link. Arrays are updated row by row as frames arrive.
 
     Attributes:
-        heartbeat_time_s, position_time_s, life_time_s: (n,) of arrival, -inf before; of anything, the last.
-        armed, in_failsafe: (n,) as the autopilot's heartbeat says, which alone is believed.
+        heartbeat_time_s, position_time_s, life_time_s: (n,) of arrival, -inf before; the last of any message.
+        armed, in_failsafe: (n,) from the autopilot's heartbeat only.
         landed: (n,) of `Landed`.
-        prearm_ok: (n,) the autopilot's own checks before arming pass.
-        connection_count: (n,) how often it was met: at first, after a restart, after a silence.
+        prearm_ok: (n,) the autopilot's own pre-arm checks pass.
+        connection_count: (n,) how often it connected: at first, after a restart, after a silence.
         reboot_count: (n,) how often the boot clock has jumped back.
         position_resets: (n,) how often the estimator's reset counter has changed.
-        positions: (n,) how many positions came, in all.
+        positions: (n,) total of positions received.
     """
 
     def __init__(self, ids: Sequence[VehicleId]) -> None:
