@@ -1,35 +1,35 @@
-# Every target sets up .venv by itself; nothing but python3 (3.11 or newer) and make is needed.
+# Every target creates .venv if needed; only python3 (3.11 or newer) and make are required.
 PYTHON ?= python3
 ARGS ?=
 BIN := .venv/bin
 NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 
-# Modules are compiled once and kept, wherever we run: pytest's rewriting of them takes longer than many a test.
+# Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: sitl ready demo test soak computed flown console console-test schema check compiled bench mutate flight-quality screenshots docs format lock clean
 
-# Two environments are made side by side: one flies, one builds the page.
+# Two environments are made in parallel: one for flying, one for building the console.
 ready:
 	@$(MAKE) --no-print-directory -j2 .venv/ready console
 
 demo: ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
 
-# What computes takes only what what flies leaves over, where the system can give it that: nobody flies late for it.
+# Computing tests run at idle priority, if the system has one, so that real-time flights are not late.
 IDLE := $(shell command -v chrt >/dev/null 2>&1 && chrt --idle 0 true 2>/dev/null && echo "chrt --idle 0")
 
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
 	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target,-j1) computed flown
-	@$(BIN)/python tests/support/browsers.py  # the last line says so where the page was not looked at
+	@$(BIN)/python tests/support/browsers.py  # its last line says when the console was not tested
 
 computed: .venv/ready console
 	@$(IDLE) $(MAKE) --no-print-directory check console-test
 	$(IDLE) $(BIN)/pytest -m "not realtime" --timeout 1800  # it may wait long for its turn
 
-# $(call twice,WHAT,HOW): a real-time test fails when it fails twice, the second time by itself, with fixtures of
-# its own. A real defect ends the second run at once. docs/testing.md
+# $(call twice,WHAT,HOW): a real-time test fails when it fails twice, the second time alone, with fixtures of its
+# own. A real defect ends the second run at once. docs/testing.md
 FLOWN_CACHE := -o cache_dir=.pytest_cache/flown
 define twice
 	@rm -rf .pytest_cache/flown
@@ -54,7 +54,7 @@ console-test: .venv/ready api/console/node_modules/ready  ## the page's types an
 	$(NPM) run --silent cycles
 	$(NPM) run --silent test
 
-schema: .venv/ready api/console/node_modules/ready  ## the page's wire types, from the API's own OpenAPI
+schema: .venv/ready api/console/node_modules/ready  ## the console's types, from the API's OpenAPI document
 	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent schema -- --output src/schemas/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
@@ -62,7 +62,7 @@ compiled: .venv/ready  ## the law as machine code, so that no flight waits for t
 	  from gcs.planning import return_paths; \
 	  control.warm_up(); return_paths.warm_up(); codec.warm_up(); setpoint_kernels.warm_up()"
 
-check: .venv/ready  ## what a reviewer should not have to say
+check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
 	$(BIN)/python tests/vocabulary.py
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -133,10 +133,10 @@ clean:
 	  { echo "python3's venv module is missing; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv --clear .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-compile -r requirements.lock
-	@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on all cores; as with pip, what cannot be stays
+	@$(BIN)/python -m compileall -qq -j 0 .venv/lib || true  # on all cores; errors are ignored, as in pip
 	@touch $@
 
-.venv-node/ready: requirements-node.lock  # 200 MB, for building alone: no part of the running environment
+.venv-node/ready: requirements-node.lock  # 200 MB, only for building: not part of the runtime environment
 	$(PYTHON) -m venv --clear .venv-node
 	.venv-node/bin/pip install --quiet --disable-pip-version-check --require-hashes -r requirements-node.lock
 	@touch $@

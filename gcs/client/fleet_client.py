@@ -6,11 +6,10 @@
         client.change_formation(radius_m=15)
         client.shows.upload("lighthouse", Path("lighthouse.yaml"))
 
-Where the service asks for a token, give it: `Client(url, token="gcs_...")`. With `emergency_url` the calls
-that pause, stop, land and kill go to the listener which answers nothing else; when nobody answers there, to
-`url`.
+If the service requires a token, pass it: `Client(url, token="gcs_...")`. With `emergency_url` the calls that
+pause, stop, land and kill go to the emergency listener first; without an answer there, to `url`.
 
-Everything that the service refuses is raised as the error that the service raised itself.
+A refused call raises the same error that the service raised.
 """
 
 from __future__ import annotations
@@ -52,18 +51,18 @@ URL: Final = "http://127.0.0.1:8000"
 PENDING: Final = "pending"
 
 URGENT: Final = frozenset({"hold", "return", "land"})
-"""What goes to the listener for emergency calls, where there is one."""
+"""Vehicle actions that go to the emergency listener, if there is one."""
 
 ASK_AGAIN_S: Final = 0.2
-"""Between two looks at an order: outcomes come with the autopilots' heartbeats, once a second."""
+"""Period of polling a command: outcomes follow the autopilots' heartbeats, once a second."""
 
 
 class Client:
-    """One service, by its address. Not for use by several threads at once.
+    """Client of one service. Not for use by several threads at once.
 
     Every call raises LinkError when the service cannot be reached or control is not alive, InvalidError for
-    a value that can never be accepted, RefusedError for what is not possible now, UnknownError for what does
-    not exist, AccessError for what the token may not do, and for too many calls.
+    a value that is never accepted, RefusedError for a command that is not possible now, UnknownError for an
+    unknown name, and AccessError when the token lacks the right, or after too many calls.
     """
 
     def __init__(
@@ -75,16 +74,16 @@ class Client:
         ca_file: Path | None = None,
         timeout_s: float = 5.0,
     ) -> None:
-        """Connects with the first call.
+        """Make a client, which connects at the first call.
 
         Args:
-            url: of the service, http or https.
+            url: URL of the service, http or https.
             token: from `gcs token create`.
-            emergency_url: of the same service's listener for emergency calls alone.
-            ca_file: PEM; https is believed when this has signed its certificate. None: who the system trusts.
-            timeout_s: of every call.
+            emergency_url: URL of the same service's emergency listener.
+            ca_file: PEM file of the authority that signed the service's certificate. None: the system's.
+            timeout_s: time limit of every call.
 
-        Raises: ConfigError for a certificate file that is none.
+        Raises: ConfigError for an invalid certificate file.
         """
         self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
         self.shows = Shows(self)
@@ -100,65 +99,63 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Close the connection."""
         self._exchange.close()
 
     def health(self) -> schemas.Health:
-        """Raises: LinkError, saying why, when control is not alive."""
+        """Get the health of control. Raises: LinkError with the reason when control is not alive."""
         return self.one(lambda: schemas.Health, "GET", "/healthz")
 
     def readiness(self) -> schemas.Readiness:
-        """Raises: LinkError, saying why, when nobody can be ordered anything."""
+        """Get the readiness. Raises: LinkError with the reason when no vehicle can be commanded."""
         return self.one(lambda: schemas.Readiness, "GET", "/readyz")
 
     def metrics(self) -> str:
-        """Every metric, in Prometheus' text format."""
+        """Get every metric, in the text format of Prometheus."""
         return self.call("GET", "/metrics").decode()
 
     def fleet(self) -> schemas.Fleet:
-        """Everything at one instant."""
+        """Get the whole state at one instant."""
         return self.one(lambda: schemas.Fleet, "GET", "/api/v1/fleet")
 
     def status(self) -> stream_schemas.Status:
-        """What changes seldom: the fence, home places, cues, events and so on."""
+        """Get the data that changes seldom: fence, take-off positions, cues, events."""
         return self.one(lambda: stream_schemas.Status, "GET", "/api/v1/status")
 
     def access(self) -> stream_schemas.Access:
-        """Whose token this is, and what it may do."""
+        """Get the name of the token and its rights."""
         return self.one(lambda: stream_schemas.Access, "GET", "/api/v1/access")
 
     def vehicles(self) -> list[schemas.Vehicle]:
-        """Every vehicle."""
         return self.many(lambda: schemas.Vehicle, "/api/v1/vehicles")
 
     def vehicle(self, vehicle_id: str) -> schemas.Vehicle:
-        """One vehicle."""
         return self.one(lambda: schemas.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
 
     def command(self, vehicle_id: str, action: str) -> schemas.Command:
-        """Order one vehicle: hold, join, return, land, take-control or confirm-down."""
+        """Command one vehicle: hold, join, return, land, take-control or confirm-down."""
         path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
         return self.one(lambda: schemas.Command, "POST", path, urgent=action in URGENT)
 
     def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> schemas.Command:
-        """Order several at once: hold, join, return, land or take-control. None: all that it can apply to.
+        """Command several vehicles at once: hold, join, return, land or take-control.
 
-        Those that the order does not reach are in it as `not-included`, with the reason.
+        `vehicles` None: all to which the command can apply. The result lists vehicles that the command does
+        not reach as `not-included`, with the reason.
         """
         path, body = f"/api/v1/fleet/{_part(action)}", _given(vehicles=vehicles)
         return self.one(lambda: schemas.Command, "POST", path, body or None, urgent=action in URGENT)
 
     def arm_kill(self, vehicles: list[str] | None = None) -> kill_schemas.KillArmed:
-        """The first step of a kill: whom the code will kill. None: all that are not offline."""
+        """Do the first step of a kill: get a code and its vehicles. None: all that are not offline."""
         body = _given(vehicles=vehicles)
         return self.one(lambda: kill_schemas.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
 
     def confirm_kill(self, code: str) -> schemas.Command:
-        """The second step: their motors stop, even in the air."""
+        """Do the second step: the motors of the code's vehicles stop, even in the air."""
         return self.one(lambda: schemas.Command, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
 
     def show(self) -> schemas.Show:
-        """Where the show stands."""
+        """Get the show's phase, and the commands that it accepts now."""
         return self.one(lambda: schemas.Show, "GET", "/api/v1/show")
 
     def start(
@@ -168,63 +165,63 @@ class Client:
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> schemas.Command:
-        """Start with `vehicles`, or with all that are online; a selected show by its hash; now, or later."""
+        """Start with `vehicles` or all online ones, now or later. A selected show needs its hash."""
         body = _given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
         return self.one(lambda: schemas.Command, "POST", "/api/v1/show/start", body or None)
 
     def stop(self) -> schemas.Command:
-        """Everybody comes home and lands."""
+        """Return all vehicles home and land them."""
         return self.one(lambda: schemas.Command, "POST", "/api/v1/show/stop", urgent=True)
 
     def pause(self) -> schemas.Command:
-        """Everybody stands still."""
+        """Stop all vehicles where they are."""
         return self.one(lambda: schemas.Command, "POST", "/api/v1/show/pause", urgent=True)
 
     def resume(self) -> schemas.Command:
-        """Go on after a pause."""
+        """Continue after a pause."""
         return self.one(lambda: schemas.Command, "POST", "/api/v1/show/resume")
 
     def abort(self) -> schemas.Command:
-        """Everybody descends to distinct places, now."""
+        """Descend at once, each vehicle to a landing site of its own."""
         return self.one(lambda: schemas.Command, "POST", "/api/v1/show/abort", urgent=True)
 
     def take_over(self) -> schemas.Command:
-        """Go on with a flight that was cut off: into the formation, which stands until `resume`."""
+        """Continue an interrupted flight: its vehicles join the formation, which holds until `resume`."""
         return self.one(lambda: schemas.Command, "POST", "/api/v1/show/take-over")
 
     def bring_home(self) -> schemas.Command:
-        """Bring a flight that was cut off home to where it took off."""
+        """Return the vehicles of an interrupted flight to their take-off positions."""
         return self.one(lambda: schemas.Command, "POST", "/api/v1/show/bring-home", urgent=True)
 
     def interrupted(self) -> InterruptedFlight | None:
-        """A flight that was cut off and is not settled, and what can be ordered; None: there is none."""
+        """Get an unsettled interrupted flight, and what can be commanded for it; None: there is none."""
         return self.fleet().interrupted
 
     def alarms(self) -> alarm_schemas.AlarmList:
-        """What an operator should know now, and the state of the whole."""
+        """Get all alarms and the overall severity."""
         return self.one(lambda: alarm_schemas.AlarmList, "GET", "/api/v1/alarms")
 
     def acknowledge(self, alarm_id: str) -> alarm_schemas.Alarm:
-        """Say that an alarm was seen. Raises: UnknownError, naming those that are listed."""
+        """Acknowledge an alarm. Raises: UnknownError that names the listed alarms."""
         path = f"/api/v1/alarms/{_part(alarm_id)}/acknowledge"
         return self.one(lambda: alarm_schemas.Alarm, "POST", path, urgent=True)
 
     def acknowledge_all(self) -> list[alarm_schemas.Alarm]:
-        """Acknowledge all alarms; returns those that were not acknowledged before."""
+        """Acknowledge all alarms. Returns: those that were not acknowledged before."""
         return self.many(lambda: alarm_schemas.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
 
     def commands(self) -> list[schemas.Command]:
-        """The last orders, the newest first."""
+        """Get the last commands, the newest first."""
         return self.many(lambda: schemas.Command, "/api/v1/commands")
 
     def command_record(self, command_id: str) -> schemas.Command:
-        """How far an order has got."""
+        """Get a command and its outcomes so far."""
         return self.one(lambda: schemas.Command, "GET", f"/api/v1/commands/{_part(command_id)}")
 
     def wait_for(self, command_id: str, timeout_s: float) -> schemas.Command:
-        """The order once it is done or has failed, which its `outcome` says.
+        """Wait until a command is done or has failed; its `outcome` says which.
 
-        Raises: CommandError naming the vehicles that are still at it after `timeout_s`.
+        Raises: CommandError that names the vehicles still pending after `timeout_s`.
         """
         deadline_s = time.monotonic() + timeout_s
         while True:
@@ -238,24 +235,24 @@ class Client:
             time.sleep(min(ASK_AGAIN_S, left_s))
 
     def formation(self) -> schemas.Formation:
-        """Radius and height, wanted and now."""
+        """Get radius and height, desired and commanded now."""
         return self.one(lambda: schemas.Formation, "GET", "/api/v1/formation")
 
     def change_formation(
         self, *, radius_m: float | None = None, height_m: float | None = None
     ) -> schemas.Formation:
-        """Change what is given."""
+        """Change the given fields."""
         body = _given(radius_m=radius_m, height_m=height_m)
         return self.one(lambda: schemas.Formation, "PATCH", "/api/v1/formation", body)
 
     def target(self) -> schemas.Target:
-        """Where the target is now."""
+        """Get the target's position and velocity now."""
         return self.one(lambda: schemas.Target, "GET", "/api/v1/target")
 
     def set_target(
         self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
     ) -> schemas.Target:
-        """Say where the target is, in the show frame."""
+        """Set the target's position and velocity, in the show frame."""
         body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
         return self.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
@@ -267,7 +264,7 @@ class Client:
         velocity_north_m_s: float = 0.0,
         velocity_east_m_s: float = 0.0,
     ) -> schemas.Target:
-        """Say where the target is, on the globe."""
+        """Set the target's position (WGS84) and velocity."""
         body = {
             "latitude_deg": latitude_deg,
             "longitude_deg": longitude_deg,
@@ -277,7 +274,7 @@ class Client:
         return self.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
     def orbit(self) -> schemas.Orbit:
-        """How the formation circles the target."""
+        """Get the orbit of the formation around the target."""
         return self.one(lambda: schemas.Orbit, "GET", "/api/v1/orbit")
 
     def change_orbit(
@@ -287,26 +284,24 @@ class Client:
         speed_m_s: float | None = None,
         direction: str | None = None,
     ) -> schemas.Orbit:
-        """Change what is given."""
+        """Change the given fields."""
         body = _given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
         return self.one(lambda: schemas.Orbit, "PATCH", "/api/v1/orbit", body)
 
     def yaw(self) -> schemas.Yaw:
-        """Where the vehicles look."""
+        """Get the vehicles' yaw policy and heading."""
         return self.one(lambda: schemas.Yaw, "GET", "/api/v1/yaw")
 
     def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> schemas.Yaw:
-        """Change what is given."""
+        """Change the given fields."""
         return self.one(
             lambda: schemas.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg)
         )
 
     def obstacles(self) -> list[schemas.Obstacle]:
-        """Every obstacle."""
         return self.many(lambda: schemas.Obstacle, "/api/v1/obstacles")
 
     def obstacle(self, obstacle_id: str) -> schemas.Obstacle:
-        """One obstacle."""
         return self.one(lambda: schemas.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
     def add_obstacle(
@@ -321,7 +316,7 @@ class Client:
         velocity_y_m_s: float = 0.0,
         obstacle_id: str | None = None,
     ) -> schemas.Obstacle:
-        """Add a box; without an id it is given one."""
+        """Add a box; without an id the service assigns one."""
         box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
         body = box | _moving(velocity_x_m_s, velocity_y_m_s) | _given(id=obstacle_id)
         return self.one(lambda: schemas.Obstacle, "POST", "/api/v1/obstacles", body)
@@ -344,7 +339,6 @@ class Client:
         return self.one(lambda: schemas.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
-        """Forget a box."""
         self.call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
 
     def one(
@@ -356,7 +350,7 @@ class Client:
         *,
         urgent: bool = False,
     ) -> M:
-        """One thing that a path answers. Its model is asked for once the answer is there."""
+        """Call a path and parse the answer. `model` is called after the answer has arrived."""
         answer = self.call(method, path, body, urgent=urgent)
         try:
             return model().model_validate_json(answer)
@@ -366,7 +360,7 @@ class Client:
     def many(
         self, model: Callable[[], type[M]], path: str, method: str = "GET", *, urgent: bool = False
     ) -> list[M]:
-        """A list of things that a path answers."""
+        """Call a path and parse the answer as a list."""
         answer = self.call(method, path, urgent=urgent)
         try:
             kind = model()
@@ -377,12 +371,12 @@ class Client:
     def call(
         self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False
     ) -> bytes:
-        """What a path answers; a body is JSON, or a show file as it is."""
+        """Call a path and return the answer's body. `body` is sent as JSON, or as it is for a show file."""
         return self._exchange.call(method, path, body, urgent=urgent)
 
 
 def _part(name: str) -> str:
-    """A name as one part of a path, whatever is in it."""
+    """Quote a name as one part of a path."""
     return quote(name, safe="")
 
 

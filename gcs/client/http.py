@@ -1,4 +1,4 @@
-"""Requests of the client and what they raise: the errors that the service raised itself."""
+"""HTTP requests of the client, which raise the errors that the service raised."""
 
 import json
 import ssl
@@ -18,7 +18,7 @@ from gcs.model.errors import (
 )
 
 CONNECT_S: Final = 2.0
-"""Whoever listens takes a connection at once; so soon an emergency call tries the other way."""
+"""Longest time to connect; after it an emergency call tries the other listener."""
 
 RAISED: Final[dict[int, type[GcsError]]] = {
     httpx.codes.UNAUTHORIZED: AccessError,
@@ -31,18 +31,18 @@ RAISED: Final[dict[int, type[GcsError]]] = {
 
 
 class Exchange:
-    """The way to one service: the one for everything, and where it is known that for emergency calls."""
+    """Connections to one service: the main listener, and the emergency listener if its URL is known."""
 
     def __init__(
         self, url: str, token: str | None, emergency_url: str | None, ca_file: Path | None, timeout_s: float
     ) -> None:
-        """Raises: ConfigError for a certificate file or a URL that is none."""
+        """Raises: ConfigError for an invalid certificate file or URL."""
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         trusted = _trusted(ca_file)
         timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
 
         def way(to: str) -> httpx.Client:
-            # Proxies of the environment are not for a station on the same machine or field network.
+            # proxies of the environment do not apply: the station is on this machine or the field's network
             try:
                 return httpx.Client(
                     base_url=to, timeout=timeout, trust_env=False, headers=headers, verify=trusted
@@ -54,7 +54,6 @@ class Exchange:
         self._lane = None if emergency_url is None else way(emergency_url)
 
     def close(self) -> None:
-        """Close the connections."""
         self._http.close()
         if self._lane is not None:
             self._lane.close()
@@ -62,13 +61,13 @@ class Exchange:
     def call(
         self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False
     ) -> bytes:
-        """The body of the answer. What is `urgent` goes by the emergency lane first.
+        """Call a path and return the body of the answer. An `urgent` call uses the emergency lane first.
 
-        `body` is sent as JSON, or as the YAML file that its bytes are.
+        `body` is sent as JSON if it is a dict, and as YAML if it is bytes.
 
-        Raises: LinkError when nobody answers; else what the service raised.
+        Raises: LinkError without an answer, else the error that the service raised.
         """
-        # Not httpx's own JSON: it stumbles over NaN, which the service refuses with the field's name.
+        # not httpx's own JSON, which raises for NaN; the service refuses NaN with the field's name
         content = json.dumps(body).encode() if isinstance(body, dict) else body
         kind = "application/json" if isinstance(body, dict) else "application/yaml"
         headers = {} if body is None else {"Content-Type": kind}
@@ -76,7 +75,7 @@ class Exchange:
             try:
                 answer = http.request(method, path, content=content, headers=headers)
                 break
-            except httpx.HTTPError as error:  # from the lane: then as everything else goes
+            except httpx.HTTPError as error:  # no answer from the lane: try the main listener
                 failure = error
         else:
             cause = str(failure) or type(failure).__name__
@@ -87,8 +86,8 @@ class Exchange:
 
 
 def _error(answer: httpx.Response) -> GcsError:
-    """The error that the service raised."""
-    try:  # not by the wire's model: what it takes to load it is more than the rest of a command
+    """Make the error that the service raised."""
+    try:  # without the API's schema, whose import takes longer than the rest of a command
         body = json.loads(answer.content)
         detail, problems = str(body["detail"]), list(body["problems"])
         first = problems[0] if problems else None
@@ -107,5 +106,5 @@ def _trusted(ca_file: Path | None) -> ssl.SSLContext | bool:
         return True
     try:
         return ssl.create_default_context(cafile=str(ca_file))
-    except OSError as error:  # SSLError is one
+    except OSError as error:  # includes SSLError
         raise ConfigError(f"{ca_file}: no PEM certificate: {error}") from None

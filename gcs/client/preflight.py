@@ -1,4 +1,4 @@
-"""The client's calls before a start: `client.preflight`."""
+"""The client's calls of preflight: `client.preflight`."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ M = TypeVar("M", bound="BaseModel")
 
 
 class Caller(Protocol):
-    """How a client calls its service."""
+    """The part of a client that makes calls."""
 
     def one(
         self, model: Callable[[], type[M]], method: str, path: str, body: dict[str, Any] | bytes | None = None
     ) -> M:
-        """One thing that is answered."""
+        """Call a path and parse the answer."""
         ...
 
 
 class Preflight:
-    """What a start would find, and who is taken out of it. Raises as `Client` does."""
+    """Checks before a start, and exclusion of vehicles. Raises the errors of `Client`."""
 
     def __init__(self, caller: Caller) -> None:
         self._caller = caller
 
     def report(self, vehicles: list[str] | None = None) -> preflight_schemas.Preflight:
-        """Every check, for a start of `vehicles` or of all that are online."""
+        """Get every check for a start of `vehicles`, or of all online ones."""
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
         return self._caller.one(lambda: preflight_schemas.Preflight, "GET", f"/api/v1/preflight{named}")
 
     def exclude(self, vehicle_id: str, *, reason: str | None = None) -> schemas.Command:
-        """Take a vehicle out of the show, on the ground."""
+        """Exclude a vehicle from the show, on the ground."""
         body = None if reason is None else {"reason": reason}
         return self._caller.one(lambda: schemas.Command, "POST", f"{_path(vehicle_id)}/exclude", body)
 
     def include(self, vehicle_id: str) -> schemas.Command:
-        """Take it into the show again."""
+        """Include a vehicle in the show again."""
         return self._caller.one(lambda: schemas.Command, "POST", f"{_path(vehicle_id)}/include")
 
 

@@ -1,4 +1,4 @@
-"""The client's calls for a record that is replayed: `client.playback`."""
+"""The client's calls for a replay: `client.playback`."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ PATH = "/api/v1/replay"
 
 
 class Caller(Protocol):
-    """How a client calls its service."""
+    """The part of a client that makes calls."""
 
     def one(
         self, model: Callable[[], type[M]], method: str, path: str, body: dict[str, Any] | bytes | None = None
     ) -> M:
-        """One thing that is answered."""
+        """Call a path and parse the answer."""
         ...
 
 
 class Playback:
-    """How a record is played. Raises as `Client` does; RefusedError where vehicles fly."""
+    """Playback of a record. Raises the errors of `Client`; RefusedError if the service controls vehicles."""
 
     def __init__(self, caller: Caller) -> None:
         self._caller = caller
 
     def now(self) -> replay_schemas.Replay:
-        """How the record is played, and where it is."""
+        """Get position and speed of the playback."""
         return self._caller.one(lambda: replay_schemas.Replay, "GET", PATH)
 
     def marks(self) -> replay_schemas.ReplayMarks:
-        """Phases, cues, events and idle time of the whole record."""
+        """Get phases, cues, events and idle times of the whole record."""
         return self._caller.one(lambda: replay_schemas.ReplayMarks, "GET", f"{PATH}/marks")
 
     def change(
@@ -51,11 +51,11 @@ class Playback:
         position_s: float | None = None,
         skips_idle: bool | None = None,
     ) -> replay_schemas.Replay:
-        """Play the record otherwise: what is given changes."""
+        """Change the given fields of the playback."""
         given = {"paused": paused, "speed": speed, "position_s": position_s, "skips_idle": skips_idle}
         body = {name: value for name, value in given.items() if value is not None}
         return self._caller.one(lambda: replay_schemas.Replay, "POST", PATH, body)
 
     def report(self) -> replay_schemas.FlightReport:
-        """What the flight kept and broke; the first call begins the judgement: ask again until it is done."""
+        """Get the flight report; the first call starts its analysis, so poll until it is done."""
         return self._caller.one(lambda: replay_schemas.FlightReport, "GET", f"{PATH}/report")

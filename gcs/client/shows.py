@@ -25,45 +25,45 @@ M = TypeVar("M", bound="BaseModel")
 BUSY: Final = frozenset({"waiting", "running"})
 
 ASK_AGAIN_S: Final = 0.5
-"""Between two looks at a check, which takes about a minute."""
+"""Period of polling a check, which takes about a minute."""
 
 
 class Caller(Protocol):
-    """How a client calls its service."""
+    """The part of a client that makes calls."""
 
     def one(
         self, model: Callable[[], type[M]], method: str, path: str, body: dict[str, Any] | bytes | None = None
     ) -> M:
-        """One thing that is answered."""
+        """Call a path and parse the answer."""
         ...
 
     def many(self, model: Callable[[], type[M]], path: str) -> list[M]:
-        """A list of things."""
+        """Call a path and parse the answer as a list."""
         ...
 
     def call(self, method: str, path: str, body: dict[str, Any] | bytes | None = None) -> bytes:
-        """Whatever is answered."""
+        """Call a path and return the answer's body."""
         ...
 
 
 class Shows:
-    """Show files of the service, their checks, and the one that is selected. Raises as `Client` does."""
+    """Show files of the service, their checks, and the selected show. Raises the errors of `Client`."""
 
     def __init__(self, caller: Caller) -> None:
         self._caller = caller
 
     def stored(self) -> list[show_schemas.StoredShow]:
-        """Every show file."""
+        """List the stored show files."""
         return self._caller.many(lambda: show_schemas.StoredShow, "/api/v1/shows")
 
     def text(self, name: str) -> str:
-        """A show file, as it was uploaded."""
+        """Get the text of a show file."""
         return self._caller.one(lambda: show_schemas.ShowText, "GET", _path(name)).text
 
     def upload(self, name: str, file: Path | str) -> show_schemas.StoredShow:
-        """Keep a show under a name: the file that has it, or its YAML.
+        """Upload a show under a name; `file` is a path, or the YAML text itself.
 
-        Raises: InvalidError where there is no such file.
+        Raises: InvalidError when there is no such file.
         """
         try:
             content = file.read_bytes() if isinstance(file, Path) else file.encode()
@@ -72,19 +72,19 @@ class Shows:
         return self._caller.one(lambda: show_schemas.StoredShow, "PUT", _path(name), content)
 
     def remove(self, name: str) -> None:
-        """Forget a show file."""
+        """Delete a show file."""
         self._caller.call("DELETE", _path(name))
 
     def check(self, name: str) -> show_schemas.ShowCheck:
-        """Begin the check of a show."""
+        """Start the check of a show."""
         return self._caller.one(lambda: show_schemas.ShowCheck, "POST", f"{_path(name)}/check")
 
     def checked(self, name: str) -> show_schemas.ShowCheck:
-        """How far the newest check has got."""
+        """Get the newest check of a show, or its progress."""
         return self._caller.one(lambda: show_schemas.ShowCheck, "GET", f"{_path(name)}/check")
 
     def wait_for_check(self, name: str, timeout_s: float) -> show_schemas.ShowCheck:
-        """The check once it is done or has failed. Raises: CommandError after `timeout_s`."""
+        """Wait until a check is done or has failed. Raises: CommandError after `timeout_s`."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             check = self.checked(name)
@@ -96,20 +96,20 @@ class Shows:
             time.sleep(min(ASK_AGAIN_S, left_s))
 
     def select(self, name: str, show_hash: str) -> schemas.SelectedShow:
-        """Have a checked show fly next."""
+        """Select a checked show for the next start."""
         return self._caller.one(
             lambda: schemas.SelectedShow, "POST", f"{_path(name)}/select", {"hash": show_hash}
         )
 
     def deselect(self) -> None:
-        """Fly what is told instead."""
+        """Return to manual control: formation, target and orbit follow the operator's commands."""
         self._caller.call("POST", "/api/v1/show/deselect")
 
     def seek(self, cue: str) -> schemas.SelectedShow:
-        """Have the selected show begin at a cue."""
+        """Let the selected show begin at a cue."""
         return self._caller.one(lambda: schemas.SelectedShow, "POST", "/api/v1/show/seek", {"cue": cue})
 
 
 def _path(name: str) -> str:
-    """Of one show file."""
+    """Path of one show file in the API."""
     return f"/api/v1/shows/{quote(name, safe='')}"

@@ -14,15 +14,15 @@ from gcs.safety.walls import Fence
 def misfits_of_fleet(
     ports: Sequence[int], counts: Sequence[int], radius_m: float, safety: SafetySettings
 ) -> Iterator[Misfit]:
-    """What could never be reached, or flown.
+    """Yield ports that cannot serve their vehicles, and a formation radius that is too small.
 
-    Asked of files alone: a configuration that was recorded was flown with, and is taken as it was.
+    Only configuration files are checked: a recorded configuration was flown, and is accepted unchanged.
 
     Args:
-        ports: of each link.
-        counts: vehicles of each link.
-        radius_m: that the formation begins with.
-        safety: how far apart they stay.
+        ports: number of ports of each link.
+        counts: number of vehicles of each link.
+        radius_m: initial radius of the formation.
+        safety: settings with the minimum separation.
     """
     for at, (given, count) in enumerate(zip(ports, counts, strict=True)):
         if 1 < given < count:
@@ -37,10 +37,10 @@ def misfits_of_fleet(
 
 
 def fence_too_small(radius_m: float, orbit_radius_m: float, fence: Fence) -> tuple[Loc, str] | None:
-    """Whether no sphere of that radius fits between the fence's heights, or inside its distance.
+    """Check whether a sphere of that radius fits between the fence's heights and inside its distance.
 
-    Returns: what to blame, and what would be right: the fence, where the usual one would do, else the
-        radius. None: it fits somewhere.
+    Returns: None when it fits; else the key to change and the allowed value. The key is the fence's if the
+        default fence would suffice, else the radius.
     """
     room_m = fence.height_max_m - fence.height_min_m
     around_m = orbit_radius_m + CLEAR_OF_FENCE_M

@@ -1,4 +1,4 @@
-"""YAML to frozen settings. Read once; an unknown or repeated key is an error; every key ends in its unit."""
+"""YAML to frozen settings. An unknown or repeated key is an error; keys of quantities end in their unit."""
 
 import re
 from collections import Counter
@@ -43,17 +43,17 @@ SystemId: TypeAlias = Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
 
 
 def _listed(value: object) -> object:
-    """One for a list of one."""
+    """Accept a single value for a list of one."""
     return value if isinstance(value, list | tuple) else (value,)
 
 
 def _as_forward(value: object) -> object:
-    """A URL alone for a station that only reads."""
+    """Accept a URL for a station that only reads."""
     return {"url": value} if isinstance(value, str) else value
 
 
 def _place(url: str) -> str:
-    """A URL that describes a place."""
+    """Check that a URL describes an endpoint."""
     try:
         place_at(url)
     except ConfigError as error:
@@ -76,7 +76,7 @@ def _vehicle_id(name: str) -> str:
 
 
 class ShowFrameSettings(Settings):
-    """Origin of the show frame, and where its x axis points."""
+    """Origin of the show frame, and heading of its x axis."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
@@ -98,7 +98,7 @@ class RangeSettings(Settings):
 
     first_system_id: SystemId = 1
     count: Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
-    id_pattern: str = "d{system_id}"  # may use {link} too, for several links carry the same system ids
+    id_pattern: str = "d{system_id}"  # may also use {link}, because links may share system ids
 
     @model_validator(mode="after")
     def _check(self) -> "RangeSettings":
@@ -109,14 +109,14 @@ class RangeSettings(Settings):
         return self
 
     def expanded(self, link: str) -> tuple[VehicleSettings, ...]:
-        """One entry for each."""
+        """Return one entry per vehicle."""
         pattern = self.id_pattern.replace("{link}", link)
         ids = range(self.first_system_id, self.first_system_id + self.count)
         return tuple(VehicleSettings(id=pattern.replace("{system_id}", str(i)), system_id=i) for i in ids)
 
 
 def _kind_of_fleet(value: object) -> str:
-    """Whether vehicles are listed, or counted."""
+    """Tag of the union: a list of vehicles, or a range."""
     return "range" if isinstance(value, dict | RangeSettings) else "list"
 
 
@@ -127,7 +127,7 @@ Fleet: TypeAlias = Annotated[
 
 
 class LinkSettings(Settings):
-    """Where vehicles are. `ports` consecutive UDP ports, beginning with the one in `listen`."""
+    """One link: its endpoints and vehicles. `ports` consecutive UDP ports start with the one in `listen`."""
 
     name: Annotated[str, Field(min_length=1)]
     transport: Literal["mavsdk", "native"] = "mavsdk"
@@ -137,22 +137,22 @@ class LinkSettings(Settings):
     streams: StreamSettings = StreamSettings()
     forward: Forwards = ()
     signing: SigningSettings | None = None
-    heartbeat_hold_s: Positive = 3.0  # our heartbeats end when control has been dead for this long
+    heartbeat_hold_s: Positive = 3.0  # heartbeats stop after control has stopped for this long
 
     @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
-        """Every vehicle, written out."""
+        """Every vehicle of the link."""
         vehicles = self.vehicles
         return vehicles.expanded(self.name) if isinstance(vehicles, RangeSettings) else vehicles
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """What `listen` describes. Raises: ConfigError."""
+        """Endpoints of `listen`. Raises: ConfigError."""
         return tuple(place_at(url, self.ports) for url in self.listen)
 
     @property
     def udp_ports(self) -> Listen:
-        """What `listen` describes, for the direct transport. Raises: ConfigError for anything else."""
+        """UDP ports of `listen`, for the native transport. Raises: ConfigError for any other endpoint."""
         places = self.places
         if len(places) != 1 or not isinstance(places[0], Listen):
             raise ConfigError("transport direct needs one udpin://HOST:PORT")
@@ -186,7 +186,7 @@ class LinkSettings(Settings):
 
 
 class ApiSettings(Settings):
-    """Where the REST API listens."""
+    """Address and ports of the REST API."""
 
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
@@ -194,7 +194,7 @@ class ApiSettings(Settings):
 
     @property
     def lane_port(self) -> int:
-        """Where emergency calls have a listener of their own; 0: any port that is free."""
+        """Port of the emergency listener; 0: any free port."""
         if self.emergency_port is not None:
             return self.emergency_port
         return self.port + 1 if self.port else 0
@@ -212,27 +212,27 @@ class OperationSettings(Settings):
     takeoff_height_m: Positive = 5.0
     takeoff_stagger_s: NotNegative = 1.0
     takeoff_timeout_s: Positive = 30.0
-    handover_height_m: Positive = 1.5  # below this over its place the autopilot's own LAND touches down
-    landing_site_spacing_m: Positive = 4.0  # between the places of a filtered descent
-    silence_s: Positive = 2.0  # without a heartbeat and a position: offline, or lost when in the air
+    handover_height_m: Positive = 1.5  # below this height over the landing site PX4's LAND touches down
+    landing_site_spacing_m: Positive = 4.0  # between the landing sites of a filtered descent
+    silence_s: Positive = 2.0  # without a heartbeat and a position: offline, or lost if airborne
     setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"  # COM_OBL_RC_ACT
     setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0  # COM_OF_LOSS_T
     return_height_m: Positive = 30.0  # RTL_RETURN_ALT, for vehicles that return when lost
-    pads_within_m: Positive = 50.0  # of the show's origin: the autopilots' fences stand round their own pads
-    pilot_takes_over: bool = True  # whoever moves the sticks has the vehicle: COM_RC_OVERRIDE, COM_RC_IN_MODE
-    require_parameters: bool = True  # refuse vehicles whose parameters make losing us unsafe
-    require_safe_setpoint_loss: bool = True  # refuse an action that would bring them together
+    pads_within_m: Positive = 50.0  # of the show's origin: the autopilots' fences are around their own pads
+    pilot_takes_over: bool = True  # moving the sticks gives the pilot control: COM_RC_OVERRIDE, COM_RC_IN_MODE
+    require_parameters: bool = True  # refuse vehicles whose parameters make the loss of this station unsafe
+    require_safe_setpoint_loss: bool = True  # refuse a setpoint-loss action that brings vehicles together
 
 
 class FormationSettings(Settings):
-    """The sphere the show begins with."""
+    """Initial sphere of the show."""
 
     radius_m: Positive
     height_m: Positive
 
 
 class OrbitSettings(Settings):
-    """The orbit the show begins with."""
+    """Initial orbit of the show."""
 
     radius_m: NotNegative = 0.0
     speed_m_s: Positive = 2.0
@@ -240,21 +240,21 @@ class OrbitSettings(Settings):
 
 
 class TargetSettings(Settings):
-    """The target the show begins with, standing."""
+    """Initial target of the show, at rest."""
 
     x_m: float = 0.0
     y_m: float = 0.0
 
 
 class YawSettings(Settings):
-    """Where the vehicles look; `heading_deg`, clockwise from north, counts for the policy "fixed"."""
+    """Initial yaw policy; `heading_deg`, clockwise from north, applies to the policy "fixed"."""
 
     policy: YawPolicy = YawPolicy.HELD
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
 
 class ShowsSettings(Settings):
-    """Where the service keeps the shows that it is given."""
+    """Folder of uploaded shows."""
 
     folder: Path
 
@@ -272,7 +272,7 @@ class Config(Settings):
     access: AccessSettings = AccessSettings()
     record: RecordSettings | None = None
     shows: ShowsSettings | None = None  # None: no shows can be uploaded
-    map: MapSettings | None = None  # None: a grid alone; nothing is asked of anybody
+    map: MapSettings | None = None  # None: only a grid, and no requests to a tile server
     operation: OperationSettings = OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
@@ -283,12 +283,11 @@ class Config(Settings):
 
     @property
     def frame(self) -> ShowFrame:
-        """The show frame."""
         return ShowFrame(**self.show_frame.model_dump())
 
     @property
     def plan(self) -> Plan:
-        """What the show begins with."""
+        """The initial plan."""
         return Plan(
             Formation(**self.formation.model_dump()),
             Orbit(**self.orbit.model_dump()),
@@ -298,12 +297,11 @@ class Config(Settings):
 
     @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
-        """Every vehicle of every link."""
         return tuple(vehicle for link in self.links for vehicle in link.fleet)
 
     @cached_property
     def ids(self) -> tuple[VehicleId, ...]:
-        """Of every vehicle, in order."""
+        """Ids of all vehicles, in order."""
         return tuple(vehicle.id for vehicle in self.fleet)
 
     @model_validator(mode="after")
@@ -337,7 +335,7 @@ class Config(Settings):
                 raise located(text, "control", "law", key)
 
     def _check_plan(self) -> None:
-        """The show that it begins with can be flown by somebody."""
+        """Check that at least one vehicle can fly the initial plan."""
         plan, control = self.plan, self.control
         fence = control.safety.fence
         too_small = fence_too_small(self.formation.radius_m, self.orbit.radius_m, fence)
@@ -358,7 +356,7 @@ class Config(Settings):
                 raise located(str(error), section) from None
 
     def _check_access(self) -> None:
-        """Nobody but this machine comes in without a token."""
+        """Check that the API is reachable from other machines only with tokens."""
         if self.access.tokens_file is None and not is_loopback(self.api.host):
             raise ValueError(
                 f"api.host = {self.api.host}: beyond 127.0.0.1 tokens are needed: gcs token create NAME"
@@ -366,7 +364,7 @@ class Config(Settings):
             )
 
     def _check_links(self) -> None:
-        """Nothing is used by two links."""
+        """Check that no two links use the same resource, and the number of MAVSDK instances."""
         owner: dict[str, str] = {}
         for link in self.links:
             used = [f"listen on {port}" for place in link.places for port in occupied(place)]
@@ -386,20 +384,20 @@ class Config(Settings):
 
 
 def find(name: str) -> Path:
-    """A configuration file: a path, or a shipped one. Raises: ConfigError naming what there is."""
+    """Find a configuration by path or shipped name. Raises: ConfigError that names the shipped ones."""
     return documents.CONFIGURATIONS.find(name)
 
 
 def load(path: Path) -> Config:
     """Read and check a configuration.
 
-    Raises: ConfigError that names the file, the line, the key, its value and what would be right.
+    Raises: ConfigError that names the file, the line, the key, its value and what is allowed.
     """
     return parse(documents.read(path), str(path))
 
 
 def parse(text: str, source: str) -> Config:
-    """The configuration in `text`; `source` names it in errors. Raises: ConfigError."""
+    """Parse the configuration in `text`; `source` names it in errors. Raises: ConfigError."""
     written = Source(text, source)
     raw = written.mapping("show_frame, links and formation at least")
     try:

@@ -1,4 +1,4 @@
-"""Error messages for settings: key, value, what is allowed, the key that was meant."""
+"""Error messages for settings: key, value, what is allowed, and the probable key for a misspelt one."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -13,7 +13,7 @@ from gcs.model.quoting import cut, quoted
 
 LOCATED: Final = "located"
 KEYS_REPORTED: Final = 12
-"""Of a section: so many are named where none is like the one that was written."""
+"""Most keys of a section that an error names when none resembles the unknown key."""
 
 _WORDS: Final[Mapping[str, Callable[[Mapping[str, Any]], str]]] = {
     "float_type": lambda _: "a number is needed",
@@ -44,11 +44,11 @@ _WORDS: Final[Mapping[str, Callable[[Mapping[str, Any]], str]]] = {
 
 
 class Misfit(NamedTuple):
-    """One thing that is wrong, and the way to it."""
+    """One problem and its location."""
 
     loc: Loc
     key: str
-    value: str | None  # as it was written; None: a section, a list, or missing
+    value: str | None  # as in the file; None: a section, a list, or missing
     text: str
 
     def __str__(self) -> str:
@@ -57,16 +57,16 @@ class Misfit(NamedTuple):
 
 
 def located(text: str, *loc: str | int) -> PydanticCustomError:
-    """For a validator to raise: what is wrong with the value that `loc` leads to, from where it stands."""
+    """Make the error that a validator raises for the value at `loc`, relative to the validated model."""
     return PydanticCustomError(LOCATED, "{text}", {"text": text, "loc": list(loc)})
 
 
 def explained(
     error: ValidationError, file: str, model: type[BaseModel], source: Source | None
 ) -> ConfigError:
-    """What a reader of `file` can mend: every key, its value and what would be right.
+    """Convert to a ConfigError with every wrong key, its value and what is allowed.
 
-    With the lines, where the `source` is given.
+    With `source` it also has the line numbers.
     """
     found = misfits(error, model, source)
     if source is None:
@@ -75,7 +75,7 @@ def explained(
 
 
 def misfits(error: ValidationError, model: type[BaseModel], source: Source | None) -> list[Misfit]:
-    """Each once: what only follows from something inside it is left out."""
+    """List the problems, without those that only follow from a problem inside the same value."""
     problems = [_with_whole_loc(problem) for problem in error.errors()]
     return [_misfit(problem, model, source) for problem in problems if not _follows(problem["loc"], problems)]
 
@@ -87,7 +87,7 @@ def _with_whole_loc(problem: ErrorDetails) -> ErrorDetails:
 
 
 def _follows(loc: Loc, problems: Sequence[ErrorDetails]) -> bool:
-    """Whether another lies inside: a list lacks what could not be read."""
+    """Whether another problem lies inside `loc`: a list lacks its entries that could not be read."""
     return any(len(other["loc"]) > len(loc) and other["loc"][: len(loc)] == loc for other in problems)
 
 
@@ -130,10 +130,10 @@ def _section(model: type[BaseModel], loc: Loc) -> str:
 
 
 def _fields_at(model: type[BaseModel], loc: Loc) -> Iterator[str]:
-    """The keys of the section that `loc` leads to."""
+    """Yield the keys of the section at `loc`."""
     places: list[object] = [model]
     for part in loc:
-        places = list(_inside(places, part)) or places  # a part that is no key names an alternative
+        places = list(_inside(places, part)) or places  # a part that is not a key names an alternative
     for one in _sections(places):
         yield from one.model_fields
 
@@ -143,11 +143,11 @@ def _inside(places: Sequence[object], part: str | int) -> Iterator[object]:
         if part in one.model_fields:
             yield one.model_fields[str(part)].annotation
     if isinstance(part, int):
-        yield from places  # of a list: what is in it is looked for by `_sections`
+        yield from places  # a list: `_sections` looks for the models in it
 
 
 def _sections(places: Sequence[object]) -> Iterator[type[BaseModel]]:
-    """Every model that these annotations name."""
+    """Yield every model in these annotations."""
     for place in places:
         if isinstance(place, type) and issubclass(place, BaseModel):
             yield place

@@ -1,4 +1,4 @@
-"""YAML files of ours, of whatever kind: found, and read."""
+"""Finds and reads the project's YAML files of every kind."""
 
 from importlib import resources
 from pathlib import Path
@@ -9,17 +9,17 @@ from gcs.model.errors import ConfigError
 
 
 class Kind(NamedTuple):
-    """What people write files for."""
+    """A kind of file, with its folder."""
 
-    plural: str  # as people call them
-    folder: str  # inside `configs`; "" is that itself
+    plural: str  # its name in messages
+    folder: str  # inside `configs`; "" is `configs` itself
 
     def shipped(self) -> list[Path]:
-        """Those that come with the package, by name."""
+        """List the files that come with the package, by name."""
         return sorted((shipped_folder() / self.folder).glob("*.yaml"))
 
     def find(self, name: str) -> Path:
-        """A file: a path as it is, else a shipped one. Raises: ConfigError naming what there is.
+        """Find a file by path, else a shipped one by name. Raises: ConfigError that names the shipped ones.
 
         Works from a checkout and from an installed wheel.
         """
@@ -42,14 +42,14 @@ SCENARIOS = Kind("scenarios", "scenarios")
 
 
 def shipped_folder() -> Path:
-    """Where the configurations lie: inside an installed wheel, or beside `gcs` in a checkout."""
+    """Folder of the configurations: inside an installed wheel, or beside `gcs` in a checkout."""
     package = Path(str(resources.files("gcs")))
     packed = package / "_configs"
     return packed if packed.is_dir() else package.parent / "configs"
 
 
 def read(path: Path) -> str:
-    """The text of a file. Raises: ConfigError when it cannot be read."""
+    """Read the text of a file. Raises: ConfigError when it cannot be read."""
     try:
         with path.open("rb") as file:
             data = file.read(4 * CHARACTERS_MAX + 1)

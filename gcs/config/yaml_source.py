@@ -1,8 +1,8 @@
 """Reads a YAML file: its values, and the line and column of each.
 
-Any operator can upload a show, so input is bounded: no anchors, aliases and
-merge keys (a few hundred bytes of them stand for gigabytes), no tags, at most so many values and levels.
-Words are numbers and truth values as in YAML 1.2: `yes` and `12:30` are text, `1e3` is a number.
+Any operator can upload a show, so input is bounded: no anchors, aliases and merge keys (a few hundred bytes
+of them expand to gigabytes), no tags, and limited numbers of values and levels. Plain words are numbers and
+booleans as in YAML 1.2: `yes` and `12:30` are text, `1e3` is a number.
 """
 
 import re
@@ -17,15 +17,15 @@ from gcs.model.errors import FileError, Problem
 from gcs.model.quoting import cut
 
 Loc: TypeAlias = Sequence[str | int]
-"""The way to a value, as pydantic tells it: keys and indices."""
+"""Path to a value, as in pydantic: keys and indices."""
 
 CHARACTERS_MAX: Final = 1_000_000
-"""Of a file; a long one has some tens of thousands."""
+"""Most characters of a file; a long file has some tens of thousands."""
 
 VALUES_MAX: Final = 100_000
 DEPTH_MAX: Final = 32
 
-Mark: TypeAlias = yaml.error.Mark | Any  # or one of the C library's, which has the same attributes
+Mark: TypeAlias = yaml.error.Mark | Any  # or the C library's mark, which has the same attributes
 
 _STANDARD: Final = "tag:yaml.org,2002:"
 _TEXT, _NULL, _TRUTH, _WHOLE, _NUMBER = (
@@ -38,11 +38,11 @@ _PLAIN: Final = {
     _NUMBER: r"[-+]?(?:\.[0-9]{1,40}|[0-9]{1,40}(?:\.[0-9]{0,40})?)(?:[eE][-+]?[0-9]{1,5})?"
     r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
 }
-"""What plain words mean: the core schema of YAML 1.2."""
+"""Meaning of plain words: the core schema of YAML 1.2."""
 
 
 class _Refused(Exception):  # noqa: N818  (it leaves this module as a FileError)
-    """Something that is not read here, and where."""
+    """YAML that is not accepted, and its location."""
 
     def __init__(self, mark: Mark | None, text: str) -> None:
         super().__init__(text)
@@ -51,18 +51,18 @@ class _Refused(Exception):  # noqa: N818  (it leaves this module as a FileError)
 
 
 class _Loader(yaml.SafeLoader):
-    """Composes bounded trees, without anything that stands for something else."""
+    """Composes trees of bounded size, without anchors, aliases and tags."""
 
-    yaml_implicit_resolvers: Any = {}  # noqa: RUF012  (as PyYAML has it; filled below, once)
+    yaml_implicit_resolvers: Any = {}  # noqa: RUF012  (as in PyYAML; filled once, below)
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self._values = 0
         self._depth = 0
-        self.twice: list[tuple[str, Mark]] = []  # keys that are there twice in one mapping
+        self.twice: list[tuple[str, Mark]] = []  # repeated keys of a mapping
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
-        """As SafeLoader, within bounds."""
+        """As in SafeLoader, within bounds."""
         event: Event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, AliasEvent):
             text = f"*{cut(str(event.anchor))}: aliases are not allowed: write the value out"
@@ -87,7 +87,7 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def compose_mapping_node(self, anchor: Any) -> MappingNode:
-        """As SafeLoader, with keys that are texts, each once."""
+        """As in SafeLoader, with text keys, each once."""
         node: MappingNode = super().compose_mapping_node(anchor)
         seen: set[str] = set()
         for key, _ in node.value:
@@ -122,10 +122,10 @@ _MEANING: Final[dict[str, Callable[[str], object]]] = {
 
 
 class Source:
-    """A file's text, what it says, and where; lines and columns count from 1."""
+    """A YAML file: its values and their locations; lines and columns count from 1."""
 
     def __init__(self, text: str, file: str) -> None:
-        """`file` names it in errors. Raises: FileError when `text` is not YAML as it is read here."""
+        """`file` names it in errors. Raises: FileError when `text` is not accepted YAML."""
         self.file = file
         if len(text) > CHARACTERS_MAX:
             raise FileError(file, [Problem(1, None, f"{len(text)} characters: at most {CHARACTERS_MAX}")])
@@ -151,30 +151,30 @@ class Source:
             )
 
     def value(self) -> object:
-        """What the file says, in dicts, lists, texts, numbers, truth values and None."""
+        """Return the file's content as dicts, lists, strings, numbers, booleans and None."""
         return None if self._root is None else _plain_value(self._root)
 
     def mapping(self, needed: str) -> dict[str, object]:
-        """The same of a file that has keys; `needed` says which. Raises: FileError when it has none."""
+        """Return the content as a dict. Raises: FileError, with `needed`, when it is not a mapping."""
         stated = self.value()
         if not isinstance(stated, dict):
             raise FileError(self.file, [Problem(1, None, f"a mapping is needed, with {needed}")])
         return stated
 
     def line(self, *loc: str | int) -> int:
-        """The line of the key, or the entry of a list, that `loc` leads to.
+        """Return the line of the key or list entry at `loc`.
 
-        As far as it leads: what is missing is missing from what is there. Parts that are no keys (pydantic
-        names the alternatives it tried) are passed over.
+        For a missing value it is the line of its innermost existing parent. Parts that are not keys (pydantic
+        names the alternatives that it tried) are skipped.
         """
         return self._follow(loc)[1]
 
     def keys(self, *loc: str | int) -> tuple[str | int, ...]:
-        """The parts of `loc` that are in the file."""
+        """Return the parts of `loc` that are in the file."""
         return self._follow(loc)[2]
 
     def written(self, *loc: str | int) -> str | None:
-        """The value as it stands in the file, short; None for a list, a section, and what is missing."""
+        """Return the value as written, shortened; None for a list, a section or a missing value."""
         node, _, keys = self._follow(loc)
         if not isinstance(node, ScalarNode) or not keys:
             return None
@@ -199,7 +199,7 @@ def _problem(mark: Mark | None, text: str) -> Problem:
 
 
 def _plain_value(node: Node) -> object:
-    """The depth was bounded when the tree was made."""
+    """Convert a node, recursively: its depth is bounded."""
     if isinstance(node, MappingNode):
         return {key.value: _plain_value(value) for key, value in node.value}
     if isinstance(node, SequenceNode):
@@ -209,7 +209,7 @@ def _plain_value(node: Node) -> object:
 
 
 def _within(node: Node | None, part: str | int) -> tuple[Node, int] | None:
-    """The value under a key or index of `node`, and its line; None: there is none."""
+    """Return the value under a key or index of `node`, and its line; None: there is none."""
     if isinstance(node, MappingNode):
         for key, value in node.value:
             if isinstance(key, ScalarNode) and key.value == str(part):
