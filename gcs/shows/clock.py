@@ -1,4 +1,4 @@
-"""A show's own time: it runs with the show, stops with a pause, and is set on the ground. Pure."""
+"""A show's own time: it runs with the show, stops during a pause, and can be set on the ground. Pure."""
 
 from dataclasses import dataclass, replace
 
@@ -8,30 +8,29 @@ from gcs.shows.timeline import Timeline
 
 @dataclass(frozen=True, slots=True)
 class ShowClock:
-    """The show's time. Every `clock_s` is the tick's own time; a change is a new value."""
+    """The show's time. Every `clock_s` is the tick's own time; a change returns a new value."""
 
-    begins_s: float = 0.0  # the show's time at which it begins, or began to run last
-    since_s: float | None = None  # the tick's time at that moment; None: it stands
+    begins_s: float = 0.0  # the show's time at which it begins, or last began to run
+    since_s: float | None = None  # the tick's time then; None: the clock is stopped
 
     @property
     def runs(self) -> bool:
-        """Whether the show goes on."""
+        """Whether the clock runs."""
         return self.since_s is not None
 
     def show_s(self, clock_s: float) -> float:
-        """The show's time in s."""
         return self.begins_s if self.since_s is None else self.begins_s + (clock_s - self.since_s)
 
     def run(self, clock_s: float) -> "ShowClock":
-        """Go on: the sphere stands, or stands again. No effect while it runs."""
+        """Start the clock once the sphere is assembled, or assembled again. No effect while it runs."""
         return self if self.runs else replace(self, since_s=clock_s)
 
     def stop(self, clock_s: float) -> "ShowClock":
-        """Stand still: a pause of any length costs the show nothing."""
+        """Stop the clock: the show continues at the same time after a pause of any length."""
         return ShowClock(self.show_s(clock_s))
 
     def seek(self, timeline: Timeline, cue: str, *, grounded: bool) -> "ShowClock":
-        """Begin at a cue, the first time that it is played.
+        """Start at the first time that a cue is played.
 
         Raises:
             UnknownError: the show has no such cue; the text names the cues it has.
@@ -46,5 +45,5 @@ class ShowClock:
         return ShowClock(times_s[cue])
 
     def ended(self, timeline: Timeline, clock_s: float) -> bool:
-        """Whether everybody is to come home."""
+        """Whether the show is over, so that all vehicles return."""
         return self.runs and self.show_s(clock_s) >= timeline.duration_s

@@ -12,7 +12,7 @@ from gcs.shows.format import Show
 from gcs.shows.validation import Flaw
 
 ORIGIN_WITHIN_M = 0.5
-"""Of the service's own: more is another field, or a mistake."""
+"""Tolerance against the service's own origin: more is another field, or a mistake."""
 
 HEADING_WITHIN_DEG = 0.1
 
@@ -20,7 +20,7 @@ HEADING_WITHIN_DEG = 0.1
 def misfits(
     show: Show, frame: ShowFrame, control: ControlSettings, operation: OperationSettings, vehicles: int
 ) -> list[Flaw]:
-    """Everything in which a service with so many vehicles would not fly the show as it was checked."""
+    """Return all reasons why a service with so many vehicles would not fly the show as checked."""
     return [
         *_origin(show, frame),
         *_limits(show, control),
@@ -50,7 +50,7 @@ def _origin(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
 
 
 def _limits(show: Show, control: ControlSettings) -> Iterator[Flaw]:
-    """Limits of the service that are narrower than those that the show was checked with."""
+    """Yield the service's limits that are narrower than those that the show was checked with."""
     limits, fence, law, safety = show.limits, show.fence, control.law, control.safety
     at_most = (
         ("limits.speed_max_m_s", limits.speed_max_m_s, safety.limits.horizontal_m_s),

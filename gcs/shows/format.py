@@ -1,4 +1,4 @@
-"""What a show file says: strict, frozen, every key with its unit. What it means is `gcs.shows.timeline`'s."""
+"""Format of a show file: strict, frozen, every key with its unit. `gcs.shows.timeline` interprets it."""
 
 import json
 from functools import cached_property
@@ -17,7 +17,7 @@ from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 
 Number: TypeAlias = Annotated[float, Field(strict=True)]
-"""A text is no number, nor is yes or no; a whole number is one with decimals."""
+"""A text or a boolean is not accepted as a number; a whole number is."""
 
 Positive: TypeAlias = Annotated[Number, Field(gt=0)]
 NotNegative: TypeAlias = Annotated[Number, Field(ge=0)]
@@ -26,11 +26,11 @@ Colour: TypeAlias = Annotated[StrictStr, Field(pattern=r"^#[0-9a-fA-F]{6}$"), Af
 
 MAX_VEHICLES = 1000
 MAX_CUES = 500
-"""Written out: a loop counts as often as it is played."""
+"""After expansion: a loop counts as often as it is played."""
 
 
 class Origin(Settings):
-    """Where the show's frame lies, and where its x axis points: clockwise from north."""
+    """Position of the show frame's origin, and heading of its x axis: clockwise from north."""
 
     latitude_deg: Annotated[Number, Field(ge=-90, le=90)]
     longitude_deg: Annotated[Number, Field(ge=-180, le=180)]
@@ -53,18 +53,18 @@ class Pads(Settings):
 
 
 class Fleet(Settings):
-    """Who flies, from where, and how long a battery lasts."""
+    """Number of vehicles, their pads, and the endurance of a battery."""
 
     vehicles: Annotated[StrictInt, Field(ge=1, le=MAX_VEHICLES)]
     pads: Pads
     takeoff_height_m: Positive = 5.0
     takeoff_stagger_s: NotNegative = 1.0
     endurance_s: Positive  # in the air, from full to empty
-    reserve: Annotated[Number, Field(ge=0.1, lt=1.0)] = 0.25  # share of a battery that nobody plans to use
+    reserve: Annotated[Number, Field(ge=0.1, lt=1.0)] = 0.25  # share of a battery that no plan uses
 
 
 class ShowLimits(Settings):
-    """How fast vehicles and formation may be; never more than the law and the filter allow by default."""
+    """Speed limits of vehicles and formation; never above the defaults of the law and the filter."""
 
     speed_max_m_s: Annotated[Positive, Field(le=8.0)] = 8.0  # of a vehicle, sideways
     climb_max_m_s: Annotated[Positive, Field(le=2.5)] = 2.5
@@ -85,26 +85,26 @@ class ShowFence(Settings):
 
 
 class Place(Settings):
-    """A place on the ground, show frame: x along the heading, y to its right."""
+    """A position on the ground, show frame: x along the heading, y to its right."""
 
     x_m: Number
     y_m: Number
 
 
 class Waypoint(Place):
-    """Where the target is so many seconds after its cue."""
+    """Position of the target at a time after its cue."""
 
     after_s: NotNegative
 
 
 class Path(Settings):
-    """The way of a target: a smooth curve through the points, at rest at both ends."""
+    """Path of a target: a smooth curve through the points, at rest at both ends."""
 
     path: Annotated[tuple[Waypoint, ...], Field(min_length=1, max_length=200)]
 
 
 class CueOrbit(Settings):
-    """How the formation's centre circles the target; radius 0: it sits above the target."""
+    """How the formation's centre circles the target; radius 0: it stays above the target."""
 
     radius_m: NotNegative
     speed_m_s: Positive = 2.0
@@ -112,14 +112,14 @@ class CueOrbit(Settings):
 
 
 class Spin(Settings):
-    """How fast the formation turns about its own vertical, seen from above."""
+    """Rotation of the formation about its own vertical, seen from above."""
 
     rate_deg_s: Annotated[Number, Field(ge=0, le=90)]
     direction: Direction = Direction.CLOCKWISE
 
 
 class Box(Settings):
-    """A standing obstacle, edges along the show frame's axes."""
+    """A static obstacle, edges along the show frame's axes."""
 
     id: Name
     x_m: Number  # centre
@@ -130,14 +130,14 @@ class Box(Settings):
 
 
 class Obstacles(Settings):
-    """What appears with a cue, and what goes."""
+    """Obstacles that appear and disappear with a cue."""
 
     appear: Annotated[tuple[Box, ...], Field(max_length=MAX_OBSTACLES)] = ()
     go: tuple[Name, ...] = ()
 
 
 def _kind(value: object) -> str:
-    """Which sort of target this is meant to be."""
+    """Return the kind of target that a value describes."""
     if isinstance(value, str):
         return "live"
     return "path" if isinstance(value, Path) or (isinstance(value, dict) and "path" in value) else "place"
@@ -150,7 +150,7 @@ CueTarget: TypeAlias = Annotated[
 
 
 class Cue(Settings):
-    """What changes at a time; what a cue does not say goes on."""
+    """Changes at one time; all other values stay as they are."""
 
     cue: Name
     at_s: NotNegative
@@ -165,7 +165,7 @@ class Cue(Settings):
 
 
 class Loop(Settings):
-    """The cues from one up to another, without it, are played so many times."""
+    """The cues from one up to another, excluded, are repeated this many times."""
 
     from_cue: Name
     to_cue: Name
@@ -192,7 +192,7 @@ class Show(Settings):
 
     @property
     def pads_m(self) -> Array:
-        """(n, 3) where everybody stands before the start, show frame, on the ground."""
+        """(n, 3) Start positions of the vehicles, show frame, on the ground."""
         pads, count = self.fleet.pads, self.fleet.vehicles
         index = np.arange(count)
         cells = np.stack([index // pads.columns, index % pads.columns, np.zeros(count)], axis=1)
@@ -203,12 +203,12 @@ class Show(Settings):
 
     @property
     def control(self) -> ControlSettings:
-        """What the tick is set to for this show: defaults, within the show's limits and fence."""
+        """Control settings for this show: the defaults, within the show's limits and fence."""
         return control_of(self.limits, self.fence)
 
 
 def control_of(limits: ShowLimits, fence: ShowFence, usual: ControlSettings | None = None) -> ControlSettings:
-    """Law and safety as `usual`, or at their defaults, within these limits and this fence."""
+    """Return `usual` law and safety, or their defaults, within these limits and this fence."""
     usual = usual or ControlSettings()
     safety, law = usual.safety, usual.law
     scale = limits.separation_min_m / safety.floor.horizontal_m

@@ -1,7 +1,7 @@
-"""The show files that the service keeps, and their checks: each in a process of its own, beside the flight.
+"""The stored show files and their checks; each check runs in its own process beside the flight.
 
-Files are read and written in a thread, for a slow disk must not delay a tick. A check is `gcs show check`
-on a copy of the file, at the lowest priority. What it found is kept in memory: after a restart a show is
+Files are read and written in a thread, because a slow disk must not delay a tick. A check is `gcs show check`
+on a copy of the file, at the lowest priority. Its result is kept in memory: after a restart a show is
 checked again before it is flown.
 """
 
@@ -28,11 +28,11 @@ from gcs.shows.loading import parse
 log = logging.getLogger(__name__)
 
 SIZE_MAX_BYTES = 64 * 1024
-"""Of a show file; a long one has some tens of thousands of characters."""
+"""Largest size of a show file; a long one has some tens of thousands of characters."""
 
 FILES_MAX = 200
 CHECKS_MAX = 2
-"""One runs, one waits: the machine that flies has little to spare."""
+"""One runs, one waits: the computer that runs the flight has little capacity to spare."""
 
 CHECK_WITHIN_S = 900.0
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
@@ -40,7 +40,7 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Checked:
-    """A check, of which file, and what may be flown if it is good."""
+    """A check, its file, and the show that may be flown if it is good."""
 
     reported: ShowCheck
     sha256: str | None = None  # of the file that was checked
@@ -52,10 +52,10 @@ NOT_KEPT: Final = "this service keeps no shows: name a folder in its configurati
 
 
 class ShowLibrary:
-    """The shows of one folder. A `gcs.service.Shows`."""
+    """The shows of one folder. Implements `gcs.service.Shows`."""
 
     def __init__(self, folder: Path | None) -> None:
-        """`folder` is made with the first file; None: nothing can be kept."""
+        """`folder` is created with the first file; None: no show can be stored."""
         self._folder = folder
         self._checks: dict[str, _Checked] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
@@ -64,11 +64,11 @@ class ShowLibrary:
         self._misfits: Callable[[Show], Sequence[Flaw]] = lambda _: ()
 
     def judge_by(self, misfits: Callable[[Show], Sequence[Flaw]]) -> None:
-        """Have checks say, too, for what a show that is good would be refused by the service as it is now."""
+        """Have checks also report why this service would refuse a good show under its present settings."""
         self._misfits = misfits
 
     async def close(self) -> None:
-        """End the checks that run."""
+        """End the running checks."""
         tasks = dict(self._tasks)
         for task in tasks.values():
             task.cancel()
@@ -80,21 +80,21 @@ class ShowLibrary:
 
     @property
     def why_not_kept(self) -> str:
-        """Empty where a folder is configured."""
+        """Why no file can be stored; empty where a folder is configured."""
         return NOT_KEPT if self._folder is None else ""
 
     async def list_shows(self) -> list[StoredShow]:
-        """All of them, by name."""
+        """Return all shows, by name."""
         return await asyncio.to_thread(self._listed)
 
     async def text(self, name: str) -> str:
-        """The file, as it was given. Raises: UnknownError, RefusedError when it cannot be read."""
+        """Return the file as uploaded. Raises: UnknownError, RefusedError when it cannot be read."""
         return (await asyncio.to_thread(self._read, name)).decode(errors="replace")
 
     async def store(self, name: str, text: bytes) -> StoredShow:
-        """Keep a file under a name, in place of what had it: all of it or nothing.
+        """Store a file under a name, replacing the file of that name: completely or not at all.
 
-        Raises: InvalidError, RefusedError when it cannot be kept.
+        Raises: InvalidError, RefusedError when it cannot be stored.
         """
         _check_name(name)
         if not text.strip() or len(text) > SIZE_MAX_BYTES:
@@ -109,7 +109,7 @@ class ShowLibrary:
             return await asyncio.to_thread(self._write, name, text)
 
     async def remove(self, name: str) -> None:
-        """Forget a file. Raises: UnknownError, RefusedError."""
+        """Delete a file. Raises: UnknownError, RefusedError."""
         async with self._writing:
             await asyncio.to_thread(self._remove, name)
 
@@ -169,7 +169,7 @@ class ShowLibrary:
     # checks
 
     def check(self, name: str) -> ShowCheck:
-        """Begin a check. Raises: InvalidError, RefusedError while it, or too much, is being checked."""
+        """Start a check. Raises: InvalidError; RefusedError while it, or too many others, are being run."""
         self._place(name)
         if name in self._tasks:
             raise RefusedError(f"show {name!r} is being checked already")
@@ -182,14 +182,14 @@ class ShowLibrary:
         return self._checks[name].reported
 
     def checked(self, name: str) -> ShowCheck:
-        """How far the newest check has got. Raises: UnknownError when there was none."""
+        """Return the state of the newest check. Raises: UnknownError when there was none."""
         _check_name(name)
         if name not in self._checks:
             raise UnknownError(f"show {name!r} has not been checked since this service began: check it")
         return self._for_this_service(self._checks[name])
 
     def _for_this_service(self, checked: _Checked) -> ShowCheck:
-        """With what the service itself would refuse: asked anew each time, for its obstacles change."""
+        """Add the service's own reasons to refuse: evaluated on each call, because its obstacles change."""
         if checked.show is None or checked.source is None:
             return checked.reported
         source = checked.source
@@ -214,7 +214,7 @@ class ShowLibrary:
                 ValueError,
                 LookupError,
                 TypeError,
-            ) as error:  # or an answer that is none
+            ) as error:  # or invalid output
                 self._failed(name, str(error))
 
     def _failed(self, name: str, reason: str) -> None:
@@ -222,15 +222,15 @@ class ShowLibrary:
         self._checks[name] = _Checked(ShowCheck(name, CheckState.FAILED, reason))
 
     def found(self, name: str, text: bytes, answer: dict[str, Any]) -> ShowCheck:
-        """Note what `gcs show check --json --model` said of a file with that text.
+        """Store the output of `gcs show check --json --model` for a file with that text.
 
-        Raises: ValueError (pydantic's) when the answer is none.
+        Raises: ValueError (pydantic's) when the output is invalid.
         """
         self._checks[name] = _reported(name, text, answer)
         return self.checked(name)
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
-        """The show, ready to be flown. Reads the file, on the ground.
+        """Return the timeline of a show that is cleared to fly. Reads the file, on the ground.
 
         Raises: UnknownError; RefusedError when it was never checked, is not good, or has changed since.
         """
@@ -251,9 +251,9 @@ class ShowLibrary:
         return Timeline.of(checked.show)
 
     def recorded(self, name: str, show_hash: str) -> Timeline:
-        """The show that was flown under that hash before this service began. Reads the file.
+        """Return the show that was flown under that hash before this service began. Reads the file.
 
-        Raises: UnknownError; RefusedError when it cannot be read, or is another by now.
+        Raises: UnknownError; RefusedError when it cannot be read, or has changed since.
         """
         try:
             loaded = parse(self._read(name).decode(), name)
@@ -274,7 +274,7 @@ def _stored(name: str, text: bytes) -> StoredShow:
 
 
 def _reported(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
-    """A check's answer as it is kept. Raises: ValueError, TypeError or LookupError when it is none."""
+    """Convert the output of a check. Raises: ValueError, TypeError or LookupError when it is invalid."""
     model = answer.get("model")
     show = None if model is None else Show.model_validate_json(json.dumps(model))
     figures = {key: value for key, value in answer.items() if key not in {"model", "problems", "good"}}
@@ -291,7 +291,7 @@ def _reported(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
 
 
 async def _checked_in_process(name: str, text: bytes) -> dict[str, Any]:
-    """What `gcs show check` says of a text. Raises: RefusedError, OSError, TimeoutError, ValueError."""
+    """Run `gcs show check` on a text. Raises: RefusedError, OSError, TimeoutError, ValueError."""
     with tempfile.TemporaryDirectory(prefix="gcs-check-") as folder:
         path = Path(folder) / f"{name}.yaml"
         path.write_bytes(text)

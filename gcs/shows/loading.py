@@ -1,4 +1,4 @@
-"""From a file to a show that is worth flying; every problem with its line and cue."""
+"""Loads a show file that can be flown; reports every problem with its line and cue."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,16 +17,16 @@ from gcs.shows.validation import Flaw, flaws
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedShow:
-    """A show without flaws, and where its parts stand in the file."""
+    """A show without flaws, and the lines of its parts in the file."""
 
-    name: str  # the file's, without its ending
+    name: str  # the file's, without its suffix
     file: str
     show: Show
     timeline: Timeline
     source: Source
 
     def problem(self, flaw: Flaw) -> Problem:
-        """A flaw, with line and cue."""
+        """Return a flaw with line and cue."""
         return located(flaw, self.source, [cue.cue for cue in self.show.timeline])
 
 
@@ -39,7 +39,7 @@ def load(path: Path) -> LoadedShow:
 
 
 def parse(text: str, file: str) -> LoadedShow:
-    """The show in `text`; `file` names it in errors. Raises: ShowError."""
+    """Parse the show in `text`; `file` names it in errors. Raises: ShowError."""
     try:
         source = Source(text, file)
         raw = source.mapping("about, origin, fleet, fence, timeline and duration_s")
@@ -57,12 +57,12 @@ def parse(text: str, file: str) -> LoadedShow:
 
 
 def located(flaw: Flaw, source: Source, cues: list[str | None]) -> Problem:
-    """Its line, and the cue it is about."""
+    """Return a flaw with its line and cue."""
     return Problem(source.line(*flaw.loc), _cue(flaw.loc, cues), flaw.text)
 
 
 def _within_cue(misfit: Misfit) -> str:
-    """Key, value and what would be right; line and cue are told beside it."""
+    """Describe key, value and what is allowed; line and cue are shown beside it."""
     loc, key = misfit.loc, misfit.key
     if len(loc) > 2 and loc[0] == "timeline":
         key = key.removeprefix(f"timeline.{loc[1]}.")
@@ -80,7 +80,7 @@ def _cue(loc: Loc, cues: list[str | None]) -> str | None:
 
 
 def _names(raw: dict[str, object]) -> list[str | None]:
-    """Of the cues of a file that may be anything."""
+    """Return the names of the cues of an unvalidated file."""
     timeline = raw.get("timeline")
     entries = timeline if isinstance(timeline, list) else []
     names = [entry.get("cue") if isinstance(entry, dict) else None for entry in entries]

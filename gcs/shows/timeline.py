@@ -1,6 +1,6 @@
-"""A show with its loops written out, and what it wants at any time. Pure.
+"""The timeline of a show: loops written out, and the plan at any time. Pure.
 
-Time is the show's own, in seconds: 0 is the moment in which the first cue's sphere stands (decision 0011).
+Time is the show's own, in seconds: 0 is when the first cue's sphere is assembled (decision 0011).
 """
 
 from bisect import bisect_right
@@ -9,7 +9,7 @@ from math import hypot, inf, radians
 from typing import TypeAlias
 
 import numpy as np
-import scipy  # whose parts are loaded when they are used: 30 MB, for which most flights have no use
+import scipy  # its parts are loaded on first use: 30 MB, which most flights do not need
 from numpy.typing import NDArray
 
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
@@ -18,7 +18,7 @@ from gcs.shows.easing import Glide, Track, shortest_s
 from gcs.shows.format import Box, Cue, CueOrbit, Loop, Path, Place, Show, Spin
 
 LEAST_SHARE = 0.05
-"""Of a limit that an orbit leaves to the target, at least: that it leaves too little is told by the rules."""
+"""Least share of a limit left by an orbit to the target; the validation reports too small a share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,18 +41,18 @@ class Curve:
     cue: int
 
     def value(self, time_s: float) -> Array:
-        """(2,) m."""
+        """(2,) Position in m."""
         return np.asarray(self.spline(min(max(time_s, self.from_s), self.to_s) - self.from_s))
 
     def rate(self, time_s: float) -> Array:
-        """(2,) m/s."""
+        """(2,) Velocity in m/s."""
         inside = self.from_s <= time_s <= self.to_s
         return np.asarray(self.spline(time_s - self.from_s, 1)) if inside else np.zeros(2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Live:
-    """A target of which the show knows only where it was when it became live."""
+    """A live target: the show knows only its position when it became live."""
 
     from_s: float
     last_m: Array  # (2,)
@@ -60,15 +60,15 @@ class Live:
 
     @property
     def to_s(self) -> float:
-        """Nothing is on its way."""
+        """End time; a live target has no transition."""
         return self.from_s
 
     def value(self, time_s: float) -> Array:  # noqa: ARG002  (as of the other legs)
-        """(2,) m."""
+        """(2,) Position in m."""
         return self.last_m
 
     def rate(self, time_s: float) -> Array:  # noqa: ARG002
-        """(2,) m/s."""
+        """(2,) Velocity in m/s."""
         return np.zeros(2)
 
 
@@ -76,7 +76,7 @@ Leg: TypeAlias = Glide | Curve | Live
 
 
 def written_out(cues: tuple[Cue, ...], loops: tuple[Loop, ...]) -> tuple[Played, ...]:
-    """Every cue as often and whenever it is played. Loops must be in order: see `gcs.shows.validation`."""
+    """Return every cue each time it is played. Loops must be in order: see `gcs.shows.validation`."""
     index_of = {cue.cue: index for index, cue in enumerate(cues)}
     ends = {index_of[loop.to_cue] - 1: (index_of[loop.from_cue], loop.times) for loop in loops}
     played: list[Played] = []
@@ -96,7 +96,7 @@ def written_out(cues: tuple[Cue, ...], loops: tuple[Loop, ...]) -> tuple[Played,
 
 
 def total_s(show: Show) -> float:
-    """How long the show is with its loops."""
+    """Return the duration of the show with its loops."""
     at_s = {cue.cue: cue.at_s for cue in show.timeline}
     again_s = ((loop.times - 1) * (at_s[loop.to_cue] - at_s[loop.from_cue]) for loop in show.loops)
     return show.duration_s + sum(again_s)
@@ -104,7 +104,7 @@ def total_s(show: Show) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
-    """What a show wants, at any of its times."""
+    """The plan of a show at any of its times."""
 
     show: Show
     duration_s: float
@@ -119,19 +119,19 @@ class Timeline:
 
     @staticmethod
     def of(show: Show) -> "Timeline":
-        """Write the loops out and lay down every transition. The show's structure must be sound (`rules`)."""
+        """Expand the loops and lay out every transition. The show must be valid (`gcs.shows.validation`)."""
         return _Writer(show).written()
 
     def plan_at(
         self, time_s: float, *, clock_s: float | None = None, runs: bool = True, live: Target | None = None
     ) -> Plan:
-        """What the tick is to fly at the show's time `time_s`.
+        """Return the plan for a tick at the show's time `time_s`.
 
         Args:
-            time_s: from 0 to `duration_s`; before and after, the first and the last moment count.
-            clock_s: the tick's own time at that moment, which targets are told in; None: the show's.
+            time_s: from 0 to `duration_s`; before and after, the first and the last time count.
+            clock_s: the tick's own time then, which targets use; None: the show's.
             runs: False while the show's clock is stopped: then the target does not move either.
-            live: the target as it was told last, in the tick's time; None: where it was last.
+            live: the newest target update, in the tick's time; None: the last known position.
         """
         now_s = min(max(time_s, 0.0), self.duration_s)
         leg = self.leg_at(now_s)
@@ -147,7 +147,7 @@ class Timeline:
         )
 
     def stages(self) -> tuple[tuple[str, Plan], ...]:
-        """Cue and plan where something begins, is reached or turns, in order, like ones only once."""
+        """Cue and plan wherever a transition begins, ends or turns, in order, without repetitions."""
         times_s = {one.at_s for one in self.played}
         for track in self._formation:
             times_s |= {glide.to_s for glide in track.glides}
@@ -169,29 +169,29 @@ class Timeline:
         return self.radius_m, self.height_m, self.spin_rad_s
 
     def colours_at(self, time_s: float) -> NDArray[np.uint8]:
-        """(n, 3) red, green and blue of every vehicle's light, in the fleet's order."""
+        """(n, 3) Red, green and blue of every vehicle's light, in the fleet's order."""
         colours: NDArray[np.uint8] = np.rint(self.lights.value(time_s)).astype(np.uint8)
         return colours
 
     def cue_at(self, time_s: float) -> Played:
-        """The cue that was played last."""
+        """Return the newest cue played."""
         return self.played[max(bisect_right(self.played, time_s, key=lambda one: one.at_s) - 1, 0)]
 
     def leg_at(self, time_s: float) -> Leg:
-        """What the target does."""
+        """Return the target's motion."""
         return self.legs[max(bisect_right(self.legs, time_s, key=lambda leg: leg.from_s) - 1, 0)]
 
     def orbit_at(self, time_s: float) -> Orbit:
-        """The orbit that is flown, or flown to."""
+        """Return the present orbit, or the one of a transition in progress."""
         return self.orbits[max(bisect_right(self.orbits, time_s, key=lambda one: one[0]) - 1, 0)][1]
 
     def obstacles_at(self, time_s: float) -> tuple[Obstacle, ...]:
-        """Everything that stands in the way."""
+        """Return all obstacles at that time."""
         return self.obstacles[max(bisect_right(self.obstacles, time_s, key=lambda one: one[0]) - 1, 0)][1]
 
 
 class _Writer:
-    """Lays down one cue after the other."""
+    """Lays out one cue after the other."""
 
     def __init__(self, show: Show) -> None:
         self._show, self._limits = show, show.limits
@@ -220,7 +220,7 @@ class _Writer:
         )
 
     def _begin(self, one: Played) -> None:
-        """Where the show begins: everything that the first cue says stands at once."""
+        """Lay out the first cue: its values hold at once."""
         cue, count = one.cue, self._show.fleet.vehicles
         self._set("radius_m", one, np.array([cue.radius_m or 0.0]))
         self._set("height_m", one, np.array([cue.height_m or 0.0]))
@@ -240,7 +240,7 @@ class _Writer:
         self._glides[what].append(Glide(0.0, 0.0, value, value, one.index))
 
     def _change(self, one: Played) -> None:
-        """What a later cue says, over its time or the shortest."""
+        """Lay out a later cue: its values change over its time, or the shortest."""
         cue, limits = one.cue, self._limits
         if cue.orbit is not None:
             self._orbits.append((one.at_s, _orbit(cue.orbit)))
@@ -264,7 +264,7 @@ class _Writer:
             self._target(one)
 
     def spin_change_max(self, at_s: float) -> float:
-        """The rate in rad/s^2 at which nobody's speed changes faster than the formation's may."""
+        """Rate in rad/s^2 at which no vehicle accelerates more than the formation may."""
         glide = Track(tuple(self._glides["radius_m"])).at(at_s)
         rim_m = max(float(glide.value(at_s)[0]), float(glide.after[0]))
         return self._limits.formation_acceleration_max_m_s2 / rim_m
@@ -294,13 +294,13 @@ class _Writer:
             size_m = hypot(*(there_m - here_m).tolist())
             over_s = one.cue.over_s or shortest_s(size_m, speed_m_s, acceleration_m_s2)
             if isinstance(leg, Live):
-                over_s = 0.0  # from where is not known: the centre flies there within its own limits
+                over_s = 0.0  # the start is not known: the centre flies there within its own limits
             self._legs.append(Glide(one.at_s, one.at_s + over_s, here_m, there_m, one.index))
         else:
             self._legs.append(Live(one.at_s, here_m, one.index))
 
     def _left_to_target(self) -> tuple[float, float]:
-        """Speed and acceleration that the orbit leaves of the centre's."""
+        """Speed and acceleration of the centre that the orbit leaves."""
         limits, orbit = self._limits, self._orbits[-1][1]
         speed_m_s, turn_m_s2 = turning(orbit)
         return (
@@ -313,7 +313,7 @@ class _Writer:
 
 
 def turning(orbit: Orbit) -> tuple[float, float]:
-    """Speed in m/s and acceleration in m/s^2 of the centre on its orbit; none where it sits on the target."""
+    """Speed in m/s and acceleration in m/s^2 of the centre on its orbit; zero above the target."""
     if not orbit.radius_m:
         return 0.0, 0.0
     return orbit.speed_m_s, orbit.speed_m_s**2 / orbit.radius_m
@@ -324,7 +324,7 @@ def _orbit(orbit: CueOrbit) -> Orbit:
 
 
 def obstacle_of(box: Box) -> Obstacle:
-    """What the tick knows of it: it stands."""
+    """Return the static obstacle of a box."""
     return Obstacle(**box.model_dump())
 
 
@@ -335,7 +335,7 @@ def _rate_rad_s(spin: Spin | None) -> float:
 
 
 def _colours(lights: tuple[str, ...], count: int) -> Array:
-    """(n, 3), the colours given to the vehicles in turn."""
+    """(n, 3) Colours, assigned to the vehicles in turn."""
     rgb = np.array(
         [[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in lights], dtype=np.float64
     )

@@ -1,7 +1,7 @@
-"""What is wrong with a show, found without flying it. Pure.
+"""Finds what is wrong with a show without flying it. Pure.
 
-The same limits that the tick keeps are asked of everything the show wants, at every moment of every
-transition: what is found here would otherwise be flown late, elsewhere or not at all.
+Applies the tick's own limits to the plan at every time of every transition. What violates them would be
+flown late, elsewhere or not at all.
 """
 
 from collections import Counter
@@ -22,10 +22,10 @@ from gcs.shows.format import MAX_CUES, Cue, Path, Show
 from gcs.shows.timeline import Curve, Live, Played, Timeline, obstacle_of, total_s, turning, written_out
 
 SAMPLED_S = 0.1
-"""Every so often the whole plan is looked at."""
+"""Interval at which the whole plan is examined."""
 
 NEARLY = 1e-6
-"""What arithmetic may lose; nothing is refused for that."""
+"""Tolerance for rounding errors."""
 
 LONGEST_S = 7200.0
 """Loops included; no battery lasts as long."""
@@ -33,17 +33,17 @@ LONGEST_S = 7200.0
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """Something that is wrong, and where: the way to it in the file."""
+    """A problem, and its path in the file."""
 
     loc: Loc
     text: str
 
 
 def flaws(show: Show) -> list[Flaw]:
-    """Everything that is wrong with a show as far as can be told without flying it."""
+    """Return everything that is wrong with a show as far as it is detectable without flying it."""
     found = [*_fleet(show), *_structure(show), *_loops(show)]
     if found:
-        return found  # what follows needs a sound timeline
+        return found  # the rest needs a valid timeline
     found = [*_paths(show), *_obstacles(show)]
     if found:
         return found
@@ -51,11 +51,11 @@ def flaws(show: Show) -> list[Flaw]:
     return [*_transitions(timeline), *_moments(timeline)]
 
 
-# before anything is written out
+# before loops are written out
 
 
 def _fleet(show: Show) -> Iterator[Flaw]:
-    """Fence and start pattern."""
+    """Check fence and start pattern."""
     fence, fleet, floor = show.fence, show.fleet, show.control.safety.floor
     if not fence.height_min_m < fence.height_max_m:
         yield Flaw(("fence", "height_max_m"), f"height_max_m = {fence.height_max_m:g}: above height_min_m")
@@ -79,7 +79,7 @@ def _fleet(show: Show) -> Iterator[Flaw]:
 
 
 def _structure(show: Show) -> Iterator[Flaw]:
-    """Names and times of the cues."""
+    """Check names and times of the cues."""
     cues = show.timeline
     first = cues[0]
     if first.at_s != 0.0:
@@ -104,7 +104,7 @@ def _structure(show: Show) -> Iterator[Flaw]:
 
 
 def _loops(show: Show) -> Iterator[Flaw]:
-    """Ends and order of the loops, and how long they make the show."""
+    """Check ends and order of the loops, and the duration that results."""
     index_of = {cue.cue: index for index, cue in enumerate(show.timeline)}
     taken: set[int] = set()
     sound = True
@@ -136,7 +136,7 @@ def _loops(show: Show) -> Iterator[Flaw]:
 
 
 def _paths(show: Show) -> Iterator[Flaw]:
-    """Times of the points; whether a path begins where the target is."""
+    """Check times of the points, and whether a path begins at the target."""
     for index, cue in enumerate(show.timeline):
         if not isinstance(cue.target, Path):
             continue
@@ -149,7 +149,7 @@ def _paths(show: Show) -> Iterator[Flaw]:
 
 
 def _obstacles(show: Show) -> Iterator[Flaw]:
-    """What appears and goes, loops played."""
+    """Check that obstacles appear and disappear consistently, loops played."""
     avoidance = show.control.law.avoidance
     pads_m = {f"pad {row + 1}": place_m for row, place_m in enumerate(show.pads_m)}
     standing: set[str] = set()
@@ -176,7 +176,7 @@ def _obstacles(show: Show) -> Iterator[Flaw]:
 
 
 def _again(one: Played) -> str:
-    """Which passage of a loop is meant."""
+    """Name the passage of a loop."""
     return "" if one.passage == 1 else f"in passage {one.passage} of its loop: "
 
 
@@ -184,7 +184,7 @@ def _again(one: Played) -> str:
 
 
 def _transitions(timeline: Timeline) -> list[Flaw]:
-    """Whether each is slow enough, and ends before the next begins and before the show does."""
+    """Check that each is slow enough, and ends before the next begins and before the show ends."""
     limits = timeline.show.limits
     acceleration = limits.formation_acceleration_max_m_s2
     found: dict[Loc, Flaw] = {}
@@ -222,7 +222,7 @@ def _transitions(timeline: Timeline) -> list[Flaw]:
 
 
 def _written(timeline: Timeline, index: int, at_s: float) -> str:
-    """Where the two differ, the time that stands in the file."""
+    """Return the time written in the file, if it differs."""
     written_s = timeline.show.timeline[index].at_s
     return "" if abs(written_s - at_s) < NEARLY else f" (its loop repeats the cue of {written_s:g} s)"
 
@@ -244,7 +244,7 @@ def _slow_enough(
 
 
 def _paths_begin(timeline: Timeline, tell: Callable[[Loc, str], None]) -> None:
-    """Each where the target is by then."""
+    """Check that each path begins at the target's position then."""
     for before, leg in pairwise(timeline.legs):
         if isinstance(before, Live) or not isinstance(leg, Curve):
             continue
@@ -258,11 +258,11 @@ def _paths_begin(timeline: Timeline, tell: Callable[[Loc, str], None]) -> None:
             )
 
 
-# every moment
+# every time
 
 
 def _moments(timeline: Timeline) -> list[Flaw]:
-    """The plan at every moment, against the limits that orders to a service are held to."""
+    """Check the plan at every time against the limits of an operator's commands."""
     found: dict[tuple[int, str], Flaw] = {}
     began_s: dict[tuple[int, str], float] = {}
     control = timeline.show.control
@@ -271,7 +271,7 @@ def _moments(timeline: Timeline) -> list[Flaw]:
         for key, text in _moment(timeline, time_s, control):
             index = _asked_by(timeline, key, one, time_s)
             if (index, key) in found and key == "target":
-                continue  # a way is told of where it goes wrong, a size or speed of where it ends
+                continue  # a path is reported where the violation begins, a size or speed where it ends
             from_s = began_s.setdefault((index, key), time_s)
             cue = timeline.show.timeline[index]
             loc = ("timeline", index, key) if _says(cue, key) else ("timeline", index)
@@ -284,13 +284,13 @@ def _says(cue: Cue, key: str) -> bool:
 
 
 def _asked_by(timeline: Timeline, key: str, one: Played, time_s: float) -> int:
-    """The newest cue that says something of `key` until now."""
+    """Return the newest cue so far that sets `key`."""
     stated = [other.index for other in timeline.played if other.at_s <= time_s and _says(other.cue, key)]
     return stated[-1] if stated else one.index
 
 
 def _moment(timeline: Timeline, time_s: float, control: ControlSettings) -> Iterator[tuple[str, str]]:
-    """Key and words of everything that is wrong at one moment."""
+    """Yield key and text of everything that is wrong at one time."""
     plan, limits = timeline.plan_at(time_s), timeline.show.limits
     try:
         check_formation(plan.formation, timeline.show.fleet.vehicles, control.safety)
@@ -318,7 +318,7 @@ def _reach(plan: Plan, control: ControlSettings) -> Iterator[tuple[str, str]]:
 
 
 def _together(timeline: Timeline, plan: Plan, time_s: float) -> Iterator[tuple[str, str]]:
-    """What target, orbit and spin ask of the centre and of the vehicles at the same time."""
+    """Check the sum of target, orbit and spin for the centre and the vehicles."""
     limits, (orbit_m_s, turn_m_s2) = timeline.show.limits, turning(plan.orbit)
     along_m_s = plan.target.speed_m_s + orbit_m_s
     fastest_m_s = limits.formation_speed_max_m_s
