@@ -1,4 +1,4 @@
-"""What is written into the audit: sessions, calls, orders, events, and the last known of everybody."""
+"""Writes the audit: sessions, calls, commands, events, and the last known state of every vehicle."""
 
 import json
 import time
@@ -20,7 +20,7 @@ from gcs.service import Call, CommandRecord, Outcome
 BODY_MAX: Final = 4096
 
 CLOCK_S: Final = 1.0
-"""So often it is noted where in a written show the flight is."""
+"""Interval at which the time of a written show is recorded."""
 
 _VEHICLE: Final = """
 INSERT INTO vehicles (id, session, unix_s, system_id, link, host, port, phase, reason, mode, armed,
@@ -41,21 +41,21 @@ _OUTCOME: Final = "INSERT INTO outcomes VALUES (?, ?, ?, ?, ?, ?)"
 
 
 class Audit:
-    """One session's rows. A `gcs.service.Audit`."""
+    """Rows of one session. Implements `gcs.service.Audit`."""
 
     def __init__(self, journal: Journal, session: str, vehicles: Mapping[VehicleId, tuple[int, str]]) -> None:
-        """Nothing is written before `begin`.
+        """Writes nothing before `begin`.
 
         Args:
-            journal: where to.
-            session: its name, one of its own.
+            journal: destination.
+            session: its unique name.
             vehicles: system id and link of each.
         """
         self._journal = journal
         self._session = session
         self._vehicles = dict(vehicles)
         count = len(vehicles)
-        # what a vehicle is before it is heard is no news: what the session before knew is worth more
+        # the state of a vehicle before its first message is not recorded: the previous session knew more
         self._phases: Sequence[Phase] = (Phase.OFFLINE,) * count
         self._modes: Sequence[Mode] = (Mode.UNKNOWN,) * count
         self._armed: Sequence[bool] = (False,) * count
@@ -67,7 +67,7 @@ class Audit:
         self._clock_due_s = 0.0
 
     def begin(self, folder: Path, config_json: str, found: Interruption | None = None) -> None:
-        """Note that the session began, and with it what it found cut off: both, or neither."""
+        """Record the start of the session and the interruption it found, in one transaction."""
         now_s = time.time()
         sql = "INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)"
         rows = [Row(sql, (self._session, now_s, str(folder), config_json))]
@@ -77,23 +77,23 @@ class Audit:
         self._journal.put(rows)
 
     def end(self) -> None:
-        """Note that it ended as it should; with a vehicle of ours in the air it did not."""
+        """Record a regular end; with a vehicle under control in the air it was not regular."""
         if AIRBORNE.intersection(self._phases):
             return
         self._put("UPDATE sessions SET ended_unix_s = ? WHERE id = ?", time.time(), self._session)
 
     def call(self, call: Call) -> None:
-        """Note a call of the API and its answer."""
+        """Record a call of the API and its response."""
         body = call.body if len(call.body) <= BODY_MAX else f"{call.body[:BODY_MAX]}…"
         values = (self._session, time.time(), call.who, call.method, call.path, body, call.status)
         self._put("INSERT INTO calls VALUES (?, ?, ?, ?, ?, ?, ?)", *values)
 
     async def kept(self) -> bool:
-        """Return once all that was noted so far is on the disk; False: it is not."""
+        """Return once all rows so far are on the disk; False: they are not."""
         return await self._journal.kept()
 
     def opened(self, record: CommandRecord, who: str) -> None:
-        """Note an accepted order, and what it is for every vehicle at first."""
+        """Record an accepted command, and its first outcome for every vehicle."""
         at_s = record.accepted_time_s
         values = (self._session, record.id, at_s, who, record.action)
         command = Row("INSERT INTO commands VALUES (?, ?, ?, ?, ?)", values)
@@ -104,18 +104,18 @@ class Audit:
         self._journal.put([command, *parts])
 
     def closed(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
-        """Note what became of one vehicle's part."""
+        """Record the outcome of one vehicle's part."""
         self._put(_OUTCOME, self._session, command_id, vehicle_id, time.time(), outcome.value, reason)
 
     def event(
         self, unix_s: float, level: str, event: str, vehicle: str | None, detail: Mapping[str, object]
     ) -> None:
-        """Note that something happened."""
+        """Record an event."""
         reported = json.dumps(detail, default=str, separators=(",", ":"))
         self._put(_EVENT, self._session, unix_s, level, event, vehicle, reported)
 
     def watch(self, sample: Sample) -> None:
-        """Note what has changed since the moment before."""
+        """Record what has changed since the previous sample."""
         at_s = sample.unix_time_s
         changed = set() if sample.phases == self._phases else _differing(sample.phases, self._phases)
         if sample.modes != self._modes or sample.armed != self._armed:
@@ -177,7 +177,7 @@ class Audit:
         self._cue = cue
 
     def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:
-        """Note where vehicles speak from, as far as that is new."""
+        """Record the vehicles' addresses if they are new."""
         news = [(name, at) for name, at in addresses.items() if self._addresses.get(name) != at]
         nothing = (None,) * 7
         for name, at in news:

@@ -1,4 +1,4 @@
-"""Finds in the record who was taken out of the show, and never taken in again, however many sessions ago."""
+"""Finds in the record the vehicles that are excluded from the show, over any number of sessions."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ INCLUDED: Final = "included"
 
 
 def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
-    """Who is out, by whom, why and since when. To be asked before a new session begins.
+    """Excluded vehicles, by which operator, why and since when. To be called before a new session begins.
 
     Raises: GcsError when there is a record, and it cannot be read.
     """

@@ -1,4 +1,4 @@
-"""What stands around the vehicles, as Foxglove's 3D panel draws it: sphere, target, obstacles, names."""
+"""The scene around the vehicles for Foxglove's 3D panel: sphere, target, obstacles, names."""
 
 from typing import Any, Final
 
@@ -9,7 +9,7 @@ from gcs.recording.mcap_layout import SHOW, as_json, stamp
 from gcs.recording.sample import Sample
 
 LABELS_MAX: Final = 64
-"""More names than that hide the fleet."""
+"""More names than that would cover the fleet."""
 
 LIFETIME: Final = {"sec": 2, "nsec": 0}
 TARGET_HEIGHT_M: Final = 2.0
@@ -22,7 +22,7 @@ _PRIMITIVES: Final = ("arrows", "cubes", "spheres", "cylinders", "lines", "trian
 
 
 def scene_message(sample: Sample) -> bytes:
-    """Of `/fleet/scene`. Each entity goes by itself when it is not sent again."""
+    """Message of `/fleet/scene`. An entity disappears when it is not sent again."""
     plan, time_s = sample.plan, sample.fleet.time_s
     entities = [_entity(sample, "target", cylinders=[_target(*plan.target.position_m(time_s))])]
     if sample.center_m is not None and sample.radius_m is not None:

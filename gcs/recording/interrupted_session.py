@@ -1,4 +1,4 @@
-"""Finds in the record a flight that was cut off: of the newest session, or one that it had found itself."""
+"""Finds an interrupted flight in the record: of the newest session, or one that it had found itself."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -22,7 +22,7 @@ ABOUT_TO_FLY: Final = frozenset({ShowPhase.PREFLIGHT, ShowPhase.ARMING})
 
 
 def interruption(root: Path) -> Interruption | None:
-    """What was cut off, None where nothing was. To be asked before a new session begins.
+    """Return the interrupted flight, None if there is none. To be called before a new session begins.
 
     Raises: GcsError when there is a record, and it cannot be read.
     """
@@ -52,12 +52,12 @@ def _newest(root: Path) -> Interruption | None:
         own, phases = None, {}
     show = ShowPhase.IDLE if own is None else ShowPhase(own.phase)
     if found is not None and dict(found.frame) != dict(session.config["show_frame"]):
-        found = _without_pads(found)  # its places mean nothing here
+        found = _without_pads(found)  # its positions have no meaning in this frame
     vehicles = _in_the_air(known, phases, pads, found, show)
     if show in ON_THE_GROUND and show is not ShowPhase.COUNTDOWN and not vehicles:
         return None
     if show is ShowPhase.UNCONTROLLED and found is not None:
-        show = found.show  # what was flown before control of it was lost
+        show = found.show  # what was flown before control was lost
     if own is None or (show in ON_THE_GROUND and found is not None):
         if found is None:
             return None
@@ -77,7 +77,7 @@ def _newest(root: Path) -> Interruption | None:
 
 
 def _unsettled(reported: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruption | None:
-    """The newest that was found cut off and not settled: a stall may follow a restart."""
+    """Return the newest interruption that was not settled: a stall may follow a restart."""
     found = None
     for event, detail in reported:
         if event == FOUND:
@@ -98,7 +98,7 @@ def _in_the_air(
     found: Interruption | None,
     show: ShowPhase,
 ) -> dict[VehicleId, Before]:
-    """Who was in the air, or about to be; as the newest session says, else as the one before it did."""
+    """Vehicles in the air, or about to take off, by the newest session, else by the one before it."""
     vehicles: dict[VehicleId, Before] = {}
     earlier = {} if found is None else found.vehicles
     for name, vehicle in known.vehicles.items():

@@ -1,4 +1,4 @@
-"""What the record knew last, and every order: for who starts again, and for who needs no service."""
+"""The last known state and all commands, read from the record after a restart or without a service."""
 
 import json
 from collections.abc import Mapping
@@ -13,12 +13,12 @@ from gcs.model.state import VehicleId
 from gcs.recording.schema import open_to_read
 
 AUDIT: Final = "audit.sqlite"
-"""In the folder that the configuration names under `record`."""
+"""Name of the audit file in the folder configured under `record`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One time that the service ran."""
+    """One run of the service."""
 
     id: str
     began_unix_s: float
@@ -29,10 +29,10 @@ class Session:
 
 @dataclass(frozen=True, slots=True)
 class KnownVehicle:
-    """The last known of one vehicle. None: never known."""
+    """The last known state of one vehicle. None: never known."""
 
     id: VehicleId
-    session: str  # that wrote last
+    session: str  # the newest that recorded it
     unix_s: float
     system_id: int
     link: str
@@ -47,18 +47,18 @@ class KnownVehicle:
 
 @dataclass(frozen=True, slots=True)
 class KnownShow:
-    """The last known of the show."""
+    """The last known state of the show."""
 
     session: str
     unix_s: float
     phase: str
     reason: str
-    plan: Mapping[str, Any]  # formation, orbit, target ...; times of a clock that is gone: `time_s`
+    plan: Mapping[str, Any]  # formation, orbit, target ...; `time_s` is of a clock that has ended
 
 
 @dataclass(frozen=True, slots=True)
 class LastKnown:
-    """All that is needed to find vehicles, and to go on with their show."""
+    """All that is needed to find the vehicles and to continue their show."""
 
     session: Session | None  # the newest
     show: KnownShow | None
@@ -67,7 +67,7 @@ class LastKnown:
 
 @dataclass(frozen=True, slots=True)
 class PastCommand:
-    """An accepted order, with its last outcome for each vehicle: (outcome, reason)."""
+    """An accepted command, with its last outcome for each vehicle: (outcome, reason)."""
 
     session: str
     id: str
@@ -78,17 +78,17 @@ class PastCommand:
 
 
 def audit_file(path: Path) -> Path:
-    """The audit's file: the path itself, or the one in a folder."""
+    """Return the audit's file: the path itself, or the one in a folder."""
     return path / AUDIT if path.is_dir() else path
 
 
 def last_known(path: Path) -> LastKnown:
-    """Read back what was known last, also while the service runs or after it was killed.
+    """Read the last known state, also while the service runs or after it was killed.
 
     Args:
-        path: the audit, or the folder that it lies in.
+        path: the audit, or its folder.
 
-    Raises: GcsError when there is none, or the file is damaged or not ours.
+    Raises: GcsError when there is none, or the file is damaged or of another program.
     """
     sessions = rows(path, "SELECT * FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1")
     shows = rows(path, "SELECT * FROM show")
@@ -101,7 +101,7 @@ def last_known(path: Path) -> LastKnown:
 
 
 def commands(path: Path) -> list[PastCommand]:
-    """Every accepted order, oldest first. Raises: GcsError."""
+    """Return every accepted command, oldest first. Raises: GcsError."""
     outcomes: dict[tuple[str, str], dict[VehicleId, tuple[str, str]]] = {}
     for row in rows(path, "SELECT * FROM outcomes ORDER BY rowid"):
         parts = outcomes.setdefault((row["session"], row["command_id"]), {})
@@ -113,18 +113,18 @@ def commands(path: Path) -> list[PastCommand]:
 
 
 def calls(path: Path) -> list[dict[str, Any]]:
-    """Every noted call of the API, oldest first. Raises: GcsError."""
+    """Return every recorded call of the API, oldest first. Raises: GcsError."""
     return [dict(row) for row in rows(path, "SELECT * FROM calls ORDER BY rowid")]
 
 
 def events(path: Path) -> list[dict[str, Any]]:
-    """Every event, oldest first, its `detail` read. Raises: GcsError."""
+    """Return every event, oldest first, with its parsed `detail`. Raises: GcsError."""
     found = rows(path, "SELECT * FROM events ORDER BY rowid")
     return [{**dict(row), "detail": json.loads(row["detail"])} for row in found]
 
 
 def rows(path: Path, sql: str, *values: str) -> list[Row]:
-    """What a query finds. Raises: GcsError."""
+    """Return the rows of a query. Raises: GcsError."""
     file = audit_file(path)
     with closing(open_to_read(file)) as connection:
         try:

@@ -1,8 +1,8 @@
-"""How flight data lie in the MCAP: topics, schemas, and the bytes of each message.
+"""Layout of flight data in the MCAP file: topics, schemas, and the bytes of each message.
 
-Everything is JSON with a JSON schema. What Foxglove knows how to draw has its names (`foxglove.PointCloud`
-and so on); a vehicle is a point whose further fields are numbers of ours, packed, so that a thousand of them
-cost as little as ten. The rest has schemas of our own (`gcs.Tick`, `gcs.Status`).
+Everything is JSON with a JSON schema. Messages that Foxglove can draw have its schema names
+(`foxglove.PointCloud` and so on); a vehicle is a point with further packed numeric fields, so that a thousand
+cost as little as ten. The rest has this project's schemas (`gcs.Tick`, `gcs.Status`).
 """
 
 import json
@@ -30,7 +30,7 @@ PROFILE: Final = "formation-gcs"
 SHOW, MAP = "show", "map"
 
 TIMING: Final = ("rate_hz", "count", "missed", "duration_p50_ms", "duration_p99_ms", "lateness_p99_ms")
-"""What is kept of a `TickView`; what is counted for metrics is not."""
+"""Recorded fields of a `TickView`; counts for metrics are not recorded."""
 
 PHASES: Final = tuple(Phase)
 MODES: Final = tuple(Mode)
@@ -46,14 +46,14 @@ _FIRST: Final[list[tuple[str, str]]] = [
     ("position_uncertainty_m", "<f4"),
     ("heartbeat_age_s", "<f4"),
     ("battery_remaining", "<f4"),
-    ("phase", "u1"),  # numbers of the names in the file's metadata
+    ("phase", "u1"),  # indices of the names in the file's metadata
     ("mode", "u1"),
     ("landed", "u1"),  # MAV_LANDED_STATE
     ("armed", "u1"),
     ("ready", "u1"),
 ]
 LIGHT: Final = ("red", "green", "blue", "alpha")
-"""Of the light that the show gives a vehicle; alpha 0: it gives none. So named Foxglove draws them."""
+"""Light that the show sets on a vehicle; alpha 0: none. Foxglove draws fields of these names."""
 
 VEHICLE: Final = np.dtype([*_FIRST, *((name, "u1") for name in LIGHT)])
 """One vehicle in `/fleet/vehicles`."""
@@ -69,10 +69,10 @@ _BLOCKS: Final = np.dtype(
         ("alpha", "u1"),
     ]
 )
-"""The same bytes as `VEHICLE`, what has three numbers in one: each column that is set has its price."""
+"""The same bytes as `VEHICLE` with vectors as one column: each column that is set costs time."""
 
 TOPICS: Final = dict(enumerate(SCHEMAS, start=1))
-"""By channel number, the same in every file: for a file with a damaged first chunk."""
+"""Topics by channel number, the same in every file: for a file with a damaged first chunk."""
 
 _FLOAT32, _UINT8 = 7, 1  # foxglove.NumericType
 _FIELDS: Final = [
@@ -86,7 +86,7 @@ _CLOUD: Final = json.dumps(
 
 
 def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]]) -> dict[str, str]:
-    """The file's metadata: what its numbers mean, and everything that does not change.
+    """Return the file's metadata: the meaning of its numbers, and everything that does not change.
 
     Args:
         session: its name.
@@ -105,30 +105,30 @@ def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]
 
 
 def checksum(metadata: Mapping[str, str]) -> str:
-    """Of all but itself: MCAP has none for metadata, and a limit with a flipped bit would be judged by."""
+    """Checksum of the other metadata: MCAP has none, and a flipped bit in a limit would change the report."""
     values = {key: value for key, value in metadata.items() if key != CHECKSUM}
     return f"{crc32(json.dumps(values, sort_keys=True).encode()):08x}"
 
 
 def nanoseconds(unix_s: float) -> int:
-    """As MCAP has times."""
-    return round(unix_s * 1e6) * 1000  # a float has no more than microseconds of them
+    """Convert to MCAP's time."""
+    return round(unix_s * 1e6) * 1000  # a float is no more precise than microseconds
 
 
 def stamp(unix_s: float) -> dict[str, int]:
-    """As Foxglove's messages have times."""
+    """Convert to the time of Foxglove's messages."""
     second, nanosecond = divmod(nanoseconds(unix_s), 1_000_000_000)
     return {"sec": second, "nsec": nanosecond}
 
 
 def packed(sample: Sample) -> NDArray[np.void]:
-    """(n,) of VEHICLE."""
+    """(n,) Rows of VEHICLE."""
     fleet, count = sample.fleet, len(sample.fleet.ids)
     table = np.zeros(count, _BLOCKS)
     table["position"], table["velocity"] = fleet.position_m, fleet.velocity_m_s
     table["setpoint"] = np.nan
     if sample.setpoints.ids:
-        row_of = _rows(fleet.ids)  # once: each look takes the hash of all names
+        row_of = _rows(fleet.ids)  # once: each access hashes all names
         rows = np.fromiter(map(row_of.__getitem__, sample.setpoints.ids), np.intp, len(sample.setpoints.ids))
         table["setpoint"][rows] = sample.setpoints.velocity_m_s
     table["yaw_rad"], table["position_age_s"] = fleet.yaw_rad, fleet.age_s
@@ -151,7 +151,7 @@ def _rows(ids: tuple[str, ...]) -> dict[str, int]:
 
 
 def vehicles_message(sample: Sample) -> bytes:
-    """Of `/fleet/vehicles`."""
+    """Return a message of `/fleet/vehicles`."""
     when = stamp(sample.unix_time_s)
     data = b64encode(packed(sample).tobytes())
     return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (
@@ -163,7 +163,7 @@ def vehicles_message(sample: Sample) -> bytes:
 
 
 def tick_message(sample: Sample, number: int | None = None) -> bytes:
-    """Of `/fleet/tick`; `number` in place of the moment's own."""
+    """Return a message of `/fleet/tick`; `number` replaces the sample's own."""
     time_s = sample.fleet.time_s
     return as_json(
         {
@@ -183,7 +183,7 @@ def tick_message(sample: Sample, number: int | None = None) -> bytes:
 
 
 def status_message(sample: Sample) -> bytes:
-    """Of `/fleet/status`."""
+    """Return a message of `/fleet/status`."""
     return as_json(
         {
             "show": sample.show.value,
@@ -199,7 +199,7 @@ def status_message(sample: Sample) -> bytes:
 
 
 def transform_message(unix_s: float) -> bytes:
-    """Of `/tf`: the show frame has z down; `map` is the same with z up, as viewers like it."""
+    """Return a message of `/tf`: the show frame has z down; `map` is the same with z up, as in viewers."""
     return as_json(
         {
             "timestamp": stamp(unix_s),
@@ -215,7 +215,7 @@ _LEVELS: Final = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5
 
 
 def log_message(unix_s: float, level: str, event: str, detail: str) -> bytes:
-    """Of `/log`."""
+    """Return a message of `/log`."""
     return as_json(
         {
             "timestamp": stamp(unix_s),
@@ -229,34 +229,34 @@ def log_message(unix_s: float, level: str, event: str, detail: str) -> bytes:
 
 
 def known(value: float) -> float | None:
-    """None in place of what JSON has no word for."""
+    """Return the value, or None if JSON cannot represent it."""
     return value if isfinite(value) else None
 
 
 def as_json(value: Any) -> bytes:
-    """Compact. Raises: ValueError for NaN, which is no JSON."""
+    """Encode as compact JSON. Raises: ValueError for NaN, which JSON does not have."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()
 
 
 def positions_m(table: NDArray[np.void]) -> Array:
-    """(n, 3) of VEHICLE rows, show frame."""
+    """(n, 3) Positions of VEHICLE rows, show frame."""
     return np.stack([table["x"], table["y"], table["z"]], axis=-1).astype(np.float64)
 
 
 def velocities_m_s(table: NDArray[np.void]) -> Array:
-    """(n, 3)."""
+    """(n, 3) Velocities of VEHICLE rows, show frame."""
     names = ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")
     return np.stack([table[name] for name in names], axis=-1).astype(np.float64)
 
 
 def setpoints_m_s(table: NDArray[np.void]) -> Array:
-    """(n, 3), NaN where none was."""
+    """(n, 3) Setpoints, NaN where none was sent."""
     names = ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")
     return np.stack([table[name] for name in names], axis=-1).astype(np.float64)
 
 
 def lights(table: NDArray[np.void]) -> tuple[NDArray[np.uint8], Mask]:
-    """(n, 3) red, green, blue, and (n,) whether there was a light; none where the file is older than they."""
+    """(n, 3) Red, green, blue, and (n,) whether a light was set; none in files older than these columns."""
     if LIGHT[0] not in (table.dtype.names or ()):
         return np.zeros((len(table), 3), np.uint8), np.zeros(len(table), np.bool_)
     colour = np.stack([table[name] for name in LIGHT[:3]], axis=-1)

@@ -1,4 +1,4 @@
-"""Flight data read back: tick by tick, and what of it is lost."""
+"""Reads flight data: tick by tick, and which parts are lost."""
 
 import json
 from base64 import b64decode
@@ -26,7 +26,7 @@ from gcs.recording.mcap_writer import CHUNK_S, STATUS_S
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What a file says of itself."""
+    """Metadata of a file."""
 
     session: str
     config: Mapping[str, Any]  # as `gcs.config.schema.Config.model_validate` takes it
@@ -39,7 +39,7 @@ class About:
 
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> Self:
-        """Raises: KeyError or ValueError for another version and for nonsense."""
+        """Parse the metadata. Raises: KeyError or ValueError for another version or invalid data."""
         row = layout.ROWS.get(metadata["version"])
         if row is None:
             known = f"this program knows {' and '.join(layout.ROWS)}"
@@ -63,7 +63,7 @@ class About:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedSample:
-    """One tick, as it was recorded."""
+    """One recorded tick."""
 
     unix_s: float
     vehicles: NDArray[np.void]  # (n,) of `layout.VEHICLE`
@@ -73,7 +73,7 @@ class RecordedSample:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The same as it lies in the file."""
+    """One recorded tick, undecoded."""
 
     unix_s: float
     vehicles: bytes
@@ -83,14 +83,14 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """What could not be read, and when that was."""
+    """A part that could not be read, and its time."""
 
     damage: Damage
     from_s: float | None  # Unix time of the last tick before; None: there is none
     to_s: float | None  # of the first tick after; None: none follows
 
     def describe(self, began_s: float) -> str:
-        """In words, with times since the record began."""
+        """Describe it in words, with times since the record began."""
         if self.damage.in_index:
             return f"{self.damage}; nothing that was recorded is lost"
         begin = "the beginning" if self.from_s is None else f"{self.from_s - began_s:.2f} s"
@@ -100,22 +100,22 @@ class Loss:
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """Where in a file what lies."""
+    """Positions of the chunks in a file."""
 
-    chunks: tuple[tuple[float, int], ...]  # when each begins (Unix time), and at which byte; in order
+    chunks: tuple[tuple[float, int], ...]  # start time (Unix time) and byte of each, in order
 
     def offset(self, from_s: float) -> int:
-        """Where to begin to read, for ticks from a time on: the status before them is needed, too."""
+        """Byte from which to read ticks from a time on; it includes the status before them."""
         times_s = [start_s for start_s, _ in self.chunks]
         at = bisect_right(times_s, from_s - STATUS_S - CHUNK_S) - 1
         return self.chunks[max(at, 0)][1] if self.chunks else 0
 
 
 class FlightData:
-    """A recorded flight. Nothing but the beginning is read before `ticks`."""
+    """A recorded flight. Reads only the beginning before `ticks`."""
 
     def __init__(self, path: Path) -> None:
-        """Raises: GcsError naming the file, when it cannot be read or is not one of ours."""
+        """Raises: GcsError naming the file, when it cannot be read or has another format."""
         self.path = path
         self.losses: list[Loss] = []  # after `ticks` or `samples`: of the part that was read
         self._began_s: float | None = None
@@ -136,11 +136,11 @@ class FlightData:
 
     @property
     def damages(self) -> tuple[str, ...]:
-        """After `ticks`: one by one."""
+        """After `ticks`: each damage."""
         return tuple(loss.describe(self._began_s or loss.from_s or 0.0) for loss in self.losses)
 
     def _metadata(self) -> Mapping[str, str] | None:
-        """What our files begin with; None for a file of somebody else."""
+        """Metadata at the beginning of the file; None for a file of another program."""
         with opened(self.path) as data:
             for found in records(data):
                 if isinstance(found, Damage):
@@ -152,12 +152,12 @@ class FlightData:
         return None
 
     def ticks(self) -> Iterator[RecordedSample]:
-        """Every recorded tick, in order, but for those that are damaged: `losses` then names them."""
+        """Yield every recorded tick, in order, except damaged ones: `losses` then names them."""
         for sample in self.samples():
             yield self.decoded(sample)
 
     def samples(self, from_s: float = -inf) -> Iterator[Sample]:
-        """Every recorded tick from a time on, undecoded: who shows but few of them is quick."""
+        """Yield every recorded tick from a time on, undecoded, which is fast if few are decoded."""
         self.losses = []
         waiting: Damage | None = None  # until the next tick is known
         last_s: float | None = None
@@ -180,7 +180,7 @@ class FlightData:
             self.losses.append(Loss(waiting, last_s, None))
 
     def _pieces(self, offset: int) -> Iterator[Sample | Damage]:
-        """Ticks and damages. After a damage a tick needs a status of its own: what held may have changed."""
+        """Yield ticks and damages. After a damage a tick needs a new status: the old one may be outdated."""
         newest = _Newest()
         with opened(self.path) as data:
             for found in records(data, offset):
@@ -197,7 +197,7 @@ class FlightData:
                         yield from newest.ticks(inside)
 
     def decoded(self, sample: Sample) -> RecordedSample:
-        """Raises: ValueError or KeyError where it is not as we write it."""
+        """Decode a tick. Raises: ValueError or KeyError where it has another format."""
         return RecordedSample(
             sample.unix_s,
             self._vehicles(sample.vehicles),
@@ -207,7 +207,7 @@ class FlightData:
 
     @cached_property
     def index(self) -> Index:
-        """Where in the file what lies; reads all of it once, without unpacking it."""
+        """Positions of all chunks; reads the file once without decompressing it."""
         chunks: list[tuple[float, int]] = []
         with suppress(*DAMAGED, OSError), opened(self.path) as data:
             for found in records(data):
@@ -215,12 +215,12 @@ class FlightData:
                     continue
                 start, end = found.record.message_start_time, found.record.message_end_time
                 in_order = not chunks or start * 1e-9 >= chunks[-1][0]
-                if start <= end and in_order:  # else its times are damaged: they have no checksum
+                if start <= end and in_order:  # otherwise its times are damaged: they have no checksum
                     chunks.append((start * 1e-9, found.at))
         return Index(tuple(chunks))
 
     def last_s(self) -> float | None:
-        """When the last tick was that can be read; None where there is none."""
+        """Time of the last readable tick; None if there is none."""
         for start_s, _ in reversed(self.index.chunks):
             last_s = None
             for sample in self.samples(start_s):
@@ -230,7 +230,7 @@ class FlightData:
         return None
 
     def _vehicles(self, data: bytes) -> NDArray[np.void]:
-        """Raises: ValueError when it does not fit."""
+        """Decode vehicle rows. Raises: ValueError when the size does not fit."""
         table = np.frombuffer(b64decode(json.loads(data)["data"]), self.about.row)
         if len(table) != len(self.about.ids):
             raise ValueError(f"{len(table)} vehicles where the file names {len(self.about.ids)}")
@@ -245,11 +245,11 @@ class _Newest:
         self._stated: dict[str, bytes] = {}
 
     def forget(self) -> None:
-        """Discard the state before a gap: it does not hold after it."""
+        """Discard the state before a gap: it is not valid after it."""
         self._stated.clear()
 
     def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Sample]:
-        """Those of a chunk of which all is known."""
+        """Yield the complete ticks of a chunk."""
         for record in inside:
             if isinstance(record, Channel):
                 self._topics[record.id] = record.topic
@@ -262,7 +262,7 @@ class _Newest:
 
 
 def _together(first: Damage, second: Damage) -> Damage:
-    """Two between which no tick could be read."""
+    """Merge two damages between which no tick could be read."""
     in_index = first.in_index and second.in_index
     return Damage(first.first_byte, second.end_byte, first.why, is_cut=second.is_cut, in_index=in_index)
 

@@ -1,7 +1,7 @@
-"""An MCAP file read chunk by chunk: what is damaged is skipped, and named by its bytes.
+"""Reads an MCAP file chunk by chunk: damaged parts are skipped, and reported by their bytes.
 
-Flight data lie in chunks that each have a checksum. A record that is not what it says, or a chunk whose
-checksum fails, is passed over up to the next chunk, which is found by its form.
+Flight data are stored in chunks, each with a checksum. An invalid record, or a chunk with a wrong checksum,
+is skipped up to the next chunk, which is found by its byte pattern.
 """
 
 import struct
@@ -48,9 +48,9 @@ DAMAGED: Final = (
     OverflowError,
     MemoryError,
 )
-"""What readers raise where a file is damaged."""
+"""Exceptions that readers raise where a file is damaged."""
 
-_FRAME: Final = struct.Struct("<BQ")  # of every record: what it is, and how many bytes follow
+_FRAME: Final = struct.Struct("<BQ")  # of every record: its type, and how many bytes follow
 _READERS: Final[dict[int, Any]] = {
     Opcode.HEADER: Header,
     Opcode.FOOTER: Footer,
@@ -67,10 +67,10 @@ _READERS: Final[dict[int, Any]] = {
     Opcode.SUMMARY_OFFSET: SummaryOffset,
     Opcode.DATA_END: DataEnd,
 }
-_CHUNK: Final = struct.Struct("<BQQQQII4sQ")  # a chunk up to its data, where it is compressed as ours are
+_CHUNK: Final = struct.Struct("<BQQQQII4sQ")  # a chunk up to its data, compressed as in our files
 _CHUNK_FORM: Final = b"\x04\x00\x00\x00zstd"
 _FORM_AT: Final = _FRAME.size + 28
-"""Where in a chunk its form stands: behind its frame, times, size and checksum."""
+"""Offset of a chunk's byte pattern: behind its frame, times, size and checksum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Damage:
     end_byte: int  # the first that could be read again, or the file's length
     why: str
     is_cut: bool = False  # nothing follows
-    in_index: bool = False  # behind the data, of which nothing is lost
+    in_index: bool = False  # behind the data, none of which is lost
 
     def __str__(self) -> str:
         if self.in_index:
@@ -102,13 +102,13 @@ class Found:
 
 @contextmanager
 def opened(path: Path) -> Iterator[mmap]:
-    """The bytes of a file. Raises: OSError; ValueError for an empty one."""
+    """Map the bytes of a file. Raises: OSError; ValueError for an empty one."""
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
         yield data
 
 
 def records(data: mmap, offset: int = 0) -> Iterator[Found | Damage]:
-    """Every record from a byte on where one begins, and every damage; messages are in their chunks.
+    """Yield every record from a byte on where one begins, and every damage; messages are in their chunks.
 
     Raises: McapError when the file does not begin as an MCAP file.
     """
@@ -144,7 +144,7 @@ def records(data: mmap, offset: int = 0) -> Iterator[Found | Damage]:
 
 
 def messages(chunk: Chunk) -> list[McapRecord]:
-    """What is in a chunk. Raises: one of `DAMAGED` when its checksum fails."""
+    """Return the messages in a chunk. Raises: one of `DAMAGED` when its checksum is wrong."""
     if chunk.uncompressed_crc == 0:
         raise McapError("a chunk without a checksum")
     if chunk.uncompressed_size > RECORD_MAX_BYTES:
@@ -160,7 +160,7 @@ def messages(chunk: Chunk) -> list[McapRecord]:
 
 
 def _record(data: mmap, at: int) -> tuple[McapRecord, int]:
-    """A record, and where the next begins. Raises: one of `DAMAGED` when it is not what it says."""
+    """Return a record, and where the next begins. Raises: one of `DAMAGED` when it is invalid."""
     if at + _FRAME.size > len(data):
         raise McapError("it ends without its footer")
     kind, length = _FRAME.unpack_from(data, at)
@@ -178,7 +178,7 @@ def _record(data: mmap, at: int) -> tuple[McapRecord, int]:
 
 
 def _next_chunk(data: mmap, at: int) -> int | None:
-    """Where the next chunk begins, by its form; None: there is none."""
+    """Return where the next chunk begins, by its byte pattern; None: there is none."""
     found = data.find(_CHUNK_FORM, at + _FORM_AT)
     while found >= 0:
         begins = found - _FORM_AT

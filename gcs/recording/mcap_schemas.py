@@ -1,4 +1,4 @@
-"""The JSON schema of every topic; those that Foxglove draws have the names and fields that it knows."""
+"""The JSON schema of every topic; schemas that Foxglove draws have its names and fields."""
 
 from typing import Final
 
@@ -28,7 +28,7 @@ _CYLINDERS: Final = _list(
 _TEXTS: Final = _list(
     _object(pose=_POSE, billboard=_TRUTH, font_size=_NUMBER, scale_invariant=_TRUTH, color=_COLOR, text=_TEXT)
 )
-_OTHERS: Final = _list({"type": "object"})  # primitives that we never use
+_OTHERS: Final = _list({"type": "object"})  # primitives that are not used
 _ENTITY: Final = _object(
     timestamp=_TIME,
     frame_id=_TEXT,

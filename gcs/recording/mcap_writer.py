@@ -1,9 +1,9 @@
-"""Flight data into MCAP from a thread of its own.
+"""Writes flight data into MCAP from a thread of its own.
 
-The disk never delays flight: moments wait in a queue that is bounded, and are counted when they cannot be
-kept. Once a second a chunk is closed and written, whole or not at all, so that whatever ends the process
-leaves a file that can be read up to its last second. A disk that fails ends the file; when it works again
-there is a next.
+The disk never delays flight: samples wait in a bounded queue, and are counted when they must be dropped.
+Once a second a chunk is closed and written, completely or not at all, so that the file is readable up to
+its last second however the process ends. A disk error ends the file; when the disk works again, a new file
+begins.
 """
 
 import json
@@ -30,10 +30,10 @@ CHUNK_S: Final = 1.0
 RETRY_S: Final = 1.0
 JOIN_S: Final = 5.0
 WAITING_MAX: Final = 400
-"""Moments, 20 s of them: as long as a disk may think."""
+"""Samples of 20 s: the longest delay of the disk without loss."""
 
-STATUS_S: Final = 5.0  # again, though nothing changed, for who begins in the middle
-LED_S: Final = 1.0  # likewise, while a written show moves the plan
+STATUS_S: Final = 5.0  # repeated without a change, for readers that begin in the middle
+LED_S: Final = 1.0  # likewise, while a written show changes the plan
 SCENE_S: Final = 0.5
 
 
@@ -47,10 +47,10 @@ class LogLine(NamedTuple):
 
 
 class FlightFile:
-    """`flight.mcap` in a folder, and `flight-2.mcap` and so on after a disk that failed."""
+    """`flight.mcap` in a folder, and `flight-2.mcap` and so on after a disk error."""
 
     def __init__(self, folder: Path, about: Mapping[str, str]) -> None:
-        """Nothing is opened yet. `about` becomes the file's metadata."""
+        """Opens nothing yet. `about` becomes the file's metadata."""
         self._folder = folder
         self._about = dict(about)
         self._lock = Lock()
@@ -60,12 +60,12 @@ class FlightFile:
         self._problem = ""
         self._file: _OpenFile | None = None
         self._number = 0
-        self.written = 0  # moments
+        self.written = 0  # samples
         self.dropped = 0
 
     @property
     def problem(self) -> str:
-        """Why nothing is being recorded, or how much was not; empty while all was."""
+        """Why nothing is being recorded, or how much was lost; empty while all was recorded."""
         if self._problem:
             return self._problem
         if self._thread is not None and not self._thread.is_alive():
@@ -79,7 +79,7 @@ class FlightFile:
         self._thread.start()
 
     def close(self) -> None:
-        """Write what is left. Blocks, but not for ever on a disk that hangs."""
+        """Write what is left. Blocks, but only for a limited time on a disk that hangs."""
         if self._thread is not None:
             self._closed.set()
             self._thread.join(JOIN_S)
@@ -87,14 +87,14 @@ class FlightFile:
 
     @property
     def waiting(self) -> int:
-        """Moments and events that the writer has not begun with."""
+        """Samples and events that the writer has not begun with."""
         return len(self._waiting)
 
     def put(self, what: Sample | LogLine) -> None:
-        """Have it written. For any thread; takes a microsecond."""
+        """Queue a sample or event. Callable on any thread; takes a microsecond."""
         with self._lock:
             if isinstance(what, Sample):
-                self._number += 1  # of those that are dropped, too: so a reader knows of them
+                self._number += 1  # dropped samples count as well, so that a reader detects them
             if len(self._waiting) < WAITING_MAX:
                 self._waiting.append((what, self._number))
             elif isinstance(what, Sample):
@@ -156,7 +156,7 @@ class _OpenFile:
         """Raises: OSError."""
         self.path = path
         self._output = _Output(path)
-        self._writer = Writer(cast("IO[bytes]", self._output))  # write, tell and flush are all it uses
+        self._writer = Writer(cast("IO[bytes]", self._output))  # it uses only write, tell and flush
         self._writer.start(layout.PROFILE)
         self._writer.add_metadata(layout.PROFILE, dict(about))
         self._channel: dict[str, int] = {}
@@ -170,7 +170,7 @@ class _OpenFile:
         self._status: tuple[object, ...] = ()
 
     def add(self, what: Sample | LogLine, number: int | None = None) -> None:
-        """Put one moment, or event, into the chunk; `number` in place of the moment's own."""
+        """Add one sample, or event, to the chunk; `number` replaces the sample's own."""
         if isinstance(what, LogLine):
             self._add("/log", what.unix_s, layout.log_message(*what))
             return
@@ -200,7 +200,7 @@ class _OpenFile:
         self._writer.add_message(self._channel[topic], when, data, when)
 
     def flush(self) -> None:
-        """Once a second: close the chunk and write it. Raises: OSError."""
+        """Close the chunk and write it, once a second. Raises: OSError."""
         if monotonic() >= self._flush_due_s:
             self._flush_due_s = monotonic() + CHUNK_S
             self._writer.flush()
@@ -213,13 +213,13 @@ class _OpenFile:
         self._output.close()
 
     def abandon(self) -> None:
-        """Leave the file as the disk has it: whole chunks, and no index."""
+        """Leave the file as it is on the disk: whole chunks, and no index."""
         with suppress(OSError):
             self._output.close()
 
 
 class _Output:
-    """A new file that takes all that was written since the last flush, or nothing of it."""
+    """A new file that stores all bytes since the last flush, or none of them."""
 
     def __init__(self, path: Path) -> None:
         """Raises: OSError."""
@@ -254,7 +254,7 @@ class _Output:
 
 
 def _free_name(folder: Path) -> Path:
-    """In a folder that no other process writes to."""
+    """Return an unused name in a folder to which no other process writes."""
     for turn in range(1, 10_000):
         path = folder / ("flight.mcap" if turn == 1 else f"flight-{turn}.mcap")
         if not path.exists():

@@ -1,4 +1,4 @@
-"""What is done to a fleet without its service, written into the record of the session that knew it last."""
+"""Records commands given to a fleet without its service, in the session that knew it last."""
 
 import time
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ REASON = "motors stopped by gcs kill, without the service"
 
 
 class OfflineAudit:
-    """Rows for the newest session. What the disk does not take is told by `problem`, and stops nothing."""
+    """Rows for the newest session. A disk error is reported by `problem`, and stops nothing."""
 
     def __init__(self, root: Path, known: LastKnown, who: str) -> None:
-        """Nothing is written before it is entered."""
+        """Writes nothing before it is entered."""
         vehicles = {one.id: (one.system_id, one.link) for one in known.vehicles.values()}
         self._known = known
         self._who = who
@@ -38,7 +38,7 @@ class OfflineAudit:
         self.problem = self._journal.problem
 
     def opened(self, action: str, vehicles: Sequence[VehicleId]) -> str:
-        """Note an order. Returns: its id, which no order of a service has."""
+        """Record a command. Returns: its id, distinct from those of every service."""
         now_s = time.time()
         parts = {name: VehicleOutcome(Outcome.PENDING) for name in vehicles}
         command = CommandRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._who)
@@ -46,11 +46,11 @@ class OfflineAudit:
         return command.id
 
     def closed(self, command_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:
-        """Note what became of one vehicle's part."""
+        """Record the outcome of one vehicle's part."""
         self._audit.closed(command_id, vehicle_id, part.outcome, part.reason)
 
     def killed(self, vehicle_id: VehicleId) -> None:
-        """Its motors are off: whoever starts next finds it so."""
+        """Record that its motors are off, for the next start of the service."""
         was = self._known.vehicles[vehicle_id].phase
         detail = {"was": was, "phase": Phase.KILLED.value, "reason": REASON}
         self._audit.event(time.time(), "warning", "vehicle_phase", vehicle_id, detail)

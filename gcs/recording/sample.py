@@ -1,4 +1,4 @@
-"""What one tick leaves for the record: what the service believed, wanted and sent."""
+"""One tick's sample for the record: what the service estimated, desired and sent."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,16 +15,16 @@ from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm
 
 Reported: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
-"""A plan, or the name, hash and cue of the show that leads it, with what that leaves to others."""
+"""A plan, or name, hash and cue of the show that decides it, with the values that the show leaves open."""
 
 
 Colours: TypeAlias = Callable[[], tuple[NDArray[np.uint8], Mask]]
-"""Worked out when they are written, on the record's thread: the tick has no use for them."""
+"""Computed when written, on the record's thread: the tick does not need them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """One tick. n vehicles, rows as in `fleet`; show frame. Nothing in it changes any more."""
+    """One tick. n vehicles, rows as in `fleet`; show frame. Immutable."""
 
     unix_time_s: float
     fleet: FleetState
@@ -39,12 +39,12 @@ class Sample:
     landed: Sequence[Landed]
     ready: Sequence[bool]
     homes: Sequence[Array | None]  # (3,) each, where it took off
-    limited_by: Mapping[str, str]  # only of those who were
+    limited_by: Mapping[str, str]  # only of limited vehicles
     show: ShowPhase
     reason: str
     plan: Plan
-    selected: SelectedShow | None  # the written show that leads the plan
-    start_unix_time_s: float | None  # ordered, and not reached yet
+    selected: SelectedShow | None  # the written show that decides the plan
+    start_unix_time_s: float | None  # scheduled, and not reached yet
     center_m: tuple[float, float, float] | None
     center_velocity_m_s: tuple[float, float, float] | None
     radius_m: float | None
@@ -52,14 +52,14 @@ class Sample:
     timing: TickView
     control_alive: bool
     setpoints_sent: int
-    alarms: tuple[Alarm, ...]  # all of the moment, the most severe first
-    parts: Mapping[VehicleId, int] = field(default_factory=dict)  # who plays which part in it
-    control: ControlSettings | None = None  # the limits that held: the service's, or the selected show's
-    number: int = 0  # of those given to the record, from 1; the record counts them itself
-    colours: Colours | None = None  # that the show gave; None: there is none
+    alarms: tuple[Alarm, ...]  # all at this time, most severe first
+    parts: Mapping[VehicleId, int] = field(default_factory=dict)  # row of each vehicle's part in it
+    control: ControlSettings | None = None  # limits that applied: the service's, or the selected show's
+    number: int = 0  # of the samples passed to the record, from 1; counted by the record
+    colours: Colours | None = None  # that the show sets; None: there are none
 
     def lights(self) -> tuple[NDArray[np.uint8], Mask]:
-        """(n, 3) red, green, blue of each vehicle, and (n,) whether it was given a light."""
+        """(n, 3) red, green, blue of each vehicle, and (n,) whether a light was set."""
         if self.colours is None:
             count = len(self.fleet.ids)
             return np.zeros((count, 3), np.uint8), np.zeros(count, np.bool_)
@@ -67,7 +67,7 @@ class Sample:
 
     @property
     def reported(self) -> Reported:
-        """What was told: a written show moves the plan in every tick, and that is no news."""
+        """The plan without the changes that a written show makes in every tick, which are not recorded."""
         show = self.selected
         if show is None:
             return self.plan

@@ -1,7 +1,7 @@
-"""The audit's tables in SQLite, and how a file is opened: to be written, or only read.
+"""The audit's tables in SQLite, and how a file is opened: to write, or to read only.
 
-`application_id` says whose file it is, `user_version` how it is laid out. What is neither ours nor of a
-version that we know is refused, and left as it is.
+`application_id` identifies the program, `user_version` the layout. A file of another program or of an unknown
+version is refused, and left as it is.
 """
 
 import sqlite3
@@ -85,9 +85,9 @@ CREATE TABLE show (                -- the last known; one row
 
 
 def open_to_write(path: Path) -> sqlite3.Connection:
-    """Open the audit, made when it is not there. For one thread.
+    """Open the audit, created if missing. For one thread.
 
-    Raises: sqlite3.Error or OSError when the disk does not let us; GcsError when the file is not ours.
+    Raises: sqlite3.Error or OSError on a disk error; GcsError when the file is of another program.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as unless_good:
@@ -109,7 +109,7 @@ def open_to_write(path: Path) -> sqlite3.Connection:
 def open_to_read(path: Path) -> sqlite3.Connection:
     """Open the audit without changing it, also while a service writes.
 
-    Raises: GcsError naming the file, when it is not there or not ours.
+    Raises: GcsError naming the file, when it is missing or of another program.
     """
     if not path.is_file():
         raise GcsError(f"{path}: there is no such file; a service with a `record` writes audit.sqlite")
@@ -126,7 +126,7 @@ def open_to_read(path: Path) -> sqlite3.Connection:
 
 
 def _is_empty(connection: sqlite3.Connection, path: Path) -> bool:
-    """Whether nobody has written anything yet: a file of another program is never taken for that."""
+    """Whether nothing was written yet; a file of another program is never taken for an empty one."""
     if _number(connection, path, "application_id") or _number(connection, path, "user_version"):
         return False
     with closing(connection.execute("SELECT count(*) FROM sqlite_schema")) as found:
@@ -134,7 +134,7 @@ def _is_empty(connection: sqlite3.Connection, path: Path) -> bool:
 
 
 def _require_ours(connection: sqlite3.Connection, path: Path) -> None:
-    """Raises: GcsError when the file is not an audit, or of a version that we do not know."""
+    """Raises: GcsError when the file is not an audit, or of an unknown version."""
     if _number(connection, path, "application_id") != APPLICATION_ID:
         raise GcsError(f"{path}: a database, but not an audit of this program")
     version = _number(connection, path, "user_version")
@@ -146,6 +146,6 @@ def _number(connection: sqlite3.Connection, path: Path, name: str) -> int:
     try:
         return int(connection.execute(f"PRAGMA {name}").fetchone()[0])
     except sqlite3.OperationalError:
-        raise  # busy, or the disk
+        raise  # busy, or a disk error
     except sqlite3.DatabaseError as error:
         raise GcsError(f"{path}: not an audit of this program: {error}") from None

@@ -1,4 +1,4 @@
-"""The record of one session: its folder, its audit, its flight data, and what the log says meanwhile."""
+"""The record of one session: its folder, its audit, its flight data, and its log events."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ WHEREABOUTS_S: Final = 1.0
 
 
 class Record:
-    """Everything of one session. Used on the event loop; what touches the disk has threads of its own."""
+    """The whole record of one session. Used on the event loop; disk access has threads of its own."""
 
     def __init__(
         self,
@@ -37,15 +37,15 @@ class Record:
         found: Interruption | None = None,
         excluded: Mapping[VehicleId, Exclusion] = MappingProxyType({}),
     ) -> None:
-        """Nothing is written before it is entered.
+        """Writes nothing before it is entered.
 
         Args:
-            root: holds the audit of all sessions, and a folder for the flight data of each.
+            root: contains the audit of all sessions, and a folder for the flight data of each.
             config_json: the whole configuration.
             vehicles: system id and link of each, in the order of the ticks' rows.
             flight: whether flight data are recorded.
-            found: the flight that was cut off before, if one was.
-            excluded: who was out of the show before.
+            found: the flight that was interrupted before, if any.
+            excluded: vehicles excluded from the show before.
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
@@ -69,7 +69,7 @@ class Record:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """Write what is left, and note that the session has ended. Blocks for some milliseconds."""
+        """Write what is left, and record the end of the session. Blocks for some milliseconds."""
         self._listening.close()
         if self._flight is not None:
             self._flight.close()
@@ -84,11 +84,11 @@ class Record:
 
     @property
     def has_room(self) -> bool:
-        """Less than half of the flight data that may wait do: who is faster than time waits for it."""
+        """Whether less than half of the flight data queue is used: virtual-time runs wait for it."""
         return self._flight is None or self._flight.waiting < WAITING_MAX // 2
 
     def note(self, sample: Sample, links: Sequence[Link]) -> None:
-        """Take in one tick, and where the vehicles of the links speak from."""
+        """Record one tick, and the addresses of the links' vehicles."""
         self.audit.watch(sample)
         if self._flight is not None:
             self._flight.put(sample)
@@ -99,7 +99,7 @@ class Record:
 
 
 class _LogHandler(logging.Handler):
-    """What the service's own loggers say, as events: the log and the record tell the same."""
+    """Records the log messages of the service's own loggers as events."""
 
     def __init__(self, audit: Audit, flight: FlightFile | None) -> None:
         super().__init__(logging.INFO)
@@ -107,7 +107,7 @@ class _LogHandler(logging.Handler):
         self._flight = flight
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Note one line of the log. On any thread."""
+        """Record one log message. On any thread."""
         stated, name = details(record), vehicle_of(record)
         level, event = record.levelname.lower(), record.getMessage()
         self._audit.event(record.created, level, event, name, stated)
@@ -117,7 +117,7 @@ class _LogHandler(logging.Handler):
 
 
 def _new_folder(root: Path) -> tuple[str, Path]:
-    """A name that no session has, and its folder, which is made where the disk lets us."""
+    """Return an unused session name, and its folder, created if the disk allows."""
     began = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")[:-3]
     for turn in range(1, 1000):
         name = began if turn == 1 else f"{began}-{turn}"
@@ -127,6 +127,6 @@ def _new_folder(root: Path) -> tuple[str, Path]:
             if (root / name).is_dir():
                 continue
         except OSError:
-            pass  # full or read-only: whoever writes there says so, and tries again
+            pass  # full or read-only: the writers report it, and try again
         return name, root / name
     return began, root / began

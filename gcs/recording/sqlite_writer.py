@@ -1,7 +1,7 @@
-"""Rows into SQLite from a thread of its own, many with one commit; whoever needs to can wait for it.
+"""Writes rows into SQLite from a thread of its own, many with one commit; callers may wait for it.
 
-The disk never delays flight: rows wait in a queue that is bounded, `put` takes a microsecond, and what syncs
-is the thread. Rows that the disk does not take are kept, and written when it does.
+The disk never delays flight: rows wait in a bounded queue, `put` takes a microsecond, and the thread syncs.
+Rows that the disk does not accept are kept, and written once it does.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ Value: TypeAlias = str | int | float | None
 _RETRY_S: Final = 1.0
 _JOIN_S: Final = 5.0
 _WAIT_S: Final = 1.0
-"""Nobody waits longer for a disk that hangs: the answer then says that it is not recorded."""
+"""Longest wait for a disk that hangs: the answer then says that the call is not recorded."""
 
 _ROWS_MAX: Final = 50_000
 
@@ -45,14 +45,14 @@ class Journal:
     """One file. `put` is for any thread; `kept` for event loops."""
 
     def __init__(self, path: Path) -> None:
-        """Nothing is opened yet."""
+        """Opens nothing yet."""
         self._path = path
         self._changed = Condition()  # guards all that follows
         self._rows: list[Row] = []
         self._put = 0  # rows accepted so far
         self._committed = 0
         self._lost = 0
-        self._is_full = False  # what was put last did not find room
+        self._is_full = False  # the newest rows found no room
         self._waiting: list[_Waiting] = []
         self._problem = ""
         self._closing = False
@@ -60,7 +60,7 @@ class Journal:
 
     @property
     def problem(self) -> str:
-        """Why nothing is being recorded, or what was lost; empty while all is well."""
+        """Why nothing is being recorded, or what was lost; empty without a problem."""
         if self._problem:
             return self._problem
         if self._writer is not None and not self._writer.is_alive() and not self._closing:
@@ -74,7 +74,7 @@ class Journal:
         self._writer.start()
 
     def close(self) -> None:
-        """Write what is left. Blocks, but not for ever on a disk that hangs."""
+        """Write what is left. Blocks, but only for a limited time on a disk that hangs."""
         if self._writer is not None:
             with self._changed:
                 self._closing = True
@@ -83,7 +83,7 @@ class Journal:
             self._writer = None
 
     def put(self, rows: Iterable[Row]) -> None:
-        """Have these rows written, in one transaction."""
+        """Queue these rows, to be written in one transaction."""
         rows = list(rows)
         with self._changed:
             room = max(0, _ROWS_MAX - len(self._rows))
@@ -94,7 +94,7 @@ class Journal:
             self._changed.notify()
 
     async def kept(self) -> bool:
-        """Return once all that was put so far is on the disk. False: it is not, see `problem`."""
+        """Return once all rows put so far are on the disk. False: they are not, see `problem`."""
         loop = asyncio.get_running_loop()
         with self._changed:
             if self._is_full or self._problem:
@@ -162,7 +162,7 @@ class Journal:
             reported = [each for each in self._waiting if whom(each)]
             self._waiting = [each for each in self._waiting if not whom(each)]
         for each in reported:
-            with suppress(RuntimeError):  # its loop has ended: nobody waits any more
+            with suppress(RuntimeError):  # its loop has ended: no caller waits any more
                 each.loop.call_soon_threadsafe(_set, each.answer, kept)
 
 
@@ -172,7 +172,7 @@ def _set(answer: asyncio.Future[bool], kept: bool) -> None:
 
 
 def _write(connection: sqlite3.Connection, batch: Sequence[Row]) -> None:
-    """All of it, or nothing."""
+    """Write all rows, or none."""
     if not batch:
         return
     connection.execute("BEGIN IMMEDIATE")
@@ -181,7 +181,7 @@ def _write(connection: sqlite3.Connection, batch: Sequence[Row]) -> None:
             connection.execute(row.sql, row.values)
         connection.execute("COMMIT")
     finally:
-        if connection.in_transaction:  # it did not come so far
+        if connection.in_transaction:  # it may have failed earlier
             connection.execute("ROLLBACK")
 
 

@@ -1,4 +1,4 @@
-"""What a flight is judged by: the limits that held, when they held."""
+"""The limits that a flight is judged by, and when they applied."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from gcs.safety.filter import SafetySettings
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """The limits that held at one time."""
+    """The limits that applied at one time."""
 
     frame: ShowFrame
     safety: SafetySettings
@@ -22,7 +22,7 @@ class Standard:
 
     @classmethod
     def of(cls, config: Mapping[str, Any], source: str) -> "Standard":
-        """From a recorded configuration. Raises: GcsError naming `source` and what is wrong."""
+        """Read a recorded configuration. Raises: GcsError naming `source` and what is wrong."""
         try:
             control = config["control"]
             return cls(
@@ -34,9 +34,9 @@ class Standard:
             raise GcsError(f"{source}: its configuration does not say what holds: {error}") from None
 
     def under(self, limits: Mapping[str, Any] | None) -> "Standard":
-        """The same under recorded limits, such as a written show's. Raises: GcsError when they are none."""
+        """Return these under recorded limits, such as a written show's. Raises: GcsError if invalid."""
         if not limits:
-            return self  # an older file: the configuration's held, as far as is known
+            return self  # an older file: as far as known, the configuration's applied
         try:
             return replace(
                 self,
@@ -48,7 +48,7 @@ class Standard:
 
 
 def limits_of(control: ControlSettings) -> dict[str, Any]:
-    """As they are recorded; JSON."""
+    """Return the limits as JSON, as they are recorded."""
     return {
         "safety": control.safety.model_dump(mode="json"),
         "acceleration_max_m_s2": control.acceleration_max_m_s2,

@@ -1,4 +1,4 @@
-"""What a flight kept and what it broke: separation, fence, limits; from recorded positions alone."""
+"""Judges a flight by its recorded positions: separation, fence, limits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -17,67 +17,67 @@ from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
-"""Of `gcs report`, by verdict; 2: there is nothing to judge, or not by what."""
+"""Exit codes of `gcs report`, by verdict; 2: no flight, or no limits to judge by."""
 
 NEAREST: Final = 20
-"""Pairs that the report names."""
+"""Number of pairs that the report names."""
 
 SMOOTHED_S: Final = 0.5
 """Speeds and accelerations are means over this time: noise of an estimate is no motion."""
 
 TOLERATED: Final = 0.1
 TOLERATED_M_S, TOLERATED_M_S2 = 0.3, 0.5
-"""A limit holds for what is commanded; a vehicle's own answer may pass it by that share and that much."""
+"""Tolerated share and offset: limits apply to commands, and a vehicle's response may exceed them by this."""
 
 TOLERATED_SETPOINT: Final = 1e-4
-"""Setpoints have no answer of their own: only what single precision loses."""
+"""Setpoints have no response: only rounding to single precision is tolerated."""
 
 
 PAIRS_AT_ONCE: Final = 20_000_000
-"""Times samples: what is judged between two reports of progress, about 0.1 s."""
+"""Number of pairs times samples between two progress reports, about 0.1 s."""
 
 LEEWAY_REPORTED: Final = 1.01
-"""Less is single precision's."""
+"""A smaller ratio is rounding to single precision."""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One limit: kept or not, and the worst that was."""
+    """Result for one limit: kept or violated, and the worst value."""
 
     name: str
-    limit: float  # that held when it was worst
+    limit: float  # that applied at the worst value
     tolerated: float  # kept up to here: see `TOLERATED`
-    worst: float | None  # None: there was nothing to judge
+    worst: float | None  # None: nothing to judge
     unit: str
     vehicle: str
     at_s: float | None  # since the beginning
-    kept: bool | None  # None: there was nothing to judge
+    kept: bool | None  # None: nothing to judge
 
     @property
     def leeway(self) -> str:
-        """What is tolerated beyond the limit, in words; empty where nothing to speak of is."""
+        """The tolerance beyond the limit, in words; empty if it is negligible."""
         return f" (kept up to {self.tolerated:g})" if self.tolerated > self.limit * LEEWAY_REPORTED else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightReport:
-    """The judgement, and what plots are drawn from."""
+    """The results, and the data for plots."""
 
     trajectories: Trajectories
-    standards: tuple[Standard, ...]  # that held, one after the other
+    standards: tuple[Standard, ...]  # that applied, in order
     pairs: PairDistances
     least_m: Single  # (k,) least distance of all pairs
     checks: tuple[Check, ...]
 
     @property
     def standard(self) -> Standard:
-        """That held last: plots are drawn for it."""
+        """The last standard that applied: plots use it."""
         at = self.trajectories.held_at
         return self.standards[-1 if at is None else int(at[-1])]
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Why it is not known that all was kept, in words; empty where it is."""
+        """Why it is not known that all limits were kept, in words; empty if it is known."""
         if not self.trajectories.airborne.any():
             return *self.trajectories.missing, "no vehicle was in the air: there was nothing to judge"
         if all(check.kept is None for check in self.checks):
@@ -86,18 +86,18 @@ class FlightReport:
 
     @property
     def verdict(self) -> str:
-        """One of `EXIT_CODES`. Kept is what was judged from beginning to end, and broke nothing."""
+        """One of `EXIT_CODES`; "kept" requires a complete record without violations."""
         if any(check.kept is False for check in self.checks):
             return "broken"
         return "incomplete" if self.missing else "kept"
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the last."""
+        """Time from the first sample to the last."""
         return float(self.trajectories.time_s[-1] - self.trajectories.time_s[0])
 
     def report(self) -> dict[str, Any]:
-        """Everything a program wants to know; JSON."""
+        """The whole report as JSON."""
         trajectories, pairs = self.trajectories, self.pairs
         return {
             "verdict": self.verdict,
@@ -132,12 +132,12 @@ def make_flight_report(
     """Judge a flight. Pure.
 
     Args:
-        trajectories: of it.
-        standard: that holds where no limits were recorded.
-        by_it_alone: whatever was recorded.
-        on_progress: is called with the share that is judged, from 0 to 1.
+        trajectories: of the flight.
+        standard: applies where no limits were recorded.
+        by_it_alone: use `standard` even where limits were recorded.
+        on_progress: is called with the judged share, from 0 to 1.
 
-    Raises: GcsError when the limits that were recorded are none.
+    Raises: GcsError when the recorded limits are invalid.
     """
     if by_it_alone:
         count = 1 if trajectories.setpoint_m_s is None else len(trajectories.setpoint_m_s)
@@ -161,7 +161,7 @@ def make_flight_report(
 def _approaches(
     trajectories: Trajectories, standards: Sequence[Standard], on_progress: OnProgress | None
 ) -> tuple[PairDistances, Single]:
-    """The nearest approaches, each judged by the floor that held then; piece by piece, for the progress."""
+    """Nearest approaches, each judged by the minimum separation at its time; in pieces, for the progress."""
     at = np.zeros(len(trajectories.time_s), np.intp) if trajectories.held_at is None else trajectories.held_at
     samples = max(1, PAIRS_AT_ONCE // max(1, len(trajectories.ids)) ** 2)
     changes = (np.flatnonzero(np.diff(at)) + 1).tolist()
@@ -169,7 +169,7 @@ def _approaches(
     found: PairDistances | None = None
     least_m = np.full(len(at), np.inf, np.float32)
     for first, end in pairwise(borders):
-        reach = min(end + 1, len(at))  # as far as the next sample: between two they fly straight on
+        reach = min(end + 1, len(at))  # up to the next sample: the path between two is straight
         part = replace(
             trajectories,
             time_s=trajectories.time_s[first:reach],
@@ -203,7 +203,7 @@ def _separation(trajectories: Trajectories, pairs: PairDistances) -> Check:
 def _over_time(
     standards: Sequence[Standard], at: NDArray[np.intp] | None, count: int, of: Callable[[Standard], float]
 ) -> Array:
-    """(k,) a limit at each sample."""
+    """(k,) The limit at each sample."""
     each = np.array([of(standard) for standard in standards])
     return np.full(count, each[0]) if at is None else each[at]
 
@@ -272,7 +272,7 @@ def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[C
 
 
 def _setpoints(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
-    """What was commanded, tick by tick; where it is known."""
+    """Check the commanded setpoints, tick by tick, where they are known."""
     desired_m_s = trajectories.setpoint_m_s
     if desired_m_s is None:
         return []
@@ -305,7 +305,7 @@ def _most(
     *,
     timed: bool = True,
 ) -> Check:
-    """Of (k, n) values the one that went farthest towards its limit (k,), or beyond, where they count."""
+    """Return the check of the value of (k, n) that exceeds its limit (k,) most, or is nearest to it."""
     tolerated = limit * factor + beyond
     over = np.where(counts & np.isfinite(value), value - tolerated[:, None], -np.inf)
     at, row = np.unravel_index(int(np.argmax(over)), over.shape)
@@ -320,14 +320,14 @@ def _most(
 def _least(
     name: str, limit: Array, value: Single, counts: Mask, trajectories: Trajectories, unit: str
 ) -> Check:
-    """The same of (k, n) values that are to stay above their limit (k,)."""
+    """Return the check of (k, n) values that must stay above their limit (k,)."""
     found = _most(name, -limit, -value, counts, trajectories, unit)
     worst = None if found.worst is None else -found.worst
     return replace(found, limit=-found.limit, tolerated=-found.limit, worst=worst)
 
 
 def _smoothed(value: Array, width: int) -> Array:
-    """(k, n, 3) means over the last `width` samples; NaN until there are as many."""
+    """(k, n, 3) Means over the last `width` samples; NaN until there are as many."""
     total = np.cumsum(np.nan_to_num(value), axis=0)
     smooth = np.full_like(value, np.nan)
     smooth[width - 1 :] = total[width - 1 :]
@@ -336,7 +336,7 @@ def _smoothed(value: Array, width: int) -> Array:
 
 
 def _throughout(mask: Mask, width: int) -> Mask:
-    """(k, n) where it was true for the last `width` samples."""
+    """(k, n) Where the mask was true for the last `width` samples."""
     total = np.cumsum(mask, axis=0)
     held = np.zeros_like(mask)
     held[width - 1 :] = total[width - 1 :] == width

@@ -1,4 +1,4 @@
-"""How near every pair of a flight came, also between two samples."""
+"""Least distance of every pair of a flight, also between two samples."""
 
 from dataclasses import dataclass
 
@@ -10,27 +10,27 @@ from gcs.recording.analysis.trajectories import Single, Trajectories
 from gcs.safety.separation import Floor
 
 FAR = 8.0
-"""Times the floor: only who is nearer is looked at between two samples."""
+"""Pairs farther apart than this multiple of the minimum separation are not examined between samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairDistances:
-    """Least of every pair (i < j), (n, n) each; inf and -1 where it never counted."""
+    """Least values of every pair (i < j), (n, n) each; inf and -1 if the pair never counted."""
 
     distance_m: Single  # between centres
-    ratio: Single  # of the distance to the floor, in the floor's metric: below 1 is inside
+    ratio: Single  # of the distance to the minimum, in the ellipsoid's metric: below 1 is inside
     sure_ratio: Single  # the same if both were off by their uncertainty, towards each other
     sample: NDArray[np.int32]  # of the least ratio
 
     def nearest(self, count: int) -> list[tuple[int, int]]:
-        """The pairs with the least ratios, nearest first."""
+        """Return the pairs with the least ratios, nearest first."""
         first, second = np.triu_indices(len(self.ratio), 1)
         ratio = self.ratio[first, second]
         order = np.argsort(ratio, kind="stable")[:count]
         return [(int(first[at]), int(second[at])) for at in order.tolist() if np.isfinite(ratio[at])]
 
     def with_nearer(self, later: "PairDistances") -> "PairDistances":
-        """With what was nearer later, pair by pair."""
+        """Return the smaller of both values, pair by pair."""
         nearer = later.ratio < self.ratio
         return PairDistances(
             np.minimum(self.distance_m, later.distance_m),
@@ -41,7 +41,7 @@ class PairDistances:
 
 
 def nearest_approaches(trajectories: Trajectories, floor: Floor) -> tuple[PairDistances, Single]:
-    """Every pair's least, of those of which one at least flies and that are not both low over their pads.
+    """Return each pair's least values where one at least flies and not both are low over their pads.
 
     Returns: the pairs, and (k,) the least distance of all in each sample.
     """
@@ -83,7 +83,7 @@ def _nearest(
                 away_m = np.sqrt(x * x + y * y + z * z)
                 scaled = np.sqrt((x * x + y * y) / horizontal_m**2 + z * z / vertical_m**2)
                 if t + 1 < k and scaled < FAR:
-                    # straight on to the next sample, of the two paths against each other
+                    # straight to the next sample, in relative motion of the two
                     dx = position_m[t + 1, i, 0] - position_m[t + 1, j, 0] - x
                     dy = position_m[t + 1, i, 1] - position_m[t + 1, j, 1] - y
                     dz = position_m[t + 1, i, 2] - position_m[t + 1, j, 2] - z

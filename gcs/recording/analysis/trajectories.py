@@ -1,4 +1,4 @@
-"""Where everybody was during a flight: as the service believed, or as a simulation knows."""
+"""Trajectories of all vehicles of a flight: as estimated, or as a simulation knows them."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,33 +19,33 @@ from gcs.recording.mcap_reader import FlightData, RecordedSample
 Single = NDArray[np.float32]
 OnProgress = Callable[[float], None]
 REPORTED_TICKS: Final = 50
-"""Progress is reported once in so many."""
+"""Number of ticks between two progress reports."""
 
 IN_THE_AIR: Final = AIRBORNE | {Phase.LOST, Phase.PILOT}
 TRUTH_S: Final = 0.05
-"""Truth is written that often; several files are brought to common times."""
+"""Interval of true positions in their files; several files are resampled to common times."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectories:
-    """n vehicles at k times; show frame. What was not known is NaN, and False."""
+    """n vehicles at k times; show frame. Unknown values are NaN, and False."""
 
     based_on: str  # "true positions" or "estimated positions"
-    uncertainty: str  # of them, in words
+    uncertainty: str  # of the positions, in words
     ids: tuple[VehicleId, ...]
     time_s: Array  # (k,) monotonic clock
     position_m: Single  # (k, n, 3)
     velocity_m_s: Single  # (k, n, 3)
     uncertainty_m: Single  # (k, n) sideways
     airborne: Mask  # (k, n)
-    flown: Mask  # (k, n) by the service's setpoints
-    formed: Mask  # (k, n) and in the formation, so that the least height counts
+    flown: Mask  # (k, n) under the service's setpoints
+    formed: Mask  # (k, n) in formation as well, so that the least height counts
     setpoint_m_s: Single | None  # (k, n, 3) NaN: none; None: not known
     remarks: tuple[str, ...]  # about the file
-    missing: tuple[str, ...] = ()  # what of the flight is not in it, in words
-    held: tuple[Mapping[str, Any] | None, ...] = (None,)  # limits, as they were recorded; None: not
-    held_at: NDArray[np.intp] | None = None  # (k,) which of them; None: the first, always
-    setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, of the setpoints' own times
+    missing: tuple[str, ...] = ()  # parts of the flight that are missing, in words
+    held: tuple[Mapping[str, Any] | None, ...] = (None,)  # limits as recorded; None: not recorded
+    held_at: NDArray[np.intp] | None = None  # (k,) index of the limits; None: always the first
+    setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
 
 
 GAPS_REPORTED: Final = 20
@@ -54,7 +54,7 @@ GAP_S: Final = 1.0
 
 
 def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajectories:
-    """As the service believed. `on_progress` is called with the share that is read, from 0 to 1.
+    """Read estimated trajectories. `on_progress` is called with the share that is read, from 0 to 1.
 
     Raises: GcsError when nothing was recorded.
     """
@@ -100,7 +100,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
 
 
 def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[RecordedSample]:
-    """Every tick; the share of the file's time that is read is reported on the way."""
+    """Yield every tick, and report the share of the file's time that is read."""
     first_s = data.index.chunks[0][0] if data.index.chunks else None
     last_s = data.last_s()
     for number, tick in enumerate(data.ticks()):
@@ -110,7 +110,7 @@ def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[RecordedSam
 
 
 def _held(ticks: Sequence[RecordedSample]) -> tuple[tuple[Mapping[str, Any] | None, ...], NDArray[np.intp]]:
-    """The limits that were recorded, each once, and which of them held at each tick."""
+    """Return the recorded limits, each once, and which of them applied at each tick."""
     number: dict[str, int] = {}
     held: list[Mapping[str, Any] | None] = []
     at = []
@@ -125,7 +125,7 @@ def _held(ticks: Sequence[RecordedSample]) -> tuple[tuple[Mapping[str, Any] | No
 
 
 def _before(data: FlightData, first: RecordedSample, *, flies: bool) -> list[str]:
-    """What was not recorded before the first tick, where somebody flies in that."""
+    """Describe what was not recorded before the first tick, if a vehicle flies in that."""
     lost = int(first.tick.get("number", 1)) - 1
     if any(loss.from_s is None for loss in data.losses):
         return []  # it is damaged, and reported as such
@@ -135,7 +135,7 @@ def _before(data: FlightData, first: RecordedSample, *, flies: bool) -> list[str
 def _gaps(
     ticks: Sequence[RecordedSample], time_s: Array, airborne: Mask, reported: set[float | None]
 ) -> list[tuple[int, str]]:
-    """Gaps while a vehicle flies: the sample after each, and what is missing; without those in `reported`."""
+    """Gaps while a vehicle flies: the sample after each, and a description; without those in `reported`."""
     numbers = [int(tick.tick.get("number", 0)) for tick in ticks]  # an older file has none
     found = []
     for at in range(1, len(ticks)):
@@ -155,7 +155,7 @@ def _gaps(
 
 
 def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> list[str]:
-    """The vehicles with unknown paths, in words."""
+    """Describe the vehicles with unknown paths."""
     blind = (airborne & ~np.isfinite(position_m).all(axis=2)).sum(axis=0)
     names = [name for name, count in zip(ids, blind.tolist(), strict=True) if count]
     return [f"in the air, at a position that is not known: {', '.join(names)}"] if names else []
@@ -209,12 +209,12 @@ def true(
     ids: Sequence[VehicleId],
     on_progress: OnProgress | None = None,
 ) -> Trajectories:
-    """As a simulation knows, from the files that `gcs sim --truth` writes.
+    """Read true trajectories from the files that `gcs sim --truth` writes.
 
     Args:
         files: each with the same vehicles from beginning to end.
         frame: of the show.
-        beside: the same flight as believed, by the same clock, to tell who was flown; None: by the modes.
+        beside: the same flight as estimated, by the same clock, for which were flown; None: by modes.
         ids: names of the vehicles by their numbers, the first has 1; empty: "1", "2" and so on.
         on_progress: is called with the share that is read, from 0 to 1.
 
@@ -274,7 +274,7 @@ def _of_several(on_progress: OnProgress | None, before: int, count: int, share: 
 
 
 def _outside(beside: Trajectories, time_s: Array) -> list[str]:
-    """What flew before or after the times that the truth is known of, in words."""
+    """Describe what flew before or after the times of the true positions."""
     flew_s = beside.time_s[beside.airborne.any(axis=1)]
     if not len(flew_s) or (flew_s[0] > time_s[0] - GAP_S and flew_s[-1] < time_s[-1] + GAP_S):
         return []
@@ -295,7 +295,7 @@ class _Part:
 
 
 def _at(part: _Part, time_s: Array) -> Array:
-    """(k, n, 8) at other times."""
+    """(k, n, 8) Interpolated at other times."""
     flat = part.values.reshape(len(part.time_s), -1)
     columns = [np.interp(time_s, part.time_s, column) for column in flat.T]
     return np.stack(columns, axis=1).reshape(len(time_s), *part.values.shape[1:])
@@ -310,7 +310,7 @@ def _read(file: Path, report: OnProgress) -> _Part:
         try:
             samples.append(_sample(json.loads(line)))
         except (ValueError, KeyError, TypeError) as error:
-            is_cut = number == len(lines) and bool(samples)  # of a process that was killed while writing it
+            is_cut = number == len(lines) and bool(samples)  # the process was killed while writing it
             if not is_cut:
                 reported = f"{type(error).__name__}: {error}"
                 raise GcsError(f"{file}, line {number}: not a sample of true states: {reported}") from None
@@ -336,7 +336,7 @@ def _lines(file: Path) -> list[str]:
 
 
 def _sample(raw: Mapping[str, Any]) -> tuple[float, tuple[int, ...], list[list[float]]]:
-    """Time, vehicles' numbers, values. Raises: ValueError, KeyError or TypeError for what is none."""
+    """Return time, vehicle numbers, values. Raises: ValueError, KeyError or TypeError if invalid."""
     vehicles = raw["vehicles"]
     place = ("latitude_deg", "longitude_deg", "altitude_amsl_m")
     names = (*place, "velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s")

@@ -1,4 +1,4 @@
-"""The alarms of a recorded moment."""
+"""The alarms at one time of a record."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ from gcs.service.alarms import CAUSES, Alarm, AlarmCause, AlarmSeverity
 
 
 def replay_alarm(path: Path, began_unix_s: float, *, ended: bool, cut: str) -> Alarm:
-    """Says that what is shown does not fly; `cut` says what is missing at the end of the record."""
+    """Return the alarm that what is shown is a replay; `cut` says what is missing at the record's end."""
     over = f" The record has ended. {cut}".rstrip() if ended else ""
     row = CAUSES[AlarmCause.REPLAY]
     text = f"{row.headline}: this is a record of {path}. Nothing here flies.{over}"
@@ -17,9 +17,9 @@ def replay_alarm(path: Path, began_unix_s: float, *, ended: bool, cut: str) -> A
 
 
 def recorded(status: Mapping[str, Any], path: Path, began_unix_s: float) -> tuple[Alarm, ...]:
-    """Of a `/fleet/status` as recorded; before there were alarms it had `problems`, in words.
+    """Return the alarms of a recorded `/fleet/status`; older files have `problems`, in words.
 
-    Raises: GcsError for what is none.
+    Raises: GcsError for invalid data.
     """
     try:
         if "alarms" in status:
@@ -35,7 +35,7 @@ def recorded(status: Mapping[str, Any], path: Path, began_unix_s: float) -> tupl
 
 
 def _alarm(raw: Mapping[str, Any]) -> Alarm:
-    """Raises: KeyError, TypeError or ValueError."""
+    """Parse one alarm. Raises: KeyError, TypeError or ValueError."""
     return Alarm(
         **{
             **raw,

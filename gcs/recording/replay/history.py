@@ -1,4 +1,4 @@
-"""What the audit beside flight data tells of that session: what happened, and where everybody took off."""
+"""Events and take-off positions of a session, from the audit beside its flight data."""
 
 import json
 from bisect import bisect_right
@@ -28,7 +28,7 @@ class EventHistory:
     """One session's events, in order."""
 
     def __init__(self, events: Sequence[Event]) -> None:
-        """Raises: KeyError, TypeError or ValueError for events that are none."""
+        """Raises: KeyError, TypeError or ValueError for invalid events."""
         self._events = tuple(events)
         self._happened: list[LogEvent] = []
         self._pads: dict[VehicleId, list[tuple[float, Array]]] = {}
@@ -44,7 +44,7 @@ class EventHistory:
 
     @staticmethod
     def of(flight: Path, session: str) -> "EventHistory":
-        """Of a session, from the audit in the folder above that of its flight data; empty without one.
+        """Read a session from the audit in the folder above that of its flight data; empty without one.
 
         Raises: GcsError when there is one, and it cannot be read.
         """
@@ -62,19 +62,19 @@ class EventHistory:
             raise GcsError(f"{file}: its events are none: {error!r}") from None
 
     def until(self, unix_s: float) -> tuple[LogEvent, ...]:
-        """The last that had happened then, the newest last."""
+        """The newest events up to that time, newest last."""
         end = bisect_right(self._times_s, unix_s)
         return tuple(self._happened[max(end - KEPT, 0) : end])
 
     def marks(self, began_unix_s: float, duration_s: float) -> ReplayMarks:
-        """What a scrubber shows of it all. Raises: GcsError for events that are none."""
+        """The scrubber's marks of the whole session. Raises: GcsError for invalid events."""
         try:
             return marks_of(self._events, began_unix_s, duration_s)
         except (KeyError, ValueError) as error:
             raise GcsError(f"the audit's events cannot be read: {error!r}") from None
 
     def home_m(self, vehicle: VehicleId, unix_s: float) -> Array | None:
-        """(3,) where it had taken off last, show frame; None: it had not, or nobody wrote it down."""
+        """(3,) Its last take-off position, show frame; None: it had not taken off, or it is not recorded."""
         pads = self._pads.get(vehicle, [])
         at = bisect_right(pads, unix_s, key=lambda pad: pad[0]) - 1
         return pads[at][1] if at >= 0 else None

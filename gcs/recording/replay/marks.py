@@ -12,13 +12,13 @@ from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, Re
 SHOW_PHASE, VEHICLE_PHASE, CUE, ALARM = "show_phase", "vehicle_phase", "cue", "alarm"
 
 IDLE_LEAST_S: Final = 8.0
-"""Shorter waits on the ground are played: a viewer sees that a flight ended and another began."""
+"""Shorter waits on the ground are played: a viewer sees that one flight ended and another began."""
 
 KEPT_S: Final = 3.0
-"""Of the ground time before a take-off and after a landing: so much is played."""
+"""Played part of the time on the ground before a take-off and after a landing."""
 
 EVENTS_MAX: Final = 500
-"""More marks than pixels tell nothing; alarms are kept before other events, and earlier before later ones."""
+"""Most event marks; alarms take precedence over other events, and earlier events over later ones."""
 
 
 class Event(NamedTuple):
@@ -32,9 +32,9 @@ class Event(NamedTuple):
 
 
 def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) -> ReplayMarks:
-    """All marks of a record that begins at `began_unix_s` and is `duration_s` long.
+    """Return all marks of a record that begins at `began_unix_s` and is `duration_s` long.
 
-    Raises: KeyError or ValueError for events that are none.
+    Raises: KeyError or ValueError for invalid events.
     """
     show, cues, event_marks = _Spans(duration_s), list[CueMark](), list[EventMark]()
     flying = _Flying(duration_s)
@@ -54,7 +54,7 @@ def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) ->
 
 
 class _Spans:
-    """The show's phases, one after the other."""
+    """Collects the show's phases in order."""
 
     def __init__(self, duration_s: float) -> None:
         self._duration_s = duration_s
@@ -77,7 +77,7 @@ class _Spans:
 
 
 class _Flying:
-    """When any vehicle was in the air, or may have been, under any control."""
+    """Collects when any vehicle was, or may have been, in the air, under any control."""
 
     def __init__(self, duration_s: float) -> None:
         self._duration_s = duration_s
@@ -107,7 +107,7 @@ class _Flying:
 def _idle(
     phases: Iterable[PhaseSpan], flying: Iterable[tuple[float, float]], duration_s: float
 ) -> tuple[IdleSpan, ...]:
-    """Where the show stands on the ground and no vehicle flies; none where no phase is known."""
+    """Times when the show is on the ground and no vehicle flies; none where no phase is known."""
     known = tuple(phases)
     if not known:
         return ()

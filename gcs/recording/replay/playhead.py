@@ -1,4 +1,4 @@
-"""Where in a record a replay is, and what it is ordered. Times are the loop's, given from outside."""
+"""The position of a replay in its record. Times are the loop's, passed by the caller."""
 
 from math import inf, isfinite
 from typing import Final
@@ -12,21 +12,21 @@ class Playhead:
     """Moves through a record at its speed, unless it is paused."""
 
     def __init__(self, duration_s: float, speed: float, now_s: float) -> None:
-        """At the beginning, moving. Raises: InvalidError for a speed that is none."""
+        """Starts at the beginning, moving. Raises: InvalidError for an invalid speed."""
         _check_speed(speed)
         self.duration_s = duration_s
         self.speed = speed
         self.paused = False
-        self._at_s = 0.0  # where it was
-        self._since_s = now_s  # then
+        self._at_s = 0.0  # position at `_since_s`
+        self._since_s = now_s  # loop time
 
     def position_s(self, now_s: float) -> float:
-        """Since the first recorded state."""
+        """Position since the first recorded state, in s."""
         moved_s = 0.0 if self.paused else (now_s - self._since_s) * self.speed
         return min(self._at_s + moved_s, self.duration_s)
 
     def left_s(self, position_s: float, now_s: float) -> float:
-        """How long until it is there, at this speed; negative: since when it is, inf: never."""
+        """Time until that position at this speed; negative: it has passed, inf: never."""
         way_s = position_s - self.position_s(now_s)
         if way_s <= 0.0:
             return way_s / self.speed
@@ -35,7 +35,7 @@ class Playhead:
     def change(
         self, now_s: float, *, paused: bool | None, speed: float | None, position_s: float | None
     ) -> None:
-        """Move otherwise from now on. Raises: InvalidError, RefusedError; then nothing has changed."""
+        """Change the playback from now on. Raises: InvalidError, RefusedError; then nothing has changed."""
         if speed is not None:
             _check_speed(speed)
         if position_s is not None and not (isfinite(position_s) and 0.0 <= position_s <= self.duration_s):
@@ -50,5 +50,5 @@ class Playhead:
 
 
 def _check_speed(speed: float) -> None:
-    if not 0.0 < speed <= SPEED_MAX:  # so written that NaN is none
+    if not 0.0 < speed <= SPEED_MAX:  # written so that NaN is refused
         raise InvalidError("speed", speed, f"above 0, at most {SPEED_MAX:g}")

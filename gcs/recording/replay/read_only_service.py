@@ -1,4 +1,4 @@
-"""What a replay refuses: everything that orders or changes."""
+"""The methods that a replay refuses: all commands and changes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ from gcs.service.alarms import Alarm
 
 
 class NoShows:
-    """The show files of a replay: none, and none are taken. A `gcs.service.Shows`."""
+    """A replay has no show files and accepts none. Implements `gcs.service.Shows`."""
 
     def __init__(self, path: Path) -> None:
         """`path` of the record."""
@@ -32,36 +32,30 @@ class NoShows:
 
     @property
     def why_not_kept(self) -> str:
-        """Always."""
+        """Why no file can be stored: a replay never can."""
         return self._why
 
     async def list_shows(self) -> list[StoredShow]:
-        """None."""
         return []
 
     async def text(self, _name: str) -> str:
-        """Refused."""
         raise RefusedError(self._why)
 
     async def store(self, _name: str, _text: bytes) -> StoredShow:
-        """Refused."""
         raise RefusedError(self._why)
 
     async def remove(self, _name: str) -> None:
-        """Refused."""
         raise RefusedError(self._why)
 
     def check(self, _name: str) -> ShowCheck:
-        """Refused."""
         raise RefusedError(self._why)
 
     def checked(self, name: str) -> ShowCheck:
-        """Raises: UnknownError."""
         raise UnknownError(f"{name} was never checked here: {self._why}")
 
 
 class ReadOnlyService:
-    """The part of a `gcs.service.Service` that orders and changes: all of it is refused."""
+    """The methods of `gcs.service.Service` that command and change: all are refused."""
 
     def __init__(self, path: Path) -> None:
         """`path` of the record."""
@@ -74,12 +68,12 @@ class ReadOnlyService:
 
     @property
     def audit(self) -> Audit:
-        """Nothing is recorded of a replay."""
+        """An audit that records nothing."""
         return self._audit
 
     @property
     def shows(self) -> Shows:
-        """None."""
+        """An empty library."""
         return self._shows
 
     def command_show(
@@ -90,93 +84,73 @@ class ReadOnlyService:
         show_hash: str | None = None,  # noqa: ARG002 (callers name it)
         at_unix_time_s: float | None = None,  # noqa: ARG002
     ) -> CommandRecord:
-        """Refused."""
         self._refuse()
 
     def select_show(self, _name: str, _show_hash: str) -> SelectedShow:
-        """Refused."""
         self._refuse()
 
     def deselect_show(self) -> None:
-        """Refused."""
         self._refuse()
 
     def seek_show(self, _cue: str) -> SelectedShow:
-        """Refused."""
         self._refuse()
 
     def preflight(self, _vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """Refused."""
         self._refuse()
 
     def exclude(self, _vehicle_id: VehicleId, _reason: str) -> CommandRecord:
-        """Refused."""
         self._refuse()
 
     def include(self, _vehicle_id: VehicleId) -> CommandRecord:
-        """Refused."""
         self._refuse()
 
     def command_vehicle(self, _vehicle_id: VehicleId, _action: VehicleAction) -> CommandRecord:
-        """Refused."""
         self._refuse()
 
     def command_vehicles(
         self, _action: VehicleAction, _vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        """Refused."""
         self._refuse()
 
     def kill(self, _vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Refused."""
         self._refuse()
 
     def acknowledge_alarm(self, _alarm_id: str) -> Alarm:
-        """Refused."""
         self._refuse()
 
     def acknowledge_alarms(self) -> Sequence[Alarm]:
-        """Refused."""
         self._refuse()
 
     def settle(self, _offer: Offer) -> CommandRecord:
-        """Refused."""
         self._refuse()
 
     def command_record(self, command_id: str) -> CommandRecord:
-        """Raises: UnknownError; orders are in the audit."""
+        """Raises: UnknownError; commands are in the audit."""
         raise UnknownError(
             f"there is no command {command_id}: this is a replay; past orders are in the audit"
         )
 
     def commands(self) -> Sequence[CommandRecord]:
-        """None: they stand in the audit beside the flight data."""
+        """Empty: commands are in the audit beside the flight data."""
         return ()
 
     def set_formation(self, _formation: Formation) -> None:
-        """Refused."""
         self._refuse()
 
     def set_orbit(self, _orbit: Orbit) -> None:
-        """Refused."""
         self._refuse()
 
     def set_target(self, _target: Target) -> None:
-        """Refused."""
         self._refuse()
 
     def set_yaw(self, _yaw: Yaw) -> None:
-        """Refused."""
         self._refuse()
 
     def add_obstacle(self, _obstacle: Obstacle) -> None:
-        """Refused."""
         self._refuse()
 
     def change_obstacle(self, _obstacle: Obstacle) -> None:
-        """Refused."""
         self._refuse()
 
     def remove_obstacle(self, _obstacle_id: str) -> None:
-        """Refused."""
         self._refuse()

@@ -1,4 +1,4 @@
-"""The judgement of a record while it is looked at: `gcs report` in a process of its own."""
+"""The flight report of a record while it is replayed: `gcs report` in a process of its own."""
 
 import asyncio
 from collections.abc import Sequence
@@ -13,20 +13,20 @@ from gcs.service.check_process import LOWER, answered
 WITHIN_S: Final = 1800.0
 
 MEMORY_MAX_BYTES: Final = 16 << 30
-"""Of addresses: a long flight of a thousand vehicles is held in memory."""
+"""Limit of the address space: a long flight of a thousand vehicles is held in memory."""
 
 
 class ReportTask:
-    """Judges once. Used on the loop."""
+    """Runs the report once. Used on the event loop."""
 
     def __init__(self, files: Sequence[Path]) -> None:
-        """Flight data, and truth files where there are any."""
+        """Flight data, and files of true positions if there are any."""
         self._files = tuple(files)
         self._found = ReportState(CheckState.RUNNING)
         self._task: asyncio.Task[None] | None = None
 
     def ask(self) -> ReportState:
-        """How far it has got; the first call begins it."""
+        """Return the state of the report; the first call starts it."""
         if self._task is None:
             self._task = asyncio.create_task(self._judge(), name="report")
         return self._found
@@ -48,7 +48,7 @@ class ReportTask:
             self._found = ReportState(CheckState.FAILED, str(error))
 
     async def close(self) -> None:
-        """End what runs."""
+        """End the running process."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

@@ -1,4 +1,4 @@
-"""A recorded flight as a service: its states come as if live, and all that can be ordered is how."""
+"""A recorded flight as a service: its states appear as if live, and only the playback can be commanded."""
 
 import asyncio
 from collections.abc import Sequence
@@ -39,31 +39,31 @@ from gcs.service.flight_envelope import flight_envelope
 from gcs.service.vehicle_table import VehicleTable
 
 REPEAT_S: Final = 0.5
-"""The state is shown again that often, so that a viewer knows that somebody is there."""
+"""Interval at which the state is published again, as a sign of life for viewers."""
 
 LATE_S: Final = 0.1
-"""States that come later than that are passed over: it is played too fast to show every one."""
+"""States that are later than this are skipped: the playback is too fast to show every one."""
 
 DUE_S: Final = 1e-3
 """The shortest wait: clocks are no finer."""
 
 PASSED: Final = 100
-"""After so many that were passed over somebody else may have the loop."""
+"""After this many skipped states other tasks of the loop may run."""
 
 NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
-"""What is counted for metrics is not recorded."""
+"""Counts for metrics are not recorded."""
 
 Triple = tuple[float, float, float]
 
 
 class Replay(ReadOnlyService):
-    """A `gcs.service.Service` and a `gcs.service.Replaying` over a recorded flight.
+    """Implements `gcs.service.Service` and `gcs.service.Replaying` for a recorded flight.
 
-    Must be made on the running event loop.
+    Must be created on the running event loop.
     """
 
     def __init__(self, data: FlightData, speed: float, truths: Sequence[Path] = ()) -> None:
-        """`truths` are files of true positions, by which it is judged.
+        """`truths` are files of true positions, for the flight report.
 
         Raises: GcsError when the record has no tick, or its configuration no show frame; InvalidError.
         """
@@ -83,7 +83,7 @@ class Replay(ReadOnlyService):
         self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
         self._marks = self._event_history.marks(self._began_s, self._head.duration_s)
         self._skips_idle = True
-        self._sought = False  # another place is wanted
+        self._sought = False  # another position is requested
         self._changed = asyncio.Event()
         self._ended = False
         self._moment, self._shown_s = first, self._now_s()
@@ -102,7 +102,7 @@ class Replay(ReadOnlyService):
             await self._report_task.close()
 
     async def _play(self) -> None:
-        """From where the playhead is, until the end of the record, or until another place is wanted."""
+        """Play from the playhead to the end of the record, or until another position is requested."""
         self._sought = self._ended = False
         first, passed = True, 0
         for sample in self._data.samples(self._began_s + self._head.position_s(self._now_s())):
@@ -123,7 +123,7 @@ class Replay(ReadOnlyService):
                 return
 
     def _skip(self, sample: Sample) -> None:
-        """Where nothing flies, go on to where something does; not while it is paused."""
+        """Skip time in which no vehicle flies; not while paused."""
         if not self._skips_idle or self._head.paused or self._sought:
             return
         at_s = sample.unix_s - self._began_s
@@ -133,11 +133,11 @@ class Replay(ReadOnlyService):
                 self._sought = True
 
     def _left_s(self, sample: Sample) -> float:
-        """Until it is to be shown."""
+        """Time until the sample is due."""
         return self._head.left_s(sample.unix_s - self._began_s, self._now_s())
 
     async def _wait(self, most_s: float) -> None:
-        """Until it is played otherwise, at most so long."""
+        """Wait until the playback is changed, at most `most_s`."""
         self._changed.clear()
         with suppress(TimeoutError):
             async with asyncio.timeout(most_s):
@@ -152,12 +152,12 @@ class Replay(ReadOnlyService):
 
     @property
     def replaying(self) -> "Replay":
-        """It is one."""
+        """This service itself."""
         return self
 
     @property
     def playback(self) -> Playback:
-        """How it is played now."""
+        """Current state of the playback."""
         position_s = self._moment.unix_s - self._began_s
         if self._sought:
             position_s = self._head.position_s(self._now_s())
@@ -178,7 +178,7 @@ class Replay(ReadOnlyService):
 
     @property
     def marks(self) -> ReplayMarks:
-        """What a scrubber shows of the record."""
+        """Marks of the record for the scrubber."""
         return self._marks
 
     def change(
@@ -189,7 +189,7 @@ class Replay(ReadOnlyService):
         position_s: float | None = None,
         skips_idle: bool | None = None,
     ) -> Playback:
-        """Play it otherwise. Raises: InvalidError, RefusedError; then nothing has changed."""
+        """Change the playback. Raises: InvalidError, RefusedError; then nothing has changed."""
         self._head.change(self._now_s(), paused=paused, speed=speed, position_s=position_s)
         self._skips_idle = self._skips_idle if skips_idle is None else skips_idle
         self._sought = self._sought or position_s is not None
@@ -199,7 +199,7 @@ class Replay(ReadOnlyService):
         return self.playback
 
     def make_flight_report(self) -> ReportState:
-        """The judgement of the record."""
+        """Return the flight report of the record."""
         return self._report_task.ask()
 
     @property
@@ -209,11 +209,11 @@ class Replay(ReadOnlyService):
 
     @property
     def frame(self) -> ShowFrame:
-        """Where the show's origin lay."""
+        """Position and heading of the show's origin in the record."""
         return self._frame
 
     def events(self) -> Sequence[LogEvent]:
-        """What had happened by then."""
+        """Events up to the shown time."""
         return self._event_history.until(self._moment.unix_s)
 
     def _state(self, sample: Sample, now_s: float, *, ended: bool) -> FleetView:
@@ -302,7 +302,7 @@ class Replay(ReadOnlyService):
 
 
 def _triple(values: Sequence[float] | None) -> Triple | None:
-    """None for what was not known."""
+    """Return the values as a tuple, or None if they are not known."""
     if values is None or not isfinite(values[0]):
         return None
     return values[0], values[1], values[2]
