@@ -161,7 +161,7 @@ def test_every_denied_call_is_reported(station: Station) -> None:
     assert not any(token in str(station.denied) for token in station.tokens.values())
 
 
-def test_a_revoked_token_is_none(station: Station) -> None:
+def test_revoked_token_is_refused(station: Station) -> None:
     assert station("operate", "GET", "/api/v1/show").status_code == 200
     revoke_token(station.file, "operate-token")
     assert station("operate", "GET", "/api/v1/show").status_code == 401
@@ -191,7 +191,7 @@ def test_junk_on_emergency_paths_uses_no_emergency_rate(tmp_path: Path) -> None:
     assert station("emergency", "POST", "/api/v1/show/stop").status_code == 202
 
 
-def test_probes_are_answered_through_any_flood(tmp_path: Path) -> None:
+def test_probes_are_answered_during_a_flood(tmp_path: Path) -> None:
     station = Station(tmp_path, calls_per_s=1.0, burst=2.0)
     assert [station("", "GET", "/openapi.json").status_code for _ in range(3)] == [200, 200, 429]
     assert [station("", "GET", path).status_code for path in ("/healthz", "/readyz") * 5] == [200] * 10
@@ -211,7 +211,7 @@ def test_a_flood_of_denied_calls_is_summed_up(station: Station) -> None:
     assert station.authorization.denied == TELL_BURST + 40
 
 
-def test_the_emergency_lane_answers_nothing_else(station: Station) -> None:
+def test_emergency_lane_answers_emergency_calls_only(station: Station) -> None:
     station.service.fly()
     station.service.tick()
     assert station("operate", "GET", "/api/v1/fleet", lane=True).status_code == 404

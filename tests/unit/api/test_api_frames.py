@@ -73,7 +73,7 @@ def test_frame_encodes_the_snapshot() -> None:
     assert colours.tolist() == [[255, 128, 0], [255, 128, 0], [0, 0, 0]]
 
 
-def test_what_is_not_there_is_not_made_up() -> None:
+def test_unknown_values_are_absent_from_the_frame() -> None:
     header, columns = encoded(FakeService())
     assert header["has_center"] == 0
     for name in ("center_x_m", "center_height_m", "radius_m", "minimum_separation_m", "countdown_s"):

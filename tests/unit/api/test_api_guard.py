@@ -39,7 +39,7 @@ def test_oversized_chunked_body_is_413_and_smaller_is_read(api: Api) -> None:
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "http://127.0.0.1:9999", "null", "https://["])
-def test_a_foreign_web_page_may_not_command(api: Api, origin: str) -> None:
+def test_foreign_web_page_may_not_command(api: Api, origin: str) -> None:
     answer = api("POST", "/api/v1/show/start", headers={"Origin": origin})
     assert (answer.status_code, answer.json()["problems"]) == (403, [])
     assert api.service.show is ShowPhase.IDLE
@@ -76,7 +76,7 @@ def test_cross_site_embeds_are_refused_before_being_counted(site: str) -> None:
         ("/api/v1/fleet", {"Sec-Fetch-Site": "none", **LINK}, 200),  # typed into the browser
     ],
 )
-def test_a_link_from_elsewhere_leads_to_the_pages_alone(
+def test_link_from_another_site_reaches_pages_only(
     api: Api, path: str, headers: dict[str, str], status: int
 ) -> None:
     assert api("GET", path, headers=headers).status_code == status
@@ -96,7 +96,7 @@ def test_a_link_from_elsewhere_leads_to_the_pages_alone(
         ("POST", "/api/v1/show/stop", 500),
     ],
 )
-def test_no_answer_can_be_framed_or_guessed(method: str, path: str, status: int) -> None:
+def test_no_answer_can_be_framed_or_sniffed(method: str, path: str, status: int) -> None:
     class Broken(FakeService):
         def command_show(self, *_: object, **__: object) -> CommandRecord:
             raise ZeroDivisionError
@@ -125,14 +125,14 @@ def test_only_addresses_and_known_names_are_answered(api: Api, host: str, status
     assert api("GET", "/api/v1/fleet", headers={"Host": host}).status_code == status
 
 
-def test_a_name_can_be_made_known() -> None:
+def test_host_name_can_be_configured() -> None:
     api = Api()
     api.app = create_app(FakeService(), host_names=["station.local"])
     assert api("GET", "/api/v1/show", headers={"Host": "station.local:8000"}).status_code == 200
     assert api("GET", "/api/v1/show", headers={"Host": "localhost"}).status_code == 403
 
 
-def test_a_caller_that_goes_while_sending_changes_nothing() -> None:
+def test_caller_that_disconnects_while_sending_changes_nothing() -> None:
     service = FakeService()
     sent: list[dict[str, Any]] = []
 

@@ -83,7 +83,7 @@ def test_viewer_slots_are_limited_and_returned() -> None:
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.1, 90.0, 179.9, 180.0, 270.0, 359.9])
-def test_a_heading_survives_the_way_into_the_show_frame_and_back(heading: float) -> None:
+def test_heading_survives_the_show_frame_round_trip(heading: float) -> None:
     assert convert.heading_deg(convert.yaw_rad(heading, FRAME), FRAME) == pytest.approx(heading, abs=1e-9)
 
 

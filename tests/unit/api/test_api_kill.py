@@ -56,7 +56,7 @@ def test_there_is_no_kill_in_one_step(api: Api) -> None:
     assert api.service.phases["d1"] is Phase.FORMATION
 
 
-def test_a_code_is_good_for_its_time_for_whoever_armed_it() -> None:
+def test_code_is_valid_for_its_time_and_its_principal() -> None:
     switch = KillSwitch()
     first = switch.arm(["d1"], "anna", 100.0)
     with pytest.raises(RefusedError, match="confirms nothing"):
@@ -67,7 +67,7 @@ def test_a_code_is_good_for_its_time_for_whoever_armed_it() -> None:
         switch.confirm(late.code, "anna", 200.1 + VALID_S)
 
 
-def test_however_many_are_armed_the_newest_can_be_confirmed() -> None:
+def test_newest_of_many_codes_can_be_confirmed() -> None:
     codes = iter(f"{number:06x}" for number in range(10 * WAITING_MAX))
     switch = KillSwitch(lambda: next(codes))
     armed = [switch.arm(["d1"], "anna", 1.0) for _ in range(5 * WAITING_MAX)]

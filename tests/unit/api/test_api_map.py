@@ -63,7 +63,7 @@ def test_without_a_map_the_status_says_so(field: GroundMap | None) -> None:
     assert (answer.status_code, answer.json()["detail"]) == (404, "field.mbtiles has no tile 3/1/2")
 
 
-def test_a_disk_that_fails_is_not_the_edge_of_the_map(field: GroundMap | None) -> None:
+def test_failing_disk_is_not_the_edge_of_the_map(field: GroundMap | None) -> None:
     assert field is not None
     assert field.file is not None
     field.file.close()
@@ -86,13 +86,13 @@ def test_tiles_do_not_use_up_the_rate_of_commands(field: GroundMap | None) -> No
         *((f"{10**40}/0/0", "z"), ("a/0/0", "z"), ("3/1.5/0", "x"), ("3/1/1.png", "y"), ("nan/0/0", "z")),
     ],
 )
-def test_numbers_that_no_tile_has_are_refused(field: GroundMap | None, place: str, field_name: str) -> None:
+def test_impossible_tile_numbers_are_refused(field: GroundMap | None, place: str, field_name: str) -> None:
     answer = ask(field, f"/api/v1/map/{place}")
     assert answer.status_code == 422
     assert field_name in answer.json()["problems"][0]["field"]
 
 
-def test_a_tile_is_for_whoever_may_watch(field: GroundMap | None, tmp_path: Path) -> None:
+def test_tile_needs_the_right_to_view(field: GroundMap | None, tmp_path: Path) -> None:
     file = tmp_path / "tokens.json"
     token = create_token(file, "guest", Role.WATCH)
     authorization = Authorization(Tokens(file))

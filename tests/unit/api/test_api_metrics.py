@@ -69,7 +69,7 @@ def test_the_histograms_are_those_of_the_ticks(samples: dict[tuple[str, ...], fl
     assert samples["gcs_tick_lateness_seconds_count",] == 6.0
 
 
-def test_what_is_not_known_is_absent() -> None:
+def test_unknown_metrics_are_absent() -> None:
     api = Api()
     text = api("GET", "/metrics").text
     assert "gcs_minimum_separation_meters" not in {line.split(" ")[0] for line in text.splitlines()}

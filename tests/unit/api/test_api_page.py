@@ -101,7 +101,7 @@ BAD = [
 
 
 @pytest.mark.parametrize("path", BAD)
-def test_nothing_else_is_reported_to_whoever_has_no_token(built: Path, path: str) -> None:
+def test_without_a_token_nothing_but_the_page_is_served(built: Path, path: str) -> None:
     answer = ask(built, path)
     assert answer.status_code in {401, 404}
     assert "classified" not in answer.text
@@ -158,7 +158,7 @@ def compressed(built: Path) -> Path:
         (None, None),
     ],
 )
-def test_a_script_comes_in_the_form_that_the_caller_accepts(
+def test_script_has_the_encoding_that_the_caller_accepts(
     compressed: Path, accepted: str | None, coding: str | None
 ) -> None:
     with_header = {} if accepted is None else {"accept-encoding": accepted}
@@ -202,7 +202,7 @@ def test_each_encoding_has_its_etag_and_a_match_is_not_resent(compressed: Path) 
 
 
 @pytest.mark.parametrize("ending", [".br", ".gz"])
-def test_a_compressed_form_is_no_asset_of_its_own(compressed: Path, ending: str) -> None:
+def test_compressed_file_is_no_asset_of_its_own(compressed: Path, ending: str) -> None:
     assert ask(compressed, f"/assets/{SCRIPT}{ending}").status_code == 404
 
 

@@ -69,7 +69,7 @@ def test_replay_changes_are_shown_by_its_status() -> None:
         ({"rewind": True}, "rewind"),
     ],
 )
-def test_what_makes_no_sense_is_refused_and_changes_nothing(body: dict[str, Any], field: str) -> None:
+def test_invalid_replay_command_is_refused_and_changes_nothing(body: dict[str, Any], field: str) -> None:
     api, record = playing()
     record.change(paused=True, position_s=5.0)
     answer = api("POST", "/api/v1/replay", json={"speed": 2.0, **body} if body else body)
@@ -127,7 +127,7 @@ def test_record_marks_are_listed_and_idle_time_can_be_played() -> None:
 
 
 @pytest.mark.parametrize("age_s", [0.0, 1.5])
-def test_control_is_never_called_stopped_where_there_is_none(age_s: float) -> None:
+def test_replay_never_reports_control_as_stopped(age_s: float) -> None:
     api, _ = playing()
     view = api.service.view.value
     api.service.view.set(replace(view, time_s=view.time_s - age_s, control_alive=False))

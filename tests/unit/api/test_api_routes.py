@@ -22,7 +22,7 @@ def api() -> Api:
     return Api()
 
 
-def test_the_fleet_shows_everything_at_one_instant(api: Api) -> None:
+def test_fleet_snapshot_is_of_one_instant(api: Api) -> None:
     api.service.fly()
     fleet = api("GET", "/api/v1/fleet").json()
     assert fleet["control_alive"] is True
@@ -64,7 +64,7 @@ def test_gcs_status_shows_the_alarms_on_top(capsys: pytest.CaptureFixture[str]) 
     assert "Vehicle d2 low on battery: battery at 15%" in reported[1]
 
 
-def test_what_is_not_known_is_null_and_never_nan(api: Api) -> None:
+def test_unknown_value_is_null_and_never_nan(api: Api) -> None:
     api.service.phases["d1"] = Phase.LOST
     api.service.tick()
     answer = api("GET", "/api/v1/fleet")
@@ -254,7 +254,7 @@ def test_a_target_in_the_show_frame_is_answered_in_both_frames(api: Api) -> None
     assert answer["velocity_north_m_s"] == pytest.approx(0.0)
 
 
-def test_a_target_on_the_globe_comes_to_the_same_place(api: Api) -> None:
+def test_target_by_latitude_equals_the_target_in_the_frame(api: Api) -> None:
     reported = api("PUT", "/api/v1/target", json={"x_m": 100.0, "y_m": -40.0, "velocity_y_m_s": 2.0}).json()
     geodetic = {
         name: value for name, value in reported.items() if not name.startswith(("x_", "y_", "velocity_"))
@@ -264,7 +264,7 @@ def test_a_target_on_the_globe_comes_to_the_same_place(api: Api) -> None:
     assert again["velocity_y_m_s"] == pytest.approx(2.0)
 
 
-def test_a_moving_target_goes_on(api: Api) -> None:
+def test_moving_target_continues(api: Api) -> None:
     api("PUT", "/api/v1/target", json={"x_m": 0.0, "y_m": 0.0, "velocity_x_m_s": 900.0})
     first = api("GET", "/api/v1/target").json()["x_m"]
     assert 0.0 < first < api("GET", "/api/v1/target").json()["x_m"]

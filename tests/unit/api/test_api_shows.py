@@ -86,7 +86,7 @@ def test_names_that_could_lead_elsewhere_are_refused(api: Api, tmp_path: Path, n
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
-def test_a_folder_that_is_full_or_cannot_be_written_is_stated_so(api: Api, tmp_path: Path) -> None:
+def test_full_or_unwritable_folder_is_reported(api: Api, tmp_path: Path) -> None:
     folder = tmp_path / "shows"
     folder.mkdir()
     for number in range(FILES_MAX):
@@ -169,7 +169,7 @@ def test_unknown_check_is_404_and_missing_file_fails_its_check(api: Api) -> None
     assert "no show 'lighthouse'" in answer["reason"]
 
 
-def test_at_most_two_checks_are_under_way(api: Api) -> None:
+def test_at_most_two_checks_run(api: Api) -> None:
     async def three() -> None:
         shows = api.service.shows
         shows.check("one")

@@ -145,7 +145,7 @@ def test_errors_are_one_json_line_with_the_text_exit_code(
 @pytest.mark.parametrize(
     "line", ["files list", "files show operations.md", "completion bash", "show hash lighthouse", "--version"]
 )
-def test_what_was_found_is_one_document(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_found_commands_print_one_document(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*line.split(), "--json"]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)
@@ -180,7 +180,7 @@ def test_file_lines_and_request_fields_are_separate_documents(
     ]
 
 
-def test_a_document_has_no_number_that_json_has_not(capsys: pytest.CaptureFixture[str]) -> None:
+def test_document_has_only_json_numbers(capsys: pytest.CaptureFixture[str]) -> None:
     print_json({"a": [float("nan"), 1.5], "b": (float("inf"),)})
     assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == {"a": [None, 1.5], "b": [None]}
 

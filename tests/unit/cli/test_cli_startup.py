@@ -44,7 +44,7 @@ def loaded(line: str) -> set[str]:
 @pytest.mark.parametrize(
     "line", ["--help", "--version", "kil", "demo --help", "serve --help", "simulate --help"]
 )
-def test_help_and_mistakes_load_nothing_but_the_table(line: str) -> None:
+def test_help_and_usage_errors_load_only_the_command_table(line: str) -> None:
     assert loaded(line) & {*HEAVY, *MODELS, "httpx", "rich", "asyncio", "gcs.client.fleet_client"} == set()
 
 
@@ -91,7 +91,7 @@ def test_every_listed_command_exists_and_has_help() -> None:
     assert "completion" in help_of_all
 
 
-def test_arguments_that_stand_apart_agree_with_what_they_are_for() -> None:
+def test_copied_option_tables_agree_with_their_originals() -> None:
     assert sorted(VEHICLES_MAX) == sorted(options.TRANSPORTS)
     assert options.ROWS == ROWS
 
@@ -106,7 +106,7 @@ def test_arguments_that_stand_apart_agree_with_what_they_are_for() -> None:
         ("show", "usage: gcs show ", "required: action"),
     ],
 )
-def test_a_mistake_shows_the_usage_of_that_command_alone(
+def test_usage_error_shows_that_command_only(
     line: str, usage: str, wrong: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -118,7 +118,7 @@ def test_a_mistake_shows_the_usage_of_that_command_alone(
     assert len(result.splitlines()) < 9
 
 
-def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("gcs 0.")
 
@@ -146,7 +146,7 @@ def test_bash_completes_a_command_and_its_options(tmp_path: Path) -> None:
     assert result.stdout.split() == ["set-geodetic", "--all"]
 
 
-def test_a_reader_that_has_enough_gets_no_traceback() -> None:
+def test_reader_that_closes_early_gets_no_traceback() -> None:
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-m", "gcs", "--help"]
@@ -198,7 +198,7 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else() -> None:
     assert shown[False] == ""
 
 
-def test_a_share_is_shown_in_per_cent_and_never_goes_back() -> None:
+def test_progress_in_percent_never_decreases() -> None:
     def shown(*, is_terminal: bool, desired: bool) -> str:
         console = Console(file=StringIO(), force_terminal=is_terminal, width=80)
         with share_of("judging the flight", console, shown=desired) as report:
@@ -212,7 +212,7 @@ def test_a_share_is_shown_in_per_cent_and_never_goes_back() -> None:
     assert shown(is_terminal=True, desired=False) == shown(is_terminal=False, desired=True) == ""
 
 
-def test_what_came_along_is_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_shipped_files_are_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["files", "list"]) == 0
     names_of_files = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
     assert {"operations.md", "grafana/formation.json", "formation-gcs.service"} <= set(names_of_files)

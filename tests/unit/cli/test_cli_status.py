@@ -92,7 +92,7 @@ def test_columns_are_chosen_and_a_wrong_one_is_named(fleet: schemas.Fleet) -> No
 @pytest.mark.parametrize(
     ("by", "first"), [("battery", "d17"), ("age", "d17"), ("link", "d17"), ("vehicle", "d1")]
 )
-def test_what_needs_a_look_first_stands_first(fleet: schemas.Fleet, by: str, first: str) -> None:
+def test_vehicles_with_problems_are_listed_first(fleet: schemas.Fleet, by: str, first: str) -> None:
     rows = table(fleet, 80, sort=by)[1:]
     assert rows[0].split()[0] == first
     if by == "battery":

@@ -65,7 +65,7 @@ def test_tile_address_is_fetched_by_the_page_and_named() -> None:
         ("https://maps.example/{z}/{x}/{y}.png\r\nX: y", "no spaces"),
     ],
 )
-def test_what_is_neither_is_refused_with_its_key(tiles: str, stated: str) -> None:
+def test_invalid_map_source_is_refused_with_its_key(tiles: str, stated: str) -> None:
     with pytest.raises(ConfigError) as refused:
         configured(tiles=tiles)
     assert str(refused.value).startswith("my.yaml: line 6: map.tiles = ")
@@ -111,7 +111,7 @@ def test_map_file_reports_zooms_and_attribution_from_north(tmp_path: Path) -> No
         open_map(MapSettings(tiles=str(path), zoom_max=2))
 
 
-def test_tiles_that_are_not_there_or_nowhere_are_reported_apart(tmp_path: Path) -> None:
+def test_missing_tile_and_impossible_tile_differ(tmp_path: Path) -> None:
     file = TileFile(mbtiles(tmp_path / "a.mbtiles", {"format": "png"}, {(3, 1, 0): b"a", (3, 2, 0): "text"}))
     for place in ((3, 0, 0), (3, 2, 7), (22, 0, 0)):
         with pytest.raises(UnknownError, match=r"a\.mbtiles has no tile"):
@@ -125,7 +125,7 @@ def test_tiles_that_are_not_there_or_nowhere_are_reported_apart(tmp_path: Path) 
         assert refused.value.field == field
 
 
-def test_a_picture_that_is_far_too_large_is_not_read(tmp_path: Path) -> None:
+def test_oversized_image_is_not_read(tmp_path: Path) -> None:
     pictures = {(3, 1, 0): b"a" * TILE_MOST_BYTES, (3, 2, 0): b"a" * (TILE_MOST_BYTES + 1)}
     file = TileFile(mbtiles(tmp_path / "a.mbtiles", {"format": "png"}, pictures))
     assert len(file.tile(3, 1, 7)) == TILE_MOST_BYTES
@@ -133,7 +133,7 @@ def test_a_picture_that_is_far_too_large_is_not_read(tmp_path: Path) -> None:
         file.tile(3, 2, 7)
 
 
-def test_another_file_of_that_name_has_other_addresses(tmp_path: Path) -> None:
+def test_replaced_map_file_has_new_addresses(tmp_path: Path) -> None:
     def addresses() -> str:
         ground = open_map(MapSettings(tiles=str(path)))
         assert ground is not None
@@ -153,7 +153,7 @@ def test_missing_map_does_not_prevent_flight(tmp_path: Path) -> None:
     assert problems == [f"no map: map.tiles: {tmp_path}/gone.mbtiles: there is no such file"]
 
 
-def test_a_file_that_cannot_be_drawn_is_refused_at_the_start(tmp_path: Path) -> None:
+def test_unusable_map_file_is_refused_at_the_start(tmp_path: Path) -> None:
     one = {(3, 1, 0): b"a"}
     (tmp_path / "text.mbtiles").write_text("not a database, but as long as the beginning of one " * 9)
     (tmp_path / "folder.mbtiles").mkdir()

@@ -57,7 +57,7 @@ def test_both_shipped_configurations_are_found_by_name() -> None:
         assert find(name).stem == "demo"
 
 
-def test_a_path_of_ones_own_is_taken_as_it_is(tmp_path: Path) -> None:
+def test_path_of_a_user_file_is_used_as_given(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     own.write_text(SMALLEST, encoding="utf-8")
     assert find(str(own)) == own
@@ -105,7 +105,7 @@ def test_a_link_may_have_places_of_every_kind_and_250_vehicles() -> None:
     assert Config.model_validate(config.model_dump()) == config
 
 
-def test_one_further_station_need_not_be_a_list() -> None:
+def test_single_forwarding_station_need_not_be_a_list() -> None:
     config = parse(changed(lambda raw: raw["links"][0].update(forward="udp://127.0.0.1:14550")), "my.yaml")
     assert [each.address for each in config.links[0].forward] == [("127.0.0.1", 14550)]
 
@@ -364,7 +364,7 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_what_cannot_be_flown_is_refused_with_file_key_and_value(what: str) -> None:
+def test_impossible_setting_is_refused_with_file_key_and_value(what: str) -> None:
     change, named = BAD[what]
     stated = refusal(changed(change))
     assert all(part in stated for part in named), stated
@@ -518,7 +518,7 @@ def test_every_problem_is_listed_without_whole_sections() -> None:
         ("1: 2", "line 9: 1 = 2: unknown key; known here: show_frame, links, formation"),
     ],
 )
-def test_text_that_is_not_a_proper_mapping_is_refused(added: str, named: str) -> None:
+def test_text_that_is_no_valid_mapping_is_refused(added: str, named: str) -> None:
     assert named in refusal(f"{SMALLEST}\n{added}\n")
 
 

@@ -58,7 +58,7 @@ def test_yaml_bomb_is_refused_with_line_before_expansion(
 
 @pytest.mark.parametrize("levels", LEVELS)
 @pytest.mark.usefixtures("logging_restored")
-def test_the_command_line_refuses_a_bomb_in_one_line(
+def test_command_line_refuses_a_yaml_bomb_in_one_line(
     levels: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "bomb.yaml"
@@ -86,7 +86,7 @@ def test_the_command_line_refuses_a_bomb_in_one_line(
         ("{a: 1, a: 2}", "line 1: key 'a' is there twice"),
     ],
 )
-def test_what_is_not_read_is_refused_where_it_stands(text: str, words: str) -> None:
+def test_unsupported_yaml_is_refused_with_its_place(text: str, words: str) -> None:
     assert words in str(refused(Source, text))
 
 

@@ -32,12 +32,12 @@ def test_worse_accuracy_widens_the_margin_up_to_the_cap(
     assert one(horizontal_m, vertical_m) == pytest.approx(wide_m)
 
 
-def test_after_a_jump_there_is_more_room_for_a_while() -> None:
+def test_after_a_jump_the_margin_is_wider_for_a_while() -> None:
     assert one(0.9, 1.8, 0.0) == one(0.9, 1.8, 29.9) == pytest.approx(1.05)
     assert one(0.9, 1.8, 30.0) == 0.35
 
 
-def test_what_is_configured_above_the_cap_stays() -> None:
+def test_margin_configured_above_the_cap_stays() -> None:
     assert one(9.0, 9.0, 0.0, configured_m=2.0) == 2.0
 
 

@@ -41,7 +41,7 @@ def test_time_left_is_unknown_before_three_percent_in_the_air() -> None:
     assert np.isnan(reported(1e9, 3000.0).rate_per_s(3000.0)).all()
 
 
-def test_noise_of_a_percent_does_not_spoil_it() -> None:
+def test_noise_of_a_percent_does_not_spoil_the_estimate() -> None:
     left_s = float(reported(1200.0, 300.0, noise=0.004).left_s(0.2, 300.0)[0])
     assert left_s == pytest.approx(0.8 * 1200.0 - 300.0, rel=0.25)
 
@@ -63,7 +63,7 @@ def test_landing_restarts_the_estimate_and_low_has_no_time_left() -> None:
     assert np.isnan(history.left_s(0.0, 300.0)).all()
 
 
-def test_a_charge_that_jumps_is_no_rate() -> None:
+def test_jump_of_the_battery_level_is_no_rate() -> None:
     history = reported(1200.0, 200.0)
     assert np.isfinite(history.left_s(0.0, 200.0)).all()
     history.note(np.array([0.18]), FLYING, 201.0)
@@ -93,7 +93,7 @@ def test_vehicle_already_low_is_first_whatever_its_rate() -> None:
     assert np.isnan(found.low_s[[0, 2]]).all()
 
 
-def test_a_way_is_flown_at_the_speed_and_its_end_is_drawn_out() -> None:
+def test_path_time_includes_the_slow_end() -> None:
     far_s, near_s, there_s = approach_s(np.array([44.0, 4.0, 0.5]), 4.0, 1.0, 1.0)
     assert far_s == pytest.approx(10.0 + np.log(4.0))
     assert near_s == pytest.approx(np.log(4.0))
@@ -109,7 +109,7 @@ def test_assembly_time_counts_the_last_vehicle_and_the_climb() -> None:
     assert to_slots_s(np.zeros((0, 3)), np.zeros((0, 3)), 1.0, SPEEDS) == 0.0
 
 
-def test_home_is_not_known_without_a_position_or_a_pad() -> None:
+def test_home_time_is_unknown_without_position_or_pad() -> None:
     there_m, pads_m = np.array([[30.0, 40.0, -20.0]]), np.zeros((1, 3))
     assert home_s(np.zeros((0, 3)), np.zeros((0, 3)), 5.0, 1.5, SPEEDS, standing=False) is None
     assert home_s(there_m * np.nan, pads_m, 5.0, 1.5, SPEEDS, standing=False) is None

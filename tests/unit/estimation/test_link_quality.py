@@ -18,7 +18,7 @@ def shares_after(arrive: float, seconds: float, seed: int = 3) -> float:
 
 
 @pytest.mark.parametrize(("arrive", "share"), [(1.0, 1.0), (0.5, 0.5), (0.0, 0.0)])
-def test_it_is_the_share_of_positions_that_arrive(arrive: float, share: float) -> None:
+def test_link_quality_is_the_share_of_positions_that_arrive(arrive: float, share: float) -> None:
     assert shares_after(arrive, 60.0) == pytest.approx(share, abs=0.25 if arrive == 0.5 else 0.06)
 
 
@@ -32,7 +32,7 @@ def test_falls_when_a_vehicle_is_silent_and_never_exceeds_one() -> None:
     assert 0.0 < quality.share[0] < 0.1
 
 
-def test_a_tick_of_no_length_changes_nothing() -> None:
+def test_tick_of_zero_length_changes_nothing() -> None:
     quality = LinkQuality(np.array([10.0]))
     quality.note(np.array([0.0]), 0.0)
     quality.note(np.array([0.1]), 0.0)

@@ -78,7 +78,7 @@ def test_telemetry_from_the_future_is_not_younger_than_now() -> None:
     assert state.age_s[0] == 0.0
 
 
-def test_a_row_is_shown_as_numbers_only_when_all_of_it_is_known() -> None:
+def test_row_has_values_only_when_all_are_known() -> None:
     assert tuple3(np.array([1.0, 2.0, 3.0])) == (1.0, 2.0, 3.0)
     assert tuple3(np.array([1.0, nan, 3.0])) is None
 
@@ -98,7 +98,7 @@ def test_a_batch_cannot_be_changed_once_made() -> None:
         setpoints.velocity_m_s[0, 0] = 1.0
 
 
-def test_a_target_goes_on_with_its_velocity() -> None:
+def test_target_is_extrapolated_by_its_velocity() -> None:
     target = Target(1.0, 2.0, 0.5, -0.25, time_s=100.0)
     assert target.position_m(104.0) == (3.0, 1.0)
     assert Target(velocity_x_m_s=3.0, velocity_y_m_s=4.0).speed_m_s == 5.0

@@ -78,7 +78,7 @@ def ages_s(states: list[FleetState]) -> set[float]:
 @pytest.mark.parametrize(
     "frame", [FRAME, ShowFrame(-33.9, 151.2, 5.0, 37.0), ShowFrame(89.9, -179.99, -20.0, 200.0)]
 )
-def test_the_compiled_way_into_the_frame_is_pymap3ds(frame: ShowFrame) -> None:
+def test_compiled_conversion_equals_pymap3d(frame: ShowFrame) -> None:
     random, n = np.random.default_rng(3), 50
     latitude_deg = frame.latitude_deg + random.normal(0.0, 0.03, n)
     longitude_deg = frame.longitude_deg + random.normal(0.0, 0.03, n)
@@ -120,14 +120,14 @@ def test_position_jump_is_rejected_and_the_last_one_is_shown(received: ReportedV
         assert state.age_s[0] == np.inf
 
 
-def test_after_a_jump_and_back_it_is_believed_at_once(received: ReportedVehicle) -> None:
+def test_position_that_jumps_back_is_accepted_at_once(received: ReportedVehicle) -> None:
     received.keep_telling(THERE, 4.0)
     state = received.tell((16.0, 5.0, -20.0))
     assert state.position_m[0] == pytest.approx((16.0, 5.0, -20.0), abs=1e-3)
     assert state.age_s[0] == 0.0
 
 
-def test_a_single_wrong_message_costs_no_more_than_itself(received: ReportedVehicle) -> None:
+def test_single_wrong_message_costs_only_itself(received: ReportedVehicle) -> None:
     assert received.tell((24.0, 5.0, -20.0)).age_s[0] == np.inf
     assert received.tell(HERE).age_s[0] == 0.0
 
@@ -142,7 +142,7 @@ def test_on_the_ground_a_persistent_new_position_is_accepted() -> None:
     assert settled.position_m[0] == pytest.approx(THERE, abs=1e-3)
 
 
-def test_a_place_that_keeps_jumping_is_never_believed() -> None:
+def test_position_that_keeps_jumping_is_never_accepted() -> None:
     vehicle = ReportedVehicle()
     vehicle.keep_telling(HERE, 1.0, armed=False)
     states = [vehicle.tell((1000.0 * (index % 2) + 500.0, 0.0, 0.0), armed=False) for index in range(60)]
@@ -185,7 +185,7 @@ def test_silent_vehicle_may_be_as_far_as_it_could_have_flown(received: ReportedV
     assert received.tell((-300.0, 5.0, -20.0)).age_s[0] == np.inf
 
 
-def test_the_fastest_plausible_flight_is_believed_all_along(received: ReportedVehicle) -> None:
+def test_fastest_plausible_flight_is_always_accepted(received: ReportedVehicle) -> None:
     states = [
         received.tell((10.0 + 2.5 * index, 5.0, -20.0), velocity=(25.0, 0.0, 0.0)) for index in range(50)
     ]

@@ -84,7 +84,7 @@ def test_control_is_refused_only_where_it_would_stop_a_landing() -> None:
     assert described("d1", cause_of(hovers), hovers).endswith("Take control, and land it.")
 
 
-def test_a_station_that_has_just_started_does_not_blame_the_link() -> None:
+def test_newly_started_station_does_not_blame_the_link() -> None:
     inputs = replace(INPUTS, setpoint_gap_s=nan)
     text = described("d1", cause_of(inputs), inputs)
     assert "this station has sent none since it started" in text

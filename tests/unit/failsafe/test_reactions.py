@@ -81,7 +81,7 @@ def describe(requests: tuple[FailsafeRequest, ...]) -> list[tuple[Cause, Action,
     return [(request.cause, request.action, request.rows) for request in requests]
 
 
-def test_nothing_happens_and_nothing_is_desired() -> None:
+def test_normal_flight_requests_nothing() -> None:
     rules = Rules()
     assert rules.see(calm(), 5.0) == ()
     assert rules.was_calm
@@ -135,7 +135,7 @@ def test_battery_near_its_limit_is_one_low_battery_event() -> None:
     assert rules.see(calm(battery=one(0.24, 0.8)), 5.2) == ()
 
 
-def test_what_comes_and_goes_faster_than_it_must_last_is_none() -> None:
+def test_condition_shorter_than_its_delay_is_no_cause() -> None:
     rules = Rules()
     for _ in range(20):
         assert rules.see(calm(horizontal_m=one(9.0, 0.9)), 1.0) == ()
@@ -182,7 +182,7 @@ def test_three_jumps_within_half_a_minute_are_a_bad_position(apart_s: float, fou
         (101.0, 20.0, (0.0, 0.0, 0.0), True),
     ],
 )
-def test_the_fence_is_ahead_where_the_way_leads_out_of_it(
+def test_fence_is_ahead_where_the_path_leaves_it(
     x_m: float, height_m: float, velocity_m_s: tuple[float, float, float], crosses: bool
 ) -> None:
     position_m, flown_m_s = calm().position_m.copy(), np.zeros((N, 3))
@@ -264,7 +264,7 @@ def test_without_vehicles_in_the_air_there_is_no_failsafe() -> None:
     assert rules.see(bad, 10.0) == ()
 
 
-def test_what_is_ignored_is_not_desired() -> None:
+def test_ignored_cause_requests_nothing() -> None:
     ignored = {"action": "ignore"}
     rules = Rules(
         low_battery=ignored, wind=ignored, vehicles_lost=ignored, target_stale=ignored, service_late=ignored
@@ -366,7 +366,7 @@ def test_request_that_is_not_possible_now_waits() -> None:
         ({"clear_s": 0}, "clear_s"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused_by_name(failsafes: dict[str, Any], words: str) -> None:
+def test_inconsistent_settings_are_refused_by_name(failsafes: dict[str, Any], words: str) -> None:
     raw = {
         "show_frame": {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 400.0},
         "links": [{"name": "one", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 1}}],
@@ -381,14 +381,14 @@ ASTRAY = calm(velocity_m_s=np.full((N, 3), 2.0) * [1, 0, 0])
 """The velocities of all are 2 m/s off their setpoints."""
 
 
-def test_strays_over_links_on_time_are_blown_by_the_wind() -> None:
+def test_deviation_over_prompt_links_is_wind() -> None:
     assert describe(Rules().see(ASTRAY, 8.0)) == [(Cause.WIND, Action.PAUSE, ())]
 
 
 @pytest.mark.parametrize(
     "poor", [{"link_late_s": np.full(N, 0.35)}, {"link_share": np.full(N, 0.4)}], ids=["late", "lossy"]
 )
-def test_strays_over_poor_links_are_late_links_and_no_wind(poor: dict[str, Any]) -> None:
+def test_deviation_over_late_links_is_not_wind(poor: dict[str, Any]) -> None:
     requests = Rules().see(replace(ASTRAY, **poor), 20.0)
     assert describe(requests) == [(Cause.LINKS_LATE, Action.PAUSE, ())]
     assert "8 of 8" in requests[0].reason
@@ -419,7 +419,7 @@ def test_wind_that_dropped_sends_no_vehicle_home() -> None:
     assert describe(rules.see(ASTRAY, 9.0)) == [(Cause.WIND, Action.RETURN, ())]
 
 
-def test_a_position_that_became_good_is_not_landed() -> None:
+def test_recovered_position_is_not_landed() -> None:
     rules, bad = Rules(), calm(horizontal_m=one(5.0, 0.9))
     assert describe(rules.see(bad, 9.0)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))]
     assert describe(rules.see(calm(), 4.5)) == [(Cause.BAD_POSITION, Action.HOLD, (0,))]

@@ -30,19 +30,19 @@ def status(
 ON_GROUND = status(mode=Mode.HOLD, armed=False, landed=Landed.ON_GROUND)
 
 
-def test_one_never_received_stays_offline() -> None:
+def test_vehicle_never_received_stays_offline() -> None:
     subject = vehicle(Phase.OFFLINE)
     assert not subject.observe(status(age_s=math.inf), SILENCE_S)
     assert subject.phase is Phase.OFFLINE
 
 
-def test_an_age_that_is_not_a_number_counts_as_silence() -> None:
+def test_age_that_is_nan_counts_as_silence() -> None:
     subject = vehicle(Phase.FORMATION)
     assert subject.observe(status(age_s=math.nan), SILENCE_S)
     assert subject.phase is Phase.LOST
 
 
-def test_one_received_on_the_ground_is_on_standby() -> None:
+def test_vehicle_received_on_the_ground_is_on_standby() -> None:
     subject = vehicle(Phase.OFFLINE)
     assert subject.observe(ON_GROUND, SILENCE_S)
     assert subject.phase is Phase.STANDBY
@@ -74,7 +74,7 @@ def test_unknown_landed_state_keeps_it_offline_with_the_reason() -> None:
     assert subject.reason == "heard, but it does not say yet whether it flies"
 
 
-def test_one_silent_on_the_ground_is_offline() -> None:
+def test_vehicle_silent_on_the_ground_is_offline() -> None:
     subject = vehicle(Phase.STANDBY)
     assert subject.observe(status(age_s=2.5), SILENCE_S)
     assert subject.phase is Phase.OFFLINE
@@ -82,7 +82,7 @@ def test_one_silent_on_the_ground_is_offline() -> None:
 
 
 @pytest.mark.parametrize("phase", [*COMMANDED, Phase.PILOT])
-def test_one_silent_in_the_air_is_lost(phase: Phase) -> None:
+def test_vehicle_silent_in_the_air_is_lost(phase: Phase) -> None:
     subject = vehicle(phase)
     assert not subject.observe(status(age_s=SILENCE_S), SILENCE_S)
     assert subject.observe(status(age_s=SILENCE_S + 0.1), SILENCE_S)
@@ -108,14 +108,14 @@ def test_mode_explained_by_a_command_changes_nothing(phase: Phase, mode: Mode) -
 
 
 @pytest.mark.parametrize("phase", [*COMMANDED, Phase.PILOT])
-def test_motors_off_means_down_whatever_the_mode(phase: Phase) -> None:
+def test_motors_off_means_on_the_ground_in_any_mode(phase: Phase) -> None:
     subject = vehicle(phase)
     assert subject.observe(status(mode=Mode.POSITION, armed=False, landed=Landed.ON_GROUND), SILENCE_S)
     assert subject.phase is Phase.STANDBY
 
 
 @pytest.mark.parametrize("mode", sorted(Mode))
-def test_a_pilots_vehicle_stays_the_pilots_in_every_mode(mode: Mode) -> None:
+def test_piloted_vehicle_stays_piloted_in_every_mode(mode: Mode) -> None:
     subject = vehicle(Phase.PILOT)
     assert not subject.observe(status(mode=mode), SILENCE_S)
     assert subject.phase is Phase.PILOT
@@ -166,7 +166,7 @@ def test_a_lost_vehicle_stays_lost_while_it_is_silent() -> None:
 @pytest.mark.parametrize(
     "telemetry", [status(), ON_GROUND, status(age_s=10.0), status(mode=Mode.LAND, landed=Landed.LANDING)]
 )
-def test_nothing_that_is_received_brings_a_killed_vehicle_back(telemetry: VehicleStatus) -> None:
+def test_no_telemetry_brings_a_killed_vehicle_back(telemetry: VehicleStatus) -> None:
     subject = vehicle(Phase.KILLED)
     assert not subject.observe(telemetry, SILENCE_S)
     assert subject.phase is Phase.KILLED
@@ -191,14 +191,14 @@ def test_a_goal_is_kept_from_return_to_landing() -> None:
     assert subject.goal_m is HERE_M
 
 
-def test_an_event_that_the_table_does_not_name_changes_nothing() -> None:
+def test_event_outside_the_table_changes_nothing() -> None:
     subject = vehicle(Phase.STANDBY)
     with pytest.raises(RefusedError):
         subject.apply(Event.ENGAGE, "for a test")
     assert subject.phase is Phase.STANDBY
 
 
-def test_a_required_phase_names_the_vehicle_and_what_is_possible() -> None:
+def test_required_phase_names_the_vehicle_and_possible_actions() -> None:
     with pytest.raises(RefusedError, match="d1: 'engage' is not possible while landing; it is from hold"):
         require_phase(vehicle(Phase.LANDING), Event.ENGAGE)
     require_phase(vehicle(Phase.HOLD), Event.ENGAGE)

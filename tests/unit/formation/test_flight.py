@@ -63,7 +63,7 @@ def at(subject: Fleet, position_m: Array) -> Fleet:
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8, 20])
-def test_the_sphere_stands_in_its_best_shape(count: int) -> None:
+def test_sphere_is_stable_in_its_best_shape(count: int) -> None:
     assert at(flight(count), CENTER_M + RADIUS_M * best_configuration(count, starts=4)).assembled()
 
 
@@ -75,13 +75,13 @@ def test_sphere_is_unstable_with_all_on_its_lower_half(count: int) -> None:
     assert not at(flight(count), CENTER_M + RADIUS_M * direction).assembled()
 
 
-def test_the_sphere_does_not_stand_while_one_is_off_it() -> None:
+def test_sphere_is_unstable_with_a_vehicle_off_it() -> None:
     position = CENTER_M + RADIUS_M * best_configuration(4, starts=4)
     position[2] += (position[2] - CENTER_M) * 0.3
     assert not at(flight(4), position).assembled()
 
 
-def test_one_alone_stands_as_soon_as_it_is_on_the_sphere() -> None:
+def test_single_vehicle_is_stable_once_on_the_sphere() -> None:
     assert at(flight(1), CENTER_M[None] + (0.0, 0.0, RADIUS_M)).assembled()
 
 

@@ -110,7 +110,7 @@ def test_each_flies_about_its_believed_centre_or_rests() -> None:
     assert velocity == pytest.approx(np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]))
 
 
-def test_a_row_depends_on_that_drones_inbox_alone() -> None:
+def test_row_depends_only_on_the_inbox_of_its_vehicle() -> None:
     place = RADIUS_M * random_directions(6, 4)
     whole = velocity_of(place, Sight(everybody(place), np.ones((6, 5)), 15.0))
     rows = np.array([False, True, False, False, True, False])

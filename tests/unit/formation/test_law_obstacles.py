@@ -67,7 +67,7 @@ def led(
     return steer_center(center, desired, drones, ellipses, sides or {}, AVOIDANCE, radius_m=radius_m, way=way)
 
 
-def test_the_ellipse_is_the_articles_around_the_grown_box() -> None:
+def test_ellipse_is_the_articles_around_the_grown_box() -> None:
     assert (AROUND.semi_x_m, AROUND.semi_y_m) == pytest.approx((sqrt(2) * 4.0, sqrt(2) * 6.0))
     assert AROUND.top_height_m == 23.0
 
@@ -105,11 +105,11 @@ def test_on_and_inside_the_ellipse_tangents_follow_the_contour(x_m: float) -> No
     assert tangent(x_m, 0.0, 5.0, 5.0, RIGHT) == pytest.approx((0.0, 1.0), abs=1e-9)
 
 
-def test_at_the_very_centre_there_is_a_tangent_too() -> None:
+def test_at_the_exact_centre_there_is_a_tangent() -> None:
     assert tangent(0.0, 0.0, 5.0, 5.0, LEFT) == (0.0, 1.0)
 
 
-def test_contact_is_how_far_one_flies_until_the_ellipse() -> None:
+def test_contact_is_the_distance_flown_to_the_ellipse() -> None:
     assert contact_m(-20.0, 0.0, 5.0, 5.0, 3.0, 0.0) == pytest.approx(15.0)
     assert contact_m(-20.0, 3.0, 5.0, 5.0, 0.1, 0.0) == pytest.approx(16.0)
     assert contact_m(-20.0, 5.1, 5.0, 5.0, 3.0, 0.0) == inf
@@ -128,7 +128,7 @@ def test_moving_box_is_where_dead_reckoning_says() -> None:
     assert (later.velocity_x_m_s, later.velocity_y_m_s) == (0.5, -1.0)
 
 
-def test_many_outlines_are_as_far_away_as_each_ellipse() -> None:
+def test_distances_to_many_outlines_equal_those_of_each() -> None:
     outlines = Outlines.of({"r": ROUND, "a": AROUND})
     places = np.vstack([OUTSIDE, [(0.0, 0.0, -5.0), (10.0, -5.0, -5.0)]])
     for count in range(len(places) + 1):
@@ -143,7 +143,7 @@ def test_distance_is_exact_for_a_circle_and_along_the_axes() -> None:
     assert AROUND.distance_m(np.array([[10.0 + AROUND.semi_x_m + 7.0, -5.0]])) == pytest.approx([7.0])
 
 
-def test_distance_never_promises_more_room_than_there_is() -> None:
+def test_distance_is_never_overestimated() -> None:
     contour_rad = np.linspace(0.0, 2 * pi, 3601)
     contour = np.array([10.0, -5.0]) + np.stack(
         [AROUND.semi_x_m * np.cos(contour_rad), AROUND.semi_y_m * np.sin(contour_rad)], axis=1
@@ -153,7 +153,7 @@ def test_distance_never_promises_more_room_than_there_is() -> None:
     assert (AROUND.distance_m(places) <= true_m + 1e-3).all()
 
 
-def test_the_very_centre_is_inside_and_has_a_way_out() -> None:
+def test_exact_centre_is_inside_and_has_a_way_out() -> None:
     center = np.array([[10.0, -5.0, -5.0]])
     assert AROUND.distance_m(center) == pytest.approx([-AROUND.semi_x_m])
     assert AROUND.outward(center) == pytest.approx(np.array([[1.0, 0.0]]))
@@ -192,7 +192,7 @@ def test_vehicle_without_an_encounter_is_left_alone(
 
 
 @pytest.mark.parametrize("place", [(-4.9, 0.0, -5.0), (0.0, 0.0, -5.0), (1.0, 2.0, -19.0)])
-def test_one_inside_is_led_out_whatever_it_wants(place: tuple[float, float, float]) -> None:
+def test_vehicle_inside_is_led_out_whatever_its_velocity(place: tuple[float, float, float]) -> None:
     for angle_rad in np.linspace(0.0, 2 * pi, 9):
         here = np.array(place)
         result = flown(here, np.array([3.0 * cos(angle_rad), 3.0 * sin(angle_rad), 0.0]))
@@ -220,7 +220,7 @@ def test_notch_between_overlapping_obstacles_is_left_outwards() -> None:
         assert result[1] * side > 0.5
 
 
-def test_of_two_in_a_row_neither_is_met() -> None:
+def test_of_two_ellipses_in_a_row_neither_is_entered() -> None:
     near, far = Ellipse(5.0, 0.0, 3.0, 3.0, 100.0), Ellipse(14.0, 3.0, 4.0, 4.0, 100.0)
     place, desired = np.array([-0.5, 0.0, -5.0]), np.array([2.0, 0.0, 0.0])
     around = flown(place, desired, sliding_m_s=2.0, ellipses={"near": near, "far": far})
@@ -239,7 +239,7 @@ def test_moving_obstacle_is_passed_on_the_relative_tangent() -> None:
     assert still.tolist() == desired.tolist()
 
 
-def test_one_that_rests_makes_way_for_an_obstacle_that_comes() -> None:
+def test_resting_vehicle_avoids_an_approaching_obstacle() -> None:
     coming = Ellipse(-8.0, 1.0, 4.0, 4.0, 100.0, 2.0, 0.0)
     away = flown(np.array([0.0, 0.0, -5.0]), np.zeros(3), ellipses={"c": coming})
     assert away[1] < -0.3
@@ -258,7 +258,7 @@ def test_side_that_turns_the_formation_least_is_kept() -> None:
 
 
 @pytest.mark.parametrize("turn_rad", np.linspace(-pi, pi, 9))
-def test_the_choice_does_not_flip_where_angles_wrap(turn_rad: float) -> None:
+def test_choice_does_not_flip_where_angles_wrap(turn_rad: float) -> None:
     c, s = cos(turn_rad), sin(turn_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     way = Way(turn[:2, :2] @ (60.0, 0.0), 80.0)
@@ -367,7 +367,7 @@ def test_obstacles_out_of_reach_cost_and_change_nothing() -> None:
     assert avoid_all(place, desired, far, {}, slides, AVOIDANCE) is desired
 
 
-def test_after_the_warm_up_nothing_is_compiled_any_more() -> None:
+def test_after_the_warm_up_nothing_is_compiled() -> None:
     warm_up()
     kernels: list[Any] = [steer, push, contacts_m]
     known = [len(each.signatures) for each in kernels]

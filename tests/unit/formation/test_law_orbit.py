@@ -93,7 +93,7 @@ def test_a_target_too_fast_is_followed_at_the_limit() -> None:
     assert total == pytest.approx(np.array([3.0, 4.0]))
 
 
-def test_with_nothing_relative_only_the_target_counts() -> None:
+def test_without_relative_velocity_only_the_target_counts() -> None:
     assert within_ground_speed(np.array([1.0, 1.0]), np.zeros(2), 5.0) == pytest.approx(np.ones(2))
 
 
@@ -122,7 +122,7 @@ def test_the_centre_climbs_to_its_height_no_faster_than_allowed() -> None:
     assert near == pytest.approx(np.array([0.0, 0.0, 0.5 * LAW.goal_rate_per_s]))
 
 
-def test_a_moving_target_is_orbited_where_it_is_by_now() -> None:
+def test_moving_target_is_orbited_at_its_current_position() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(10.0, 2.0), Target(0.0, 0.0, 1.0, 0.0, time_s=100.0))
     center = Center.at_rest(np.array([20.0, 10.0, -30.0]))  # at 120 s right beside the target, on the circle
     desired = desired_center_velocity(center, plan, 120.0, LAW, reach_m=200.0, pace=1.0)
@@ -137,7 +137,7 @@ def test_named_directions_are_as_seen_on_a_map() -> None:
             assert velocity @ along == pytest.approx(sign * 12.0)
 
 
-def test_a_target_within_reach_is_followed_itself() -> None:
+def test_target_within_reach_is_followed_exactly() -> None:
     place, velocity = followed_target(np.array([30.0, 40.0]), np.array([1.0, -2.0]), 50.0)
     assert place.tolist() == [30.0, 40.0]
     assert velocity.tolist() == [1.0, -2.0]
@@ -150,14 +150,14 @@ def test_target_beyond_reach_is_followed_at_its_projection() -> None:
 
 
 @pytest.mark.parametrize("velocity", [(3.0, 1.0), (-2.0, 0.5), (0.0, 2.0)])
-def test_what_is_followed_has_the_velocity_of_its_own_motion(velocity: tuple[float, float]) -> None:
+def test_followed_point_has_the_velocity_of_its_own_motion(velocity: tuple[float, float]) -> None:
     target, step_s = np.array([120.0, 35.0]), 1e-4
     place, followed = followed_target(target, np.array(velocity), 90.0)
     later, _ = followed_target(target + step_s * np.array(velocity), np.array(velocity), 90.0)
     assert followed == pytest.approx((later - place) / step_s, abs=1e-3)
 
 
-def test_with_no_reach_at_all_the_origin_is_followed() -> None:
+def test_without_reach_the_origin_is_followed() -> None:
     place, velocity = followed_target(np.array([5.0, 0.0]), np.array([1.0, 1.0]), 0.0)
     assert place == pytest.approx(np.zeros(2))
     assert velocity == pytest.approx(np.zeros(2))

@@ -14,7 +14,7 @@ def test_positive_is_x_to_y_clockwise_from_above() -> None:
 
 
 @given(angle_rad=st.floats(-7.0, 7.0), seed=st.integers(0, 1000))
-def test_turning_keeps_lengths_and_heights(angle_rad: float, seed: int) -> None:
+def test_rotation_keeps_lengths_and_heights(angle_rad: float, seed: int) -> None:
     places = np.random.default_rng(seed).normal(size=(5, 3))
     after = turned(places, angle_rad)
     assert np.allclose(np.linalg.norm(after, axis=1), np.linalg.norm(places, axis=1))
@@ -22,7 +22,7 @@ def test_turning_keeps_lengths_and_heights(angle_rad: float, seed: int) -> None:
 
 
 @given(rate_rad_s=st.floats(-1.0, 1.0), seed=st.integers(0, 1000))
-def test_the_velocity_is_how_a_turning_place_changes(rate_rad_s: float, seed: int) -> None:
+def test_velocity_is_the_derivative_of_a_rotating_slot(rate_rad_s: float, seed: int) -> None:
     places = np.random.default_rng(seed).normal(size=(5, 3))
     change = (turned(places, 1e-6 * rate_rad_s) - turned(places, -1e-6 * rate_rad_s)) / 2e-6
     assert np.allclose(spin_velocity(places, rate_rad_s, 0.0), change, atol=1e-6)

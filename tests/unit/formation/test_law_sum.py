@@ -65,7 +65,7 @@ def test_symmetric_start_is_broken_at_once_by_a_small_offset() -> None:
     )
 
 
-def test_every_drone_has_a_kick_of_its_own_the_same_every_time() -> None:
+def test_every_vehicle_has_its_own_repeatable_symmetry_offset() -> None:
     assert len({symmetry_offset_of(f"d{i}") for i in range(1000)}) == 1000
     assert symmetry_offset_of("d1") == symmetry_offset_of("d1")
     assert max(np.hypot(*symmetry_offset_of(f"d{i}")) for i in range(1000)) <= 1.0
@@ -77,7 +77,7 @@ def test_every_drone_has_a_kick_of_its_own_the_same_every_time() -> None:
     assert symmetry_offsets(np.zeros((0, 3)), NAMES, np.arange(0)).shape == (0, 3)
 
 
-def test_straight_above_the_centre_there_is_a_kick_too() -> None:
+def test_above_the_centre_there_is_a_symmetry_offset() -> None:
     above = np.array([[0.0, 0.0, -1.0]])
     assert np.linalg.norm(symmetry_offsets(above, NAMES, np.array([1]))) == pytest.approx(
         np.hypot(*symmetry_offset_of("b"))

@@ -46,7 +46,7 @@ def test_far_away_the_pull_is_the_speed_bound_to_the_centre() -> None:
     assert velocity == pytest.approx(np.array([[-2.4, -3.2, 0.0]]))
 
 
-def test_a_drone_at_the_very_centre_is_sent_up() -> None:
+def test_vehicle_at_the_exact_centre_is_sent_up() -> None:
     # excess (0 - 100) / 20 = -5 m, times 0.8
     velocity = sphere_velocity(np.zeros((1, 3)), ORIGIN, radius_m=10.0, rate_per_s=0.8, speed_max_m_s=9.0)
     assert velocity == pytest.approx(np.array([[0.0, 0.0, -4.0]]))
@@ -101,15 +101,15 @@ def test_the_fast_sum_is_the_articles_force(count: int) -> None:
     assert np.abs(pushes(direction, charge) - exact).max(initial=0.0) <= 1e-5 * np.abs(exact).max(initial=0.0)
 
 
-def test_drones_in_one_direction_do_not_push_each_other() -> None:
+def test_coincident_directions_do_not_repel() -> None:
     assert np.isfinite(spread(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))).all()
 
 
-def test_large_fleets_make_fewer_sweeps_a_tick_but_never_none() -> None:
+def test_large_fleets_make_fewer_sweeps_but_at_least_one() -> None:
     assert [sweeps_for(count, 4) for count in (0, 1, 1000, 1400, 2000, 10_000)] == [4, 4, 4, 2, 1, 1]
 
 
-def test_places_follow_drones_that_cannot_reach_them() -> None:
+def test_slots_follow_vehicles_that_cannot_reach_them() -> None:
     place = best_configuration(4, starts=2)
     angle_rad = 0.5
     turn = np.array(
@@ -158,7 +158,7 @@ def test_one_point_has_no_best_configuration() -> None:
 # from velocity to setpoint
 
 
-def test_a_vector_too_fast_in_one_way_is_shortened_as_a_whole() -> None:
+def test_vector_above_one_limit_is_scaled_as_a_whole() -> None:
     desired = np.array([[12.0, 16.0, -1.0], [3.0, 4.0, -5.0], [3.0, 4.0, 2.8], [1.0, 1.0, 1.0]])
     scaled = scale_to_limits(desired, horizontal_max_m_s=10.0, up_max_m_s=2.5, down_max_m_s=1.4)
     by_hand = desired * np.array([[0.5], [0.5], [0.5], [1.0]])
@@ -250,7 +250,7 @@ def test_at_a_limit_the_trim_does_not_grow_but_may_shrink() -> None:
     assert trimmed(np.array([[3.5, 0.0, 0.0]]), requested=12.0, trim=1.0, ticks=50)[0, 0] < 1.0
 
 
-def test_a_vehicle_that_answers_as_expected_is_not_trimmed() -> None:
+def test_vehicle_that_responds_as_expected_is_not_trimmed() -> None:
     assert np.abs(trimmed(np.array([[2.0, 0.0, 0.0]]), ticks=400)).max() < 1e-9
 
 
@@ -293,6 +293,6 @@ def test_yaw_turns_the_short_way_round_through_south() -> None:
     assert yaw == pytest.approx([3.1])
 
 
-def test_an_unknown_yaw_stays_unknown_and_never_becomes_zero() -> None:
+def test_unknown_yaw_stays_unknown() -> None:
     yaw = turn_towards(np.array([np.nan]), np.array([0.0]), rate_max_rad_s=1.0, dt_s=0.1)
     assert np.isnan(yaw).all()

@@ -87,7 +87,7 @@ def test_a_refusal_has_a_name_and_progress_is_waited_for() -> None:
     run(main)
 
 
-def test_nothing_leaves_after_a_kill_and_what_waits_ends_at_once() -> None:
+def test_nothing_leaves_after_a_kill_and_waiting_ends_at_once() -> None:
     async def main(bench: Bench) -> None:
         waiting = asyncio.create_task(bench.commands.command(0, ARM, (1.0,), bench.may_leave))
         other = asyncio.create_task(bench.commands.command(1, ARM, (1.0,), bench.may_leave))
@@ -122,7 +122,7 @@ def test_parameter_is_set_by_type_and_confirmed_by_readback() -> None:
     run(main)
 
 
-def test_closing_ends_what_waits() -> None:
+def test_closing_ends_waiting_commands() -> None:
     async def main(bench: Bench) -> None:
         waiting = asyncio.create_task(bench.commands.get_parameter(0, "ANY", bench.may_leave))
         await asyncio.sleep(0.1)

@@ -111,7 +111,7 @@ RECORDED = 0x301402F, 0x320C83F  # of PX4 SITL, which has no remote control
         (system_time(1e9), "clock_base_s", nan),  # nor does it now
     ],
 )
-def test_fix_sick_sensors_and_clock_are_read_and_by_both_alike(
+def test_both_readers_report_fix_unhealthy_sensors_and_clock(
     message: Any, described: str, expected: float
 ) -> None:
     fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
@@ -143,7 +143,9 @@ def total(percent: int) -> Any:
         ((position(9000), pack(1, 15), position(100), pack(0, 100)), (nan, 0.15, nan, 1.0)),
     ],
 )
-def test_both_readers_report_the_emptiest_pack(story: tuple[Any, ...], expected: tuple[float, ...]) -> None:
+def test_both_readers_report_the_emptiest_battery(
+    story: tuple[Any, ...], expected: tuple[float, ...]
+) -> None:
     """A vehicle with two packs never flaps between them; a restart may have brought new ones."""
     fleet, each = FleetTelemetry(IDS), VehicleTelemetry()
     read = []

@@ -29,7 +29,7 @@ def test_broadcast_is_never_allowed() -> None:
     assert not setpoint_watchdog.allows(0, 10.0)
 
 
-def test_a_time_that_is_no_number_allows_nothing() -> None:
+def test_time_that_is_nan_allows_nothing() -> None:
     setpoint_watchdog = SetpointWatchdog(0.2)
     setpoint_watchdog.refresh([1], nan)
     assert not setpoint_watchdog.allows(1, 10.0)
@@ -46,7 +46,7 @@ def test_only_the_newest_request_is_new() -> None:
     assert not asked.is_newest(2, b"east")
 
 
-def test_a_pulse_lasts_for_its_hold_time_after_each_beat() -> None:
+def test_heartbeat_gate_stays_open_for_its_hold_time() -> None:
     heartbeat_gate = HeartbeatGate(3.0)
     assert not heartbeat_gate.is_alive(0.0)
     heartbeat_gate.beat(10.0)
@@ -56,7 +56,7 @@ def test_a_pulse_lasts_for_its_hold_time_after_each_beat() -> None:
     assert heartbeat_gate.is_alive(20.0)
 
 
-def test_a_pulse_at_a_time_that_is_no_number_is_none() -> None:
+def test_heartbeat_gate_is_closed_at_a_time_that_is_nan() -> None:
     heartbeat_gate = HeartbeatGate(3.0)
     heartbeat_gate.beat(nan)
     assert not heartbeat_gate.is_alive(1.0)

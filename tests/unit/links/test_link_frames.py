@@ -46,7 +46,7 @@ def setpoint(target: int) -> Any:
 
 
 @pytest.mark.parametrize("version_1", [False, True])
-def test_a_datagram_of_several_frames_is_taken_apart(version_1: bool) -> None:
+def test_datagram_of_several_frames_is_split(version_1: bool) -> None:
     parts = [framed(beat(), version_1=version_1), framed(setpoint(3), version_1=version_1)]
     frames, garbage, _ = split(b"".join(parts))
     assert garbage == 0
@@ -64,7 +64,7 @@ def test_a_signed_frame_keeps_its_signature() -> None:
     assert len(data) > len(framed(beat()))
 
 
-def test_noise_before_between_and_behind_is_counted_and_skipped() -> None:
+def test_noise_around_frames_is_counted_and_skipped() -> None:
     one, two = framed(beat()), framed(setpoint(3))
     frames, garbage, _ = split(b"\xfd\x00" + one + b"\xfe" + two + two[:-1])
     assert [frame.raw for frame in frames] == [one, two]
@@ -91,7 +91,7 @@ def test_the_checksum_is_pymavlinks() -> None:
         assert checksum(data) == x25crc(data).crc
 
 
-def test_the_target_is_found_wherever_a_message_keeps_it() -> None:
+def test_target_is_found_in_every_message_layout() -> None:
     offsets_seen = set()
     for message_id, kind in dialect.mavlink_map.items():
         if "target_system" not in kind.fieldnames:
@@ -150,7 +150,7 @@ def test_manual_control_is_addressed_by_its_own_field() -> None:
         (1, 0, Mode.OTHER),
     ],
 )
-def test_px4s_modes_have_our_names(main: int, sub: int, mode: Mode) -> None:
+def test_px4_modes_have_our_names(main: int, sub: int, mode: Mode) -> None:
     assert px4_mode(main << 16 | sub << 24) is mode
 
 
@@ -190,7 +190,7 @@ def test_status_text_ends_at_zero_or_continues_in_a_chunk() -> None:
     assert (len(long.text), long.last) == (50, False)
 
 
-def test_the_kill_command_is_the_one_px4_obeys_in_flight() -> None:
+def test_kill_command_is_the_one_px4_obeys_in_flight() -> None:
     data = kill_frame(5, sequence=300, source_system=245, source_component=190)
     assert target_system(only(data)) == 5
     (message,) = dialect.MAVLink(None).parse_buffer(data)
@@ -198,7 +198,7 @@ def test_the_kill_command_is_the_one_px4_obeys_in_flight() -> None:
     assert (message.get_srcSystem(), message.get_srcComponent()) == (245, 190)
 
 
-def test_what_moves_a_vehicle_is_reported_from_questions() -> None:
+def test_commands_that_move_a_vehicle_differ_from_queries() -> None:
     def command(number: int) -> Frame:
         return only(framed(dialect.MAVLink_command_long_message(5, 1, number, 0, 1, 0, 0, 0, 0, 0, 0)))
 

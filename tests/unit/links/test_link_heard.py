@@ -28,13 +28,13 @@ def text(part: bytes, text_id: int = 0, chunk: int = 0) -> Any:
     return dialect.MAVLink_statustext_message(4, part, text_id, chunk)
 
 
-def test_nothing_was_received_before_the_first_frame() -> None:
+def test_nothing_is_received_before_the_first_frame() -> None:
     telemetry = VehicleTelemetry()
     assert (telemetry.time_s, telemetry.heartbeat_time_s, telemetry.position_time_s) == (-inf, -inf, -inf)
     assert (telemetry.armed, telemetry.mode, telemetry.prearm_ok) == (False, Mode.UNKNOWN, False)
 
 
-def test_heartbeats_and_positions_have_times_of_their_own() -> None:
+def test_heartbeats_and_positions_have_separate_times() -> None:
     telemetry = VehicleTelemetry()
     take(telemetry, 1.0, beat())
     take(telemetry, 2.0, position())
@@ -61,7 +61,7 @@ def test_heartbeat_counts_as_telemetry() -> None:
     assert not telemetry.news.is_set()
 
 
-def test_a_long_text_is_put_together_from_its_chunks() -> None:
+def test_long_text_is_joined_from_its_chunks() -> None:
     telemetry = VehicleTelemetry()
     take(telemetry, 1.0, text(b"a" * 50, 9, 0), text(b"b" * 50, 9, 1), text(b"end", 9, 2))
     assert telemetry.text == "a" * 50 + "b" * 50 + "end"
@@ -110,7 +110,7 @@ def test_boot_clock_going_back_is_a_reboot_unless_late() -> None:
         assert telemetry.reboot_count == reboot_count, clock_ms
 
 
-def test_a_reboot_shows_in_what_comes_before_the_first_position() -> None:
+def test_reboot_shows_in_messages_before_the_first_position() -> None:
     telemetry = VehicleTelemetry()
     ok = PREARM_CHECK
     take(telemetry, 0.9, dialect.MAVLink_sys_status_message(ok, ok, ok, 0, 0, 0, 80, 0, 0, 0, 0, 0, 0))

@@ -46,7 +46,7 @@ def test_a_key_that_is_not_there_is_named(tmp_path: Path) -> None:
         load_key(tmp_path / "nowhere")
 
 
-def test_a_key_that_others_can_read_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_key_that_others_can_read_raises_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = key_file(tmp_path)
     load_key(path)
     assert caplog.records == []
@@ -83,7 +83,7 @@ def test_time_goes_on_after_a_restart_with_the_clock_set_back(tmp_path: Path) ->
     assert times == sorted(set(times))
 
 
-def test_time_goes_on_after_a_crash(tmp_path: Path) -> None:
+def test_time_continues_after_a_crash(tmp_path: Path) -> None:
     path = key_file(tmp_path)
     first = Signing(path, 1, wall_clock=lambda: WALL_S)
     first.open()
@@ -105,7 +105,7 @@ def test_links_that_share_a_key_have_times_of_their_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "yesterday", "-5", "1" * 30])
-def test_a_damaged_time_is_not_guessed(tmp_path: Path, text: str) -> None:
+def test_damaged_time_is_not_guessed(tmp_path: Path, text: str) -> None:
     path = key_file(tmp_path)
     (tmp_path / "key.link0.time").write_text(text)
     with pytest.raises(LinkError, match="holds no time"):

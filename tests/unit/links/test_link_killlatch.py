@@ -20,7 +20,7 @@ def test_only_a_command_after_the_kill_opens_it() -> None:
     assert not latch.is_shut(1)
 
 
-def test_a_kill_between_redeeming_and_sending_still_shuts() -> None:
+def test_kill_between_redeeming_and_sending_still_closes() -> None:
     latch = KillLatch([1])
     assert latch.redeem(1, latch.ticket(1))
     latch.shut(1)

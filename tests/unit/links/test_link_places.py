@@ -15,7 +15,7 @@ from gcs.model.errors import ConfigError
         ("serial:///dev/ttyACM0:921600", 1, SerialPort("/dev/ttyACM0", 921600), ("/dev/ttyACM0",)),
     ],
 )
-def test_a_url_is_a_place(url: str, ports: int, place: Place, taken: tuple[str, ...]) -> None:
+def test_url_is_an_endpoint(url: str, ports: int, place: Place, taken: tuple[str, ...]) -> None:
     assert parse(url, ports) == place
     assert occupied(place) == taken
 
@@ -36,7 +36,7 @@ def test_a_url_is_a_place(url: str, ports: int, place: Place, taken: tuple[str, 
         ("serial:///dev/ttyUSB0:300", 1, "baud"),
     ],
 )
-def test_what_is_no_place_is_refused_by_name(url: str, ports: int, cause: str) -> None:
+def test_invalid_endpoint_is_refused_by_name(url: str, ports: int, cause: str) -> None:
     with pytest.raises(ConfigError, match=cause) as refused:
         parse(url, ports)
     assert str(refused.value).startswith(f"{url}: ")

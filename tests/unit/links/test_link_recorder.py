@@ -37,7 +37,7 @@ def read(path: Path) -> list[Any]:
     return messages
 
 
-def test_a_record_is_a_time_and_the_frame() -> None:
+def test_record_is_a_time_and_a_frame() -> None:
     assert record(0x0102030405060708, b"\xfd\x00") == b"\x01\x02\x03\x04\x05\x06\x07\x08\xfd\x00"
 
 
@@ -70,7 +70,7 @@ def test_arrival_dated_back_keeps_the_order(tmp_path: Path) -> None:
     assert len({message._timestamp for message in messages}) == 1
 
 
-def test_two_of_one_second_have_two_files_and_any_name_will_do(tmp_path: Path) -> None:
+def test_two_recordings_of_one_second_have_separate_files(tmp_path: Path) -> None:
     for _ in range(2):
         recorder, _ = a_recorder(tmp_path / "new" / "folder", "radio/7 ü")
         recorder.open()
@@ -79,7 +79,7 @@ def test_two_of_one_second_have_two_files_and_any_name_will_do(tmp_path: Path) -
     assert len(list((tmp_path / "new" / "folder").glob("*-radio_7__*.tlog"))) == 2
 
 
-def test_nothing_is_written_before_there_is_something(tmp_path: Path) -> None:
+def test_no_file_before_the_first_frame(tmp_path: Path) -> None:
     recorder, _ = a_recorder(tmp_path)
     recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
     recorder.open()
@@ -88,7 +88,7 @@ def test_nothing_is_written_before_there_is_something(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_had_is_stated_once_and_counted(
+def test_unavailable_folder_is_reported_once_and_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "file").touch()
@@ -130,7 +130,7 @@ def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(tmp_path: Path) -> 
     assert (counters.recorded, counters.not_recorded) == (4, 2)
 
 
-def test_more_than_the_disk_takes_is_counted_not_kept(
+def test_frames_beyond_the_disk_rate_are_counted_and_dropped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("gcs.links.tlog._QUEUE_MAX_BYTES", 100)

@@ -5,7 +5,7 @@ B = Address("127.0.0.1", 14599, 0)
 TEXT = "system id 3 at 127.0.0.1:14582 and at 127.0.0.1:14599"
 
 
-def test_a_vehicle_is_reached_where_it_was_received_last() -> None:
+def test_vehicle_is_reached_at_its_latest_address() -> None:
     address_book = AddressBook([3])
     assert address_book.address(3) is None
     assert address_book.hear(3, A, 0.0) is Verdict.FIRST
@@ -13,7 +13,7 @@ def test_a_vehicle_is_reached_where_it_was_received_last() -> None:
     assert address_book.address(3) == A
 
 
-def test_a_system_not_configured_is_a_stranger() -> None:
+def test_system_id_not_configured_is_unknown() -> None:
     address_book = AddressBook([3])
     assert address_book.hear(255, A, 0.0) is Verdict.STRANGER
     assert address_book.address(255) is None
@@ -46,7 +46,7 @@ def test_a_conflict_ends_when_the_duplicate_has_been_silent() -> None:
     assert address_book.hear(3, B, 8.5) is Verdict.NEW_DUPLICATE
 
 
-def test_a_vehicle_that_was_silent_may_come_back_from_elsewhere() -> None:
+def test_silent_vehicle_may_return_from_another_address() -> None:
     address_book = AddressBook([3])
     address_book.hear(3, A, 0.0)
     assert address_book.hear(3, B, SILENT_AFTER_S) is Verdict.NEW_DUPLICATE

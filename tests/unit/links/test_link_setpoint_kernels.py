@@ -84,6 +84,6 @@ def test_setpoint_is_exactly_one_whole_unsigned_frame(
 
 
 @pytest.mark.parametrize("cut", [1, 12, 40, FRAME.itemsize - 1])
-def test_half_a_setpoint_and_two_in_one_datagram_are_none(cut: int) -> None:
+def test_partial_and_double_setpoints_are_rejected(cut: int) -> None:
     whole = setpoint(7, VELOCITY_M_S[0])
     assert leaving([whole[:cut], whole + whole, whole]) == [(2, 0)]

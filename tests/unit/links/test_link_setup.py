@@ -12,7 +12,7 @@ FRAME = ShowFrame(47.4, 8.5, 500.0)
 
 
 @pytest.mark.parametrize("system_id", [0, -1, 251])
-def test_a_system_id_no_vehicle_may_have_is_refused(system_id: int) -> None:
+def test_impossible_system_id_is_refused(system_id: int) -> None:
     with pytest.raises(InvalidError, match=r"vehicles\.a"):
         MavsdkLink("one", {"a": system_id}, LISTEN, FRAME)
 
@@ -23,12 +23,12 @@ def test_two_vehicles_with_one_system_id_are_refused() -> None:
 
 
 @pytest.mark.parametrize("setpoint_timeout_s", [0.0, -1.0, float("nan")])
-def test_a_setpoint_watchdog_without_time_is_refused(setpoint_timeout_s: float) -> None:
+def test_setpoint_watchdog_without_a_time_is_refused(setpoint_timeout_s: float) -> None:
     with pytest.raises(InvalidError, match="setpoint_timeout_s"):
         MavsdkLink("one", {"a": 3}, LISTEN, FRAME, setpoint_timeout_s=setpoint_timeout_s)
 
 
-def test_a_link_that_does_not_run_takes_setpoints_and_sends_none() -> None:
+def test_closed_link_accepts_setpoints_and_sends_none() -> None:
     link = MavsdkLink("one", {"a": 3}, LISTEN, FRAME)
     link.send(Setpoints(0.0, ("a", "stranger"), np.zeros((2, 3)), np.zeros(2)))
     assert (link.name, link.ids, link.setpoints_sent) == ("one", ("a",), 0)

@@ -43,21 +43,21 @@ def test_a_signed_frame_is_byte_equal_to_pymavlinks(message: Any) -> None:
     assert a_signer().sign(raw) == bytes(message.pack(theirs))
 
 
-def test_what_we_sign_pymavlink_believes() -> None:
+def test_pymavlink_accepts_our_signatures() -> None:
     signer, receiver = a_signer(), a_packer(255)
     data = b"".join(signer.sign(bytes(message.pack(a_packer(signs=False)))) or b"" for message in messages())
     taken = receiver.parse_buffer(data)
     assert [message.get_signed() for message in taken] == [True] * 3
 
 
-def test_what_pymavlink_signs_we_believe_once() -> None:
+def test_pymavlink_signatures_are_accepted_once() -> None:
     signer, sender = a_signer(), a_packer()
     sent = [bytes(message.pack(sender)) for message in messages()]
     assert [signer.judge(frame(raw)) for raw in sent] == [Judgement.GOOD] * 3
     assert [signer.judge(frame(raw)) for raw in sent] == [Judgement.REPLAYED] * 3
 
 
-def test_without_or_with_a_wrong_signature_nothing_is_believed() -> None:
+def test_missing_or_wrong_signature_is_rejected() -> None:
     signer = a_signer()
     beat = messages()[0]
     assert signer.judge(frame(bytes(beat.pack(a_packer(signs=False))))) is Judgement.UNSIGNED
@@ -76,7 +76,7 @@ def test_new_signing_sender_may_be_at_most_a_minute_late() -> None:
         assert signer.judge(frame(bytes(beat))) is judged
 
 
-def test_senders_are_reported_apart_by_system_component_and_link() -> None:
+def test_senders_differ_by_system_component_and_link() -> None:
     signer = a_signer()
     beat = messages()[0]
     for system_id in (3, 4):
@@ -105,7 +105,7 @@ def test_vehicle_with_its_clock_ahead_still_accepts_our_frames() -> None:
     assert signed == ahead + 1
 
 
-def test_an_old_frame_becomes_one_that_can_be_signed() -> None:
+def test_old_frame_becomes_one_that_can_be_signed() -> None:
     receiver = a_packer(255)
     for message in messages():
         old = bytes(message.pack(a_packer(signs=False), force_mavlink1=True))
@@ -113,7 +113,7 @@ def test_an_old_frame_becomes_one_that_can_be_signed() -> None:
         assert (taken.get_signed(), taken.to_dict()) == (True, message.to_dict())
 
 
-def test_what_is_signed_stays_and_what_cannot_be_is_stated() -> None:
+def test_signed_frame_stays_and_unsignable_is_reported() -> None:
     signed = bytes(messages()[0].pack(a_packer()))
     assert a_signer().sign(signed) == signed
     unknown = b"\xfd\x01\x00\x00\x00\x01\x01\xff\xff\x7f\x00\x00\x00"

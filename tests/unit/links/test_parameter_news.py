@@ -28,7 +28,7 @@ def announced(name: str, value: float, kind: int) -> bytes:
         ("SIXTEEN_LETTERS_", 1, 6),
     ],
 )
-def test_both_transports_read_the_same(name: str, value: float, kind: int) -> None:
+def test_both_transports_read_parameters_alike(name: str, value: float, kind: int) -> None:
     data = announced(name, value, kind)
     (frame,) = split(data).frames
     found = codec.find(np.frombuffer(data, np.uint8), np.array([0]), np.array([len(data)]))
@@ -38,7 +38,7 @@ def test_both_transports_read_the_same(name: str, value: float, kind: int) -> No
     assert isinstance(parameter_value(frame)[1], int) is (kind == 6)
 
 
-def test_only_what_is_watched_is_kept_and_only_the_newest_of_it() -> None:
+def test_only_the_newest_watched_values_are_kept() -> None:
     news = ParameterNews()
     news.take("d1", "COM_OF_LOSS_T", 1.0)
     news.watch(["COM_OF_LOSS_T"])

@@ -55,7 +55,7 @@ def test_show_to_world_and_back_is_the_same_place(heading_deg: float) -> None:
     assert frame.position_m(*frame.geodetic(place)) == pytest.approx(place, abs=1e-5)
 
 
-def test_a_position_not_known_stays_unknown() -> None:
+def test_unknown_position_stays_unknown() -> None:
     place = NORTH.position_m(
         np.array([np.nan, LATITUDE]), np.array([np.nan, LONGITUDE]), np.array([np.nan, ALTITUDE])
     )
@@ -73,9 +73,7 @@ def test_a_position_not_known_stays_unknown() -> None:
         ("heading_deg", (47.0, 8.0, 0.0, 361.0)),
     ],
 )
-def test_an_origin_that_cannot_be_is_refused_by_name(
-    field: str, values: tuple[float, float, float, float]
-) -> None:
+def test_impossible_origin_is_refused_by_name(field: str, values: tuple[float, float, float, float]) -> None:
     with pytest.raises(InvalidError, match=field):
         ShowFrame(*values)
 

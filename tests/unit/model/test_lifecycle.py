@@ -85,6 +85,6 @@ def test_no_event_leads_from_lost_or_killed_straight_to_flight(phase: Phase) -> 
     assert all(after not in FLOWN for (before, _), after in NEXT.items() if before is phase)
 
 
-def test_only_what_the_service_answers_for_is_flown() -> None:
+def test_only_vehicles_under_our_control_are_flown() -> None:
     assert FLOWN < AIRBORNE
     assert AIRBORNE.isdisjoint({Phase.PILOT, Phase.LOST, Phase.KILLED, Phase.OFFLINE, Phase.STANDBY})

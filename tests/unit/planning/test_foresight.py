@@ -61,12 +61,12 @@ def test_beside_a_standing_vehicle_there_is_room_above_its_pad(apart_m: float, c
     assert bool(found([(0.0, 0.0, -20.0), (apart_m, 0.0, -30.0)], "descend")) is clash
 
 
-def test_at_one_height_they_sink_side_by_side() -> None:
+def test_at_one_height_they_descend_side_by_side() -> None:
     assert found([(0.0, 0.0, -20.0), (2.1, 0.0, -20.0)], "descend") == []
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_uncertainty_widens_what_is_kept(action: Action) -> None:
+def test_uncertainty_widens_the_separation(action: Action) -> None:
     beside = [(0.0, 0.0, -20.0), (2.5, 0.0, -20.0)]
     assert (0, 1) in found(beside, action, uncertainty_m=0.4)
 
@@ -77,19 +77,19 @@ def test_late_failsafe_flies_on_towards_a_stopped_vehicle() -> None:
     assert found(beside, "hold", speed_m_s=5.0) == [(0, 1)]
 
 
-def test_ways_home_that_cross_at_one_height_clash() -> None:
+def test_return_paths_crossing_at_one_height_conflict() -> None:
     homes_m = np.array([(40.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
     here = [(0.0, 10.0, -20.0), (40.0, 10.0, -25.0)]
     assert found(here, "return", home_m=homes_m) == [(0, 1)]
     assert found(here, "return", home_m=homes_m[::-1].copy()) == [], "side by side they do not"
 
 
-def test_ways_home_at_heights_of_their_own_do_not() -> None:
+def test_return_paths_at_separate_heights_do_not_conflict() -> None:
     homes_m = np.array([(40.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
     assert found([(0.0, 10.0, -40.0), (40.0, 10.0, -50.0)], "return", home_m=homes_m) == []
 
 
-def test_one_above_the_other_climbs_into_it() -> None:
+def test_lower_vehicle_climbs_into_the_upper() -> None:
     homes_m = np.array([(0.0, 30.0, 0.0), (0.0, -30.0, 0.0)])
     assert found([(0.0, 0.0, -10.0), (0.0, 0.5, -20.0)], "return", home_m=homes_m) == [(0, 1)]
 
@@ -144,7 +144,7 @@ def refusal(count: int, action: Action, radius_m: float = 15.0, *, orbit_m: floa
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 8, 20])
-def test_holding_is_safe_in_any_formation_that_may_be_flown(count: int) -> None:
+def test_holding_is_safe_in_every_allowed_formation(count: int) -> None:
     assert refusal(count, "hold") == ""
     assert refusal(count, "hold", orbit_m=15.0) == ""
 
@@ -164,7 +164,7 @@ def test_sphere_too_small_for_any_action_is_reported() -> None:
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_one_vehicle_may_do_as_it_likes(action: Action) -> None:
+def test_single_vehicle_may_take_any_action(action: Action) -> None:
     assert refusal(1, action) == ""
 
 

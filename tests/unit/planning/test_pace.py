@@ -48,7 +48,7 @@ def test_progress_slows_with_the_greatest_lag() -> None:
     assert 2.0 > went_s[0] > went_s[1] > went_s[2] > 0.0
 
 
-def test_it_waits_so_long_in_all_and_no_longer() -> None:
+def test_progress_waits_up_to_a_total_limit() -> None:
     pace = PathProgress(abreast())
     assert flown(pace, 60.0, np.full((2, 3), 3.5), BOTH) == pytest.approx(60.0 - PATIENCE_S)
 
@@ -67,7 +67,7 @@ def test_no_wait_for_a_vehicle_with_another_command() -> None:
     ) == pytest.approx(2.0)
 
 
-def test_goals_follow_the_plans_clock_and_its_end_is_the_pad() -> None:
+def test_goals_follow_the_plan_clock_to_the_pad() -> None:
     pace = PathProgress(abreast())
     flown(pace, 5.0, np.zeros((2, 3)), BOTH)
     assert pace.goal_m(1) == pytest.approx([20.0, 10.0, 0.0])

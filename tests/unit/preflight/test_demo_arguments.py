@@ -39,7 +39,7 @@ def test_a_large_sphere_is_inside_its_fence_and_the_pads_are_too() -> None:
     assert settings_of(requirements(config.operation, config.control))["GF_MAX_VER_DIST"] >= top_m
 
 
-def test_without_a_transport_it_is_mavsdks_with_a_port_for_each() -> None:
+def test_default_transport_is_mavsdk_with_a_port_for_each() -> None:
     (link,) = config_of("--vehicles", "12").links
     assert (link.transport, link.ports, len(link.fleet)) == ("mavsdk", 12, 12)
 

@@ -31,7 +31,7 @@ def test_time_outside_the_record_is_refused_with_its_range(position_s: float) ->
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, 100.5, nan, inf])
-def test_a_speed_that_is_none_is_refused(speed: float) -> None:
+def test_invalid_speed_is_refused(speed: float) -> None:
     with pytest.raises(InvalidError, match="speed"):
         Playhead(60.0, speed, now_s=0.0)
     head = Playhead(60.0, 1.0, now_s=0.0)
@@ -39,7 +39,7 @@ def test_a_speed_that_is_none_is_refused(speed: float) -> None:
         head.change(1.0, paused=None, speed=speed, position_s=None)
 
 
-def test_behind_the_end_there_is_nothing_to_go_on_with() -> None:
+def test_playback_cannot_resume_after_the_end() -> None:
     head = Playhead(60.0, 1.0, now_s=0.0)
     head.change(70.0, paused=True, speed=None, position_s=None)
     with pytest.raises(RefusedError, match="the record has ended: give position_s"):

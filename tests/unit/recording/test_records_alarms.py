@@ -26,7 +26,7 @@ def test_record_without_alarms_shows_its_problems() -> None:
 
 
 @pytest.mark.parametrize("alarms", [[{}], [7], None, [{"severity": "loud"}]])
-def test_alarms_that_are_none_are_named_with_the_file(alarms: object) -> None:
+def test_invalid_alarms_are_reported_with_the_file(alarms: object) -> None:
     with pytest.raises(GcsError, match=r"flight\.mcap: its alarms are none"):
         recorded({"alarms": alarms}, FILE, 1.7e9)
 

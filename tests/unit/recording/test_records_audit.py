@@ -77,7 +77,7 @@ def test_calls_are_read_back_long_bodies_shortened(tmp_path: Path) -> None:
     assert 4000 < len(call["body"]) < 5000
 
 
-def test_what_the_service_logs_becomes_an_event(tmp_path: Path) -> None:
+def test_logged_event_is_recorded(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES):
         logging.getLogger("gcs.flight.vehicle").warning(
             "vehicle_phase", extra={"vehicle": "d1", "was": "hold", "phase": "lost"}
@@ -88,7 +88,7 @@ def test_what_the_service_logs_becomes_an_event(tmp_path: Path) -> None:
     assert event["detail"] == {"was": "hold", "phase": "lost"}
 
 
-def test_the_last_known_of_vehicles_and_show_is_read_back(tmp_path: Path) -> None:
+def test_last_known_vehicles_and_show_are_read_back(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         home_m = np.array([1.0, 2.0, -0.5])
         places = Places(d1=Address("10.0.0.7", 14580, 0), d2=Address("/dev/ttyUSB0", 0, 0))
@@ -141,7 +141,7 @@ def test_session_without_telemetry_keeps_the_previous_one(tmp_path: Path) -> Non
     assert known.show.phase == "running"
 
 
-def test_what_changes_nothing_writes_nothing(tmp_path: Path) -> None:
+def test_unchanged_state_writes_nothing(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         for tick in range(100):
             record.note(sample(time_s=100.0 + tick / 20), [])
@@ -177,7 +177,7 @@ def test_exclusion_is_read_back_with_operator_reason_and_time(tmp_path: Path) ->
     assert exclusions(tmp_path) == {"d2": Exclusion("anna", "bent arm", 1.8e9)}
 
 
-def test_an_exclusion_that_makes_no_sense_is_refused_by_name(tmp_path: Path) -> None:
+def test_invalid_exclusion_is_refused_by_name(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         record.audit.event(1.8e9, "warning", "excluded", "d2", {"by": "anna"})
     with pytest.raises(GcsError, match="who took d2 out of the show is not to be read"):
@@ -209,7 +209,7 @@ def test_a_foreign_file_is_refused_by_name(tmp_path: Path, content: bytes, reaso
         last_known(tmp_path / "absent.sqlite")
 
 
-def test_another_programs_database_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+def test_database_of_another_program_is_refused_unchanged(tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / AUDIT)) as other:
         other.execute("CREATE TABLE birds (name TEXT)")
         other.commit()
@@ -266,7 +266,7 @@ def test_failing_disk_is_reported_and_notes_are_written_later(
     ]
 
 
-def test_more_than_a_bad_disk_can_be_kept_for_is_counted(tmp_path: Path) -> None:
+def test_notes_beyond_the_buffer_of_a_bad_disk_are_counted(tmp_path: Path) -> None:
     (tmp_path / "runs").touch()
     journal = Journal(tmp_path / "runs" / AUDIT)
     journal.open()

@@ -78,7 +78,7 @@ def check(report: dict[str, Any], name: str) -> dict[str, Any]:
     return dict(found)
 
 
-def test_a_flight_that_kept_everything_is_fine(tmp_path: Path) -> None:
+def test_flight_that_kept_every_limit_passes(tmp_path: Path) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20), moves(10, 0, -20, (1.0, 0.0, -0.5)))
     code, report = judged(file, "--config", "demo")
     assert (code, report["verdict"], report["based_on"], report["vehicles"]) == (
@@ -91,7 +91,7 @@ def test_a_flight_that_kept_everything_is_fine(tmp_path: Path) -> None:
     assert check(report, "speed sideways")["worst"] == pytest.approx(1.0, abs=0.02)
 
 
-def test_two_that_meet_between_two_samples_are_found(tmp_path: Path) -> None:
+def test_approach_between_two_samples_is_found(tmp_path: Path) -> None:
     """At 8 m/s each, 0.4 m a sample: they are 0.4 m apart in both samples, and touch between them."""
     paths = moves(-9.8, 0, -20, (8.0, 0.0, 0.0)), moves(9.8 + 0.4 / 2, 0, -20, (-8.0, 0.0, 0.0))
     code, report = judged(truth(tmp_path / "truth-1.jsonl", *paths), "--config", "demo")
@@ -109,7 +109,7 @@ def test_the_floor_is_taller_than_wide(tmp_path: Path) -> None:
     assert judged(beside, "--config", "demo")[0] == 0
 
 
-def test_low_over_their_pads_vehicles_may_stand_close(tmp_path: Path) -> None:
+def test_low_over_their_pads_vehicles_may_be_close(tmp_path: Path) -> None:
     code, report = judged(
         truth(tmp_path / "a.jsonl", stands(0, 0, -1), stands(1.5, 0, -1)), "--config", "demo"
     )
@@ -143,7 +143,7 @@ def test_limit_passed_within_its_tolerance_is_reported(
         (lambda s: np.stack([6.0 * np.sin(1.1 * s), 0 * s, -20 + 0 * s], axis=1), "acceleration"),
     ],
 )
-def test_what_is_broken_is_named_with_vehicle_and_time(tmp_path: Path, path: Path3, name: str) -> None:
+def test_violation_is_named_with_vehicle_and_time(tmp_path: Path, path: Path3, name: str) -> None:
     file = truth(tmp_path / "truth-1.jsonl", stands(0, 50, -20), path)
     code, report = judged(file, "--config", "demo")
     broken = [each["name"] for each in report["checks"] if each["kept"] is False]
@@ -215,7 +215,7 @@ def test_truncated_file_is_judged_up_to_its_cut(tmp_path: Path) -> None:
     assert "its last line is cut off" in str(report["missing"])
 
 
-def test_the_page_holds_everything_and_needs_nothing_else(tmp_path: Path) -> None:
+def test_report_page_is_self_contained(tmp_path: Path) -> None:
     file = flight(tmp_path, apart_m=1.9)
     assert main(["report", str(file), "--html", str(tmp_path / "page.html")]) == 1
     text = (tmp_path / "page.html").read_text()
@@ -239,7 +239,7 @@ def test_the_page_holds_everything_and_needs_nothing_else(tmp_path: Path) -> Non
         ("a.jsonl", b'{"time_s": 1.0, "vehicles": []}\n{"time_s": 1.0, "vehicles": []}\n', "do not increase"),
     ],
 )
-def test_what_is_no_record_is_refused_with_file_and_reason(
+def test_file_that_is_no_record_is_refused_with_its_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes, reason: str
 ) -> None:
     (tmp_path / name).write_bytes(content)
@@ -262,7 +262,7 @@ def test_what_cannot_be_judged_names_what_is_missing(
     assert "there is no flight*.mcap" in capsys.readouterr().err
 
 
-def test_the_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
+def test_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
     rng, n = np.random.default_rng(4), 40
     starts_m = np.hstack([rng.uniform(-40, 40, (n, 3)) - [0, 0, 60], rng.uniform(-3, 3, (n, 3))])
     paths = [moves(x, y, z, (u, v, w)) for x, y, z, u, v, w in starts_m.tolist()]
@@ -280,7 +280,7 @@ def test_the_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
     assert pairs.ratio[i, j] <= scaled / floor.horizontal_m + 1e-5
 
 
-def test_progress_goes_from_nothing_to_all_of_the_flight(tmp_path: Path) -> None:
+def test_progress_covers_the_whole_flight(tmp_path: Path) -> None:
     data = FlightData(flight(tmp_path, apart_m=5.0, count=4000))
     read: list[float] = []
     trajectories = estimated(data, read.append)
@@ -295,9 +295,7 @@ def test_progress_goes_from_nothing_to_all_of_the_flight(tmp_path: Path) -> None
     assert judged_so_far[-1] == 1.0
 
 
-def test_a_flight_judged_in_pieces_is_judged_as_in_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_flight_judged_in_pieces_equals_one_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = truth(tmp_path / "truth-1.jsonl", moves(-6, 0, -9, (3, 0, 0)), moves(6, 1, -9, (-3, 0, 0)))
     whole = judged(file, "--config", "demo")
     monkeypatch.setattr("gcs.recording.analysis.flight_report.PAIRS_AT_ONCE", 28)

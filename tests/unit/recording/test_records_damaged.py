@@ -77,7 +77,7 @@ def judged(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[st
     return code, json.loads(printed.out) if printed.out else {}, printed.err
 
 
-def test_a_whole_record_is_kept(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_intact_record_is_kept(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, report, _ = judged(file, capsys)
     assert (code, report["verdict"], report["missing"], report["flew"]) == (0, "kept", [], 2)
 
@@ -135,7 +135,7 @@ def test_damaged_chunk_is_skipped_and_named(file: Path, capsys: pytest.CaptureFi
     assert farthest["worst"] == pytest.approx(10.0)
 
 
-def test_what_is_broken_behind_the_damage_is_found(
+def test_violation_after_the_damage_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
@@ -194,9 +194,7 @@ def test_ticks_that_were_not_recorded_in_flight_are_missing(
 
 
 @pytest.mark.parametrize("key", ["height_max_m", "distance_max_m"])
-def test_a_limit_that_was_damaged_in_the_file_is_not_judged_by(
-    file: Path, capsys: pytest.CaptureFixture[str], key: str
-) -> None:
+def test_damaged_limit_is_not_applied(file: Path, capsys: pytest.CaptureFixture[str], key: str) -> None:
     """MCAP has no checksum for what a file says of itself."""
     data = file.read_bytes()
     at = data.index(key.encode()) + len(key) + 2
@@ -228,7 +226,7 @@ def test_fence_of_the_show_is_broken_inside_the_services_fence(
     assert judged(written(tmp_path / "kept", [flying(tick) for tick in range(TICKS)]), capsys)[0] == 0
 
 
-def test_each_limit_counts_while_it_held(
+def test_each_limit_applies_while_it_held(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """d2 stands at 10 m throughout: outside of the fence that held for the last quarter alone."""

@@ -57,7 +57,7 @@ def moving(count: int) -> list[Sample]:
     ]
 
 
-def test_every_tick_is_read_back_as_it_was(tmp_path: Path) -> None:
+def test_every_tick_is_read_back_unchanged(tmp_path: Path) -> None:
     data = FlightData(flight(tmp_path, samples := moving(100)))
     assert (data.about.ids, data.about.system_ids) == (("d1", "d2"), (1, 2))
     assert data.about.config == {"tick_rate_hz": 20.0}
@@ -112,7 +112,7 @@ def test_mcap_library_reads_the_schemas_that_foxglove_draws(tmp_path: Path) -> N
     ]
 
 
-def test_events_stand_in_the_files_log(tmp_path: Path) -> None:
+def test_events_are_in_the_log_of_the_file(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, ABOUT)
     file.open()
     file.put(sample())
@@ -123,14 +123,14 @@ def test_events_stand_in_the_files_log(tmp_path: Path) -> None:
     assert (logged["level"], logged["message"]) == (3, "vehicle_phase d1 was=hold phase=lost")
 
 
-def test_what_is_not_known_is_no_number_but_null(tmp_path: Path) -> None:
+def test_unknown_value_is_null(tmp_path: Path) -> None:
     unheard = sample(position_m=np.full((2, 3), np.nan))
     (tick,) = FlightData(flight(tmp_path, [replace(unheard, minimum_separation_m=None)])).ticks()
     assert np.isnan(layout.positions_m(tick.vehicles)).all()
     assert tick.tick["minimum_separation_m"] is None
 
 
-def test_a_file_cut_off_anywhere_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_file_truncated_anywhere_is_read_up_to_its_cut(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, ABOUT)
     file.open()
     for count, each in enumerate(moving(60)):
@@ -152,7 +152,7 @@ def test_a_file_cut_off_anywhere_is_read_as_far_as_it_goes(tmp_path: Path) -> No
     assert len(counts) >= 3, "chunk after chunk is there"
 
 
-def test_a_damaged_chunk_is_not_believed(tmp_path: Path) -> None:
+def test_damaged_chunk_is_rejected(tmp_path: Path) -> None:
     whole = bytearray(flight(tmp_path, moving(60)).read_bytes())
     whole[len(whole) // 4] ^= 0xFF  # behind it is the index
     (tmp_path / "flight.mcap").write_bytes(whole)
@@ -213,7 +213,7 @@ def test_failing_disk_is_reported_and_a_new_file_follows(
     assert [line.msg for line in caplog.records] == ["flight_data_failed", "flight_data_go_on"]
 
 
-def test_more_than_the_disk_takes_is_counted_not_kept(tmp_path: Path) -> None:
+def test_frames_beyond_the_disk_rate_are_counted_and_dropped(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, ABOUT)  # nobody writes yet: a disk that hangs
     for _ in range(WAITING_MAX + 100):
         file.put(sample())

@@ -77,7 +77,7 @@ def test_short_wait_is_not_idle_and_without_phases_unknown() -> None:
     assert marks_of([], BEGAN_S, LASTS_S).phases == ()
 
 
-def test_of_too_many_events_alarms_are_kept() -> None:
+def test_of_too_many_events_alarms_have_precedence() -> None:
     many = [at(t, "setpoint_late", level="warning", reason="x") for t in range(EVENTS_MAX + 50)]
     marks = marks_of([*many, *FLIGHT[6:7]], BEGAN_S, 10_000.0)
     assert len(marks.events) == EVENTS_MAX
@@ -85,6 +85,6 @@ def test_of_too_many_events_alarms_are_kept() -> None:
     assert [mark.at_s for mark in marks.events] == sorted(mark.at_s for mark in marks.events)
 
 
-def test_a_phase_that_is_none_is_refused() -> None:
+def test_invalid_phase_is_refused() -> None:
     with pytest.raises(ValueError, match="dancing"):
         marks_of([at(1.0, "show_phase", was="idle", phase="dancing")], BEGAN_S, LASTS_S)

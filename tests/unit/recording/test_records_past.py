@@ -29,7 +29,7 @@ def recorded(root: Path) -> Path:
     return root / "s2" / "flight.mcap"
 
 
-def test_what_had_happened_by_then_of_that_session_alone(tmp_path: Path) -> None:
+def test_history_holds_earlier_events_of_that_session_only(tmp_path: Path) -> None:
     past = EventHistory.of(recorded(tmp_path), "s2")
     assert past.until(19.9) == ()
     (first,) = past.until(20.0)
@@ -38,7 +38,7 @@ def test_what_had_happened_by_then_of_that_session_alone(tmp_path: Path) -> None
     assert [each.number for each in past.until(35.0)] == [1, 2]
 
 
-def test_where_it_had_taken_off_last(tmp_path: Path) -> None:
+def test_latest_takeoff_place_is_found(tmp_path: Path) -> None:
     past = EventHistory.of(recorded(tmp_path), "s2")
     assert past.home_m("d1", 9.0) is None
     assert past.home_m("d9", 50.0) is None
@@ -53,7 +53,7 @@ def test_missing_audit_is_silent_and_a_damaged_one_is_named(tmp_path: Path) -> N
         EventHistory.of(tmp_path / "s1" / "flight.mcap", "s1")
 
 
-def test_no_more_is_reported_than_a_page_shows(tmp_path: Path) -> None:
+def test_history_is_limited_to_a_page(tmp_path: Path) -> None:
     journal = Journal(tmp_path / AUDIT)
     journal.open()
     audit = Audit(journal, "s1", {})

@@ -98,7 +98,7 @@ def test_lights_are_replayed_as_the_show_gave_them(file: Path) -> None:
     assert desired["early"] != desired["late"]
 
 
-def test_the_fence_that_held_is_drawn(file: Path) -> None:
+def test_fence_in_force_is_drawn(file: Path) -> None:
     before, during = shown(file, 0.5, 4.0)
     service, show = CONFIG.control.safety.fence, SHOWN.safety.fence
     assert service != show

@@ -57,7 +57,7 @@ def test_seeking_to_any_time_gives_the_same_ticks(file: Path) -> None:
             assert (one.tick, one.status) == (other.tick, other.status)
 
 
-def test_what_is_before_is_not_read(file: Path) -> None:
+def test_earlier_data_is_not_read_when_seeking(file: Path) -> None:
     data = FlightData(file)
     assert len(data.index.chunks) == TICKS // EACH
     near_the_end = data.index.offset(data.index.chunks[-1][0])

@@ -9,7 +9,7 @@ from gcs.safety.separation import Floor
 PLACES_M = np.array([(0.0, 0.0, -10.0), (1.0, 0.0, -20.0), (10.0, 0.0, -15.0), (10.0, 0.5, -8.0)])
 
 
-def test_pairs_are_found_upper_first_and_the_nearest_first() -> None:
+def test_pairs_are_upper_first_and_nearest_first() -> None:
     pairs, apart_m = overlapping(PLACES_M, 2.0)
     assert pairs.tolist() == [[2, 3], [1, 0]]
     assert apart_m == pytest.approx([0.5, 1.0])
@@ -27,7 +27,7 @@ def test_in_a_line_all_may_overlap_in_any_direction(count: int, most: int) -> No
     assert most_overlapping(line_m, 2.0) == most
 
 
-def test_what_stands_as_it_may_is_no_more_than_what_was_reported() -> None:
+def test_overlaps_never_exceed_the_predicted_most() -> None:
     random = np.random.default_rng(3)
     for _ in range(50):
         place_m = random.normal(size=(10, 3))
@@ -45,5 +45,5 @@ def test_overlap_is_described_and_silent_when_there_is_none() -> None:
     assert "9 above 10, others)" in many
 
 
-def test_a_column_is_as_wide_as_two_that_pass_keep_apart() -> None:
+def test_column_is_as_wide_as_passing_separation() -> None:
     assert column_m(Floor(horizontal_m=2.0, vertical_m=3.0, uncertainty_m=0.5, margin_m=0.25)) == 3.25

@@ -46,7 +46,7 @@ def describe(check: Callable[[], None], field: str) -> float:
     return float(found[1])
 
 
-def test_the_smallest_radius_follows_floor_margin_and_number() -> None:
+def test_smallest_radius_follows_floor_margin_and_number() -> None:
     # 3 m horizontally means 4.5 m in every direction; 4.5 sqrt(8) / 3.1 = 4.106, told as 4.2
     assert smallest_formation_radius_m(8, SAFETY) == 4.2
     assert smallest_formation_radius_m(1, SAFETY) == 0.0
@@ -196,6 +196,6 @@ def test_obstacle_near_a_landing_site_is_refused_by_name() -> None:
     accept(BOX, {}, {"home": (7.07 + 3.1, 0.0, 0.0)})
 
 
-def test_a_vehicle_of_unknown_place_stands_in_nobodys_way() -> None:
+def test_vehicle_at_an_unknown_position_blocks_nothing() -> None:
     assert "would stand on a" in refuse(BOX, {"a": (0.0, 0.0, -5.0)}, {})
     accept(BOX, {"a": (float("nan"), 0.0, -5.0)}, {"a": (float("nan"), 0.0, 0.0)})

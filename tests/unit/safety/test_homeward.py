@@ -94,7 +94,7 @@ def test_the_same_fleet_gets_the_same_plan() -> None:
     assert (once.path_m == again.path_m).all()
 
 
-def test_when_it_is_enough_the_best_plan_so_far_is_taken() -> None:
+def test_planning_stops_with_the_best_plan_so_far() -> None:
     start_m = np.array([[0.0, 0.0, -10.0], [2.0, 0.0, -10.0], [20.0, 0.0, -10.0]])
     pad_m = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [20.0, 0.0, 0.0]])  # two pads too close to each other
     asked: list[bool] = []
@@ -109,7 +109,7 @@ def test_when_it_is_enough_the_best_plan_so_far_is_taken() -> None:
 
 
 @pytest.mark.parametrize("name", ["start_m", "pad_m"])
-def test_a_plan_with_an_unknown_place_is_refused(name: str) -> None:
+def test_plan_with_an_unknown_position_is_refused(name: str) -> None:
     place_m = {"start_m": np.array([[0.0, 0.0, -10.0], [9.0, 0.0, -10.0]]), "pad_m": np.zeros((2, 3))}
     place_m[name][1, 2] = np.nan
     with pytest.raises(ShapeError, match=rf"{name} must be finite .* rows \[1\]"):
@@ -121,7 +121,7 @@ def test_plan_without_vehicles_is_refused() -> None:
         planned(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def test_one_vehicle_flies_straight_away() -> None:
+def test_single_vehicle_flies_straight() -> None:
     start_m, pad_m = np.array([[20.0, 0.0, -15.0]]), np.zeros((1, 3))
     return_paths = planned(start_m, pad_m)
     assert return_paths.down_s[0] < 1.5 * (15.0 / 1.4) + 10.0
@@ -130,7 +130,7 @@ def test_one_vehicle_flies_straight_away() -> None:
     assert return_paths.goal_m(0, -1.0) == pytest.approx(return_paths.goal_m(0, 0.0))
 
 
-def test_two_above_each_others_pads_both_come_down() -> None:
+def test_two_above_each_others_pads_both_land() -> None:
     pad_m = np.array([[0.0, 0.0, 0.0], [14.0, 0.0, 0.0]])
     start_m = pad_m[::-1] - (0.0, 0.0, 6.0)
     return_paths = planned(start_m, pad_m)
@@ -142,7 +142,7 @@ def test_two_above_each_others_pads_both_come_down() -> None:
     assert apart_m[high].min() > FLOOR.horizontal_m + FLOOR.margin_m
 
 
-def test_ways_keep_clear_of_what_stands_where_one_can() -> None:
+def test_paths_keep_clear_of_occupied_places() -> None:
     start_m, pad_m = np.array([[30.0, 0.0, -10.0]]), np.zeros((1, 3))
 
     def are_free(place_m: Array) -> Mask:

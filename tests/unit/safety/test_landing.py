@@ -27,23 +27,23 @@ def closest_m(place_m: Array, taken_m: Array = NOBODY) -> float:
     return float(distance.min())
 
 
-def test_places_that_are_apart_already_are_kept() -> None:
+def test_sites_that_are_apart_are_kept() -> None:
     desired = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 9.0]])
     assert distinct_sites_m(desired, NOBODY, 4.0, {}) == pytest.approx(desired, abs=1e-5)
 
 
-def test_a_pair_too_close_parts_evenly() -> None:
+def test_pair_too_close_parts_evenly() -> None:
     place = distinct_sites_m(np.array([[-1.0, 0.0], [1.0, 0.0]]), NOBODY, 4.0, {})
     assert place == pytest.approx(np.array([[-2.0, 0.0], [2.0, 0.0]]), abs=0.05)
 
 
-def test_a_whole_fleet_over_one_point_comes_down_apart() -> None:
+def test_fleet_over_one_point_lands_apart() -> None:
     place = distinct_sites_m(np.zeros((12, 2)), NOBODY, 4.0, {})
     assert closest_m(place) >= 4.0 - 1e-9
     assert np.linalg.norm(place, axis=1).max() < 10.0
 
 
-def test_places_taken_stay_and_are_respected() -> None:
+def test_occupied_sites_stay_and_are_respected() -> None:
     taken = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]])
     place = distinct_sites_m(np.array([[1.0, 1.0], [2.0, 3.0]]), taken, 4.0, {})
     assert closest_m(place, taken) >= 4.0 - 1e-9
@@ -57,7 +57,7 @@ def test_places_taken_stay_and_are_respected() -> None:
         [[4.0 * i, 4.0 * j] for i in range(-3, 4) for j in range(-3, 4)],  # on a full grid of pads
     ],
 )
-def test_one_wedged_between_others_finds_the_nearest_free_place(taken: list[list[float]]) -> None:
+def test_enclosed_vehicle_finds_the_nearest_free_site(taken: list[list[float]]) -> None:
     others = np.array(taken)
     place = distinct_sites_m(np.zeros((1, 2)), others, 4.0, {})
     assert closest_m(place, others) >= 4.0 - 1e-9
@@ -75,7 +75,7 @@ def test_the_clearance_is_where_the_law_no_longer_pushes() -> None:
     assert AvoidanceSettings().near_m == CLEAR_M
 
 
-def test_a_pocket_between_obstacles_and_others_is_left() -> None:
+def test_pocket_between_obstacles_and_sites_is_left() -> None:
     ellipses = {
         name: Ellipse.around(Obstacle(name, x, 0.0, 3.0, 30.0, 9.0), margin_m=2.0, headroom_m=3.0)
         for name, x in (("west", -6.0), ("east", 6.0))
@@ -93,7 +93,7 @@ def test_unknown_position_stays_unknown_and_disturbs_no_other() -> None:
 
 
 @pytest.mark.parametrize("half_m", [1.0, 3.0, 10.0])
-def test_a_large_fleet_among_the_most_obstacles_finds_its_places(half_m: float) -> None:
+def test_large_fleet_among_most_obstacles_finds_its_sites(half_m: float) -> None:
     random = np.random.default_rng(0)
     boxes = [
         Obstacle(str(index), x_m, y_m, half_m, half_m, 10.0)
@@ -123,7 +123,7 @@ COLUMN = [[[30.0, 40.0, -20.0], [30.0, 40.0, 0.0]]]
 
 
 @pytest.mark.parametrize("action", ["descend", "land", "hold"])
-def test_one_that_comes_down_by_itself_sweeps_the_column_below(action: str) -> None:
+def test_vehicle_landing_by_itself_sweeps_the_column_below(action: str) -> None:
     assert swept_segments_m(LAST, None, HOME, action, 30.0).tolist() == COLUMN
 
 
@@ -146,7 +146,7 @@ def test_without_a_known_home_only_the_column_is_known() -> None:
     assert swept_segments_m(LAST, None, None, "return", 30.0).tolist() == COLUMN
 
 
-def test_one_below_the_origin_sweeps_no_column_above_itself() -> None:
+def test_vehicle_below_the_origin_sweeps_no_column_above() -> None:
     low = np.array([0.0, 0.0, 2.0])
     assert swept_segments_m(low, None, None, "land", 30.0).tolist() == [[[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]]]
 

@@ -53,7 +53,7 @@ def through(y_m: float, height_m: float) -> Array:
     return np.stack([x, np.full_like(x, y_m), np.full_like(x, -height_m)], axis=1)
 
 
-def test_the_smallest_distance_and_each_violation_are_counted() -> None:
+def test_smallest_distance_and_each_violation_are_counted() -> None:
     # the second swings from 5 m to 1.5 m beside the first, twice
     beside = np.zeros((len(TIME_S), 3))
     beside[:, 1] = 3.25 + 1.75 * np.cos(2 * np.pi * TIME_S / 5.0)
@@ -62,7 +62,7 @@ def test_the_smallest_distance_and_each_violation_are_counted() -> None:
     assert violations == 2
 
 
-def test_above_each_other_the_floor_is_taller() -> None:
+def test_floor_is_taller_for_stacked_vehicles() -> None:
     lower, upper = np.array([0.0, 0.0, -10.0]), np.array([0.0, 0.0, -12.5])
     assert separation(truth(flight(lower, upper)), FLOOR) == (2.5, 1)
     assert separation(truth(flight(lower, upper - (0.0, 0.0, 1.0))), FLOOR) == (3.5, 0)
@@ -75,7 +75,7 @@ def test_pairs_low_over_pads_and_on_the_ground_are_exempt() -> None:
     assert separation(truth(high, airborne=False), FLOOR) == (np.inf, 0)
 
 
-def test_each_way_through_the_obstacle_is_one_penetration() -> None:
+def test_each_pass_through_the_obstacle_is_one_penetration() -> None:
     inside = truth(flight(through(0.0, 10.0), through(3.9, 10.0), through(4.1, 10.0), through(0.0, 21.1)))
     assert penetrations(inside, BOX) == 2
     assert penetrations(truth(flight(through(0.0, 20.9))), BOX) == 1
@@ -85,7 +85,7 @@ def test_initial_violation_counts_and_lasting_counts_once() -> None:
     assert penetrations(truth(flight(np.array([0.0, 0.0, -5.0]))), BOX) == 1
 
 
-def test_the_shape_is_that_of_the_mean_places_noise_averaged_out() -> None:
+def test_shape_is_of_mean_positions_without_noise() -> None:
     center = np.array([3.0, -2.0, -30.0])
     places = center + 10.0 * best_configuration(8)
     shaken = flight(*places) + np.random.default_rng(1).normal(scale=0.3, size=(len(TIME_S), 8, 3))
@@ -95,7 +95,7 @@ def test_the_shape_is_that_of_the_mean_places_noise_averaged_out() -> None:
     assert 0.1 < figures["radius_error_m"] < 0.4
 
 
-def test_a_cube_and_a_wrong_radius_are_seen() -> None:
+def test_cube_and_wrong_radius_are_detected() -> None:
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(3.0)
     figures = shape(
         truth(flight(*(11.0 * corners - (0.0, 0.0, 30.0)))),
@@ -132,7 +132,7 @@ def write(path: Path, east_m: float, *, armed_at_end: bool = False) -> Path:
     return path
 
 
-def test_the_truth_of_all_vehicles_is_joined_in_the_show_frame(tmp_path: Path) -> None:
+def test_truth_of_all_vehicles_is_joined_in_the_show_frame(tmp_path: Path) -> None:
     files = [write(tmp_path / "a", 0.0), write(tmp_path / "b", 8.0, armed_at_end=True)]
     joined = read_truth(files, ShowFrame(47.0, 8.0, 400.0, heading_deg=90.0))
     assert joined.position_m.shape == (len(joined.time_s), 2, 3)

@@ -53,7 +53,7 @@ def test_constraints_of_unequal_lengths_are_refused() -> None:
         Constraints(rows, rows, np.zeros((1, 3)), np.zeros(1), ("a", "b"))
 
 
-def test_slack_is_how_far_a_half_space_is_from_being_broken() -> None:
+def test_slack_is_the_distance_to_violation_of_a_half_space() -> None:
     both = Constraints.joined(
         half_space(0, NOBODY, (1.0, 0.0, 0.0), -2.0), half_space(0, 1, (0.0, 1.0, 0.0), 0.5)
     )
@@ -62,12 +62,12 @@ def test_slack_is_how_far_a_half_space_is_from_being_broken() -> None:
     assert both.slack_m_s(velocity) == pytest.approx([3.0, -2.5])
 
 
-def test_in_a_pair_vehicle_zero_counts_as_much_as_any_other() -> None:
+def test_vehicle_zero_of_a_pair_counts_like_any_other() -> None:
     velocity = np.array([[0.0, 3.0, 0.0], [1.0, 1.0, 0.0]])
     assert half_space(1, 0, (0.0, 1.0, 0.0), 0.5).slack_m_s(velocity) == pytest.approx([-2.5])
 
 
-def test_over_a_slow_link_a_climb_goes_on_too() -> None:
+def test_over_a_slow_link_a_climb_continues() -> None:
     settings = SETTINGS.model_copy(update={"link_delay_s": 0.5})
     climbing = surroundings(np.array([[0.0, 0.0, -98.0]]), velocity=np.array([[0.0, 0.0, -2.0]]))
     allowed, _ = filter_velocities(np.array([[0.0, 0.0, -2.5]]), climbing, settings)

@@ -56,7 +56,7 @@ def test_nothing_within_limits_exceeds_the_fastest_they_allow() -> None:
 
 
 @pytest.mark.parametrize(("desired_m_s", "reported"), [(0.1, "least height"), (0.04, "")])
-def test_only_a_change_that_can_be_noticed_is_reported(desired_m_s: float, reported: str) -> None:
+def test_only_a_noticeable_change_is_reported(desired_m_s: float, reported: str) -> None:
     # at the least height nothing down is allowed
     _, reasons = filter_velocities(
         np.array([[0.0, 0.0, desired_m_s]]), surroundings(np.array([[0.0, 0.0, -3.0]])), SETTINGS
@@ -65,12 +65,12 @@ def test_only_a_change_that_can_be_noticed_is_reported(desired_m_s: float, repor
 
 
 @pytest.mark.parametrize(("desired_m_s", "capped_m_s"), [(-0.6, -0.6), (-0.9, -0.7), (0.6, 0.5), (0.4, 0.4)])
-def test_up_and_down_have_limits_of_their_own_however_slow(desired_m_s: float, capped_m_s: float) -> None:
+def test_vertical_limits_hold_at_any_horizontal_speed(desired_m_s: float, capped_m_s: float) -> None:
     limits = Limits(horizontal_m_s=8.0, up_m_s=0.7, down_m_s=0.5)
     assert cap(np.array([[0.0, 0.0, desired_m_s]]), limits)[0, 2] == pytest.approx(capped_m_s)
 
 
-def test_the_worst_restraint_is_reported_to_both_of_a_pair() -> None:
+def test_worst_limit_is_reported_for_both_of_a_pair() -> None:
     # d2 comes close to d0, less close to d1
     position = np.array([[0.0, 0.0, -20.0], [9.0, 0.0, -20.0], [3.2, 0.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])

@@ -65,7 +65,7 @@ def test_holding_vehicle_conflicts_only_inside_the_floor(away_m: Place, clash: b
         ((0.0, 0.0, 3.9), False),
     ],
 )
-def test_the_uncertainties_of_both_are_kept_on_top(away_m: Place, clash: bool) -> None:
+def test_uncertainties_of_both_are_added_to_the_separation(away_m: Place, clash: bool) -> None:
     x_m, _, z_m = away_m
     both = clashing([(0.0, 0.0, -20.0), (x_m, 0.0, -20.0 + z_m)], "hold", uncertainty_m=[0.1, 0.3])
     assert bool(both) is clash
@@ -135,7 +135,7 @@ def crossing(first_height_m: float, second_height_m: float, second_home_m: float
         (30.5, 36.0, 5.0, False),
     ],
 )
-def test_ways_home_that_cross_clash_at_one_height(
+def test_crossing_return_paths_conflict_at_one_height(
     first_m: float, second_m: float, second_home_m: float, clash: bool
 ) -> None:
     assert crossing(first_m, second_m, second_home_m) == ([Clash(0, 1, 0.0)] if clash else [])
@@ -215,7 +215,7 @@ def test_vehicle_above_its_home_is_met_there() -> None:
     assert sideways_m(found) == pytest.approx([1.0])
 
 
-def test_a_way_home_of_less_than_a_metre_is_flown_all_along() -> None:
+def test_return_path_below_a_metre_is_flown_completely() -> None:
     # it leads past the other, which comes down beside the middle of it
     here: list[Place] = [(0.0, 0.0, -20.0), (0.4, 1.0, -20.0)]
     found = clashing(here, "return", home_m=[(0.8, 0.0, 0.0), (0.4, 1.0, 0.0)])
@@ -245,7 +245,7 @@ def test_two_are_turned_about_the_centre_until_stacked(chord_m: Place) -> None:
 
 
 @pytest.mark.parametrize("above_m", [0.5, -0.5, 4.0, -4.0])
-def test_whoever_is_above_another_already_stays_there(above_m: float) -> None:
+def test_vehicle_already_above_another_stays_there(above_m: float) -> None:
     before_m = CENTER_M + np.array([[1.0, 1.0, above_m], [1.0, 1.0, 0.0], [-9.0, 0.0, 0.0]])
     after_m = turned_upright(before_m, CENTER_M)
     assert after_m[0] - after_m[1] == pytest.approx([0.0, 0.0, above_m])
@@ -264,7 +264,7 @@ def test_nearest_two_are_turned_and_all_others_with_them(nearest: tuple[int, int
 
 
 @pytest.mark.parametrize("offset_m", [[], [(5.0, 0.0, 0.0)], [(5.0, 0.0, 0.0), (5.0, 0.0, 0.0)]])
-def test_without_two_in_different_places_nothing_is_turned(offset_m: list[Place]) -> None:
+def test_without_two_distinct_positions_nothing_is_turned(offset_m: list[Place]) -> None:
     before_m = CENTER_M + np.array(offset_m).reshape(-1, 3)
     after_m = turned_upright(before_m, CENTER_M)
     assert after_m.tolist() == before_m.tolist()

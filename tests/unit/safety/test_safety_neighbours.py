@@ -87,7 +87,7 @@ def test_minimum_separation_is_found_at_any_distance(axis: int) -> None:
     assert minimum_separation(corners, np.ones(2, bool), FLOOR)[0] == pytest.approx(2e3 * np.sqrt(3.0))
 
 
-def test_unknown_places_take_no_part_in_a_crowd() -> None:
+def test_unknown_positions_are_ignored_in_a_crowd() -> None:
     rng = np.random.default_rng(2)
     crowd = rng.normal(0.0, 20.0, (FEW + 20, 3)) - (0.0, 0.0, 200.0)
     for axis in range(3):

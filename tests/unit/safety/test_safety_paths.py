@@ -22,7 +22,7 @@ def test_beside_its_end_the_distance_to_the_end_counts() -> None:
     assert allowed[0, 2] == pytest.approx(1.4)
 
 
-def test_one_exactly_on_the_path_is_sent_off_it() -> None:
+def test_vehicle_exactly_on_the_path_is_sent_off_it() -> None:
     column = np.array([[[0.0, 0.0, -30.0], [0.0, 0.0, 0.0]]])
     allowed = filtered(np.zeros((1, 3)), surroundings(np.array([[0.0, 0.0, -10.0]]), segments=column))
     assert np.hypot(*allowed[0, :2]) == pytest.approx(1.5, abs=2e-3)

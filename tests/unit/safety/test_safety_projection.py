@@ -40,7 +40,7 @@ def test_remaining_violations_are_shrunk_until_they_hold() -> None:
     assert (shrunk[:2, 0] / velocity[:2, 0] < 1.0).all()
 
 
-def test_what_even_rest_cannot_mend_is_not_shrunk() -> None:
+def test_violation_that_rest_does_not_fix_is_not_shrunk() -> None:
     fleeing = np.array([[0.5, 0.0, 0.0]])
     assert shrink(fleeing, half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0)).tolist() == fleeing.tolist()
 
@@ -100,7 +100,7 @@ def test_column_shortened_one_by_one_ends_in_rest() -> None:
 @pytest.mark.parametrize(
     ("speed_m_s", "broken"), [(1.002, True), (1.0005, False), (0.5, False), (-3.0, False)]
 )
-def test_broken_is_what_is_broken_by_more_than_the_tolerance(speed_m_s: float, broken: bool) -> None:
+def test_violation_starts_beyond_the_tolerance(speed_m_s: float, broken: bool) -> None:
     wall = half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0)
     rows = (wall.first, wall.second, wall.normal, wall.bound_m_s)
     assert any_broken(np.array([[speed_m_s, 0.0, 0.0]]), *rows) == broken

@@ -35,7 +35,7 @@ def test_widest_separation_satisfies_the_ellipsoid_everywhere() -> None:
     )
 
 
-def test_two_head_on_are_held_to_what_both_together_can_brake() -> None:
+def test_head_on_pair_is_held_to_its_combined_braking() -> None:
     position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])  # 5 m to floor and margin
     allowed = filtered(np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]), surroundings(position))
     closing = allowed[0, 0] - allowed[1, 0]
@@ -43,7 +43,7 @@ def test_two_head_on_are_held_to_what_both_together_can_brake() -> None:
     assert allowed[0, 0] == pytest.approx(-allowed[1, 0], abs=2e-3)
 
 
-def test_one_above_the_other_is_held_off_in_the_taller_way() -> None:
+def test_stacked_pair_is_separated_in_the_taller_direction() -> None:
     # 9 m apart, 4.5 m is floor and margin vertically
     position = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -29.0]])
     allowed = filtered(np.array([[0.0, 0.0, -2.5], [0.0, 0.0, 1.4]]), surroundings(position))
@@ -60,7 +60,7 @@ def test_commanded_vehicle_yields_fully_to_an_uncommanded_one() -> None:
     assert not allowed[1].any()
 
 
-def test_one_of_unknown_velocity_is_still_kept_away_from() -> None:
+def test_vehicle_of_unknown_velocity_is_kept_away_from() -> None:
     position = np.array([[0.0, 0.0, -20.0], [3.5, 0.0, -20.0]])
     unknown = np.array([[0.0, 0.0, 0.0], [np.nan, np.nan, np.nan]])
     around = surroundings(position, velocity=unknown, commanded=[True, False])
@@ -68,7 +68,7 @@ def test_one_of_unknown_velocity_is_still_kept_away_from() -> None:
     assert allowed[0, 0] <= float(BRAKING.speed_m_s(np.array([0.5]))[0]) + 2e-3
 
 
-def test_two_in_the_same_place_are_parted_up_and_down() -> None:
+def test_coincident_vehicles_are_parted_vertically() -> None:
     position = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -20.0]])
     allowed = filtered(np.zeros((2, 3)), surroundings(position))
     assert allowed[0, 2] - allowed[1, 2] > 1.0
@@ -234,7 +234,7 @@ def test_fast_push_in_a_large_fleet_is_seen_far_ahead() -> None:
     assert reasons[2] == "separation from d1"
 
 
-def test_a_push_passed_on_round_a_bend_is_followed_to_the_end() -> None:
+def test_push_passed_round_a_bend_is_followed_to_the_end() -> None:
     # each is 4 m from the one before it, 20 degrees further to the left: who pushes the last one is at first
     # nowhere near it, then not on the way to it, and only at last is pushed there
     bend_rad = np.radians([45.0, 65.0, 85.0])

@@ -59,9 +59,7 @@ def test_few_strays_break_no_constraint_with_a_partial_check(seed: int) -> None:
 
 
 @pytest.mark.parametrize("squeezed", [0, 6, 60])
-def test_looking_at_everything_from_the_start_gives_the_same(
-    squeezed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_check_from_the_start_gives_the_same(squeezed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     for seed in range(4):
         position_m, desired_m_s = crowd(216, seed, squeezed=squeezed)
         here = around(position_m, np.zeros_like(position_m))

@@ -31,7 +31,7 @@ def to_goals(
 HEAD_ON = np.array([[-30.0, 0.0, -20.0], [30.0, 0.0, -20.0]])
 
 
-def test_two_that_would_meet_head_on_both_keep_to_the_right() -> None:
+def test_head_on_pair_keeps_to_the_right() -> None:
     desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     turned = to_goals(HEAD_ON, HEAD_ON[::-1], desired)
     angle = np.radians(45.0) * -np.expm1(-1.0 / Traffic().crowd)
@@ -39,7 +39,7 @@ def test_two_that_would_meet_head_on_both_keep_to_the_right() -> None:
     assert turned[1] == pytest.approx(-turned[0])
 
 
-def test_straight_up_and_straight_down_part_to_different_sides() -> None:
+def test_vertical_opposite_paths_part_to_different_sides() -> None:
     column = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -60.0]])
     turned = to_goals(column, column[::-1], np.array([[0.0, 0.0, -2.0], [0.0, 0.0, 1.4]]))
     assert turned[0, 1] > 0.1 > -0.1 > turned[1, 1]
@@ -90,7 +90,7 @@ def test_vertical_motion_keeps_shortened_speed_and_sidesteps_y(up_m_s: float, si
     assert turned[0] == pytest.approx([0.0, side * abs(up_m_s) * np.sin(angle), up_m_s * np.cos(angle)])
 
 
-def test_a_way_of_less_than_a_metre_up_or_down_has_its_side_too() -> None:
+def test_vertical_path_below_a_metre_has_its_side() -> None:
     here, there = (
         np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -20.6]]),
         np.array([[0.0, 0.0, -20.6], [0.0, 0.0, -20.0]]),
@@ -99,14 +99,14 @@ def test_a_way_of_less_than_a_metre_up_or_down_has_its_side_too() -> None:
     assert turned[0, 1] > 0.01 > -0.01 > turned[1, 1]
 
 
-def test_a_level_way_of_less_than_a_metre_has_its_own_right() -> None:
+def test_level_path_below_a_metre_has_its_right() -> None:
     here = np.array([[0.0, 0.0, -20.0], [0.6, 0.0, -20.0]])
     turned = to_goals(here, here[::-1], np.array([[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]]))
     assert turned[0] == pytest.approx([0.5 * np.cos(angle_rad(1.0)), 0.5 * np.sin(angle_rad(1.0)), 0.0])
 
 
 @pytest.mark.parametrize(("speed_m_s", "ahead_m"), [(0.1, 5.0), (0.1, 7.0)])
-def test_one_that_stands_is_met_where_it_is_now(speed_m_s: float, ahead_m: float) -> None:
+def test_standing_vehicle_is_met_where_it_is(speed_m_s: float, ahead_m: float) -> None:
     # d1 hardly moves: what counts is how near it is, not how near d0 would come to it
     position = np.array([[0.0, 0.0, -20.0], [ahead_m, 0.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [-speed_m_s, 0.0, 0.0]])
@@ -117,7 +117,7 @@ def test_one_that_stands_is_met_where_it_is_now(speed_m_s: float, ahead_m: float
     assert turned[0] == pytest.approx([3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0])
 
 
-def test_one_that_creeps_does_not_stand() -> None:
+def test_creeping_vehicle_does_not_count_as_standing() -> None:
     position = np.array([[0.0, 0.0, -20.0], [6.0, 0.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [-0.5, 0.0, 0.0]])
     turned = to_goals(
@@ -127,7 +127,7 @@ def test_one_that_creeps_does_not_stand() -> None:
 
 
 @pytest.mark.parametrize(("above_m", "meets"), [(6.0, 0.75), (12.0, 0.0)])
-def test_up_and_down_a_metre_counts_less_by_the_flatness(above_m: float, meets: float) -> None:
+def test_vertical_metre_counts_less_by_the_flatness(above_m: float, meets: float) -> None:
     # d1 crosses above d0's way: two thirds of 6 m are 4 m, half of what is of no concern
     position = np.array([[-15.0, 0.0, -20.0], [15.0, 0.0, -20.0 - above_m]])
     goal = np.array([[15.0, 0.0, -20.0], [-15.0, 0.0, -20.0 - above_m]])
@@ -143,7 +143,7 @@ def test_descending_vehicle_is_met_where_the_paths_meet() -> None:
     assert turned[0, 1] == pytest.approx(3.0 * np.sin(angle_rad(1.0)))
 
 
-def test_an_angle_of_one_degree_is_an_angle() -> None:
+def test_angle_of_one_degree_is_applied() -> None:
     desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     assert to_goals(HEAD_ON, HEAD_ON[::-1], desired, angle=1.0)[0, 1] > 0.0
 
@@ -202,7 +202,7 @@ def test_farther_from_goal_stops_closing_on_the_nearer_to_goal(apart_m: float, e
     assert given[1].tolist() == [-3.0, 0.0, 0.0]
 
 
-def test_whichever_row_it_is_in() -> None:
+def test_giving_way_ignores_the_row_order() -> None:
     position, goal, desired = head_on(5.0)
     given = after_giving_way(position[::-1], goal[::-1], desired[::-1])
     assert given.tolist() == [[-3.0, 0.0, 0.0], pytest.approx([-3.0, 0.0, 0.0])]
@@ -216,7 +216,7 @@ def test_vertical_approach_within_the_floor_metric_is_given_up() -> None:
     assert given[1].tolist() == [0.0, 0.0, 1.0]
 
 
-def test_it_is_the_time_left_that_counts_and_not_the_distance() -> None:
+def test_encounter_weight_depends_on_time_not_distance() -> None:
     # 24 m at 6 m/s are 4 s, 3 m at 1 m/s are 3 s, and at 2 m/s they are 1.5 s
     position, goal, _ = head_on(5.0)
     goal[:, 0] = 24.0, 2.0
@@ -226,7 +226,7 @@ def test_it_is_the_time_left_that_counts_and_not_the_distance() -> None:
     assert after_giving_way(position, goal, faster)[0] == pytest.approx([-2.0, 0.0, 0.0])
 
 
-def test_whatever_the_direction_in_which_they_meet() -> None:
+def test_keeping_right_in_every_direction() -> None:
     position, goal, desired = (array[:, [1, 0, 2]] for array in head_on(9.0))
     assert after_giving_way(position, goal, desired)[0] == pytest.approx([0.0, 1.5, 0.0])
 
@@ -241,7 +241,7 @@ def test_right_of_way_is_found_after_a_vehicle_without_it() -> None:
     assert after_giving_way(position, goal, desired)[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
-def test_it_is_found_among_hundreds_too() -> None:
+def test_encounter_is_found_among_hundreds() -> None:
     rng = np.random.default_rng(4)
     crowd = rng.normal(0.0, 5.0, (210, 3)) - (0.0, 0.0, 20.0)
     ahead = np.array([60.0, 0.0, 0.0])
@@ -262,7 +262,7 @@ def test_beyond_the_distance_parting_velocity_is_kept() -> None:
     assert after_giving_way(position, goal, desired).tolist() == desired.tolist()
 
 
-def test_sideways_it_goes_on() -> None:
+def test_giving_way_keeps_sideways_velocity() -> None:
     position, goal, desired = head_on(5.0)
     desired[0, 1] = 1.0
     assert after_giving_way(position, goal, desired)[0] == pytest.approx([-3.0, 1.0, 0.0])
@@ -294,7 +294,7 @@ def test_no_way_is_given_without_a_goal_or_at_zero_distance() -> None:
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_of_two_it_gives_way_to_the_one_it_closes_in_on_the_most(reverse: bool) -> None:
+def test_way_is_given_to_the_fastest_approaching_of_two(reverse: bool) -> None:
     position = np.array([[0.0, 0.0, -20.0], [5.0, 0.0, -20.0], [0.0, 7.0, -20.0]])
     goal = np.array([[60.0, 1.0, -20.0], [1.0, 0.0, -20.0], [0.0, 3.0, -20.0]])
     desired = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, -3.0, 0.0]])
@@ -303,12 +303,12 @@ def test_of_two_it_gives_way_to_the_one_it_closes_in_on_the_most(reverse: bool) 
     assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
-def test_two_in_one_place_have_no_direction_to_give_way_in() -> None:
+def test_coincident_vehicles_give_no_way() -> None:
     position, goal, desired = head_on(0.0)
     assert after_giving_way(position, goal, desired).tolist() == desired.tolist()
 
 
-def test_it_may_begin_as_near_as_a_metre() -> None:
+def test_giving_way_may_begin_at_one_metre() -> None:
     position, goal, desired = head_on(0.4)
     near = Traffic(give_way_m=1.0, give_way_fully_m=0.5)
     everybody = np.ones(2, dtype=bool)
@@ -316,7 +316,7 @@ def test_it_may_begin_as_near_as_a_metre() -> None:
     assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 
-def test_giving_way_begins_before_it_is_complete() -> None:
+def test_giving_way_begins_gradually() -> None:
     with pytest.raises(ValidationError, match="give_way_m 5 must be more than give_way_fully_m 6, or 0"):
         Traffic(give_way_m=5.0)
     for not_enough_m in (6.0, 0.5):

@@ -11,7 +11,7 @@ from gcs.safety.filter import filter_velocities
 from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 
 
-def test_the_fence_brakes_sinking_climbing_and_leaving() -> None:
+def test_fence_brakes_descent_climb_and_departure() -> None:
     position = np.array([[0.0, 0.0, -3.5], [0.0, 0.0, -99.0], [299.0, 0.0, -20.0]])
     desired = np.array([[0.0, 0.0, 1.4], [0.0, 0.0, -2.5], [5.0, 0.0, 0.0]])
     allowed = filtered(desired, surroundings(position))
@@ -28,7 +28,7 @@ def test_below_least_height_it_climbs_unless_it_descends() -> None:
     assert filtered(sinking, surroundings(low, descending=True))[0, 2] == 1.0
 
 
-def test_right_above_the_origin_no_direction_is_fenced() -> None:
+def test_above_the_origin_no_direction_is_fenced() -> None:
     over_origin = np.array([[0.0, 0.0, -20.0]])
     found = fence_constraints(over_origin, np.ones(1, bool), np.zeros(1, bool), FENCE, BRAKING)
     assert (found.slack_m_s(np.array([[8.0, 0.0, 0.0]])) > 0.0).all()
@@ -42,7 +42,7 @@ def test_obstacle_is_a_wall_below_its_top_and_a_floor_above() -> None:
     assert down[0] == pytest.approx([4.0, 0.0, float(BRAKING.speed_m_s(np.array([0.5]))[0])], abs=2e-3)
 
 
-def test_well_above_an_obstacle_nothing_is_changed() -> None:
+def test_well_above_an_obstacle_nothing_changes() -> None:
     desired = np.array([[4.0, 2.0, 1.0]])
     over = surroundings(np.array([[0.0, 0.0, -18.0]]), ellipses={"b": BOX})
     assert filtered(desired, over).tolist() == desired.tolist()
@@ -58,7 +58,7 @@ def test_inside_an_obstacle_it_is_led_out_without_descending() -> None:
     assert risen[0] == pytest.approx([3.0, 0.0, -0.1], abs=2e-3)
 
 
-def test_over_its_edge_an_obstacle_is_a_wall_across_both_ways() -> None:
+def test_beside_and_above_an_edge_the_normal_is_diagonal() -> None:
     diagonal = np.array([[-8.0, 0.0, -16.0]])  # 3 m beside and 4 m above: 5 m away
     found = obstacle_constraints(diagonal, np.array([True]), {"b": BOX}, BRAKING)
     assert found.normal == pytest.approx(np.array([[-0.6, 0.0, -0.8]]))
@@ -88,7 +88,7 @@ def test_three_crowded_in_a_corner_of_the_fence_break_no_wall() -> None:
     assert (allowed[:, 2] <= BRAKING.speed_m_s(np.full(3, 0.2)) + 2e-3).all()
 
 
-def test_a_single_wall_is_a_wall_too() -> None:
+def test_single_wall_is_applied() -> None:
     wide = SETTINGS.model_copy(
         update={"fence": Fence(height_min_m=3.0, height_max_m=1e4, distance_max_m=1e4)}
     )
@@ -108,7 +108,7 @@ def test_obstacle_moving_along_y_pushes_vehicles_ahead_of_it(side: float, moving
     )
 
 
-def test_close_to_an_edge_the_wall_is_across_both_ways_too() -> None:
+def test_near_an_edge_the_normal_is_diagonal() -> None:
     found = obstacle_constraints(np.array([[-5.3, -5.4, -8.0]]), np.array([True]), {"b": BOX}, BRAKING)
     assert found.normal == pytest.approx(np.array([[-0.6, -0.8, 0.0]]))
     assert found.bound_m_s == pytest.approx(-BRAKING.speed_m_s(np.array([0.5])))
@@ -118,7 +118,7 @@ def test_close_to_an_edge_the_wall_is_across_both_ways_too() -> None:
     ("x_m", "y_m", "out"),
     [(0.6, 0.1, (1, 0)), (-0.6, 0.1, (-1, 0)), (0.1, 0.6, (0, 1)), (0.1, -0.6, (0, -1))],
 )
-def test_out_of_a_narrow_obstacle_leads_the_nearest_side(
+def test_nearest_side_is_the_way_out_of_a_narrow_obstacle(
     x_m: float, y_m: float, out: tuple[int, int]
 ) -> None:
     mast = Ellipse(0.0, 0.0, 0.8 * sqrt(2), 0.8 * sqrt(2), top_height_m=12.0)
@@ -127,7 +127,7 @@ def test_out_of_a_narrow_obstacle_leads_the_nearest_side(
     assert found.bound_m_s[0] == pytest.approx(0.1)
 
 
-def test_the_fence_of_a_narrow_field_holds_near_its_middle_too() -> None:
+def test_fence_of_a_narrow_field_holds_near_its_middle() -> None:
     narrow = Fence(height_min_m=3.0, height_max_m=100.0, distance_max_m=2.0)
     found = fence_constraints(
         np.array([[0.3, 0.4, -20.0]]), np.ones(1, bool), np.zeros(1, bool), narrow, BRAKING, fastest_m_s=3.0

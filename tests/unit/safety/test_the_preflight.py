@@ -194,7 +194,7 @@ def test_rejected_position_differs_from_one_never_received() -> None:
     assert check.to_do == "check its GPS and show_frame"
 
 
-def test_a_place_that_is_too_old_to_count_is_not_judged() -> None:
+def test_stale_position_is_not_judged() -> None:
     _, check = only(known(height_m=(0.0, 50.0, 0.0), age_s=(0.1, 9.0, 0.1)))
     assert check.problem == "no position for 9.0 s"
 
@@ -232,7 +232,7 @@ def test_pad_distance_depends_on_the_reported_accuracies() -> None:
     assert found[0][1].problem == "stands 4.0 m from b, at least 4.6 m is needed"
 
 
-def test_the_autopilots_own_fence_bounds_the_pads_too() -> None:
+def test_fence_of_the_autopilot_bounds_the_pads() -> None:
     vehicle, check = only(known(east_m=(0.0, 4.0, 60.0), pads_within_m=50.0))
     assert vehicle == "c"
     assert check.problem == "stands 60 m from the show's origin, its autopilot's fence allows for 50 m"
@@ -280,7 +280,7 @@ def wrong(
     return {name: check.problem for name, check in checks if not check.passes}
 
 
-def test_a_fleet_on_its_places_passes_wherever_they_are() -> None:
+def test_fleet_on_its_pads_passes_at_any_place() -> None:
     assert wrong(nine(GRID_M)) == {}
     far_m = turned(GRID_M, 77.0) + np.array((40.0, -12.0))
     assert wrong(nine(far_m), expected=pattern(far_m)) == {}
@@ -320,7 +320,7 @@ def test_rotation_and_shift_within_their_limits_pass() -> None:
     assert wrong(nine(turned(GRID_M, 1.9) + np.array((1.3, 1.3)))) == {}
 
 
-def test_limits_are_the_configurations() -> None:
+def test_limits_come_from_the_configuration() -> None:
     strict = PreflightSettings(rotation_max_deg=1.5, shift_max_m=1.0)
     found = wrong(nine(turned(GRID_M, 1.9) + np.array((1.3, 1.3)), settings=strict))
     assert set(found) == {"rotation of the start pattern", "shift of the start pattern"}
@@ -340,7 +340,7 @@ def test_one_displaced_vehicle_does_not_move_the_pattern() -> None:
     assert wrong(nine(place_m)) == {"d3": "stands 30.0 m off its start place"}
 
 
-def test_a_fleet_that_stands_in_no_such_pattern_is_reported_so() -> None:
+def test_fleet_in_another_pattern_is_reported() -> None:
     found = wrong(nine(np.column_stack([np.arange(9) * 4.0, np.zeros(9)])))
     assert "stand in the start pattern, however it is turned and shifted" in found["start pattern"]
 

@@ -121,7 +121,7 @@ def test_acknowledged_alarm_ends_with_its_cause(story: Story) -> None:
     assert story.count(ChangeKind.ENDED) == 1
 
 
-def test_whoever_acknowledged_first_stays_named(story: Story) -> None:
+def test_first_acknowledging_operator_stays_named(story: Story) -> None:
     (alarm,) = story.holds(lost("d3"))
     story.book.acknowledge(alarm.id, "anna", UNIX_S)
     assert story.book.acknowledge(alarm.id, "ben", UNIX_S + 9.0).acknowledged_by == "anna"
@@ -133,9 +133,7 @@ def test_whoever_acknowledged_first_stays_named(story: Story) -> None:
     [(killed("d3"), True), (lost("d3"), True), (NOTE, False)],
     ids=["emergency", "warning", "information"],
 )
-def test_what_ended_unseen_stays_listed_where_it_was_severe(
-    story: Story, condition: Condition, stays: bool
-) -> None:
+def test_severe_alarm_that_ended_unseen_stays_listed(story: Story, condition: Condition, stays: bool) -> None:
     story.holds(condition)
     after = story.holds(for_s=3.0)
     assert len(after) == stays
@@ -174,7 +172,7 @@ def test_a_cause_that_comes_back_at_once_is_the_same_alarm(story: Story) -> None
     assert story.holds(low("d1"))[0].id != first.id
 
 
-def test_numbers_alone_change_a_text_every_few_seconds_only(story: Story) -> None:
+def test_changed_numbers_update_the_text_at_intervals(story: Story) -> None:
     texts = {story.holds(low("d1", share=0.19 - step * 0.001))[0].text for step in range(50)}  # 10 s
     assert len(texts) == 2
     assert story.reported == [(ChangeKind.BEGUN, AlarmCause.LOW_BATTERY)]
@@ -223,7 +221,7 @@ def test_pair_at_the_floor_is_one_pair_until_clearly_outside() -> None:
     assert rows(1.0, height_m=1.0) == []  # on their pads
 
 
-def test_a_pair_that_is_nowhere_is_not_close() -> None:
+def test_pair_with_unknown_distance_is_not_close() -> None:
     place_m = np.array([[0.0, 0.0, -20.0], [np.nan, np.nan, np.nan]])
     assert ClosePairs().look(place_m, np.array([True, True]), Floor()) == ()
 

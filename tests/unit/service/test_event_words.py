@@ -73,7 +73,7 @@ def test_the_scan_finds_what_the_service_logs() -> None:
     assert {"vehicle_phase", "failsafe", "alarm", "kill", "access_denied"} <= {line.event for line in LINES}
 
 
-def test_a_reaction_names_its_vehicles_as_a_person_would() -> None:
+def test_failsafe_event_names_its_vehicles_readably() -> None:
     details = {
         "cause": "fence ahead",
         "action": "return",

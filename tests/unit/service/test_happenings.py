@@ -24,7 +24,7 @@ def test_newest_log_lines_are_kept_with_their_vehicles() -> None:
     assert (logger.level, list(logger.handlers)) == before
 
 
-def test_no_more_are_kept_than_a_page_shows() -> None:
+def test_event_log_is_limited_to_a_page() -> None:
     events = EventLog()
     with received(events):
         for number in range(KEPT + 7):

@@ -39,7 +39,7 @@ def test_command_ids_are_unique() -> None:
     assert len({book.open("hold", ["d1"], {}).id for _ in range(100)}) == 100
 
 
-def test_a_record_is_a_snapshot_and_the_book_has_the_newest() -> None:
+def test_record_is_a_snapshot_and_the_log_has_the_newest() -> None:
     book = CommandLog()
     before = book.open("hold", ["d1"], {})
     book.close(before.id, "d1", Outcome.DONE)
@@ -48,7 +48,7 @@ def test_a_record_is_a_snapshot_and_the_book_has_the_newest() -> None:
     assert book.get(before.id).accepted_time_s == before.accepted_time_s
 
 
-def test_an_outcome_is_noted_once() -> None:
+def test_outcome_is_recorded_once() -> None:
     book = CommandLog()
     record = book.open("land", ["d1"], {"d2": "not chosen"})
     book.close(record.id, "d1", Outcome.FAILED, "replaced by another order")

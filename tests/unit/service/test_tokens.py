@@ -31,7 +31,7 @@ def test_only_the_token_hash_is_stored_in_a_private_file(tmp_path: Path) -> None
         assert Tokens(path).find(other) is None
 
 
-def test_tokens_are_long_and_never_the_same(tmp_path: Path) -> None:
+def test_tokens_are_long_and_unique(tmp_path: Path) -> None:
     path = tmp_path / "tokens.json"
     made = {create_token(path, f"t{number}", Role.WATCH) for number in range(20)}
     assert len(made) == 20
@@ -83,7 +83,7 @@ GOOD = {"name": "a", "role": "watch", "sha256": "0" * 64, "created_unix_time_s":
         ('{"tokens": []}', "no token in it; gcs token create NAME"),
     ],
 )
-def test_a_file_that_is_none_is_refused_with_what_is_wrong(tmp_path: Path, text: str, stated: str) -> None:
+def test_invalid_token_file_is_refused_with_the_problem(tmp_path: Path, text: str, stated: str) -> None:
     path = tmp_path / "tokens.json"
     path.write_text(text)
     with pytest.raises(ConfigError, match=stated):
@@ -145,7 +145,7 @@ def test_beyond_loopback_tokens_are_needed(host: str) -> None:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1", "127.1.2.3"])
-def test_on_loopback_none_are(host: str) -> None:
+def test_on_loopback_no_tokens_are_needed(host: str) -> None:
     assert config_with(api={"host": host}).access.tokens_file is None
 
 
@@ -153,7 +153,7 @@ def test_on_loopback_none_are(host: str) -> None:
     ("api", "stated"),
     [({"port": 65535}, "emergency_port = 65536"), ({"port": 80, "emergency_port": 80}, "not port itself")],
 )
-def test_the_emergency_port_is_another_one(api: dict[str, int], stated: str) -> None:
+def test_emergency_port_is_a_separate_port(api: dict[str, int], stated: str) -> None:
     with pytest.raises(ValueError, match=stated):
         config_with(api=api)
 

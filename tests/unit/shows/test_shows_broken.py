@@ -26,7 +26,7 @@ EXPECTED = {
 }
 
 
-def test_every_broken_show_is_expected_to_be_found_out() -> None:
+def test_every_broken_show_has_an_expected_problem() -> None:
     assert {path.stem for path in BROKEN.glob("*.yaml")} == FLOWN | set(EXPECTED)
     assert len(FLOWN | set(EXPECTED)) >= 12
 
@@ -43,7 +43,7 @@ def test_broken_show_is_refused_with_line_cue_and_remedy(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(FLOWN))
-def test_what_only_a_flight_shows_the_rules_let_pass(name: str) -> None:
+def test_problems_found_only_in_flight_pass_the_rules(name: str) -> None:
     assert load(BROKEN / f"{name}.yaml").show.fleet.vehicles == 8
 
 
@@ -76,7 +76,7 @@ def test_a_file_that_is_no_mapping_is_refused() -> None:
         parse("- a\n- b\n", "trial.yaml")
 
 
-def test_a_text_is_no_number() -> None:
+def test_text_is_not_accepted_as_a_number() -> None:
     (found,) = problems(duration_s="60")
     assert "duration_s = '60'" in found.text
 
@@ -117,13 +117,13 @@ def test_target_and_orbit_together_keep_the_formation_speed() -> None:
     assert "more than the formation's 4 m/s" in found.text
 
 
-def test_a_path_that_turns_too_hard_is_refused() -> None:
+def test_path_with_too_hard_a_turn_is_refused() -> None:
     path = [{"after_s": 4, "x_m": 8, "y_m": 0}, {"after_s": 8, "x_m": 0, "y_m": 0}]
     (found,) = problems({"cue": "a", "at_s": 5, "target": {"path": path}})
     assert "m/s^2" in found.text
 
 
-def test_a_path_begins_where_the_target_is() -> None:
+def test_path_begins_at_the_target() -> None:
     path = [{"after_s": 0, "x_m": 5, "y_m": 0}, {"after_s": 20, "x_m": 8, "y_m": 0}]
     (found,) = problems({"cue": "a", "at_s": 5, "target": {"path": path}})
     assert "the path begins 5.0 m from the target" in found.text
@@ -139,7 +139,7 @@ def test_loop_that_restarts_elsewhere_is_refused() -> None:
     assert "its loop repeats the cue of 5 s" in found.text
 
 
-def test_loops_do_not_lie_in_each_other() -> None:
+def test_nested_loops_are_refused() -> None:
     cues = [{"cue": name, "at_s": at_s} for name, at_s in (("a", 5), ("b", 10), ("c", 15))]
     loops = [
         {"from_cue": "a", "to_cue": "c", "times": 2},

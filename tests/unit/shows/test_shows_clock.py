@@ -13,7 +13,7 @@ CUES = (
 )
 
 
-def test_it_stands_until_the_show_runs_and_while_it_is_paused() -> None:
+def test_clock_stands_before_the_show_and_while_paused() -> None:
     clock = ShowClock()
     assert clock.show_s(100.0) == 0.0
     clock = clock.run(100.0)
@@ -23,12 +23,12 @@ def test_it_stands_until_the_show_runs_and_while_it_is_paused() -> None:
     assert clock.run(600.0).show_s(603.0) == 15.0
 
 
-def test_running_again_does_not_set_it_back() -> None:
+def test_resuming_does_not_set_the_clock_back() -> None:
     clock = ShowClock().run(100.0)
     assert clock.run(110.0).show_s(115.0) == 15.0
 
 
-def test_a_seek_leads_to_the_first_time_that_the_cue_is_played() -> None:
+def test_seek_goes_to_the_first_time_of_the_cue() -> None:
     timeline = loaded(*CUES, loops=[{"from_cue": "in", "to_cue": "end", "times": 3}]).timeline
     assert ShowClock().seek(timeline, "out", grounded=True) == ShowClock(15.0)
     assert ShowClock().seek(timeline, "end", grounded=True) == ShowClock(65.0)
@@ -42,7 +42,7 @@ def test_no_seek_in_the_air_or_to_an_unknown_cue() -> None:
         ShowClock().seek(timeline, "finale", grounded=True)
 
 
-def test_it_ends_after_its_duration_but_not_while_it_stands() -> None:
+def test_clock_ends_after_its_duration_but_not_while_stopped() -> None:
     timeline = loaded(*CUES).timeline
     clock = ShowClock().run(0.0)
     assert not clock.ended(timeline, 59.0)

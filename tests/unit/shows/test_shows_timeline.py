@@ -84,7 +84,7 @@ def test_a_path_leads_through_its_points() -> None:
     assert end.speed_m_s == 0.0
 
 
-def test_a_first_cue_may_begin_with_a_path_of_its_own() -> None:
+def test_first_cue_may_begin_with_its_own_path() -> None:
     path = [{"after_s": 0, "x_m": 6, "y_m": 2}, {"after_s": 20, "x_m": 0, "y_m": 0}]
     desired = timeline(timeline=[BEGIN | {"target": {"path": path}}])
     begin = desired.plan_at(0.0).target
@@ -109,7 +109,7 @@ def test_stopped_clock_stops_the_target_with_tick_times() -> None:
     assert runs.target.x_m == stopped.target.x_m
 
 
-def test_a_loop_is_written_out_and_what_follows_is_later() -> None:
+def test_loop_is_unrolled_and_later_cues_are_shifted() -> None:
     cues = [
         {"cue": "in", "at_s": 5, "radius_m": 10},
         {"cue": "out", "at_s": 15, "radius_m": 8},
@@ -132,7 +132,7 @@ def test_a_loop_is_written_out_and_what_follows_is_later() -> None:
     assert desired.cue_at(50.0).cue.cue == "in"
 
 
-def test_obstacles_appear_and_go() -> None:
+def test_obstacles_appear_and_disappear() -> None:
     box = {"id": "mast", "x_m": 30, "y_m": 0, "half_length_x_m": 1, "half_length_y_m": 1, "height_m": 20}
     desired = timeline(
         {"cue": "up", "at_s": 10, "obstacles": {"appear": [box]}},
@@ -153,7 +153,7 @@ def test_a_spin_clockwise_from_above_is_positive() -> None:
     assert timeline(other).plan_at(50.0).formation.spin_rad_s == pytest.approx(-radians(6))
 
 
-def test_the_hash_covers_what_is_flown_and_not_how_it_is_written() -> None:
+def test_hash_covers_the_content_not_the_formatting() -> None:
     plain = loaded(GROW).show.digest
     commented = parse("# a comment\n" + text_of(GROW, about="Other words."), "other.yaml").show.digest
     default_written_out = loaded(GROW, limits={"speed_max_m_s": 8}).show.digest
@@ -164,7 +164,7 @@ def test_the_hash_covers_what_is_flown_and_not_how_it_is_written() -> None:
     assert len({plain, loaded(GROW | {"radius_m": 12.5}).show.digest, turned.show.digest}) == 3
 
 
-def test_pads_are_rows_about_their_middle() -> None:
+def test_pads_are_rows_about_their_centre() -> None:
     pads_m = loaded().show.pads_m
     assert pads_m[:2].tolist() == [[-2.0, -6.0, 0.0], [-2.0, -2.0, 0.0]]
     assert pads_m.mean(axis=0).tolist() == [0.0, 0.0, 0.0]

@@ -27,7 +27,7 @@ def test_every_required_parameter_exists_in_px4_as_applied() -> None:
         assert type(defaults()[requirement.name]) is type(requirement.set_to), requirement.name
 
 
-def test_what_apply_sets_is_what_check_wants() -> None:
+def test_check_accepts_what_apply_sets() -> None:
     assert broken(NEEDED, GOOD) == []
     for action in ("descend", "hold", "land", "return"):
         for loss_s in (0.5, 3.0, 10.0):
@@ -42,7 +42,7 @@ def test_px4_defaults_are_refused_only_for_unsafe_values() -> None:
 
 
 @pytest.mark.parametrize(("action", "number"), [("descend", 0), ("return", 3), ("land", 4), ("hold", 5)])
-def test_the_action_is_the_configured_one_and_no_other(action: str, number: int) -> None:
+def test_action_is_the_configured_one_only(action: str, number: int) -> None:
     requirement = needed("COM_OBL_RC_ACT", setpoint_loss_action=action)
     assert [value for value in range(8) if requirement.holds(value)] == [number]
 
@@ -73,7 +73,7 @@ def test_data_link_loss_action_equals_setpoint_loss_or_less(action: str, allowed
         ("GF_MAX_VER_DIST", (0.0, 100.0, 9999.0), (108.0, 150.0)),
     ],
 )
-def test_each_has_its_bounds(name: str, bad: tuple[float, ...], good: tuple[float, ...]) -> None:
+def test_each_parameter_has_its_bounds(name: str, bad: tuple[float, ...], good: tuple[float, ...]) -> None:
     assert [value for value in (*bad, *good) if needed(name).holds(value)] == list(good)
 
 
@@ -90,7 +90,7 @@ def test_without_a_pilot_stick_parameters_are_not_required() -> None:
     assert not names & {"COM_RC_IN_MODE", "COM_RC_OVERRIDE"}
 
 
-def test_single_precision_is_not_taken_for_a_wrong_value() -> None:
+def test_single_precision_rounding_is_not_a_wrong_value() -> None:
     assert needed("COM_OF_LOSS_T", setpoint_loss_s=0.7).holds(0.699999988079071)
 
 
@@ -98,7 +98,7 @@ def failed(read: dict[str, ParameterValue] | None, problem: str | None = None) -
     return [check for check in parameter_checks(NEEDED, read, problem) if not check.passes]
 
 
-def test_a_vehicle_not_read_yet_stays_on_the_ground() -> None:
+def test_vehicle_not_yet_read_stays_on_the_ground() -> None:
     (check,) = failed(None)
     assert (check.state, check.problem) == (State.UNKNOWN, "parameters not read yet; it is being asked")
     (check,) = failed(None, "d1: parameter GF_ACTION: no answer")

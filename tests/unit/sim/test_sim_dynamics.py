@@ -114,13 +114,13 @@ def test_nothing_happens_before_the_delay_is_over() -> None:
 
 
 @pytest.mark.parametrize("dt_s", [0.004, 0.02])
-def test_the_answer_hardly_depends_on_the_step_size(dt_s: float) -> None:
+def test_response_hardly_depends_on_the_step_size(dt_s: float) -> None:
     coarse, fine = fly((3.0, -4.0, -1.0), 4.0, dt_s), fly((3.0, -4.0, -1.0), 4.0, 0.001)
     every = round(dt_s / 0.001)
     assert np.abs(coarse - fine[every - 1 :: every]).max() < 0.08
 
 
-def test_vehicles_with_settings_of_their_own_fly_as_if_alone() -> None:
+def test_vehicles_with_their_own_settings_fly_independently() -> None:
     settings_of = {
         "drag_per_s": (0.1, 1.0, 0.3),
         "delay_s": (0.1, 0.055, 0.2),
@@ -137,7 +137,7 @@ def test_vehicles_with_settings_of_their_own_fly_as_if_alone() -> None:
         )
 
 
-def test_the_integrator_does_not_wind_up_while_the_limit_holds() -> None:
+def test_integrator_does_not_wind_up_at_the_limit() -> None:
     weak = Response(acceleration_limit_m_s2=2.0)
     state = PointMasses.at(np.zeros((1, 3)))
     for _ in range(300):
@@ -172,7 +172,7 @@ def test_a_cruising_start_goes_on_cruising() -> None:
     assert state.velocity_m_s[0] == pytest.approx(cruise[0], abs=1e-9)
 
 
-def test_the_ground_stops_what_falls_and_lets_go_what_climbs() -> None:
+def test_ground_stops_a_fall_and_releases_a_climb() -> None:
     moving = np.array([[1.0, 1.0, 3.0], [0.0, 0.0, -1.0], [1.0, 0.0, 1.0]])
     state = PointMasses.at(np.array([[5.0, 0.0, 0.2], [0.0, 0.0, 0.0], [0.0, 0.0, -2.0]]), moving)
     grounded, touching = rest_on_ground(state)
@@ -204,7 +204,7 @@ def test_no_command_makes_the_state_infinite_or_too_fast(
     assert (horizontal <= np.linalg.norm(command[:, :2], axis=1) * 1.05 + 1e-6).all()
 
 
-def test_a_state_cannot_be_changed_behind_its_back() -> None:
+def test_state_is_immutable() -> None:
     state = PointMasses.at(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="read-only"):
         state.position_m[0, 0] = 1.0

@@ -54,11 +54,11 @@ def test_setpoints_are_read_in_batches_and_damaged_reported() -> None:
 
 
 @pytest.mark.parametrize("raw", [b"", b"\xfd" * 65, setpoint_frame(1)[:-1], setpoint_frame(1) + b"x"])
-def test_what_is_no_row_of_setpoints_is_left_to_others(raw: bytes) -> None:
+def test_invalid_setpoint_rows_are_left_to_other_readers(raw: bytes) -> None:
     assert frames.setpoints(raw) is None
 
 
-def test_places_agree_with_pymap3d() -> None:
+def test_positions_agree_with_pymap3d() -> None:
     position_m = np.random.default_rng(0).normal(0.0, 2000.0, (200, 3))
     for origin in ((47.4, 8.5, 488.0), (-33.0, 151.0, 10.0), (0.0, 0.0, 0.0)):
         theirs = np.stack(pymap3d.ned2geodetic(*position_m.T, *origin), axis=1)

@@ -41,7 +41,7 @@ def test_the_errors_of_two_vehicles_are_independent() -> None:
     assert abs(np.corrcoef(rows[:, 0, 2], rows[:, 1, 2])[0, 1]) < 0.25
 
 
-def test_scale_zero_is_no_error_at_all() -> None:
+def test_scale_zero_has_no_error() -> None:
     assert not history(scale=0.0, seconds=5.0).any()
 
 

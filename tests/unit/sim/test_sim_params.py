@@ -27,7 +27,7 @@ def through_the_frame(name: str, value: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", encoded_value(name, value)))[0])
 
 
-def test_every_recorded_parameter_survives_the_wire() -> None:
+def test_every_recorded_parameter_survives_encoding() -> None:
     for name, value in defaults().items():
         back = decoded_value(name, kind(name), through_the_frame(name, value))
         assert back == (value if kind(name) == INT32 else pytest.approx(value, rel=1e-6))
@@ -44,7 +44,7 @@ def test_the_recorded_defaults_are_there() -> None:
 
 
 @given(st.integers(-(2**31), 2**31 - 1).filter(lambda bits: bits & 0x7F800000 != 0x7F800000))
-def test_whole_numbers_travel_bytewise(value: int) -> None:
+def test_integer_parameters_travel_bytewise(value: int) -> None:
     assert decoded_value("COM_OBL_RC_ACT", INT32, through_the_frame("COM_OBL_RC_ACT", value)) == value
 
 
@@ -52,7 +52,7 @@ def test_whole_numbers_travel_bytewise(value: int) -> None:
     ("name", "value"),
     [("NO_SUCH", 1.0), ("MPC_XY_VEL_MAX", float("nan")), ("MPC_XY_VEL_MAX", 1e39), ("COM_OBL_RC_ACT", 0.5)],
 )
-def test_what_px4_would_not_take_is_refused_by_name(name: str, value: float) -> None:
+def test_value_that_px4_rejects_is_refused_by_name(name: str, value: float) -> None:
     parameters = Parameters()
     with pytest.raises(ParameterError, match=name):
         parameters.set(name, value)
@@ -65,7 +65,7 @@ def test_a_value_of_the_wrong_type_is_refused() -> None:
     assert decoded_value("MPC_XY_VEL_MAX", REAL32, 1.5) == 1.5
 
 
-def test_indices_and_names_belong_together() -> None:
+def test_indices_and_names_correspond() -> None:
     assert [name_at(index(name)) for name in defaults()] == list(defaults())
     assert name_at(-1) is None
     assert name_at(905) is None

@@ -27,7 +27,7 @@ FINE_S = 0.005  # the orbit's own discretisation would shake a formation that is
 TETRAHEDRON_ENERGY = 3.674235
 
 
-def test_the_sphere_force_is_the_printed_one() -> None:
+def test_sphere_force_is_the_printed_one() -> None:
     # offset (3, 0, 4), |offset|^2 = 25, excess 25 - 4 = 21: -5 (3, 0, 4) 21
     force = sphere_force(np.array([[4.0, 2.0, 7.0]]), np.array([1.0, 2.0, 3.0]), radius_m=2.0, gain=5.0)
     assert force == pytest.approx(np.array([[-315.0, 0.0, -420.0]]))
@@ -178,7 +178,7 @@ def avoiding(place: Array, velocity: Array) -> Array:
     )
 
 
-def test_the_force_is_as_it_was_where_nothing_is_in_the_way() -> None:
+def test_force_is_unchanged_without_obstacles() -> None:
     place = np.array([[-30.0, 0.0, -10.0], [-8.0, 0.0, -10.0], [-8.0, 0.0, -40.0]])
     velocity = np.array([[5.0, 0.0, 0.0], [-5.0, 0.0, 0.0], [5.0, 0.0, 0.0]])  # far; leaving; above
     assert avoiding(place, velocity) == pytest.approx(SECTION_5.damping_n_s_m * velocity)

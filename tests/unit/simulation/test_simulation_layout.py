@@ -54,12 +54,12 @@ def test_random_places_in_the_cube_are_legal_and_differ() -> None:
     assert np.linalg.norm(goal_m - start_m, axis=1).mean() > 10.0
 
 
-def test_more_than_fit_the_cube_are_refused() -> None:
+def test_more_vehicles_than_fit_the_cube_are_refused() -> None:
     with pytest.raises(ConfigError, match="do not fit"):
         goals("cube", 50, 8.0)
 
 
-def test_head_on_ranks_fly_into_each_others_places() -> None:
+def test_head_on_ranks_fly_to_the_opposite_side() -> None:
     start_m, goal_m = goals("head-on", 8)
     assert nearest(start_m) == pytest.approx(6.0)
     assert start_m[4:] == pytest.approx(start_m[:4] * (-1.0, 1.0, 1.0))

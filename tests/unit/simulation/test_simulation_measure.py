@@ -92,7 +92,7 @@ def test_distances_use_the_floor_metric_without_exempt_pairs() -> None:
     assert closest_m(place, standing, everyone, 2.0 / 3.0, 2.0, 2.0)[0] == pytest.approx(1e9)
 
 
-def test_a_perfect_shape_is_settled_at_once_however_it_is_turned() -> None:
+def test_perfect_shape_is_settled_at_once_in_any_rotation() -> None:
     record = record_of([CENTER + 10.0 * TETRAHEDRON @ turned(0.01 * k).T for k in range(120)])
     shape = measure.shape_over_time(record)
     assert shape.settled.all()
@@ -104,7 +104,7 @@ def test_a_perfect_shape_is_settled_at_once_however_it_is_turned() -> None:
     assert figures["radius_error_m"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_settling_counts_from_the_last_change_until_it_stays_so() -> None:
+def test_settling_counts_from_the_last_change_for_good() -> None:
     good, bad = CENTER + 10.0 * TETRAHEDRON, CENTER + 10.5 * TETRAHEDRON
     record = record_of([bad] * 20 + [good] * 20 + [bad] * 20 + [good] * 60)
     assert measure.settle_time_s(record, measure.shape_over_time(record)) == pytest.approx(3.0)
@@ -112,7 +112,7 @@ def test_settling_counts_from_the_last_change_until_it_stays_so() -> None:
     assert measure.settle_time_s(record, measure.shape_over_time(record)) == pytest.approx(1.5)
 
 
-def test_one_that_leaves_the_sphere_at_the_end_was_never_settled() -> None:
+def test_vehicle_leaving_the_sphere_at_the_end_never_settled() -> None:
     record = record_of([CENTER + 10.0 * TETRAHEDRON] * 50 + [CENTER + 10.3 * TETRAHEDRON])
     assert measure.settle_time_s(record, measure.shape_over_time(record)) is None
     assert measure.formation(record, measure.shape_over_time(record))["settled"] is False

@@ -55,7 +55,7 @@ def test_scenario_inherits_what_it_does_not_set(tmp_path: Path) -> None:
     assert (like.world.noise, like.world.loss) == (1.0, 0.2)
 
 
-def test_an_empty_value_takes_away_what_was_taken_over(tmp_path: Path) -> None:
+def test_empty_value_removes_an_inherited_one(tmp_path: Path) -> None:
     gated = PLAIN.replace("vehicles: [4]", "vehicles: [4], must: {separation.violations: {most: 0}}")
     written(tmp_path, gated, "base")
     like = scenarios.load(written(tmp_path, "like: base\njudged: {must: {separation.violations: }}\n"))
@@ -93,7 +93,7 @@ def test_an_unknown_name_is_refused_with_those_there_are() -> None:
         ("about: \x00", "YAML"),
     ],
 )
-def test_what_cannot_be_flown_is_refused(tmp_path: Path, text: str, reported: str) -> None:
+def test_impossible_scenario_is_refused(tmp_path: Path, text: str, reported: str) -> None:
     message = refusal(tmp_path, text)
     assert reported in message
     assert "trial.yaml" in message or reported == "nobody"

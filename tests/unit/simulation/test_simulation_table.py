@@ -50,14 +50,14 @@ def test_one_row_for_each_scenario_and_fleet_median_and_worst() -> None:
     assert many[:3] == ["trial", "8", "1"]
 
 
-def test_a_run_that_never_settled_is_the_worst_there_is() -> None:
+def test_run_that_never_settled_is_the_worst() -> None:
     header, row = rows([run(0, 8.0), run(1, None, failed=("formation.settled False: at least 1",))])
     cells = dict(zip(header, row, strict=True))
     assert cells["settle"] == "8.0/never"
     assert cells["failed"] == "1"
 
 
-def test_what_failed_is_reported_below_the_table() -> None:
+def test_failures_are_reported_below_the_table() -> None:
     text = summary([run(7, None, failed=("formation.settled False: at least 1",))])
     assert "trial seed 7: formation.settled False: at least 1" in text
 
