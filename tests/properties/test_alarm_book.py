@@ -61,7 +61,7 @@ def test_flicker_faster_than_the_delay_is_one_alarm(holds: list[bool]) -> None:
 
 
 @given(LOOKS)
-def test_no_cause_without_delay_is_ever_missing_nor_any_vehicle(looks: list[list[Condition]]) -> None:
+def test_cause_without_delay_and_its_vehicles_are_never_missing(looks: list[list[Condition]]) -> None:
     book = AlarmBook()
     for look, conditions in enumerate(looks):
         book.look(conditions, look * LOOKS_S, look * LOOKS_S)

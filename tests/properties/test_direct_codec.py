@@ -87,7 +87,7 @@ def arrived(data: bytes) -> Datagrams:
 
 @given(messages(st.sampled_from(SENT)), st.integers(0, 255), st.integers(1, 255), st.integers(0, 255))
 @settings(max_examples=300, deadline=None)
-def test_every_frame_is_byte_for_byte_pymavlinks(
+def test_every_frame_equals_pymavlinks_byte_for_byte(
     message: Any, sequence: int, system_id: int, component_id: int
 ) -> None:
     theirs = packed(message, sequence=sequence, system_id=system_id, component_id=component_id)
@@ -100,7 +100,7 @@ def test_every_frame_is_byte_for_byte_pymavlinks(
 
 @given(messages(st.sampled_from(READ)), st.booleans())
 @settings(max_examples=300, deadline=None)
-def test_what_pymavlink_reads_out_of_a_frame_we_read_too(message: Any, version_1: bool) -> None:
+def test_frames_decode_as_in_pymavlink(message: Any, version_1: bool) -> None:
     message_id: int = type(message).id  # STATUSTEXT has a field of that name
     data = packed(message, sequence=3, system_id=7, component_id=1, version_1=version_1)
     theirs: Any = dialect.MAVLink(None).decode(bytearray(data))
@@ -131,7 +131,7 @@ def mutated(draw: st.DrawFn) -> bytes:
 
 @given(st.one_of(mutated(), st.binary(max_size=600)))
 @settings(max_examples=300, deadline=None)
-def test_bytes_are_taken_apart_as_the_wire_takes_them_apart(data: bytes) -> None:
+def test_bytes_are_split_as_in_the_framed_link(data: bytes) -> None:
     known = split(data)
     assume(not any(frame.raw[0] == 0xFD and frame.raw[2] & ~1 for frame in known.frames))
     datagram = arrived(data)
@@ -145,7 +145,7 @@ LINK = NativeLink("fuzz", {"a": 2, "b": 3}, Listen("127.0.0.1", 1), ShowFrame(47
 
 @given(st.lists(st.one_of(mutated(), st.binary(max_size=300)), min_size=1, max_size=4))
 @settings(max_examples=300, deadline=None)
-def test_nothing_that_arrives_makes_the_link_fail(parts: list[bytes]) -> None:
+def test_no_input_makes_the_link_fail(parts: list[bytes]) -> None:
     for part in parts:
         LINK._inbox.take(arrived(part))
     assert LINK.snapshot().ids == ("a", "b")

@@ -44,7 +44,7 @@ def flown(start_m: Array, end_m: Array) -> Array:
 
 @CALM
 @given(vectors(4, 10.0), vectors(4, 10.0), st.booleans())
-def test_ways_home_come_as_near_as_they_do_where_they_are_flown(
+def test_predicted_approach_on_return_paths_equals_the_flown(
     spread: Array, home: Array, whole_metres: bool
 ) -> None:
     if whole_metres:  # many begin where others end, and in one line with them

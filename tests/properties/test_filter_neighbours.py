@@ -12,7 +12,7 @@ SPREADS = [(400.0, 0.5, 3.0), (60.0, 0.0, 1.0), (8.0, 8.0, 1.5)]
     ("axis", "along_m", "across_m", "look_m"),
     [(0, 0.3, 0.3, 1.0), *((axis, *spread) for spread in SPREADS for axis in range(3))],
 )
-def test_many_are_found_however_they_are_spread(
+def test_pairs_of_many_are_found_in_any_distribution(
     axis: int, along_m: float, across_m: float, look_m: float
 ) -> None:
     rng = np.random.default_rng(axis)

@@ -30,7 +30,7 @@ def half_spaces(draw: st.DrawFn) -> tuple[Array, Constraints]:
 
 @CALM
 @given(half_spaces())
-def test_shrinking_only_shortens_and_ends_with_everything_kept(drawn: tuple[Array, Constraints]) -> None:
+def test_shrinking_only_shortens_until_all_constraints_hold(drawn: tuple[Array, Constraints]) -> None:
     velocity, constraints = drawn
     shrunk = shrink(velocity, constraints)
     before, after = np.linalg.norm(velocity, axis=1), np.linalg.norm(shrunk, axis=1)

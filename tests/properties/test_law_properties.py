@@ -195,7 +195,7 @@ def test_each_term_keeps_its_bound_and_its_direction(drawn: tuple[Array, Array],
 
 @CALM
 @given(st.integers(2, 30), st.integers(0, 2**32 - 1))
-def test_moving_the_places_on_never_ends_at_a_higher_energy(count: int, seed: int) -> None:
+def test_sweeping_the_slots_never_raises_the_energy(count: int, seed: int) -> None:
     raw = np.random.default_rng(seed).normal(size=(count, 3))
     direction = raw / np.linalg.norm(raw, axis=1, keepdims=True)
     place, _ = sweep(direction, np.zeros((count, 3)), direction, np.ones(count), 40, 0.0)
@@ -312,9 +312,7 @@ def test_a_vector_is_scaled_to_the_limits_and_never_bent(
 
 @CALM
 @given(vectors(4, 10.0), vectors(4, 10.0), within(0.1, 5.0), within(0.01, 0.2))
-def test_the_desired_velocity_never_jumps(
-    desired: Array, before: Array, limit_m_s2: float, dt_s: float
-) -> None:
+def test_desired_velocity_never_jumps(desired: Array, before: Array, limit_m_s2: float, dt_s: float) -> None:
     after = limit_change(desired, before, before, limit_m_s2, dt_s)
     assert (np.linalg.norm(after - before, axis=1) <= limit_m_s2 * dt_s * (1 + 1e-9)).all()
     assert (np.linalg.norm(after - desired, axis=1) <= np.linalg.norm(before - desired, axis=1) + 1e-9).all()
@@ -322,7 +320,7 @@ def test_the_desired_velocity_never_jumps(
 
 @CALM
 @given(st.floats(-10, 10), st.floats(-10, 10), within(0.1, 3.0), within(0.01, 0.2))
-def test_yaw_turns_no_faster_than_its_rate_and_comes_nearer(
+def test_yaw_approaches_within_its_rate(
     yaw_rad: float, desired_rad: float, rate_rad_s: float, dt_s: float
 ) -> None:
     after = turn_towards(np.array([yaw_rad]), np.array([desired_rad]), rate_rad_s, dt_s)
@@ -356,7 +354,7 @@ def test_accepted_orbit_turns_no_harder_than_the_centre_can(speed_m_s: float) ->
     st.integers(0, 5).flatmap(lambda n: vectors(n, 12.0)),
     st.lists(obstacles(), max_size=2),
 )
-def test_places_to_come_down_are_distinct_and_off_every_obstacle(
+def test_landing_sites_are_distinct_and_off_every_obstacle(
     desired: Array, taken: Array, boxes: list[object]
 ) -> None:
     ellipses = {

@@ -46,19 +46,19 @@ def test_any_input_is_frames_or_garbage_and_never_an_exception(data: bytes, chec
 
 @given(mutated(), st.sampled_from(FRAMES))
 @settings(max_examples=300)
-def test_a_whole_frame_behind_garbage_is_found(data: bytes, whole: bytes) -> None:
+def test_whole_frame_after_garbage_is_found(data: bytes, whole: bytes) -> None:
     assert split(data + whole).frames[-1].raw == whole
 
 
 @given(st.lists(st.sampled_from(FRAMES), max_size=6))
-def test_frames_come_out_as_they_went_in(parts: list[bytes]) -> None:
+def test_frames_round_trip(parts: list[bytes]) -> None:
     frames, *rest = split(b"".join(parts))
     assert ([frame.raw for frame in frames], rest) == (parts, [0, 0])
 
 
 @given(st.lists(st.one_of(st.sampled_from(FRAMES), st.binary(max_size=40)), max_size=8), st.data())
 @settings(max_examples=300)
-def test_a_stream_cut_anywhere_gives_the_frames_of_the_whole(parts: list[bytes], data: st.DataObject) -> None:
+def test_stream_split_anywhere_gives_the_same_frames(parts: list[bytes], data: st.DataObject) -> None:
     stream = b"".join(parts) + bytes(300)  # so that nothing at the end could still be a frame
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
     frames, counted, rest = [], 0, b""

@@ -81,7 +81,7 @@ def test_the_velocity_of_a_silent_vehicle_only_fades(
         assert (sooner == 0.0).all()
 
 
-def test_a_wreck_that_stands_still_pushes_no_vehicle_ahead_of_it() -> None:
+def test_resting_wreck_pushes_no_vehicle_ahead_of_it() -> None:
     """Ten seconds after the loss the vehicle ahead may stay where it is."""
     fleet = after(np.array([[5.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), 10.0, near_s=LAST_S + 10.0)
     tasks = Tasks(
