@@ -86,7 +86,9 @@ def test_not_commanded_while_its_position_is_wrong(
     assert {sample.tick.setpoints.ids for sample in describe[1]} == {("d1", "d3", "d4")}
 
 
-def test_the_others_are_not_dragged_along(describe: tuple[list[Sample], list[Sample], list[Sample]]) -> None:
+def test_other_vehicles_are_not_pulled_along(
+    describe: tuple[list[Sample], list[Sample], list[Sample]],
+) -> None:
     before, wrong, _ = describe
     assert np.linalg.norm(wrong[-1].center_m - before[-1].center_m) < 0.5
     for sample in wrong:
@@ -95,7 +97,7 @@ def test_the_others_are_not_dragged_along(describe: tuple[list[Sample], list[Sam
         assert sample.position_m[:, :2].max() < 20.0
 
 
-def test_back_where_it_was_it_is_commanded_again_at_once(
+def test_plausible_again_it_is_commanded_at_once(
     describe: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     after = describe[2]

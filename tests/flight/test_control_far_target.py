@@ -32,12 +32,12 @@ def test_a_target_that_leaves_brings_no_vehicle_near_the_fence(followed: list[Sa
     assert distance_m.max() > FENCE_M - 40.0  # it was followed as far as possible
 
 
-def test_the_centre_stays_within_its_own_reach(followed: list[Sample]) -> None:
+def test_centre_stays_within_its_reach(followed: list[Sample]) -> None:
     center_m = np.array([sample.center_m for sample in followed])
     assert np.hypot(center_m[:, 0], center_m[:, 1]).max() < FENCE_M - 10.0 - CLEAR_OF_FENCE_M / 2 + 0.2
 
 
-def test_the_shape_stays_whole_although_the_target_left(followed: list[Sample]) -> None:
+def test_shape_holds_although_the_target_left(followed: list[Sample]) -> None:
     for begin in range(0, len(followed), 400):
         energy_ratio, nearest_ratio, radius_error_m = shape(followed[begin : begin + 400])
         assert energy_ratio < 1.01

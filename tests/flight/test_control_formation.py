@@ -31,7 +31,7 @@ def test_four_form_a_tetrahedron_eight_a_square_antiprism(calm: list[Sample]) ->
     assert radius_error_m < 0.05
 
 
-def test_they_do_so_on_noisy_estimates_too(noisy: list[Sample]) -> None:
+def test_shapes_form_on_noisy_estimates(noisy: list[Sample]) -> None:
     energy_ratio, nearest_ratio, radius_error_m = shape(noisy[-400:])
     assert energy_ratio <= 1.002
     assert nearest_ratio >= 0.97
@@ -48,7 +48,7 @@ def test_true_separation_keeps_the_floor_with_wrong_estimates(noisy: list[Sample
     assert closest_m_and_violations(noisy)[1] == 0
 
 
-def test_they_are_on_the_sphere_within_a_quarter_of_a_minute(calm: list[Sample]) -> None:
+def test_all_are_on_the_sphere_within_15_seconds(calm: list[Sample]) -> None:
     sample = calm[300]
     radius_m = np.linalg.norm(sample.position_m - sample.center_m, axis=1)
     assert np.abs(radius_m - sample.tick.memory.radius_m).max() < 0.5

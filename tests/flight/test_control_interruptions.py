@@ -61,7 +61,7 @@ def test_setpoints_do_not_jump_at_pause_or_resume(
     assert largest_setpoint_change_m_s([pause[-1], *after[:20]]) < usual_m_s + 1.0
 
 
-def test_the_formation_goes_on_from_where_it_paused(
+def test_formation_continues_from_where_it_paused(
     paused: tuple[list[Sample], list[Sample], list[Sample]],
 ) -> None:
     before, pause, after = paused
@@ -132,7 +132,9 @@ def test_the_column_of_a_lost_vehicle_is_avoided_by_the_others(
         assert scaled_m.min() > floor.horizontal_m
 
 
-def test_the_others_truly_had_to_go_around_it_and_went_on(with_one_lost: tuple[list[Sample], Array]) -> None:
+def test_others_avoid_the_path_of_a_lost_vehicle_and_continue(
+    with_one_lost: tuple[list[Sample], Array],
+) -> None:
     history, last_m = with_one_lost
     limited = [sample for sample in history if "the path of a lost vehicle" in sample.tick.limited_by[1:]]
     assert limited

@@ -113,7 +113,7 @@ def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_the_same_after_a_restart(tmp_path: Path, seed: int) -> None:
+def test_random_commands_after_a_restart(tmp_path: Path, seed: int) -> None:
     chance, story = random.Random(100 + seed), list[str]()
 
     async def first(show: Show) -> None:

@@ -70,7 +70,7 @@ def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
     fly(story)
 
 
-def test_wind_that_can_be_flown_in_is_none_of_its_business() -> None:
+def test_flyable_wind_triggers_nothing() -> None:
     async def story(show: Show) -> None:
         storm(show, 6.0)
         await show.start()

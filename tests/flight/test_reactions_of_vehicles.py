@@ -148,7 +148,7 @@ def test_low_battery_of_many_returns_the_fleet() -> None:
     fly(story)
 
 
-def test_low_battery_of_a_pilots_vehicle_is_the_pilots_business() -> None:
+def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d2", "pilot", mode="POSITION")

@@ -32,7 +32,7 @@ class Watched(FormationRun):
     off_m: list[float]
 
 
-def test_vehicles_come_down_where_the_flight_has_them_come_down() -> None:
+def test_rehearsed_vehicles_land_where_the_flight_lands_them() -> None:
     """The rehearsal let them come down from 0.8 m beside the pad, the flight from 0.4 m."""
     scenario = run_of(FLIGHT).scenario
     run = Watched(scenario, FLIGHT, COUNT, seed=1)

@@ -57,7 +57,7 @@ def allowed(true_s: float) -> float:
     return max(SPARE_S, SPARE_SHARE * true_s)
 
 
-def test_the_time_until_the_formation_stands_is_what_it_takes(flight: Flight) -> None:
+def test_assembly_time_is_estimated_correctly(flight: Flight) -> None:
     forming = [
         (sample.time_s, estimates_of(sample).assembled_s)
         for sample in flight.track.between(0.0, flight.assembled_s - 0.2).samples
@@ -82,7 +82,7 @@ def test_time_home_is_estimated_before_and_during_the_return(flight: Flight) -> 
     assert max(off_s) < 1.0  # once a second
 
 
-def test_an_estimate_that_is_not_known_or_not_due_is_absent(flight: Flight) -> None:
+def test_unknown_or_past_estimate_is_absent(flight: Flight) -> None:
     for sample in flight.track.samples:
         estimates, show = estimates_of(sample), sample.view.show
         if show in {ShowPhase.RUNNING, ShowPhase.RETURNING, ShowPhase.LANDED} and sample.time_s % 1.0 > 0.5:
@@ -94,7 +94,7 @@ def test_an_estimate_that_is_not_known_or_not_due_is_absent(flight: Flight) -> N
     assert np.isnan(early.empty_s).all()  # less than three percent were used
 
 
-def test_the_batteries_last_as_long_as_they_last(flight: Flight) -> None:
+def test_battery_time_is_estimated_correctly(flight: Flight) -> None:
     sample = flight.track.between(0.0, flight.stop_s).samples[-1]
     estimates, remaining = estimates_of(sample), sample.view.rows.battery_remaining
     assert estimates.battery_least == pytest.approx(remaining.min())

@@ -53,14 +53,14 @@ def test_all_return_home_and_keep_the_floor(flight: Return) -> None:
     assert flight.floor_violations == 0
 
 
-def test_it_takes_little_longer_than_the_longest_straight_line(flight: Return) -> None:
+def test_return_takes_little_longer_than_the_longest_line(flight: Return) -> None:
     begin_m = flight.track.between(flight.stop_s).samples[0].true_m
     way_m = flight.start_m - begin_m
     straight_s = max(np.hypot(*way_m[:, :2].T).max() / 4.0, way_m[:, 2].max() / 1.4)
     assert flight.landed_s - flight.stop_s < 1.5 * straight_s + 10.0 + STOPPING_S
 
 
-def test_they_stand_before_they_set_out(flight: Return) -> None:
+def test_vehicles_stop_before_they_return(flight: Return) -> None:
     stopping = flight.track.between(flight.stop_s)
     first = next(m for m in stopping.samples if m.view.vehicles[0].reason == "on its way home")
     assert {seen.phase for seen in first.view.vehicles} == {Phase.RETURN}

@@ -132,7 +132,7 @@ async def found(show: Show) -> None:
     await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
 
 
-def test_what_was_cut_off_is_known_and_nothing_happens_by_itself(tmp_path: Path) -> None:
+def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
     async def look(show: Show) -> None:
         await found(show)
         await show.wait(5.0)

@@ -221,7 +221,7 @@ async def obstacle_on_a_landing_place(show: Show) -> tuple[str, int]:
     return turned_down.text, show.floor_violations()
 
 
-def test_nothing_may_be_put_where_a_vehicle_comes_down() -> None:
+def test_no_obstacle_is_accepted_where_a_vehicle_lands() -> None:
     text, violations = fly(obstacle_on_a_landing_place, show_config(2))
     assert "would stand on the landing place of d1" in text
     assert violations == 0

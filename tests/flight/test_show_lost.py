@@ -118,7 +118,7 @@ def test_lost_vehicle_returns_through_hold_and_is_sent_nothing(
     assert {seen.mode for seen in silence.holding.of("d2") if seen.phase is Phase.HOLD} == {Mode.HOLD}
 
 
-def test_after_hold_it_joins_again_by_itself(silence: Silence) -> None:
+def test_after_hold_it_rejoins_by_itself(silence: Silence) -> None:
     assert silence.joins == []
     assert silence.back.hardest_change_m_s() < JUMP_M_S
 

@@ -44,7 +44,7 @@ def test_start_is_refused_for_a_wrong_parameter_until_fixed() -> None:
     assert flies
 
 
-def test_what_px4_is_delivered_with_is_refused() -> None:
+def test_px4_defaults_are_refused() -> None:
     async def story(show: Show) -> Refusal:
         await show.standby()
         return await start(show)
@@ -93,7 +93,7 @@ def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
     assert fly(story, show_config(2)) == [2, 2, 4, 5]
 
 
-def test_without_the_requirement_nothing_is_read_and_all_may_fly() -> None:
+def test_without_required_parameters_none_is_read_and_all_fly() -> None:
     async def story(show: Show) -> int:
         await show.start()
         return len(show.link.parameter_reads)

@@ -119,7 +119,7 @@ async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb
     return joined, {command.verb for command in show.link.commands["d1"] if command.time_s > began_s}
 
 
-def test_a_takeover_ends_what_the_vehicle_was_about_to_do() -> None:
+def test_pilot_takeover_ends_the_planned_actions() -> None:
     joined, verbs = fly(taken_over_while_it_joins, show_config(2))
     assert joined.outcome is Outcome.FAILED
     assert (

@@ -88,7 +88,7 @@ def test_the_last_known_is_what_the_show_ended_with(flown: tuple[Path, Track]) -
         assert np.linalg.norm(np.subtract(vehicle.home_m, flown[1].true_m[0, row])) < 1.5
 
 
-def test_every_tick_is_there_as_it_was_believed(flown: tuple[Path, Track]) -> None:
+def test_every_tick_is_recorded_with_its_estimates(flown: tuple[Path, Track]) -> None:
     root, track = flown
     session = last_known(root).session
     assert session is not None

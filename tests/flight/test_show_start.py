@@ -103,7 +103,7 @@ def odd() -> dict[str, Refusal]:
         ("nobody", RefusedError, "no vehicle is online"),
     ],
 )
-def test_a_start_that_cannot_be_is_refused_with_its_reason(
+def test_impossible_start_is_refused_with_its_reason(
     odd: dict[str, Refusal], name: str, kind: type[GcsError], says: str
 ) -> None:
     assert odd[name].kind is kind
@@ -124,7 +124,7 @@ async def chosen_only(show: Show) -> Start:
     return Start(show.track, show.service.command_record(record.id), running=True)
 
 
-def test_only_the_chosen_take_off_and_the_others_are_named() -> None:
+def test_only_chosen_vehicles_take_off_and_others_are_named() -> None:
     start = fly(chosen_only, show_config(3))
     outcomes = start.started.outcomes
     assert {outcomes[name].outcome for name in ("d1", "d3")} == {Outcome.DONE}
@@ -234,7 +234,7 @@ def test_waiting_vehicles_count_for_the_smallest_radius(arming: Arming) -> None:
     assert "for 4 vehicles" in arming.too_small.text
 
 
-def test_the_pad_of_one_that_waits_for_its_turn_is_kept_free(arming: Arming) -> None:
+def test_pad_of_a_waiting_vehicle_is_kept_free(arming: Arming) -> None:
     assert arming.on_a_pad.kind is RefusedError
     assert "d4" in arming.on_a_pad.text
 

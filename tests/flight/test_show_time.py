@@ -35,9 +35,7 @@ async def some_ticks(takes_s: list[float]) -> list[tuple[float, float, int]]:
         ([0.04, 1.01, 0.04], [0.0, 0.1, 1.2, 1.3], [0, 0, 10, 0]),
     ],
 )
-def test_late_ticks_are_dropped_not_made_up(
-    takes_s: list[float], at_s: list[float], missed: list[int]
-) -> None:
+def test_late_ticks_are_dropped(takes_s: list[float], at_s: list[float], missed: list[int]) -> None:
     seen = run_virtual(lambda: some_ticks(takes_s))
     assert [now_s for now_s, _, _ in seen] == pytest.approx(at_s)
     assert [due_s for _, due_s, _ in seen] == pytest.approx(at_s)
@@ -108,7 +106,7 @@ def test_test_link_honours_the_watchdog_and_finite_values() -> None:
     assert fly(stale_batch, show_config(1)) == (0, 0, 1)
 
 
-def test_the_link_of_these_tests_is_a_link() -> None:
+def test_test_link_satisfies_the_link_protocol() -> None:
     async def story(show: Show) -> str:
         link: Link = show.link
         return f"{link.name} {link.ids} {dict(link.conflicts)} {link.setpoints_sent}"

@@ -46,7 +46,7 @@ async def ups(show: Show) -> tuple[float, int]:
 
 
 @pytest.mark.parametrize("spacing_m", [4.0, 5.0])
-def test_on_pads_that_preflight_passes_wanderers_keep_the_floor(spacing_m: float) -> None:
+def test_drifting_estimates_on_accepted_pads_keep_the_floor(spacing_m: float) -> None:
     least_m, violations = fly(ups, config(6), spacing_m=spacing_m, grid_columns=3, noise_scale=0.3)
     assert violations == 0
     assert least_m < spacing_m - 0.5, "they did wander"

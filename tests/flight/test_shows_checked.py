@@ -55,7 +55,7 @@ def test_check_progress_covers_the_whole_flight() -> None:
 
 
 @pytest.mark.parametrize("name", FLOWN)
-def test_what_only_a_flight_shows_is_reported_with_line_and_cue(
+def test_problem_found_in_flight_is_reported_with_line_and_cue(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, verdict = checked(capsys, BROKEN / f"{name}.yaml")

@@ -116,7 +116,7 @@ def test_target_follows_the_show_until_live_then_the_reports(flight: Flight) -> 
     assert last.center_m[:2] == pytest.approx(GUEST_M, abs=1.0)
 
 
-def test_the_formation_truly_walks_where_the_show_leads_it(flight: Flight) -> None:
+def test_formation_follows_the_path_of_the_show(flight: Flight) -> None:
     at_20 = next(m for m in running(flight).samples if m.view.selected and m.view.selected.clock_s > 17.5)
     assert at_20.true_m.mean(axis=0)[:2] == pytest.approx((11.0, 1.0), abs=1.0)
 
@@ -189,7 +189,7 @@ def test_true_separation_keeps_the_floor(flight: Flight) -> None:
     assert flight.floor_violations == 0
 
 
-def test_what_the_show_decides_is_refused_with_what_can_be_done(flight: Flight) -> None:
+def test_plan_changes_against_the_show_are_refused_with_choices(flight: Flight) -> None:
     for text in flight.refusals.values():
         assert "paused or stopped" in text
     assert "'walk'" in flight.refusals["target"]

@@ -139,7 +139,7 @@ def test_rest_check_reports_all_that_select_would_refuse(
     fly(story, config(tmp_path))
 
 
-def test_a_show_and_what_was_reported_keep_their_obstacles_apart(tmp_path: Path) -> None:
+def test_obstacles_of_show_and_operator_are_kept_apart(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         show_hash = check(show)

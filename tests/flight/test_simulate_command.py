@@ -51,7 +51,7 @@ def test_same_seed_same_figures_another_seed_others(trial: Path, capsys: pytest.
     assert first["seed"] == 5
 
 
-def test_a_row_is_flown_as_it_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
+def test_row_of_the_table_selects_its_scenario(capsys: pytest.CaptureFixture[str]) -> None:
     code, (figures,) = flown(capsys, "--row", "saddle", "--seeds", "6000:6001")
     assert (figures["scenario"], figures["vehicles"], figures["seed"]) == ("square-start", 4, 6000)
     assert code == 0
@@ -115,7 +115,7 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         (["swap-random", "--vehicles", "5000"], "do not fit"),
     ],
 )
-def test_what_cannot_be_done_is_refused_before_anything_flies(
+def test_impossible_run_is_refused_before_flight(
     arguments: list[str], reported: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["simulate", *arguments]) == 2

@@ -132,7 +132,7 @@ def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_take_offs_that_a_stall_has_held_up_follow_one_another() -> None:
+def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
     async def story(show: Show) -> list[float]:
         await show.standby()
         show.service.command_show(ShowAction.START)
@@ -232,7 +232,7 @@ def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
 
-def test_the_end_of_a_written_show_takes_control_of_nothing(tmp_path: Path) -> None:
+def test_end_of_a_written_show_takes_no_control(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = select(show)
         await show.standby()

@@ -129,7 +129,7 @@ def test_parameters_read_by_name_and_index_unknown_unanswered() -> None:
     assert set_parameter(bench, "NO_SUCH", 1.0, REAL32) == []
 
 
-def test_texts_come_only_while_a_ground_station_is_received() -> None:
+def test_texts_are_sent_only_while_a_ground_station_is_received() -> None:
     bench = Bench()
     bench.heartbeats = False
     bench.ready()

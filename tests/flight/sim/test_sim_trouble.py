@@ -60,7 +60,7 @@ def test_delay_and_jitter_keep_the_order_reordering_does_not() -> None:
     assert sorted(overtaken) == list(range(1000))
 
 
-def test_silence_drops_what_is_under_way_too() -> None:
+def test_silence_drops_packets_in_flight() -> None:
     line = way(delay_s=1.0)
     line.put(b"a", 0, 0.0)
     line.ills.silent = True
@@ -80,7 +80,7 @@ def test_a_jammer_sends_garbage_at_its_rate() -> None:
     assert len(set(map(len, garbage))) > 50
 
 
-def test_faults_of_a_link_end_by_themselves_or_by_none() -> None:
+def test_link_faults_end_after_their_time_or_on_none() -> None:
     bench = Bench()
     fault_injector = FaultInjector(bench.fleet)
     assert command(fault_injector, fault="silence", for_s=2.0)["ok"]
@@ -208,7 +208,7 @@ def test_a_battery_can_be_set() -> None:
 
 
 @pytest.mark.parametrize(("answer", "result"), [("accepted", 0), ("rejected", 1)])
-def test_a_stuck_mode_stays_whatever_is_answered(answer: str, result: int) -> None:
+def test_stuck_mode_stays_whatever_is_acknowledged(answer: str, result: int) -> None:
     bench = Bench().take_off()
     fault_injector = FaultInjector(bench.fleet)
     command(fault_injector, fault="stuck-mode", answer=answer)
