@@ -81,7 +81,7 @@ def test_the_client_calls_everything() -> None:
         assert [box.id for box in service.plan.obstacles] == [made.id]
 
 
-def test_the_client_keeps_checks_and_selects_shows(tmp_path: Path) -> None:
+def test_client_uploads_checks_and_selects_shows(tmp_path: Path) -> None:
     service = FakeService(folder=tmp_path)
     lighthouse = next(path for path in shipped() if path.stem == "lighthouse")
     model = load(lighthouse).show

@@ -236,7 +236,7 @@ async def cut_off(port: int) -> bool:
     return True
 
 
-def test_viewers_that_are_cut_off_leave_their_seats() -> None:
+def test_viewers_that_disconnect_free_their_slots() -> None:
     seated = 0
 
     async def main(service: FakeService, port: int) -> None:

@@ -114,7 +114,7 @@ def test_a_bad_absolute_target_is_refused_with_the_reason(target: str, status: i
         ("http://elsewhere.example/api/v1/stream", 403),
     ],
 )
-def test_a_stream_is_opened_by_its_absolute_target_too(target: str, status: int) -> None:
+def test_stream_opens_by_its_absolute_target(target: str, status: int) -> None:
     async def main(_service: FakeService, port: int) -> None:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(f"GET {target} HTTP/1.1\r\n{UPGRADE}{KEY}\r\n".encode())

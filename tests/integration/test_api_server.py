@@ -67,7 +67,7 @@ def test_stopping_the_server_closes_viewers_and_frees_the_port() -> None:
     asyncio.run(main())
 
 
-def test_a_viewer_that_reads_nothing_does_not_hold_up_the_stop() -> None:
+def test_viewer_that_reads_nothing_does_not_delay_the_stop() -> None:
     async def main() -> None:
         service = FakeService(count=100)
         async with asyncio.timeout(240):
@@ -114,7 +114,7 @@ def test_a_port_in_use_is_reported_as_such(host: str) -> None:
 @pytest.mark.parametrize(
     ("host", "port"), [("no.such.host.invalid", 8000), ("203.0.113.7", 8000), ("127.0.0.1", 70000)]
 )
-def test_an_address_that_cannot_be_had_is_reported_as_such(host: str, port: int) -> None:
+def test_unavailable_address_is_reported(host: str, port: int) -> None:
     with pytest.raises(LinkError, match=f"cannot listen on {host} port {port}"):
         asyncio.run(serve(create_app(FakeService()), host, port))
 
@@ -263,7 +263,7 @@ def test_viewer_messages_are_ignored_and_a_flood_disconnects() -> None:
     run(main)
 
 
-def test_a_page_from_elsewhere_may_not_watch() -> None:
+def test_cross_origin_page_is_refused_the_stream() -> None:
     async def main(_: FakeService, port: int) -> None:
         with pytest.raises(websockets.InvalidStatus) as refused:
             await stream_of(port, origin="http://evil.example")
@@ -292,7 +292,7 @@ def test_silent_or_partial_requests_block_no_other() -> None:
 
 
 @pytest.mark.parametrize("size", [70_000, 900_000])
-def test_a_body_too_large_is_answered_and_not_just_cut_off(size: int) -> None:
+def test_oversized_body_is_answered_before_the_close(size: int) -> None:
     async def main(_: FakeService, port: int) -> None:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
             assert (await http.patch("/api/v1/formation", content=b" " * size)).status_code == 413

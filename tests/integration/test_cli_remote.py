@@ -370,7 +370,7 @@ def test_refusals_have_an_exit_code_for_each_kind(
         "hold --wait x d1",
     ],
 )
-def test_arguments_that_make_no_sense_reach_no_service(
+def test_invalid_arguments_reach_no_service(
     line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with station(FakeService(), monkeypatch) as received, pytest.raises(SystemExit) as ended:

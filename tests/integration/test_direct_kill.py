@@ -204,7 +204,7 @@ def key_file(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("way", [over_udp, behind_a_tcp_server, that_dials_in, on_a_cable])
-def test_a_kill_without_the_service_reaches_it(
+def test_kill_without_the_service_reaches_the_vehicle(
     way: Callable[[], AbstractContextManager[tuple[Vehicle, str]]],
 ) -> None:
     with way() as (vehicle, url):
@@ -234,7 +234,7 @@ def test_unreadable_key_is_named_before_anything_is_sent(tmp_path: Path) -> None
         assert vehicle.armed
 
 
-def test_a_cable_that_is_not_plugged_in_is_reported() -> None:
+def test_unplugged_cable_is_reported() -> None:
     reported = kill(config_of("serial:///dev/gcs-is-not-there:57600"), STUBBORN_S)
     assert reported.outcome is Outcome.FAILED
     assert "nothing could be sent" in reported.reason

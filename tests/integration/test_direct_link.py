@@ -168,7 +168,7 @@ def test_several_links_carry_the_same_system_ids() -> None:
         asyncio.run(main(direct(port, 1, name="a"), direct(port + 1, 1, name="b"), first, second))
 
 
-def test_a_batch_from_a_tick_long_ago_is_refused_whole() -> None:
+def test_stale_batch_is_refused_whole() -> None:
     async def main(peer: Peer, link: NativeLink) -> None:
         async with running(link):
             await ready(link)
@@ -181,7 +181,7 @@ def test_a_batch_from_a_tick_long_ago_is_refused_whole() -> None:
         asyncio.run(main(peer, direct(port, 1)))
 
 
-def test_observers_see_every_frame_that_passed() -> None:
+def test_observers_receive_every_delivered_frame() -> None:
     async def main(peer: Peer, link: NativeLink) -> None:
         async with running(link):
             await ready(link)

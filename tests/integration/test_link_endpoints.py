@@ -96,7 +96,7 @@ def test_tcp_client_connects_whenever_its_server_appears() -> None:
     asyncio.run(main())
 
 
-def test_a_frame_cut_anywhere_is_put_together() -> None:
+def test_frame_split_anywhere_is_reassembled() -> None:
     async def main() -> None:
         port = free_tcp_port()
         async with bench(1, 2, listen=TcpIn("127.0.0.1", port)) as made:
@@ -242,7 +242,7 @@ def test_a_serial_port_carries_frames_both_ways(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
-def test_a_serial_port_that_is_pulled_out_and_put_back_is_found(tmp_path: Path) -> None:
+def test_reconnected_serial_port_is_found(tmp_path: Path) -> None:
     async def main() -> None:
         with cable(tmp_path) as line:
             async with bench(1, listen=SerialPort(str(line.path), 57600)) as made:
@@ -262,9 +262,7 @@ def test_a_serial_port_that_is_pulled_out_and_put_back_is_found(tmp_path: Path) 
     asyncio.run(main())
 
 
-def test_a_serial_port_that_is_not_there_is_waited_for(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_absent_serial_port_is_waited_for(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
         line = Cable(tmp_path / "ttyTEST")
         async with bench(1, listen=SerialPort(str(line.path), 57600)) as made:

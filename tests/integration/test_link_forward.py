@@ -72,7 +72,7 @@ def test_answering_station_reaches_only_the_vehicle_it_targets() -> None:
     asyncio.run(main())
 
 
-def test_the_kill_latch_holds_for_other_stations_too() -> None:
+def test_kill_latch_holds_for_other_stations() -> None:
     async def main() -> None:
         with a_socket() as vehicle, a_socket() as station:
             async with bench(1, forward=[to(station, read_only=False)]) as made:
@@ -104,7 +104,7 @@ def test_dead_station_delays_no_other() -> None:
     asyncio.run(main())
 
 
-def test_a_station_that_shouts_is_received_a_little_at_a_time() -> None:
+def test_flood_from_a_station_is_received_in_portions() -> None:
     async def main() -> None:
         with a_socket() as vehicle, closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as station:
             station.bind(("127.0.0.1", 0))

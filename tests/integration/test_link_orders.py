@@ -48,7 +48,7 @@ def age_s(link: Link, of: str) -> float:
     return time.monotonic() - float(time_s[0])
 
 
-def test_the_snapshot_is_what_the_vehicle_stated_and_when() -> None:
+def test_snapshot_holds_the_reports_and_their_times() -> None:
     async def main(peer: Peer, link: Link, is_ready: AnyLink) -> None:
         before = link.snapshot()
         assert np.isneginf(before.position_time_s).all()
@@ -196,7 +196,7 @@ def test_setpoint_that_is_not_finite_is_not_sent_nor_the_last() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
-def test_a_duplicate_is_reported_by_vehicle_and_never_commanded() -> None:
+def test_duplicate_is_reported_by_vehicle_and_not_commanded() -> None:
     async def main(first: Peer, port: int, link: AnyLink) -> None:
         async with running(link):
             await ready(link)

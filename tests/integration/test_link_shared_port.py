@@ -44,7 +44,7 @@ def test_twenty_vehicles_behind_one_radio_are_flown() -> None:
             assert targets == {peer.system_id}
 
 
-def test_seventy_vehicles_are_flown_and_reported_of_one_station() -> None:
+def test_seventy_vehicles_fly_and_are_forwarded_to_a_station() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             await ready(link)

@@ -121,7 +121,7 @@ class SigningPeer(Peer):
         self._parser.robust_parsing = True
 
 
-def test_mavsdk_flies_a_vehicle_that_wants_signatures(tmp_path: Path) -> None:
+def test_mavsdk_flies_a_vehicle_that_requires_signing(tmp_path: Path) -> None:
     file = tmp_path / "key"
     file.write_text(KEY.hex())
     file.chmod(0o600)

@@ -71,7 +71,7 @@ def test_setpoints_stop_when_the_loop_blocks_for_three_seconds() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
-def test_setpoints_cease_when_the_tick_task_has_ended() -> None:
+def test_setpoints_stop_when_the_tick_task_has_ended() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
             ticks = Ticks(link, "v1")
@@ -121,7 +121,7 @@ def test_unlisted_vehicle_gets_nothing_from_that_call_on() -> None:
 
 
 @EVERY
-def test_a_batch_from_a_tick_long_ago_is_not_sent() -> None:
+def test_stale_batch_is_not_sent() -> None:
     async def main(link: AnyLink) -> None:
         async with running(link):
             await ready(link)

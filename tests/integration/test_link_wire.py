@@ -137,7 +137,7 @@ def test_duplicate_system_id_is_dropped_naming_both_addresses(
         asyncio.run(main())
 
 
-def test_strangers_and_garbage_are_counted_and_change_nothing(caplog: pytest.LogCaptureFixture) -> None:
+def test_unknown_senders_and_garbage_are_counted_only(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
         async with bench(1) as made:
             with a_socket() as sender:
@@ -177,7 +177,7 @@ def test_a_port_in_use_is_named_and_no_other_stays_open() -> None:
 
 
 @pytest.mark.parametrize("listen", [Listen("256.0.0.1", 14540), Listen("127.0.0.1", 65535, 2)])
-def test_an_address_that_cannot_be_is_a_link_error(listen: Listen) -> None:
+def test_impossible_address_is_a_link_error(listen: Listen) -> None:
     async def main() -> None:
         with pytest.raises(LinkError, match="UDP port"):
             Bench(listen, (1,)).router.open()
@@ -202,7 +202,7 @@ def test_vehicle_with_a_closed_port_does_not_disturb_others() -> None:
     asyncio.run(main())
 
 
-def test_observers_see_every_frame_that_passed_and_no_other() -> None:
+def test_observers_receive_exactly_the_delivered_frames() -> None:
     async def main() -> None:
         async with bench(1) as made:
             seen: list[tuple[Direction, bytes, int]] = []
@@ -218,7 +218,7 @@ def test_observers_see_every_frame_that_passed_and_no_other() -> None:
     asyncio.run(main())
 
 
-def test_what_waited_in_the_socket_is_as_old_as_it_is() -> None:
+def test_frame_delayed_in_the_socket_keeps_its_arrival_time() -> None:
     async def main() -> None:
         async with bench(1) as made:
             with a_socket() as one:

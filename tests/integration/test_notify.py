@@ -45,7 +45,7 @@ def test_notify_variables_are_removed_from_the_environment(received: socket.sock
     notifier.close()
 
 
-def test_a_watchdog_for_another_process_is_not_fed(received: socket.socket) -> None:
+def test_watchdog_of_another_process_is_not_notified(received: socket.socket) -> None:
     other = {"WATCHDOG_PID": str(os.getpid() + 1), "WATCHDOG_USEC": "3000000"}
     notifier = from_environment({"NOTIFY_SOCKET": received.getsockname(), **other})
     notifier.beat()

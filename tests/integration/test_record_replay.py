@@ -212,7 +212,7 @@ def test_flight_report_is_made_beside_the_replay(recorded: Path, capsys: pytest.
         assert found.report.model_dump() == judged
 
 
-def test_what_is_no_flight_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_file_that_is_no_flight_record_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "other.mcap").write_bytes(b"no mcap")
     assert main(["replay", str(tmp_path / "other.mcap")]) == 2
     assert "other.mcap: not flight data of this program" in capsys.readouterr().err

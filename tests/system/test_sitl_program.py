@@ -12,7 +12,7 @@ from machine import free_ports
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-def test_the_sitl_story_is_kept_by_the_fake_fleet(tmp_path: Path) -> None:
+def test_fake_fleet_passes_the_sitl_program(tmp_path: Path) -> None:
     base = free_ports(20)
     command = [sys.executable, "tests/sitl/fly.py", "--fake", "--quick", "--vehicles", "4"]
     command += ["--port-base", str(base), "--simulator-port", str(base + 10), "--keep", str(tmp_path)]

@@ -56,7 +56,7 @@ def test_service_without_its_supervisor_goes_on_and_reports_it(tmp_path: Path) -
         assert len(station.stated("supervisor_gone")) == 1
 
 
-def test_a_service_that_cannot_begin_is_not_tried_again(tmp_path: Path) -> None:
+def test_service_that_cannot_start_is_not_restarted(tmp_path: Path) -> None:
     station = Supervised(config_of(), tmp_path / "station", "--port", "70000")
     try:
         assert station.parent.wait(SOON_S) == 2
