@@ -219,7 +219,7 @@ class OperationSettings(Settings):
     setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0  # COM_OF_LOSS_T
     return_height_m: Positive = 30.0  # RTL_RETURN_ALT, for vehicles that return when lost
     pads_within_m: Positive = 50.0  # of the show's origin: the autopilots' fences are around their own pads
-    pilot_takes_over: bool = True  # moving the sticks gives the pilot control: COM_RC_OVERRIDE, COM_RC_IN_MODE
+    pilot_takes_over: bool = True  # moving a stick gives the pilot control: COM_RC_OVERRIDE, COM_RC_IN_MODE
     require_parameters: bool = True  # refuse vehicles whose parameters make the loss of this station unsafe
     require_safe_setpoint_loss: bool = True  # refuse a setpoint-loss action that brings vehicles together
 
