@@ -182,8 +182,8 @@ def best_tangent(
 ) -> Array:
     """The velocity (2,) that replaces the desired one (2,), which meets ellipse `first`.
 
-    Of all tangents within reach one that meets no other ellipse; of those one that keeps the chosen sides; of
-    those the one that changes the velocity least. Other arguments as in `steer`, for one vehicle.
+    Of all tangents within reach, those that meet no other ellipse come first, then those that keep the chosen
+    sides, then the one that changes the velocity least. Other arguments as in `steer`, for one vehicle.
     """
     least, best, velocity = inf, desired.copy(), np.empty(2)
     for j in range(len(center_m)):

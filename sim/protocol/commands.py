@@ -129,7 +129,7 @@ def _return(autopilot: Commanded, _command: Command) -> Result:
 
 
 def _reboot(autopilot: Commanded, command: Command) -> Result:
-    """1 reboots the autopilot, denied while armed; 0 is accepted; PX4 denies all other values."""
+    """1 reboots the autopilot, denied while armed; 0 is accepted, and PX4 denies all other values."""
     desired = command.values[0]
     if desired == 0.0:
         return Result.ACCEPTED

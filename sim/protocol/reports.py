@@ -146,7 +146,7 @@ def position_target_local_ned(s: Snapshot) -> Fields:
 
 
 def highres_imu(s: Snapshot) -> Fields:
-    """Specific force (turned by yaw only); standard air; the recorded place's magnetic field."""
+    """Specific force (turned by yaw only), standard air, the recorded place's magnetic field."""
     forward_m_s2, right_m_s2, down_m_s2 = s.body_acceleration_m_s2
     altitude_m = np.where(s.has_fix, np.nan_to_num(s.place[:, 2]), 0.0)
     pressure_pa = 101325.0 * (1.0 - 2.25577e-5 * altitude_m) ** 5.25588  # recorded in Pa, not hPa

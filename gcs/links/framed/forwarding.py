@@ -22,10 +22,11 @@ _NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
 def may_pass(frame: Frame, vehicles: Collection[int], own_system_id: int) -> bool:
     """Whether a frame from another station may go to the vehicle it targets.
 
-    Never setpoints, manual control or a key: only this station flies the vehicles of a link. Never
-    broadcasts:
-    a heartbeat of the other station would hide from the vehicles that ours has ended. Never in the name of a
-    vehicle or of this station.
+    Never setpoints, manual control or a key: only this station flies the vehicles of a link. Never a frame
+    for
+    all systems, since a heartbeat of the other station would hide from the vehicles that ours has ended.
+    Never
+    in the name of a vehicle or of this station.
     """
     if frame.system_id in vehicles or frame.system_id in (0, own_system_id):
         return False

@@ -240,9 +240,9 @@ class MavsdkLink(BaseLink):
             system_id = self._vehicles.get(vehicle_id, 0)
             if finite[row] and system_id in self._met and self._is_connected(system_id, now_s):
                 rows[system_id] = row
-        # First forbid the vehicles that are not listed, and the previous setpoints; then replace the
-        # setpoints that MAVSDK repeats; only then allow. In another order MAVSDK could repeat an old setpoint
-        # of a vehicle that is listed again.
+        # First forbid the vehicles that are not listed, and the previous setpoints. Then replace the
+        # setpoints that MAVSDK repeats, and only then allow. In another order MAVSDK could repeat an old
+        # setpoint of a vehicle that is listed again.
         since_s = min(now_s, setpoints.time_s)
         reported = velocity_ned_m_s.astype("<f4")
         self._asked.replace({system_id: reported[row].tobytes() for system_id, row in rows.items()})
