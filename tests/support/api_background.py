@@ -1,4 +1,4 @@
-"""A server on a loop of its own, in another thread, for callers that block."""
+"""Runs a server on its own event loop in another thread, for blocking callers."""
 
 import asyncio
 import threading

@@ -1,6 +1,6 @@
-"""A real `gcs.service.Service` that flies nothing: tables, plan and refusals are true, motion is not.
+"""A `gcs.service.Service` without vehicles: its tables, plan and refusals are real, its motion is not.
 
-Like the real one it shows a changed plan only with its next tick, which here comes when `tick` is called.
+As in the real service, a changed plan shows with the next tick, which is a call of `tick`.
 """
 
 import time
@@ -130,7 +130,7 @@ class FakeService:
         return self.record
 
     def reset(self) -> None:
-        """As new."""
+        """Restore the initial state."""
         self._begin(len(self.phases))
         self.tick()
 
@@ -150,20 +150,20 @@ class FakeService:
         self.battery = 0.9
 
     def tick(self) -> None:
-        """Make a new state."""
+        """Publish a new state."""
         self.ticks += 1
         self.book.look(self.conditions, self._clock_s(), time.time())
         self._view.set(self._look())
 
     def finish(self, command_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
-        """Let an order come to its end with every vehicle."""
+        """Complete a command for every vehicle."""
         record = self.commands_by_id[command_id]
         self.commands_by_id[command_id] = replace(
             record, outcomes={name: VehicleOutcome(outcome, reason) for name in record.outcomes}
         )
 
     def fly(self) -> None:
-        """Bring everybody into the formation, and the show to running."""
+        """Set every vehicle to the formation and the show to running."""
         self.show = ShowPhase.RUNNING
         self.phases = dict.fromkeys(self.phases, Phase.FORMATION)
         self.tick()

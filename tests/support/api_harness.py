@@ -10,7 +10,7 @@ from gcs.api.app import create_app
 
 
 class Api:
-    """An app of its own over a fake service; every request runs on a loop of its own."""
+    """An app over a fake service; each request runs on its own event loop."""
 
     def __init__(self, service: FakeService | None = None) -> None:
         self.service = service or FakeService()

@@ -1,4 +1,4 @@
-"""The API over real TCP, with a service in this process behind it."""
+"""The API over real TCP, with its service in this process."""
 
 import asyncio
 import socket
@@ -15,7 +15,7 @@ from gcs.api.server import serve
 
 @asynccontextmanager
 async def served(service: FakeService, authorization: Authorization | None = None) -> AsyncIterator[int]:
-    """A server on a port of its own, stopped as its owner stops it: by cancelling."""
+    """Serve on a free port; cancelling stops the server, as in production."""
     listening = asyncio.get_running_loop().create_future()
     app = create_app(service, authorization=authorization)
     task = asyncio.create_task(serve(app, port=0, listening=listening), name="api")
@@ -29,7 +29,7 @@ async def served(service: FakeService, authorization: Authorization | None = Non
 
 @asynccontextmanager
 async def ticking(service: FakeService, period_s: float) -> AsyncIterator[None]:
-    """Ticks as the control loop makes them."""
+    """Call `tick` as the control loop does."""
 
     async def tick() -> None:
         while True:
@@ -58,7 +58,7 @@ def run(
 
 
 def narrow(port: int) -> socket.socket:
-    """A connection of a viewer with little room for what it does not read."""
+    """Connect a viewer whose receive buffer is small."""
     made = socket.socket()
     made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     made.connect(("127.0.0.1", port))

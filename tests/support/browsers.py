@@ -16,12 +16,12 @@ REQUIRED: Final = "REQUIRE_BROWSER"
 
 
 def chromium() -> str | None:
-    """The program, from the PATH."""
+    """Find Chromium on the PATH."""
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
 def is_required() -> bool:
-    """Whether whoever runs the tests insists."""
+    """Whether the environment demands a browser."""
     return os.environ.get(REQUIRED, "") not in {"", "0"}
 
 

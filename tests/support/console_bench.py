@@ -1,4 +1,4 @@
-"""What the browser's tests stand on: the service over fake vehicles, a Chromium that looks at its page."""
+"""Fixtures of the browser tests: a service over fake vehicles and a Chromium that shows its page."""
 
 import json
 import re
@@ -118,29 +118,29 @@ def chromes() -> Iterator[Browser]:
 
 @dataclass(frozen=True, slots=True)
 class Console:
-    """The page, as a person meets it."""
+    """The page, driven as an operator drives it."""
 
     page: Page
-    wrong: list[str]  # what the browser found wrong with it
+    wrong: list[str]  # problems that the browser reported
 
     def part(self, name: str) -> Locator:
-        """A button, a panel, a figure."""
+        """Return the element of that name."""
         return self.page.get_by_test_id(name)
 
     def press(self, name: str) -> None:
-        """A button, as soon as it may be pressed."""
+        """Press a button once it is enabled."""
         button = self.part(name)
         expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
         button.click(timeout=SOON_MS)
 
     def tap(self, name: str) -> None:
-        """With a finger, as soon as it may be."""
+        """Tap a button once it is enabled."""
         button = self.part(name)
         expect(button).not_to_have_attribute("aria-disabled", "true")
         button.tap(timeout=SOON_MS)
 
     def until(self, act: Callable[[], None], reached: Callable[[float], None]) -> None:
-        """Do it until that is so: a page that was busy refuses to act on what may be old."""
+        """Repeat an action until a condition holds: a page that was busy refuses to act on old state."""
         for _ in range(10):
             with suppress(PlaywrightTimeoutError, AssertionError):
                 act()
@@ -149,31 +149,31 @@ class Console:
         reached(SOON_MS)
 
     def opens(self, act: str | Callable[[], None], name: str) -> None:
-        """A key, or what else is done, until that part is there."""
+        """Press a key, or do another action, until that part is visible."""
         self.until(self._pressing(act), lambda ms: expect(self.part(name)).to_be_visible(timeout=ms))
 
     def closes(self, act: str | Callable[[], None], name: str) -> None:
-        """The same until that part is gone."""
+        """Press a key, or do another action, until that part is gone."""
         self.until(self._pressing(act), lambda ms: expect(self.part(name)).to_have_count(0, timeout=ms))
 
     def phase(self, key: str, text: str | re.Pattern[str]) -> None:
-        """A command by its key, until the show is in that phase."""
+        """Press the key of a command until the show is in that phase."""
         self.until(self._pressing(key), lambda ms: self.says("show-phase", text, ms))
 
     def _pressing(self, act: str | Callable[[], None]) -> Callable[[], None]:
         return partial(self.page.keyboard.press, act) if isinstance(act, str) else act
 
     def says(self, name: str, text: str | re.Pattern[str], timeout_ms: float = SOON_MS) -> None:
-        """Wait until that part of the page says so."""
+        """Wait until that part of the page has this text."""
         expect(self.part(name)).to_contain_text(text, timeout=timeout_ms)
 
     def tells(self, kind: str, text: str, timeout_ms: float = SOON_MS) -> None:
-        """Wait until one of its answers, "done" or "refused", says so."""
+        """Wait until an answer of the page, "done" or "refused", has this text."""
         reported = self.part(f"toast-{kind}").filter(has_text=text).first
         expect(reported).to_be_visible(timeout=timeout_ms)
 
     def resting(self, word: str) -> tuple[float, float]:
-        """Where a word of the scene is, once the camera has come to rest. In CSS pixels."""
+        """Position of a label of the scene once the camera is at rest, in CSS pixels."""
         seen: list[list[list[float]]] = []
         for _ in range(60):
             seen = [*seen[-2:], self._places(word)]
@@ -187,7 +187,7 @@ class Console:
         return self.page.locator(WORDS).filter(has_text=word).evaluate_all(PLACES)
 
     def serious(self) -> list[str]:
-        """What axe finds serious, or worse: which rule, and where."""
+        """Findings of axe that are serious or worse: rule and place."""
         self.page.evaluate(AXE.read_text(encoding="utf-8"))
         found = self.page.evaluate("axe.run(document, { resultTypes: ['violations'] })")
         return [
@@ -198,16 +198,16 @@ class Console:
         ]
 
     def seen(self) -> Any:
-        """What `SEEN` noted."""
+        """Return the notes of `SEEN`."""
         return json.loads(self.page.evaluate("JSON.stringify(window.seen)"))
 
     def loses_its_service(self) -> None:
-        """Says within a second that nothing comes any more; while the page could draw, by its own clock."""
+        """Check that a silent service is reported within a second of time in which the page could draw."""
         self.says("connection", "No connection")
         expect(self.part("banner")).to_be_visible()
         expect(self.part("panels")).to_have_attribute("data-life", "lost")
         seen = self.seen()
-        # the last time: a machine that paused had the page say so before, too
+        # the last time: a paused machine may have caused an earlier report
         *_, lost = [each for each in seen["stated"] if each["text"] == "No connection"]
         last_ms = lost["message_ms"]
         stood_still_ms = sum(
@@ -216,7 +216,7 @@ class Console:
         assert lost["at_ms"] - last_ms < 1000.0 + stood_still_ms + LATE_MS
 
     def by_key(self, name: str) -> None:
-        """Press what has that name, as soon as it may be, by keyboard."""
+        """Press the element of that name by keyboard once it is enabled."""
         button = self.part(name)
         expect(button).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
         button.focus(timeout=SOON_MS)
@@ -227,7 +227,7 @@ class Console:
 def console(
     chrome: Browser, url: str, *, width: int = 1280, height: int = 720, touch: bool = False
 ) -> Iterator[Console]:
-    """A tab of its own, whose storage is empty, opened at `url`."""
+    """Open `url` in a new tab with empty storage."""
     size: ViewportSize = {"width": width, "height": height}
     context = chrome.new_context(viewport=size, reduced_motion="reduce", has_touch=touch)
     try:
@@ -244,7 +244,7 @@ def console(
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A service that runs, and where its page is."""
+    """A running service and the address of its page."""
 
     url: str
     client: Client
@@ -254,14 +254,14 @@ class Station:
 
     @contextmanager
     def again(self) -> Iterator[Client]:
-        """The same once more, after it has ended, until the block ends: the fleet has flown on meanwhile."""
+        """Restart an ended service until the block ends; the fleet has flown on meanwhile."""
         self.process.wait()
         with service(self.config, self.folder) as (client, _):
             yield client
 
 
 def fault(control: int, **command: object) -> None:
-    """Break something in the fake vehicles that hear faults on port `control`, or mend it."""
+    """Set or clear a fault of the fake vehicles that receive faults on port `control`."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
         outlet.settimeout(5.0)
         outlet.sendto(json.dumps(command).encode(), ("127.0.0.1", control))
@@ -282,9 +282,9 @@ def station(
     control: int | None = None,
     **formation: Any,
 ) -> Iterator[Station]:
-    """The service over fake vehicles of its own, which take off to `takeoff_m`; `ground`: section `map`.
+    """Run the service over fake vehicles that take off to `takeoff_m`; `ground` is the section `map`.
 
-    The vehicles hear faults on UDP port `control`; None: they do not.
+    The vehicles receive faults on UDP port `control`; None: they receive none.
     """
     port = free_ports(count)
     raw = flying_config(count, port, silence_s=5.0, takeoff_height_m=takeoff_m).model_dump()

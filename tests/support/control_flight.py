@@ -1,4 +1,4 @@
-"""Flights of `gcs.control.tick` over fake dynamics in virtual time, judged by the true positions."""
+"""Flies `gcs.control.tick` over fake dynamics in virtual time and judges the true positions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ def ground_grid_m(count: int, spacing_m: float = 4.0) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """One tick: what is true, and what was decided."""
+    """One tick: the true state and the decisions of control."""
 
     time_s: float
     position_m: Array  # (n, 3) true
@@ -87,7 +87,7 @@ class Flight:
         return believed
 
     def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> list[Sample]:
-        """Fly on, calling `each` before every tick; what happened."""
+        """Fly on, calling `each` before every tick. Returns: the samples."""
         begun = len(self.history)
         for _ in range(round(seconds / TICK_S)):
             each()
@@ -129,7 +129,7 @@ class Flight:
         self.time_s += TICK_S
 
     def _move(self, decided: Tick) -> None:
-        """Whoever got no setpoint hovers, sinks by its own LAND, or stands."""
+        """A vehicle without a setpoint hovers, descends in LAND, or stands on the ground."""
         command_m_s = np.zeros_like(self.bodies.position_m)
         command_m_s[self.handed_over, 2] = TOUCHDOWN_M_S
         rows = [self._ids.index(name) for name in decided.setpoints.ids]
@@ -159,29 +159,29 @@ class Flight:
             integral_m_s2=np.where(rows, 0.0, self.bodies.integral_m_s2),
         )
 
-    # what the errands and the director do
+    # what the maneuvers and the commander do
 
     def hold_in_place(self) -> None:
-        """Pause: everybody stops where their velocity takes them in 0.8 s."""
+        """Pause: every vehicle stops where its velocity takes it in 0.8 s."""
         self.formation_waits, self.center_moves = True, False
         self.task[:] = Task.GOAL
         self.goal_m = self.believed_m + 0.8 * self.believed_m_s
 
     def resume(self) -> None:
-        """Everybody into the formation again."""
+        """Return every vehicle to the formation."""
         self.formation_waits = False
         self.task[:] = Task.FORMATION
         self.goal_m = np.full_like(self.goal_m, np.nan)
 
     def send_home(self) -> None:
-        """Everybody to above the own pad, not lower than where they climbed to."""
+        """Send every vehicle above its own pad, not below the height that it climbed to."""
         self.center_moves = False
         self.task[:] = Task.GOAL
         self.goal_m = self.pads_m.copy()
         self.goal_m[:, 2] = np.minimum(self.believed_m[:, 2], self.pads_m[:, 2] - TAKEOFF_HEIGHT_M)
 
     def come_down_where_home(self) -> None:
-        """Above the pad: sink; just above it: the autopilot's own LAND."""
+        """Descend above the pad; just above it use the autopilot's LAND."""
         here_m = self.believed_m
         flown = self.task == Task.GOAL
         above = np.hypot(*(here_m - self.pads_m)[:, :2].T) < ABOVE_HOME_M
@@ -203,12 +203,12 @@ def closest_m_and_violations(history: list[Sample]) -> tuple[float, int]:
 
 @cache
 def best_shape(count: int) -> Array:
-    """The best configuration known, computed once."""
+    """The best known configuration, computed once."""
     return best_configuration(count)
 
 
 def shape(history: list[Sample]) -> tuple[float, float, float]:
-    """Energy and nearest ratio of the mean places about the centre, and the worst mean radius error, in m."""
+    """Energy and nearest ratio of the mean positions about the centre; largest mean radius error in m."""
     offset_m = np.array([sample.position_m - sample.center_m for sample in history])
     radius_m = np.array([sample.tick.memory.radius_m for sample in history])
     error_m = np.abs(np.linalg.norm(offset_m, axis=2) - radius_m[:, None]).mean(axis=0).max()
@@ -223,7 +223,7 @@ def shape(history: list[Sample]) -> tuple[float, float, float]:
 
 
 def largest_setpoint_change_m_s(history: list[Sample]) -> float:
-    """Between one tick and the next, of vehicles commanded in both."""
+    """Largest change from one tick to the next, of vehicles commanded in both, in m/s."""
     worst_m_s = 0.0
     for before, after in pairwise(history):
         old = dict(zip(before.tick.setpoints.ids, before.tick.setpoints.velocity_m_s, strict=True))

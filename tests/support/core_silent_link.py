@@ -1,4 +1,4 @@
-"""A link for tests of what needs one, but nobody on it."""
+"""A link without vehicles, for tests that need one."""
 
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
@@ -12,7 +12,7 @@ from gcs.model.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 
 
 class SilentLink:
-    """A link on which nobody is ever heard."""
+    """A link on which no vehicle is ever received."""
 
     name = "none"
     setpoints_sent = 0
@@ -28,7 +28,7 @@ class SilentLink:
         await asyncio.Event().wait()
 
     def snapshot(self) -> Telemetry:
-        """Nothing was ever heard."""
+        """Nothing was ever received."""
         n = len(self.ids)
         return Telemetry(
             ids=self.ids,
@@ -72,9 +72,9 @@ class SilentLink:
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
-        """Nobody answers."""
+        """No vehicle answers."""
         raise CommandError(f"{vehicle_id}: its parameters cannot be read: never heard on link {self.name}")
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """Nobody answers."""
+        """No vehicle answers."""
         raise CommandError(f"{vehicle_id}: {name} cannot be set: never heard on link {self.name}")

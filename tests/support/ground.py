@@ -1,7 +1,7 @@
-"""What the end-to-end tests stand on: fake vehicles in processes of their own, and the service over them.
+"""Fixtures of the end-to-end tests: fake vehicles in separate processes and the service over them.
 
-The machine may stand still for a second or two at any moment, and be slow for longer: what is waited for is
-waited for generously, and a flight that is not about the loss of setpoints is flown with `PATIENT_S`.
+The machine may pause for a second or two at any time, and be slow for longer. Waits are therefore long, and
+flights that do not test the loss of setpoints use `PATIENT_S`.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ PATIENT_S = 5.0
 
 
 def proper(config: configuration.Config) -> tuple[str, ...]:
-    """Options of fake vehicles that have the parameters which `config` asks for."""
+    """Options of fake vehicles with the parameters that `config` requires."""
     values = settings_of(requirements(config.operation, config.control))
     return tuple(word for name, value in values.items() for word in ("--param", f"{name}={value:g}"))
 
@@ -46,14 +46,14 @@ def proper(config: configuration.Config) -> tuple[str, ...]:
 def flying_config(
     count: int, port_base: int, *, silence_s: float, **operation: object
 ) -> configuration.Config:
-    """The demo's configuration for `count` vehicles, with a free API port, patient with whatever is late."""
+    """The demo's configuration for `count` vehicles, with a free API port and long time limits."""
     raw = configuration.load(configuration.find("demo")).model_dump()
     raw["links"][0].update(listen=f"udpin://127.0.0.1:{port_base}", ports=count)
     raw["links"][0]["vehicles"]["count"] = count
     raw["api"]["port"] = 0
     raw["operation"]["takeoff_stagger_s"] = 0.2
     raw["operation"] |= {"silence_s": silence_s, "setpoint_loss_s": PATIENT_S, **operation}
-    for cause in ("service_late", "links_late", "wind"):  # a busy machine is late, and ends no flight here
+    for cause in ("service_late", "links_late", "wind"):  # a busy machine is late, which ends no flight here
         raw["failsafes"][cause]["action"] = "ignore"
     return configuration.Config.model_validate(raw)
 
@@ -62,10 +62,10 @@ def flying_config(
 def vehicles(
     count: int, port_base: int, truth: Path, *options: str, apart: int | None = None
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Fake vehicles in a process of their own, true states in `truth`/truth.jsonl; ended with the block.
+    """Run fake vehicles in a separate process until the block ends; true states are in `truth`/truth.jsonl.
 
-    One process flies them all, but for the one that is to be `apart`, and so can be killed: it is yielded.
-    They can be armed at once: PX4's few seconds until then are the demo's and the README session's.
+    One process flies all vehicles except `apart`, whose own process is yielded and can be killed.
+    The vehicles can be armed at once: only the demo and the README session wait as PX4 does.
     """
     command = [sys.executable, "-m", "gcs.sim", "--port-base", str(port_base)]
     command += ["--origin", ORIGIN, "--grid-columns", "3", "--quirk", "late-ready=off", *options]
@@ -90,9 +90,9 @@ def vehicles(
 
 @contextmanager
 def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client, subprocess.Popen[str]]]:
-    """`gcs serve` in a process of its own; its recording and its log lie in `folder`.
+    """Run `gcs serve` in a separate process; its recording and its log are in `folder`.
 
-    In the folder of one that has ended it is the same one, started again.
+    In the folder of a service that has ended, the same service starts again.
     """
     folder.mkdir(exist_ok=True)
     raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
@@ -113,9 +113,9 @@ def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client
 
 @contextmanager
 def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """`gcs sim`, `gcs params apply`, `gcs serve`, as a person types them, with a configuration of ours.
+    """Run `gcs sim`, `gcs params apply` and `gcs serve` as a user does, with a configuration of the tests.
 
-    On ports that are free, and patient. True states in `folder`/truth.jsonl. Yields the API's address.
+    Ports are free and time limits long. True states are in `folder`/truth.jsonl. Yields the API's address.
     """
     base = free_ports(10)
     text = configuration.find(name).read_text(encoding="utf-8").replace("14540", str(base))
@@ -148,7 +148,7 @@ def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str
 
 
 def last_truths(path: Path) -> list[dict[str, object]]:
-    """The newest whole sample of a truth file: each of its vehicles."""
+    """The newest complete sample of a truth file, for each of its vehicles."""
     for line in reversed(path.read_text(encoding="utf-8").splitlines()):
         try:
             found: list[dict[str, object]] = json.loads(line)["vehicles"]
@@ -159,7 +159,7 @@ def last_truths(path: Path) -> list[dict[str, object]]:
 
 
 def wait_until(what: str, seconds: float, reached: Callable[[], bool]) -> None:
-    """Poll; fails the test when it takes too long."""
+    """Poll until the condition holds; fail the test after the time limit."""
     end_s = time.monotonic() + seconds
     while not reached():
         assert time.monotonic() < end_s, f"{what}: not within {seconds:g} s"
@@ -167,7 +167,7 @@ def wait_until(what: str, seconds: float, reached: Callable[[], bool]) -> None:
 
 
 async def until(what: str, seconds: float, reached: Callable[[], bool]) -> None:
-    """The same on an event loop. What was reached is so still when this returns: nothing ran in between."""
+    """Wait on an event loop. The condition still holds when this returns: no other task ran in between."""
     end_s = time.monotonic() + seconds
     while not reached():
         assert time.monotonic() < end_s, f"{what}: not within {seconds:g} s"
@@ -176,7 +176,7 @@ async def until(what: str, seconds: float, reached: Callable[[], bool]) -> None:
 
 @asynccontextmanager
 async def served(orchestrator: Orchestrator) -> AsyncIterator[int]:
-    """The service with its API until the block ends, begun, its vehicles ready and ordered to fly.
+    """Run the service with its API until the block ends, with vehicles ready and commanded to fly.
 
     Yields the API's port.
     """
@@ -197,10 +197,10 @@ async def served(orchestrator: Orchestrator) -> AsyncIterator[int]:
 
 
 class Supervised:
-    """`gcs serve --supervised` on ports of its own; what it says lies in `folder`."""
+    """`gcs serve --supervised` on free ports; its output is in `folder`."""
 
     def __init__(self, config: configuration.Config, folder: Path, *options: str) -> None:
-        """Started at once."""
+        """Start the service."""
         folder.mkdir()
         self.folder = folder
         port = free_ports(2)
@@ -215,18 +215,18 @@ class Supervised:
             )
 
     def stated(self, event: str) -> list[dict[str, object]]:
-        """Every line of the log with that event; a line that is being written is none yet."""
+        """Every complete line of the log with that event."""
         lines = (self.folder / "log").read_text(encoding="utf-8").splitlines()
         reported = [json.loads(line) for line in lines if line.startswith("{") and line.endswith("}")]
         return [line for line in reported if line["event"] == event]
 
     @property
     def pid(self) -> int:
-        """Of the service that runs now, or ran last."""
+        """Process id of the service that runs now or ran last."""
         return int(str(self.stated("service_started")[-1]["pid"]))
 
     def answers(self) -> bool:
-        """Whether the API does, and control lives."""
+        """Whether the API answers and control is alive."""
         try:
             with Client(self.url, timeout_s=1.0) as client:
                 return client.health().alive
@@ -234,7 +234,7 @@ class Supervised:
             return False
 
     def end(self) -> None:
-        """End it all, whatever state it is in."""
+        """End all processes in any state."""
         self.parent.kill()
         self.parent.wait()
         for line in self.stated("service_started"):
@@ -244,7 +244,7 @@ class Supervised:
 
 @contextmanager
 def supervised(config: configuration.Config, folder: Path) -> Iterator[Supervised]:
-    """The same until the block ends, from the moment it answers."""
+    """Run a supervised service until the block ends. Yields once it answers."""
     started = Supervised(config, folder)
     try:
         wait_until("answers", SOON_S, started.answers)

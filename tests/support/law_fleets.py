@@ -11,7 +11,7 @@ from gcs.model.state import Array, Mask
 
 
 def within(low: float, high: float) -> st.SearchStrategy[float]:
-    """Finite numbers, none of them so small that only its square is lost."""
+    """Finite numbers, none so small that its square underflows to zero."""
     return st.floats(low, high, allow_subnormal=False).map(lambda value: round(value, 6))
 
 
@@ -49,7 +49,7 @@ def tangent_of(ellipse: Ellipse, place: Array, side: float) -> Array:
 
 
 def met_m(ellipse: Ellipse, place: Array, velocity: Array, shrunk: float = 1.0) -> float:
-    """How far ahead an ellipse, or a smaller one, is met."""
+    """Distance ahead to an ellipse, or to a smaller one, in m."""
     x_m, y_m = float(place[0]) - ellipse.x_m, float(place[1]) - ellipse.y_m
     semi_x_m, semi_y_m = shrunk * ellipse.semi_x_m, shrunk * ellipse.semi_y_m
     return contact_m(x_m, y_m, semi_x_m, semi_y_m, float(velocity[0]), float(velocity[1]))

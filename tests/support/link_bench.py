@@ -1,8 +1,7 @@
-"""A link that runs, over either transport, and a control loop for it, as the tests here need them.
+"""A running link over either transport, and a control loop for it.
 
-The machine may stand still for a second or two at any moment. What has to hold before something is tried is
-therefore waited for, with no pause between the look and the try, and nothing is timed but by the kernel's
-dates of arrival or with the machine's own pauses taken off.
+The machine may pause for a second or two at any time. The tests therefore wait for a precondition and act
+without a pause after it. They measure time by the kernel's arrival times, or subtract the machine's pauses.
 """
 
 import asyncio
@@ -78,14 +77,14 @@ async def running(link: AnyLink) -> AsyncIterator[None]:
 
 
 async def until(true: Callable[[], object], timeout_s: float = 120.0) -> None:
-    """Wait for something to become true. It is so still when this returns: nothing ran in between."""
+    """Wait for a condition. It still holds when this returns: no other task ran in between."""
     async with asyncio.timeout(timeout_s):
         while not true():  # noqa: ASYNC110  what is awaited happens in other threads and processes
             await asyncio.sleep(0.01)
 
 
 async def repeated(link: AnyLink, times: int, *, since: int) -> None:
-    """Until MAVSDK has tried in vain to repeat what it was told; the direct transport tries nothing."""
+    """Wait until MAVSDK has tried in vain to repeat its setpoint; the native transport repeats nothing."""
     if not isinstance(link, NativeLink):
         await until(lambda: link.counters.setpoints_dropped >= since + times)
     else:
@@ -94,22 +93,22 @@ async def repeated(link: AnyLink, times: int, *, since: int) -> None:
 
 
 def is_open(link: AnyLink) -> bool:
-    """Whether it can be ordered something."""
+    """Whether the link accepts commands."""
     return link._protocol is not None
 
 
 async def ready(link: AnyLink) -> None:
-    """Until every vehicle says that it can be armed."""
+    """Wait until every vehicle reports that it can be armed."""
     await until(lambda: all(link.snapshot().ready))
 
 
 async def do(link: AnyLink, verb: Verb, *vehicle_ids: str, height_m: float = 0.0) -> None:
-    """One order to several vehicles at the same time."""
+    """Send one command to several vehicles at the same time."""
     await asyncio.gather(*(link.execute(Command(vehicle_id, verb, height_m)) for vehicle_id in vehicle_ids))
 
 
 class Ticks:
-    """A control loop that asks for the same velocity for ever.
+    """A control loop that sends the same velocity in every tick.
 
     Attributes:
         listed: the vehicles it commands.
@@ -124,14 +123,14 @@ class Ticks:
         self.times_s: list[float] = []
 
     def tick(self) -> None:
-        """Ask once."""
+        """Send one batch."""
         self.last_s = time.monotonic()
         self.times_s.append(self.last_s)
         velocity_m_s = np.tile(np.array(self.velocity_m_s()), (len(self.listed), 1))
         self.link.send(Setpoints(self.last_s, self.listed, velocity_m_s, np.zeros(len(self.listed))))
 
     def velocity_m_s(self) -> tuple[float, float, float]:
-        """What it asks for."""
+        """The velocity of this tick."""
         return VELOCITY_M_S
 
     @asynccontextmanager
@@ -146,12 +145,12 @@ class Ticks:
                 await task
 
     async def offboard(self) -> None:
-        """Into OFFBOARD while it ticks: refused when the machine stood still just before, so not then."""
+        """Enter OFFBOARD while it ticks, but not just after a pause of the machine: it would be refused."""
         await until(lambda: time.monotonic() - self.last_s < PERIOD_S)
         await do(self.link, Verb.OFFBOARD, *self.listed)
 
     async def last(self, pause: Callable[[], Awaitable[object]] = lambda: asyncio.sleep(0.01)) -> None:
-        """Ask once more, and see a setpoint leave on that: again when the machine stood still just then."""
+        """Send one more batch and see its setpoint leave; repeat it if the machine paused meanwhile."""
         for _ in range(50):
             self.tick()
             while time.monotonic() < self.last_s + 2 * PERIOD_S:
@@ -167,14 +166,14 @@ class Ticks:
 
 
 class DatedTicks(Ticks):
-    """Asks for velocities that say when they were asked for, so that an old one can be told."""
+    """Sends velocities that encode their time, so that an old one can be recognised."""
 
     def velocity_m_s(self) -> tuple[float, float, float]:
-        """Whole seconds, and the rest: single precision has room for that."""
+        """Whole seconds and their fraction, which single precision can hold."""
         return self.last_s // 1 % AGE_S, self.last_s % 1, 0.0
 
 
 def asked_s(setpoint: Any, near_s: float) -> float:
-    """When a setpoint of `DatedTicks` was asked for, which was less than `AGE_S` / 2 from `near_s`."""
+    """Time encoded in a setpoint of `DatedTicks`, which is less than `AGE_S` / 2 from `near_s`."""
     ahead_s = (setpoint.vx + setpoint.vy - near_s + AGE_S / 2) % AGE_S - AGE_S / 2
     return float(near_s + ahead_s)

@@ -1,7 +1,7 @@
-"""A vehicle small enough to read: real MAVLink frames over a real UDP socket, from a thread of its own.
+"""A minimal vehicle: real MAVLink frames over a real UDP socket, from its own thread.
 
-It obeys at once and has no dynamics; `python -m gcs.sim` is the one that flies. It can do what that one
-should not: share a system id, fall silent, refuse, and keep every frame that reached it.
+It obeys at once and has no dynamics; the fake fleet of `sim` flies. Unlike the fake fleet it can share a
+system id, fall silent, refuse commands, and keep every frame that it received.
 """
 
 import socket
@@ -62,7 +62,7 @@ class Peer:
 
     @property
     def port(self) -> int:
-        """Where it speaks from."""
+        """The local port."""
         port: int = self._socket.getsockname()[1]
         return port
 
@@ -77,9 +77,9 @@ class Peer:
         self._socket.close()
 
     def messages(self, name: str) -> list[tuple[float, Any]]:
-        """Arrival time and message, of those of one type that reached it.
+        """Arrival time and message of every received message of one type.
 
-        The times are the kernel's, whenever this thread came to reading.
+        The times are the kernel's, not those of reading.
         """
         return [(time_s, message) for time_s, message in list(self.received) if message.get_type() == name]
 
@@ -88,15 +88,15 @@ class Peer:
         self.send_bytes(message.pack(self._packer))
 
     def send_bytes(self, data: bytes) -> None:
-        """Send anything."""
+        """Send these bytes."""
         self._socket.sendto(data, self._ground)
 
     def say(self, text: str) -> None:
-        """A status text."""
+        """Send a status text."""
         self.send(dialect.MAVLink_statustext_message(4, text.encode()))
 
     def beat(self) -> None:
-        """One heartbeat."""
+        """Send a heartbeat."""
         main, sub = self.mode
         self.send(dialect.MAVLink_heartbeat_message(2, 12, 1 | self.armed << 7, main << 16 | sub << 24, 4, 3))
 
@@ -192,7 +192,7 @@ class Peer:
 
 
 def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """On the monotonic clock; between its two readings of it the machine did not stand still."""
+    """Arrival time on the monotonic clock, read without a pause of the machine between the two readings."""
     ((_, _, stamp),) = ancillary
     seconds, nanoseconds = TIMESPEC.unpack(stamp)
     while True:

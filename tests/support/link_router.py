@@ -1,4 +1,4 @@
-"""A radio: many vehicles behind one address, their frames together in datagrams. From a thread of its own."""
+"""A radio with many vehicles behind one address and several frames in a datagram, in its own thread."""
 
 import selectors
 import socket
@@ -12,7 +12,7 @@ _DATAGRAM_BYTES = 1400
 
 
 class Router:
-    """Vehicles speak to `port`; the ground station hears one address only.
+    """Vehicles send to `port`; the ground station receives from one address only.
 
     Attributes:
         to_everybody: how many frames without a target came from the ground.

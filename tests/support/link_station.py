@@ -1,4 +1,4 @@
-"""A ground station in a process of its own, to be stopped and killed: a link, and a control loop for it."""
+"""A ground station (a link and a control loop) in a separate process that tests stop and kill."""
 
 import asyncio
 import logging
@@ -16,7 +16,7 @@ from link_bench import DatedTicks, ready, running
 
 
 def station(port: int, transport: str, record: Path | None, file_max_bytes: int) -> None:
-    """Fly "v1" until ended. No file may have more bytes; its log lies beside the recording."""
+    """Fly "v1" until ended, with a limit on the size of files; the log is beside the recording."""
     if record is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (file_max_bytes, file_max_bytes))
         logging.basicConfig(filename=record / "log", level=logging.WARNING)
@@ -36,7 +36,7 @@ def station(port: int, transport: str, record: Path | None, file_max_bytes: int)
 def a_station(
     port: int, transport: str, record: Path | None = None, file_max_bytes: int = resource.RLIM_INFINITY
 ) -> Iterator[BaseProcess]:
-    """Until the block ends."""
+    """Run a station until the block ends."""
     arguments = (port, transport, record, file_max_bytes)
     if record is not None:
         (record / "log").touch()
@@ -50,13 +50,13 @@ def a_station(
 
 
 def stop(process: BaseProcess) -> None:
-    """SIGSTOP; it stands when this returns."""
+    """Send SIGSTOP; the process is stopped when this returns."""
     assert process.pid is not None
     os.kill(process.pid, signal.SIGSTOP)
     os.waitpid(process.pid, os.WUNTRACED)
 
 
 def go_on(process: BaseProcess) -> None:
-    """SIGCONT."""
+    """Send SIGCONT."""
     assert process.pid is not None
     os.kill(process.pid, signal.SIGCONT)

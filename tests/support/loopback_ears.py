@@ -1,4 +1,4 @@
-"""What a loopback link hears of one vehicle, and whether that shows that it obeyed."""
+"""Telemetry of one vehicle on a loopback link, and whether it shows that the vehicle obeyed."""
 
 import asyncio
 import struct
@@ -21,7 +21,7 @@ DESIRED_MODE = {
 
 
 class Receiver(VehicleTelemetry):
-    """What the production link reads, and the numbers that MAVSDK reads for it."""
+    """Reads the telemetry of the production link and the values that MAVSDK reads for it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -46,7 +46,7 @@ class Receiver(VehicleTelemetry):
 
 
 def obeyed(verb: Verb, received: Receiver) -> bool:
-    """Whether a vehicle's heartbeat shows that it obeyed, by the same rules as the production link's."""
+    """Whether a vehicle's heartbeat shows that it obeyed, by the rules of the production link."""
     match verb:
         case Verb.ARM:
             return received.armed
@@ -62,14 +62,14 @@ def obeyed(verb: Verb, received: Receiver) -> bool:
 
 
 def failure(command: Command, received: Receiver, began_s: float) -> str:
-    """Why an order failed, with what the vehicle itself said since."""
+    """Reason of a failed command, with the status texts of the vehicle since."""
     stated = f'; it says "{received.text}"' if received.text_time_s >= began_s else ""
     state = f"it reports {received.mode}, {'armed' if received.armed else 'disarmed'}"
     return f"{command.vehicle_id}: {command.verb} sent, but not seen to happen: {state}{stated}"
 
 
 async def news(received: Receiver, wait_s: float) -> None:
-    """Until the next heartbeat, or `wait_s`."""
+    """Wait for the next heartbeat, at most `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):
             await received.news.wait()

@@ -1,8 +1,8 @@
-"""A second real `Link`: MAVLink 2 bytes to and from the fake autopilots of `sim`, on the loop's own clock.
+"""A `Link` for virtual time: MAVLink 2 bytes to and from the fake autopilots of `sim`, on the loop's clock.
 
 No sockets, no threads, no MAVSDK: under `async_solipsism.EventLoop` a flight of minutes takes seconds. A
-setpoint leaves once for each tick that hands it over; unlike MAVSDK nothing here repeats it, so the deadman
-only has to refuse a batch that is too old when it comes.
+setpoint leaves once for each tick that sends it. Unlike MAVSDK this link repeats nothing, so its setpoint
+watchdog only has to refuse a batch that is too old on arrival.
 """
 
 import asyncio
@@ -47,7 +47,7 @@ MODE_NUMBERS = {
 
 
 class SentSetpoint(NamedTuple):
-    """One setpoint as it left: NED and yaw from north, as on the wire."""
+    """One setpoint as sent: NED, with yaw from north."""
 
     time_s: float
     velocity_ned_m_s: tuple[float, float, float]
@@ -55,7 +55,7 @@ class SentSetpoint(NamedTuple):
 
 
 class SentCommand(NamedTuple):
-    """One order as it was given to the link."""
+    """One command as given to the link."""
 
     time_s: float
     verb: Verb
@@ -65,11 +65,11 @@ class LoopbackLink:
     """A `gcs.links.Link` to a fake fleet in the same loop. Steps the fleet's physics while it runs.
 
     Attributes:
-        sent, commands: what left for each vehicle, oldest first.
-        failures: `run` raises the first of them, at once or while it runs, and forgets it.
+        sent, commands: setpoints and commands sent to each vehicle, oldest first.
+        failures: `run` raises the first of them, at once or while it runs, and removes it.
         runs: how often `run` was called.
-        fault_injector: links that it has broken lose and delay what passes; None: all are sound.
-        addresses, conflicts, problems: what the properties of the same names say.
+        fault_injector: its faults lose and delay frames; None: no link has faults.
+        addresses, conflicts, problems: values of the properties with these names.
     """
 
     def __init__(
@@ -93,14 +93,16 @@ class LoopbackLink:
         self._locks = {vehicle_id: asyncio.Lock() for vehicle_id in vehicles}
         self._uplink: list[tuple[VehicleId, bytes]] = []
         self._setpoint_s = dict.fromkeys(vehicles, -inf)
-        self._deaf: set[VehicleId] = set()  # nothing reaches it
-        self._mute: set[VehicleId] = set()  # nothing comes from it
+        self._deaf: set[VehicleId] = set()  # it receives nothing
+        self._mute: set[VehicleId] = set()  # nothing is received from it
         self.beatless: set[VehicleId] = set()  # its heartbeats do not
         self.sent: dict[VehicleId, list[SentSetpoint]] = {vehicle_id: [] for vehicle_id in vehicles}
         self.commands: dict[VehicleId, list[SentCommand]] = {vehicle_id: [] for vehicle_id in vehicles}
         self.failures: list[LinkError] = []
-        self.refusing: set[tuple[VehicleId, Verb]] = set()  # orders that come back refused, as from PX4
-        self.parameter_reads: list[tuple[float, VehicleId]] = []  # when parameters were asked for, of whom
+        self.refusing: set[tuple[VehicleId, Verb]] = set()  # commands that are refused, as by PX4
+        self.parameter_reads: list[
+            tuple[float, VehicleId]
+        ] = []  # times of parameter requests, with their vehicles
         self._news = ParameterNews()
         self.runs = 0
         self.takes_s = 0.0  # of every batch of setpoints, as on a machine that has too much to do
@@ -113,7 +115,7 @@ class LoopbackLink:
 
     @property
     def name(self) -> str:
-        """As the configuration calls it."""
+        """Name of the link in the configuration."""
         return self._name
 
     @property
@@ -123,13 +125,13 @@ class LoopbackLink:
 
     @property
     def setpoints_sent(self) -> int:
-        """How many setpoints have left, in all."""
+        """Number of setpoints sent."""
         return sum(len(sent) for sent in self.sent.values())
 
     async def run(self) -> None:
         """Move bytes and step the physics until cancelled. Raises: LinkError while `failures` has any.
 
-        The physics catch up with what passed while it did not run: vehicles do not wait for a link.
+        The physics catch up with the time in which the link did not run: vehicles do not wait for a link.
         """
         self.runs += 1
         loop = asyncio.get_running_loop()
@@ -179,7 +181,7 @@ class LoopbackLink:
         )
 
     def send(self, setpoints: Setpoints) -> None:
-        """Let one tick's orders leave, unless they are older than the deadman's time."""
+        """Send the setpoints of one tick unless they are older than the watchdog's hold time."""
         now_s = asyncio.get_running_loop().time()
         if now_s - setpoints.time_s > self._setpoint_timeout_s:
             return
@@ -193,7 +195,7 @@ class LoopbackLink:
             loop._selector.clock.advance(self.takes_s)
 
     async def execute(self, command: Command) -> None:
-        """Order, and return when the vehicle's heartbeat shows that it obeyed. Raises: CommandError."""
+        """Send a command; return when the heartbeat shows that the vehicle obeyed. Raises: CommandError."""
         if command.vehicle_id not in self._system_ids:
             raise UnknownError(f"{command.vehicle_id} is not on link {self._name}")
         loop = asyncio.get_running_loop()
@@ -217,7 +219,7 @@ class LoopbackLink:
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
-        """Ask for all at once, and again for those not answered. Raises: CommandError naming one."""
+        """Request all at once, and again those that are not answered. Raises: CommandError naming one."""
         loop = asyncio.get_running_loop()
         known, target = self._receivers[vehicle_id].parameters, self._system_ids[vehicle_id]
         self.parameter_reads.append((loop.time(), vehicle_id))
@@ -238,7 +240,7 @@ class LoopbackLink:
         return {name: known[name] for name in names}
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """Set, and wait until the vehicle announces it. Raises: CommandError naming it."""
+        """Set a parameter and wait until the vehicle announces it. Raises: CommandError naming it."""
         known, target = self._receivers[vehicle_id].parameters, self._system_ids[vehicle_id]
         whole = isinstance(value, int)
         encoded = struct.unpack("<f", struct.pack("<i", value))[0] if whole else value
@@ -253,35 +255,35 @@ class LoopbackLink:
             await asyncio.sleep(STEP_S)
 
     def watch_parameters(self, names: Collection[str]) -> None:
-        """Keep what vehicles announce of these."""
+        """Keep announced values of these parameters."""
         self._news.watch(names)
 
     def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
-        """What they announced since the last call."""
+        """Values announced since the last call."""
         return self._news.drain()
 
     # test controls
 
     def silence(self, *vehicle_ids: VehicleId, up: bool = True, down: bool = True) -> None:
-        """Cut these vehicles off: nothing reaches them any more (up), nothing of theirs arrives (down)."""
+        """Cut these vehicles off: they receive nothing (up), and nothing is received from them (down)."""
         self._deaf |= set(vehicle_ids if up else ())
         self._mute |= set(vehicle_ids if down else ())
 
     def restore(self, *vehicle_ids: VehicleId) -> None:
-        """End the silence, both ways."""
+        """End the silence in both directions."""
         self._deaf -= set(vehicle_ids)
         self._mute -= set(vehicle_ids)
 
     def is_silent(self, vehicle_id: VehicleId) -> bool:
-        """Whether nothing of this vehicle arrives."""
+        """Whether nothing is received from this vehicle."""
         return vehicle_id in self._mute
 
     def autopilot(self, vehicle_id: VehicleId) -> Autopilot:
-        """The fake itself."""
+        """The fake autopilot."""
         return self._fleet.autopilots[self._row[self._system_ids[vehicle_id]]]
 
     def pilot(self, vehicle_id: VehicleId, mode: PilotMode) -> None:
-        """A person at the vehicle's own remote control chooses a mode, past every link."""
+        """Change the mode by the vehicle's remote control, which uses no link."""
         self.autopilot(vehicle_id).change_mode(mode)
 
     # its parts
@@ -301,7 +303,7 @@ class LoopbackLink:
         self._post(vehicle_id, common.MAVLink_command_long_message(target, 1, command, 0, *filled))
 
     def _ask_for_less(self) -> None:
-        """SET_MESSAGE_INTERVAL: what the production links ask for, and nothing that nobody here reads."""
+        """Send SET_MESSAGE_INTERVAL as the production links do, but stop the messages that no test reads."""
         rates_hz = {**rates.desired(StreamSettings()), **dict.fromkeys(UNREAD, 0.0)}
         for vehicle_id in self._system_ids:
             for message_id, rate_hz in rates_hz.items():
@@ -355,7 +357,7 @@ class LoopbackLink:
         raise CommandError(failure(command, received, began_s))
 
     def _deliver(self) -> None:
-        """Every vehicle is a circle of its own; what is sent on a broken link goes through its faults."""
+        """Each vehicle has its own link; frames on a link with a fault pass through the fault injector."""
         now_s, arrived = asyncio.get_running_loop().time(), []
         for vehicle_id, frame in self._uplink:
             row = self._row[self._system_ids[vehicle_id]]
@@ -378,7 +380,7 @@ class LoopbackLink:
         self.hear(self._fleet.take_frames(), now_s)
 
     def hear(self, stated: Mapping[int, list[bytes]], now_s: float) -> None:
-        """Messages of the vehicles, by row, arrive."""
+        """Receive messages of the vehicles, by row."""
         for vehicle_id, received in self._receivers.items():
             row = self._row[self._system_ids[vehicle_id]]
             arrived, channel = stated.get(row, []), self._broken().get(row)

@@ -1,4 +1,4 @@
-"""What the real-time tests must know of the machine they run on: free ports, and when it stood still."""
+"""Properties of the machine for real-time tests: free ports, and the times in which it paused."""
 
 import os
 import random
@@ -27,7 +27,7 @@ def free_ports(count: int = 1) -> int:
     share = (LAST_PORT - FIRST_PORT) // WORKERS
     lowest = FIRST_PORT + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % WORKERS * share
     for _ in range(1000):
-        # at random: another run of the tests looks for ports too, and what was sent to a port may still come
+        # at random: another run of the tests may look for ports, and late datagrams to a used port may arrive
         first = random.SystemRandom().randrange(lowest, lowest + share - count)
         with ExitStack() as stack:
             try:
@@ -42,10 +42,10 @@ def free_ports(count: int = 1) -> int:
 
 
 class Witness:
-    """A thread that wants to run every 10 ms and notes when it could not.
+    """A thread that runs every 10 ms and records when it could not.
 
-    It waits for nobody, so whatever it misses was missed by the machine (another virtual machine's turn, a
-    full run queue), not by the code under test: time that a test must not hold against that code.
+    It waits for no other thread, so a missed turn is a pause of the machine (another virtual machine's turn,
+    a full run queue), not of the code under test. Tests subtract this time.
     """
 
     def __init__(self) -> None:
@@ -64,11 +64,11 @@ class Witness:
         self._thread.join()
 
     def stalled_s(self, start_s: float, end_s: float) -> float:
-        """How much of this stretch of the monotonic clock the machine stood still."""
+        """Seconds of this interval of the monotonic clock in which the machine paused."""
         return sum(max(0.0, min(to_s, end_s) - max(from_s, start_s)) for from_s, to_s in self._stalls_s)
 
     def awake_s(self, start_s: float, end_s: float) -> float:
-        """And how much it ran."""
+        """Seconds of this interval in which the machine ran."""
         return end_s - start_s - self.stalled_s(start_s, end_s)
 
     def _look(self) -> None:

@@ -1,4 +1,4 @@
-"""Map files, made as tests need them."""
+"""Creates map files for tests."""
 
 import sqlite3
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def mbtiles(path: Path, metadata: dict[str, Any], tiles: dict[tuple[int, int, int], Any]) -> Path:
-    """A file; its tiles by zoom, column and row from the south, as the format has them."""
+    """Create a file; its tiles are by zoom, column and row from the south, as in the format."""
     with sqlite3.connect(path) as file:
         file.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         file.execute("CREATE TABLE tiles (zoom_level INT, tile_column INT, tile_row INT, tile_data BLOB)")

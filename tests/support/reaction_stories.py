@@ -1,4 +1,4 @@
-"""What the tests of reactions ask of a flight."""
+"""Questions of the failsafe tests about a flight."""
 
 import numpy as np
 from virtual_show import Show
@@ -8,12 +8,12 @@ from gcs.service import ActiveFailsafe, CommandRecord
 
 
 def failsafe(show: Show, cause: Cause) -> ActiveFailsafe | None:
-    """The reaction to a cause that lasts, as people see it; None: there is none."""
+    """The failsafe to a cause that lasts, as displayed; None: there is none."""
     return next((each for each in show.view.failsafes if each.cause == cause.value), None)
 
 
 async def reacts(show: Show, cause: Cause, limit_s: float = 30.0) -> ActiveFailsafe:
-    """Wait until it is shown."""
+    """Wait until the failsafe is shown."""
     await show.until(lambda: failsafe(show, cause) is not None, limit_s)
     found = failsafe(show, cause)
     assert found is not None
@@ -21,25 +21,25 @@ async def reacts(show: Show, cause: Cause, limit_s: float = 30.0) -> ActiveFails
 
 
 def by_itself(show: Show) -> list[CommandRecord]:
-    """Orders that nobody gave, oldest first."""
+    """Commands of the service itself, oldest first."""
     return [record for record in reversed(show.service.commands()) if record.by == "service"]
 
 
 async def carried_out(show: Show, reported: ActiveFailsafe) -> CommandRecord:
-    """The order of a reaction, once it has ended for everybody."""
+    """The command of a failsafe, once it has ended for every vehicle."""
     assert reported.command_id is not None
     return await show.settled(show.service.command_record(reported.command_id), 150.0)
 
 
 def off_pad_m(show: Show, vehicle_id: str) -> float:
-    """How far from where it stood at first a vehicle is, over the ground."""
+    """Horizontal distance of a vehicle from its start, in m."""
     row = show.config.ids.index(vehicle_id)
     begin_m = show.track.samples[0].true_m[row]
     return float(np.hypot(*(show.true_m[row] - begin_m)[:2]))
 
 
 def off_sphere_m(show: Show, *vehicle_ids: str) -> float:
-    """How far the worst of them is from the sphere, in truth."""
+    """Largest true distance from the sphere, in m."""
     rows = [show.config.ids.index(name) for name in vehicle_ids]
     assert show.view.center_m is not None
     assert show.view.radius_m is not None
@@ -48,7 +48,7 @@ def off_sphere_m(show: Show, *vehicle_ids: str) -> float:
 
 
 def nearest_m(show: Show, *vehicle_ids: str) -> float:
-    """Between the nearest two of them, in truth."""
+    """True distance between the nearest two, in m."""
     place_m = show.true_m[[show.config.ids.index(name) for name in vehicle_ids]]
     apart_m = np.linalg.norm(place_m[:, None] - place_m[None], axis=2)
     return float(apart_m[np.triu_indices(len(place_m), 1)].min())

@@ -1,4 +1,4 @@
-"""Moments for tests: a fleet that stands, or moves as it is told."""
+"""Record samples for tests: a fleet that stands or moves with given velocities."""
 
 from collections.abc import Sequence
 

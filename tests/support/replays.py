@@ -1,4 +1,4 @@
-"""`gcs replay` in a process of its own."""
+"""`gcs replay` in a separate process."""
 
 import re
 import subprocess
@@ -10,7 +10,7 @@ from pathlib import Path
 
 @contextmanager
 def replay(record: Path | str, *options: str, folder: Path | None = None) -> Iterator[str]:
-    """The API's address until the block ends; it begins in `folder`, and then ends as it was asked to."""
+    """Run a replay in `folder` until the block ends, then end it by request. Yields the API's address."""
     command = [sys.executable, "-m", "gcs", "replay", str(record), "--port", "0", *options]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
     try:

@@ -1,4 +1,4 @@
-"""Fleets and what surrounds them, for the property tests of the filter and of the tick."""
+"""Fleets and their surroundings, for the property tests of the filter and of the tick."""
 
 import numpy as np
 from hypothesis import assume, settings
@@ -33,7 +33,7 @@ def assert_within_limits(velocity: Array) -> None:
 
 @st.composite
 def legal_fleets(draw: st.DrawFn) -> tuple[Array, Array]:
-    """Positions no pair of which is inside the floor, and wanted velocities of any size."""
+    """Positions no pair of which is inside the floor, and desired velocities of any size."""
     n = draw(st.integers(2, 6))
     position = draw(vectors(n, 8.0)) - (0.0, 0.0, 30.0)
     assume(closest(position) >= SAFETY.floor.horizontal_m)

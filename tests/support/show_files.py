@@ -1,4 +1,4 @@
-"""Show files for tests: the shipped ones, the broken ones, and variations of a sound one."""
+"""Show files for tests: the shipped ones, the broken ones, and variations of a valid one."""
 
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ BEGIN = {"cue": "begin", "at_s": 0, "radius_m": 8, "height_m": 20}
 
 
 def text_of(*cues: dict[str, Any], **changes: Any) -> str:
-    """A show that begins like the others, with these cues and changed keys."""
+    """A show with the common beginning, these cues and changed keys."""
     return yaml.safe_dump(SOUND | {"timeline": [BEGIN, *cues]} | changes, sort_keys=False)
 
 
@@ -31,7 +31,7 @@ def loaded(*cues: dict[str, Any], **changes: Any) -> LoadedShow:
 
 
 def problems(*cues: dict[str, Any], **changes: Any) -> tuple[Problem, ...]:
-    """What is wrong with it."""
+    """Problems of a show file."""
     try:
         loaded(*cues, **changes)
     except ShowError as error:

@@ -1,4 +1,4 @@
-"""A ground station of bytes for a fleet in virtual time: everything goes through MAVLink frames."""
+"""A ground station for a fleet in virtual time that exchanges MAVLink frames as bytes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SELDOM_HZ = {
 
 
 class Bench:
-    """A fleet, what it has said, and what is sent to it again and again."""
+    """A fleet, the messages that it sent, and the setpoint that is repeated to it."""
 
     def __init__(self, **settings: Any) -> None:
         settings = {"noise_scale": 0.0, "rates_hz": SELDOM_HZ, **settings}
@@ -89,7 +89,7 @@ class Bench:
         return self
 
     def until(self, condition: Any, limit_s: float) -> float:
-        """Run until the condition holds; how long it took."""
+        """Run until the condition holds. Returns: the duration in s."""
         begin_s = self.now_s
         while not condition():
             if self.now_s - begin_s > limit_s:
@@ -98,7 +98,7 @@ class Bench:
         return self.now_s - begin_s
 
     def command(self, number: int, *values: float, wait_s: float = 0.05, target: int = 1) -> list[int]:
-        """Send a COMMAND_LONG; the results that were acknowledged, in order."""
+        """Send a COMMAND_LONG. Returns: the acknowledged results in order."""
         before = len(self.received)
         padded = [*values, *[0.0] * (7 - len(values))]
         self.send(common.MAVLink_command_long_message(target, 1, number, 0, *padded))
@@ -121,17 +121,17 @@ class Bench:
         self.repeated = setpoint(north, east, down, mask, **more)
 
     def take_off(self, height_m: float = 10.0) -> Bench:
-        """Fly at that height, holding."""
+        """Take off to that height and hold."""
         self.ready()
         altitude_m = self.last("HOME_POSITION").altitude * 1e-3 + height_m
         assert self.command(22, 0, 0, 0, math.nan, math.nan, math.nan, altitude_m) == [ACCEPTED]
         assert self.arm() == [ACCEPTED]
-        self.run(1.1)  # until the next HEARTBEAT the last one still says HOLD
+        self.run(1.1)  # until the next HEARTBEAT the last one reports HOLD
         self.until(lambda: self.mode == HOLD, 30.0)
         return self.run(4.0)
 
     def fly_offboard(self, height_m: float = 10.0) -> Bench:
-        """Fly at that height, following setpoints of rest."""
+        """Take off to that height and follow setpoints of zero velocity."""
         self.take_off(height_m)
         self.stream(0, 0, 0)
         self.run(0.2)

@@ -1,4 +1,4 @@
-"""Stalls the station of a virtual show as SIGSTOP would: nothing of it runs, while the vehicles fly on."""
+"""Stalls the station of a virtual show as SIGSTOP does: the station pauses while the vehicles fly on."""
 
 import asyncio
 from typing import Any
@@ -15,14 +15,14 @@ RECEIVED_FIRST: float = 1.0
 
 
 def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> Array:
-    """Let time pass for the vehicles alone; the station receives their messages when it goes on.
+    """Let time pass for the vehicles only; the station receives their messages when it continues.
 
     Args:
         show: running.
         seconds: how long.
         kept_share: share of their messages that is kept, the oldest.
 
-    Returns: (k, n, 3) true positions meanwhile, show frame.
+    Returns: (k, n, 3) true positions during the stall, show frame.
     """
     loop: Any = asyncio.get_running_loop()  # async_solipsism's
     link, fleet = show.link, show.fleet
@@ -40,6 +40,6 @@ def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> 
 
 
 def floor_violations(show: Show, true_m: Array) -> int:
-    """Steps at which a pair was truly inside the floor."""
+    """Number of steps at which the true positions of a pair were inside the floor."""
     floor, everybody = show.config.control.safety.floor, np.ones(len(show.config.ids), dtype=np.bool_)
     return sum(minimum_separation(here_m, everybody, floor)[1] > 0 for here_m in true_m)

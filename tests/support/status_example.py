@@ -1,4 +1,4 @@
-"""A fleet of twenty in which nearly everything that `gcs status` can show is so."""
+"""A fleet of twenty with nearly every condition that `gcs status` can show."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ NOT_ORDINARY: dict[str, dict[str, Any]] = {
 
 
 def example_fleet(count: int = 20, name: str = "d{}") -> schemas.Fleet:
-    """The state, as `GET /api/v1/fleet` answers it."""
+    """The answer of `GET /api/v1/fleet`."""
     service = FakeService(count)
     service.fly()
     service.tick()

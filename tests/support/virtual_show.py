@@ -56,7 +56,7 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
         "operation": {
             "takeoff_height_m": TAKEOFF_HEIGHT_M,
             "takeoff_stagger_s": 1.0,
-            "setpoint_loss_action": "descend",  # PX4's default, whose consequences are seen soonest
+            "setpoint_loss_action": "descend",  # PX4's default, whose consequences show soonest
             "require_safe_setpoint_loss": False,
         },
     }
@@ -66,7 +66,7 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
 
 
 class Sample(NamedTuple):
-    """One tick: what the service believes, and what is true."""
+    """One tick: the estimates of the service and the true state."""
 
     view: FleetView
     true_m: Array  # (n, 3) show frame
@@ -74,13 +74,13 @@ class Sample(NamedTuple):
 
     @property
     def time_s(self) -> float:
-        """Of the tick."""
+        """Time of the tick, in s."""
         return self.view.time_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A stretch of a flight, tick by tick."""
+    """A part of a flight, tick by tick."""
 
     samples: tuple[Sample, ...]
     ids: tuple[VehicleId, ...]
@@ -91,13 +91,13 @@ class Track:
         return Track(tuple(inside), self.ids)
 
     def of(self, vehicle_id: VehicleId) -> list[VehicleView]:
-        """One vehicle, as believed."""
+        """The service's view of one vehicle."""
         row = self.ids.index(vehicle_id)
         return [sample.view.vehicles[row] for sample in self.samples]
 
     @property
     def time_s(self) -> Array:
-        """(k,) of every tick."""
+        """(k,) times of all ticks, in s."""
         return np.array([sample.time_s for sample in self.samples])
 
     @property
@@ -107,7 +107,7 @@ class Track:
 
     @property
     def setpoint_m_s(self) -> Array:
-        """(k, n, 3) as decided, NaN where none was."""
+        """(k, n, 3) setpoints; NaN where none was sent."""
         nothing = (np.nan, np.nan, np.nan)
         return np.array(
             [[seen.setpoint_m_s or nothing for seen in sample.view.vehicles] for sample in self.samples]
@@ -134,14 +134,14 @@ class Track:
         return float(np.nanmax(steps))
 
     def setpoints_per_s(self, vehicle_id: VehicleId) -> float:
-        """How often the vehicle was commanded."""
+        """Setpoints of the vehicle per second."""
         commanded = sum(seen.setpoint_m_s is not None for seen in self.of(vehicle_id))
         period_s = float(self.time_s[-1] - self.time_s[0]) / (len(self.samples) - 1)
         return commanded / (len(self.samples) * period_s)
 
 
 class UnixClock:
-    """The clock that people read, which can be set wrong."""
+    """The Unix clock, which can be set wrong."""
 
     def __init__(self) -> None:
         self.ahead_s = 1_700_000_000.0  # of the loop's
@@ -151,7 +151,7 @@ class UnixClock:
 
 
 class AtOnce(Executor):
-    """Does what it is given when it is given it: in virtual time that takes no time, always the same."""
+    """Runs each job at once: in virtual time this takes no time and is deterministic."""
 
     def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
         done: Future[T] = Future()
@@ -160,7 +160,7 @@ class AtOnce(Executor):
 
 
 class Show:
-    """A running service and its fake fleet, for a story to play with."""
+    """A running service and its fake fleet, as a story gets them."""
 
     def __init__(
         self, config: Config, fleet: Fleet, link: LoopbackLink, service: Orchestrator, unix: UnixClock
@@ -186,7 +186,7 @@ class Show:
 
     @property
     def track(self) -> Track:
-        """Everything so far."""
+        """All ticks so far."""
         return Track(tuple(self._moments), self.config.ids)
 
     @property
@@ -195,11 +195,11 @@ class Show:
         return self.service.frame.from_ned(self.fleet.bodies.position_m)
 
     def vehicle(self, vehicle_id: VehicleId) -> VehicleView:
-        """One vehicle, as believed."""
+        """The service's view of one vehicle."""
         return self.view.vehicles[self.config.ids.index(vehicle_id)]
 
     def befall(self, vehicle_id: VehicleId, fault: str, **values: float | str) -> None:
-        """Have a vehicle suffer a fault, as `gcs sim --control` would be ordered to."""
+        """Give a vehicle a fault, as a command to `gcs sim --control` does."""
         command = {"vehicle": self.config.ids.index(vehicle_id) + 1, "fault": fault, **values}
         answer = json.loads(self._fault_injector.obey(json.dumps(command)))
         if not answer["ok"] or "unmoved" in answer:
@@ -217,7 +217,7 @@ class Show:
         await asyncio.sleep(seconds)
 
     async def until(self, holds: Callable[[], bool], limit_s: float = 60.0) -> float:
-        """Wait for a tick at which `holds`. Returns: how long it took. Raises: TimeoutError, saying more."""
+        """Wait for a tick at which `holds`. Returns: the duration in s. Raises: TimeoutError with details."""
         began_s = self.now_s
         async for _ in self.service.view.values():
             if holds():
@@ -236,35 +236,35 @@ class Show:
         return await self.until(lambda: self.vehicle(vehicle_id).phase is phase, limit_s)
 
     async def settled(self, record: CommandRecord, limit_s: float = 90.0) -> CommandRecord:
-        """Wait until nothing of an order is pending."""
+        """Wait until no part of a command is pending."""
         await self.until(
             lambda: self.service.command_record(record.id).outcome is not Outcome.PENDING, limit_s
         )
         return self.service.command_record(record.id)
 
     async def standby(self) -> None:
-        """Wait until everybody that is not cut off can be armed."""
+        """Wait until every vehicle that is not cut off can be armed."""
         await self.until(
             lambda: all(seen.ready or self.link.is_silent(seen.id) for seen in self.view.vehicles), 12.0
         )
 
     async def start(self) -> CommandRecord:
-        """Boot, start, and wait until the sphere stands."""
+        """Boot, start, and wait until the sphere is stable."""
         await self.standby()
         record = self.service.command_show(ShowAction.START)
         await self.reach(ShowPhase.RUNNING)
         return record
 
     async def show(self, action: ShowAction) -> CommandRecord:
-        """Order the show, and wait until it is carried out."""
+        """Send a show command and wait until it is carried out."""
         return await self.settled(self.service.command_show(action))
 
     async def command(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        """Order one vehicle, and wait until it has done it."""
+        """Command one vehicle and wait until it has done it."""
         return await self.settled(self.service.command_vehicle(vehicle_id, action))
 
     def floor_violations(self, track: Track | None = None) -> int:
-        """Ticks at which a pair was truly inside the floor; pairs low over their pads do not count."""
+        """Ticks with a true pair distance inside the floor; pairs low over their pads do not count."""
         floor, everybody = self.config.control.safety.floor, np.ones(len(self.config.ids), dtype=np.bool_)
         true_m = (self.track if track is None else track).true_m
         return sum(minimum_separation(here_m, everybody, floor)[1] > 0 for here_m in true_m)
@@ -276,7 +276,7 @@ class Show:
 
 
 def wait_for_writer(record: Record | None) -> None:
-    """Ticks come as fast as they are worked out here, the writer has 50 ms for each: let it catch up."""
+    """Let the writer catch up: it expects 50 ms for each tick, and virtual ticks follow faster."""
     end_s = time.monotonic() + WRITER_S
     while record is not None and not record.has_room and time.monotonic() < end_s:
         time.sleep(0.01)  # the whole loop waits, and with it virtual time
@@ -292,7 +292,7 @@ BADLY_WRITTEN: Final = re.compile(r"[.,;:][,;]|[,;:]\.(?!\.)|(?<!\.)\.\.(?!\.)|\
 
 
 def badly_written(show: Show) -> list[str]:
-    """Texts of a flight that no operator should have to read."""
+    """Texts of a flight that are badly written for an operator."""
     texts = set(show.refusals)
     for view in (sample.view for sample in show.track.samples[::10]):
         texts.update(text for alarm in view.alarms for text in (alarm.text, alarm.advice))
@@ -304,7 +304,7 @@ def badly_written(show: Show) -> list[str]:
 
 
 class Refusal(NamedTuple):
-    """How a request was turned down, and what it changed (which should be nothing)."""
+    """The refusal of a request and the changes that it made, which should be none."""
 
     kind: type[GcsError]
     text: str
@@ -312,7 +312,7 @@ class Refusal(NamedTuple):
 
 
 async def refused(show: Show, request: Callable[[], object]) -> Refusal:
-    """Make a request that must be turned down, and compare the plan before and after."""
+    """Make a request that must be refused, and compare the plan before and after."""
     await show.wait(2.0 / show.config.tick_rate_hz)
     before = show.view
     try:
@@ -329,7 +329,7 @@ Story = Callable[[Show], Awaitable[T]]
 
 
 def run_virtual(story: Callable[[], Awaitable[T]]) -> T:
-    """Run on a loop whose clock jumps to whatever comes next."""
+    """Run on an event loop whose clock jumps to the next event."""
     reported: list[T] = []
 
     async def main() -> None:
@@ -350,15 +350,15 @@ def fly(
     heart: Heart | None = None,
     **fleet_settings: Any,
 ) -> T:
-    """Play `story` with a running service; control's own errors end it.
+    """Play `story` with a running service; an error of control ends it.
 
     Args:
-        story: what happens, in virtual time.
-        config: four vehicles without one.
-        failures: of the link, before it first runs.
-        record: where the flight is recorded, entered.
-        planning: of ways home; None: done as soon as it is begun.
-        heart: receives the signs that control lives.
+        story: the events of the flight, in virtual time.
+        config: None: four vehicles.
+        failures: of the link, set before it first runs.
+        record: the recording of the flight, already entered.
+        planning: planner of return paths; None: planning ends at once.
+        heart: receives the heartbeats of control.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config

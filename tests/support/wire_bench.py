@@ -1,4 +1,4 @@
-"""A wire alone, without MAVSDK, and the bytes that the tests of this directory send through it."""
+"""A router without MAVSDK, and the bytes that its tests send through it."""
 
 import asyncio
 import socket
@@ -22,7 +22,7 @@ GROUND = dialect.MAVLink(None, srcSystem=245, srcComponent=190)
 
 
 class Bench:
-    """A wire and what it delivered."""
+    """A router and the frames that it delivered."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ async def bench(
     signing: Signing | None = None,
     forward: Sequence[Forward] = (),
 ) -> AsyncIterator[Bench]:
-    """A wire that runs; on free UDP ports unless told otherwise."""
+    """Run a router, by default on free UDP ports."""
     place = listen or Listen("127.0.0.1", free_ports(port_count), port_count)
     made = Bench(place, system_ids, signing, forward)
     made.router.open()

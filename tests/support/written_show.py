@@ -39,7 +39,7 @@ SPACING_M: Final = 4.0
 
 
 def on_pads(turned_deg: float = 0.0, north_m: float = 0.0, east_m: float = 0.0) -> dict[str, Any]:
-    """Settings of a fake fleet that stands on the show's pads, or turned about their middle and shifted."""
+    """Settings of a fake fleet on the show's pads, rotated about their centre and shifted."""
     heading_deg = HEADING_DEG + turned_deg
     c, s = cos(radians(heading_deg)), sin(radians(heading_deg))
     half_m = SPACING_M / 2.0
@@ -57,25 +57,25 @@ def fly(story: Story[T], plan: Config, *, record: Record | None = None, **fleet_
 
 @cache
 def answer(text: str) -> dict[str, Any]:
-    """What `gcs show check --json --model` says of a show."""
+    """The answer of `gcs show check --json --model`."""
     loaded = parse(text, NAME)
     verdict = judge(*rehearse(loaded))
     return verdict.describe() | {"problems": [], "model": loaded.show.model_dump(mode="json")}
 
 
 def config(folder: Path, **sections: Any) -> Config:
-    """Four vehicles, and a folder for shows."""
+    """A configuration with four vehicles and a folder for shows."""
     return show_config(4, shows={"folder": folder}, **sections)
 
 
 def keep(show: Show, text: str = TEXT, name: str = NAME) -> None:
-    """Put the file where the service looks."""
+    """Write the file into the folder of the service."""
     assert show.config.shows is not None
     (show.config.shows.folder / f"{name}.yaml").write_text(text)
 
 
 def check(show: Show, text: str = TEXT, name: str = NAME) -> str:
-    """Put the file there, and its check beside it. Returns: the hash to start with."""
+    """Write the file and its check. Returns: the hash for the start."""
     keep(show, text, name)
     reported = show.service.shows.found(name, text.encode(), dict(answer(text)))
     assert reported.good or not reported.fits_service
@@ -84,7 +84,7 @@ def check(show: Show, text: str = TEXT, name: str = NAME) -> str:
 
 
 def select(show: Show, text: str = TEXT) -> str:
-    """Check and select it."""
+    """Check and select a show."""
     show_hash = check(show, text)
     show.service.select_show(NAME, show_hash)
     return show_hash
