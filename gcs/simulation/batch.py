@@ -1,4 +1,4 @@
-"""Many runs, side by side on all cores; and whether each did what its scenario demands."""
+"""Runs many flights in parallel on all cores, and judges each by its scenario's limits."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,15 +13,15 @@ from gcs.simulation.metrics import report
 from gcs.simulation.scenario import Gate, Scenario
 
 MISSES_ALLOWED = 0.05
-"""Share of a fleet's runs of a scenario that may be outside the gates in `mostly`."""
+"""Share of a scenario's runs of one fleet that may be outside the gates in `mostly`."""
 
 SHAPE_FACTOR, SHAPE_SPARE_S = 2.0, 5.0
-"""Settled within twice the straight line and five seconds: the key `formation.in_time` of `must`."""
+"""`formation.in_time` of `must`: settled within twice the straight-line time plus five seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One flight to be flown."""
+    """One flight to simulate."""
 
     path: Path
     vehicles: int
@@ -29,7 +29,7 @@ class Run:
 
 
 def run_once(run: Run) -> dict[str, object]:
-    """Fly, measure, and add in words what is not as the scenario demands: `failed`, `missed`."""
+    """Fly and measure; the texts in `failed` and `missed` say which gates were missed."""
     scenario = scenarios.load(run.path)
     figures = report(fly(scenario, run.vehicles, run.seed))
     judged = scenario.judged
@@ -37,7 +37,7 @@ def run_once(run: Run) -> dict[str, object]:
 
 
 def judged_runs(path: Path, scenario: Scenario) -> list[Run]:
-    """All the runs on which a scenario is judged."""
+    """Return the runs by which a scenario is judged."""
     judged = scenario.judged
     return [
         Run(path, vehicles, judged.first_seed + offset)
@@ -47,7 +47,7 @@ def judged_runs(path: Path, scenario: Scenario) -> list[Run]:
 
 
 def run_all(runs: Sequence[Run], workers: int | None = None) -> Iterator[dict[str, object]]:
-    """Their figures in the order of the runs; on as many cores as there are."""
+    """Yield the figures in the order of the runs, which use all cores."""
     if len(runs) == 1 or workers == 1:
         yield from map(run_once, runs)
         return
@@ -56,7 +56,7 @@ def run_all(runs: Sequence[Run], workers: int | None = None) -> Iterator[dict[st
 
 
 def passed(reports: Sequence[dict[str, object]]) -> bool:
-    """Whether no run failed, and in every fleet's runs of a scenario few enough missed."""
+    """Whether no run failed, and few enough runs of each scenario and fleet missed."""
     groups: dict[tuple[object, object], list[bool]] = {}
     for figures in reports:
         groups.setdefault((figures["scenario"], figures["vehicles"]), []).append(bool(figures["missed"]))
@@ -65,7 +65,7 @@ def passed(reports: Sequence[dict[str, object]]) -> bool:
 
 
 def figure(figures: dict[str, object], name: str) -> object:
-    """A figure by its dotted name, with those that follow from others."""
+    """Return a figure by its dotted name, including derived figures."""
     group, _, key = name.partition(".")
     section = figures[group]
     if not isinstance(section, dict):
@@ -79,7 +79,7 @@ def figure(figures: dict[str, object], name: str) -> object:
 
 
 def broken(figures: dict[str, object], gates: Mapping[str, Gate]) -> list[str]:
-    """The gates outside of which this run's figures lie, in words."""
+    """Describe the gates that this run's figures miss."""
     return [
         f"{name} {figure(figures, name)}: {_desired(gate)}"
         for name, gate in gates.items()

@@ -1,4 +1,4 @@
-"""Flying a scenario: the world on one side, `gcs.control.tick` on the other, virtual time between them."""
+"""Flies a scenario in virtual time: `gcs.control.tick` controls a simulated world."""
 
 import time
 from dataclasses import replace
@@ -36,14 +36,14 @@ from gcs.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
 AFTER_BOXES_S = 25.0
-"""A flight among random boxes goes on for so long after the last of them."""
+"""Duration of a flight among random boxes after the last one was passed."""
 
 LINGER_S = 5.0
-"""A flight to goals goes on for so long after the last arrived."""
+"""Duration of a flight to goals after the last arrival."""
 
 
 class SimulatedFlight:
-    """What every kind of flight shares: hearing, deciding, saying, and keeping a record of the truth."""
+    """Base of all simulated flights: receive telemetry, tick, send setpoints, record the true states."""
 
     def __init__(self, scenario: Scenario, start_m: Array, goal_m: Array, plan: Plan, seed: int) -> None:
         n = len(start_m)
@@ -56,7 +56,7 @@ class SimulatedFlight:
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
         self.center_moves = False
-        self.pads_m: Array | None = None  # (n, 3) where everybody comes down; None: below where it began
+        self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
         self._pace: PathProgress | None = None
         self.memory = Memory.fresh(n, 0.0)
         uncertainty_m = self.floor.uncertainty_m * min(1.0, scenario.world.noise)
@@ -64,16 +64,16 @@ class SimulatedFlight:
 
     @property
     def floor(self) -> Floor:
-        """Of the separation."""
+        """The minimum-separation ellipsoid."""
         return self.settings.safety.floor
 
     @property
     def time_s(self) -> float:
-        """Virtual, from engagement."""
+        """Virtual time since engagement."""
         return self.world.time_s
 
     def fly(self) -> Record:
-        """From engagement to the end."""
+        """Fly from engagement to the end."""
         warm_up()
         began_s = time.process_time()
         while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
@@ -83,18 +83,18 @@ class SimulatedFlight:
         return self.record
 
     def before_tick(self) -> None:
-        """What the operator, the director and the errands would do now."""
+        """Do what operator, commander and maneuvers would do before this tick."""
 
     def finished(self) -> bool:
-        """Whether nothing more is to be seen."""
+        """Whether the flight is over."""
         return False
 
     def sight(self) -> Sight | None:
-        """What each drone's own law sees; None: everything that the ground station hears."""
+        """What each vehicle's own law knows; None: everything that the ground station receives."""
         return None
 
     def decide(self, fleet: FleetState, tasks: Tasks) -> Tick:
-        """The tick itself, as it flies real vehicles."""
+        """Compute the tick, as for real vehicles."""
         return tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings)
 
     def _tick(self) -> None:
@@ -153,7 +153,7 @@ class SimulatedFlight:
         return float(distance_m)
 
     def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:
-        """Lead everybody home and down through the filter; once a tick, `begin` the first time."""
+        """Lead all vehicles home and down through the safety filter. Call once a tick, first with `begin`."""
         here_m = self.world.received_m
         if begin:
             self.record.changed_s = self.time_s
@@ -178,7 +178,7 @@ class SimulatedFlight:
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def _follows_planned_path(self) -> Mask | None:
-        """As `gcs.flight.fleet`."""
+        """As in `gcs.flight.fleet`."""
         if self._pace is None:
             return None
         near = np.linalg.norm(self.goal_m - self.world.received_m, axis=1) < BEHIND_M
@@ -186,7 +186,7 @@ class SimulatedFlight:
         return np.asarray(near & ~self.descending)
 
     def _return_paths(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> ReturnPaths:
-        """The flight's own plan."""
+        """Plan the return with the planner of real flights."""
         planner = return_planner(
             here_m.copy(),
             pads_m,
@@ -199,14 +199,14 @@ class SimulatedFlight:
         return plan_return_paths(planner)
 
     def vanish(self, rows: Mask) -> None:
-        """Gone, from one moment to the next."""
+        """Remove vehicles without warning."""
         self.present = self.present & ~rows
         self.task[rows] = Task.NONE
         self.world.remove(rows)
 
 
 class FormationRun(SimulatedFlight):
-    """Engaged together; then the target moves, some leave, some join, all come home: as the scenario says."""
+    """A formation engaged at once; target, leaving, joining and return follow the scenario."""
 
     def __init__(self, scenario: Scenario, flight: FormationFlight, count: int, seed: int) -> None:
         self.flight = flight
@@ -248,7 +248,7 @@ class FormationRun(SimulatedFlight):
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
 
     def before_tick(self) -> None:
-        """Target and events."""
+        """Move the target, and execute the scenario's events."""
         flight, now_s = self.flight, self.time_s
         self.center_moves = now_s >= flight.center_moves_from_s and not self._ended
         self._move_target()
@@ -259,7 +259,7 @@ class FormationRun(SimulatedFlight):
             self._end()
 
     def sight(self) -> Sight | None:
-        """The inboxes, if the drones have only those."""
+        """The received messages of neighbours, if the scenario has a radio."""
         if self._neighbourhood is None:
             return None
         return self._neighbourhood.exchange(
@@ -279,7 +279,7 @@ class FormationRun(SimulatedFlight):
         self.plan = replace(self.plan, target=target)
 
     def _show_boxes(self) -> None:
-        """Boxes become known when it is their time, but never where somebody could not stop any more."""
+        """Make boxes known at their times, but never where a vehicle could no longer stop."""
         now_s, world = self.time_s, self.world
         names = [name for row, name in enumerate(world.ids) if world.in_air[row] and self.present[row]]
         for entry in [entry for entry in self._boxes if entry[1] <= now_s + 1e-9]:
@@ -310,7 +310,7 @@ class FormationRun(SimulatedFlight):
         self.task[self._joining] = Task.FORMATION
 
     def _end(self) -> None:
-        """Home and down through the filter, or everybody at once by the autopilot's own means."""
+        """End the flight: a return through the filter, or what the autopilots do without setpoints."""
         if self.flight.ending == "return":
             self.come_home(self.flight.takeoff_height_m, begin=not self._ended)
         elif not self._ended:
@@ -321,7 +321,7 @@ class FormationRun(SimulatedFlight):
         self._ended = True
 
     def finished(self) -> bool:
-        """When all are down; among random boxes some time after the last came nearer to one."""
+        """Whether all have landed; among random boxes, whether the last approach was `AFTER_BOXES_S` ago."""
         if self.flight.random_obstacles is not None:
             return self._past_all_boxes()
         return self._ended and not self.record.in_air[-1].any()
@@ -339,7 +339,7 @@ class FormationRun(SimulatedFlight):
 
 
 class GoalRun(SimulatedFlight):
-    """Everybody to a place of its own."""
+    """A flight of every vehicle to a goal of its own."""
 
     def __init__(self, scenario: Scenario, flight: GoalFlight, count: int, seed: int) -> None:
         self.flight = flight
@@ -351,14 +351,14 @@ class GoalRun(SimulatedFlight):
         self._since_s = np.inf
 
     def finished(self) -> bool:
-        """Some time after the last arrived."""
+        """Whether `LINGER_S` have passed since the last arrival."""
         away_m = np.linalg.norm(self.world.position_m - self.record.goal_m, axis=1).max()
         self._since_s = min(self._since_s, self.time_s) if away_m < self.flight.arrived_m else np.inf
         return self.time_s - self._since_s > LINGER_S
 
 
 def _boxes_of(flight: FormationFlight) -> list[tuple[Obstacle, float]]:
-    """The boxes of the file, known from the beginning."""
+    """Return the boxes of the file, known from the beginning."""
     return [
         (
             Obstacle(
@@ -378,14 +378,14 @@ def _boxes_of(flight: FormationFlight) -> list[tuple[Obstacle, float]]:
 
 
 def target_at(time_s: float, place_m: Array, velocity_m_s: Array) -> Target:
-    """The target as an operator would tell it: (2,) place and (2,) velocity."""
+    """Make the target as an operator would set it, with (2,) position and (2,) velocity."""
     return Target(
         float(place_m[0]), float(place_m[1]), float(velocity_m_s[0]), float(velocity_m_s[1]), time_s
     )
 
 
 def fly(scenario: Scenario, count: int, seed: int) -> Record:
-    """Fly it once. Raises: ConfigError when its places cannot be had."""
+    """Fly a scenario once. Raises: ConfigError when its start positions or goals are impossible."""
     if isinstance(scenario.flight, FormationFlight):
         return FormationRun(scenario, scenario.flight, count, seed).fly()
     if isinstance(scenario.flight, GoalFlight):

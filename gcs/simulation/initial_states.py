@@ -1,4 +1,4 @@
-"""Where everybody starts, and where everybody is to go. Pure; random only through the generator given."""
+"""Start positions and goals of all vehicles. Pure; random only through the given generator."""
 
 from math import ceil, sqrt
 
@@ -19,7 +19,7 @@ def assembly_radius_m(count: int) -> float:
 
 
 def grid_m(count: int, spacing_m: float, height_m: float) -> Array:
-    """(count, 3) in rows, about the origin."""
+    """(count, 3) positions in rows, centred at the origin."""
     side = ceil(sqrt(count))
     index = np.arange(count)
     place_m = np.stack([index // side, index % side, np.zeros(count)], axis=1, dtype=np.float64) * spacing_m
@@ -29,7 +29,7 @@ def grid_m(count: int, spacing_m: float, height_m: float) -> Array:
 
 
 def square_m(count: int, spacing_m: float, height_m: float) -> Array:
-    """(count, 3) on an exact grid with as many rows as columns. Raises: ConfigError when that cannot be."""
+    """(count, 3) positions on a square grid. Raises: ConfigError when `count` is not a square number."""
     side = round(sqrt(count))
     if side * side != count:
         raise ConfigError(f"a square start needs a square number of vehicles, not {count}")
@@ -39,9 +39,9 @@ def square_m(count: int, spacing_m: float, height_m: float) -> Array:
 def scattered_m(
     count: int, low_m: Array, high_m: Array, spacing_m: float, random: np.random.Generator
 ) -> Array:
-    """(count, 3) at random in a box, none closer than `spacing_m` to another, heights stretched by 1.5.
+    """(count, 3) random positions in a box, at least `spacing_m` apart with heights scaled by 1.5.
 
-    Raises: ConfigError when the box is too small for that.
+    Raises: ConfigError when the box is too small.
     """
     found_m = np.zeros((0, 3))
     stretch = np.array([1.0, 1.0, 1.0 / 1.5])
@@ -55,7 +55,7 @@ def scattered_m(
 
 
 def lattice(count: int) -> Array:
-    """(count, 3) unit vectors of a Fibonacci lattice: nearly even, and legal from pole to pole."""
+    """(count, 3) unit vectors of a Fibonacci lattice: nearly even, from pole to pole."""
     index = np.arange(count) + 0.5
     z = 1.0 - 2.0 * index / count
     ring = np.sqrt(1.0 - z * z)
@@ -64,7 +64,7 @@ def lattice(count: int) -> Array:
 
 
 def formation_start_m(flight: FormationFlight, count: int, random: np.random.Generator) -> Array:
-    """(count, 3) hovering places, show frame."""
+    """(count, 3) hover positions, show frame."""
     if flight.start == "grid":
         return grid_m(count, flight.spacing_m, flight.takeoff_height_m)
     if flight.start == "square":
@@ -82,7 +82,7 @@ def formation_start_m(flight: FormationFlight, count: int, random: np.random.Gen
 
 
 def goals_m(flight: GoalFlight, count: int, random: np.random.Generator) -> tuple[Array, Array]:
-    """(count, 3) starts and (count, 3) goals, show frame. Raises: ConfigError."""
+    """(count, 3) start positions and (count, 3) goals, show frame. Raises: ConfigError."""
     if flight.layout == "opposite":
         middle_m = np.array([0.0, 0.0, -flight.lowest_m - flight.extent_m])
         start_m = middle_m + flight.extent_m * lattice(count)
@@ -97,7 +97,7 @@ def goals_m(flight: GoalFlight, count: int, random: np.random.Generator) -> tupl
 
 
 def _streams_m(flight: GoalFlight, count: int) -> tuple[Array, Array]:
-    """Two groups in ranks of four: head-on against each other, or across each other's way."""
+    """Two groups in ranks of four that fly head-on, or across each other's path."""
     half = count - count // 2
     index = np.arange(count) % half
     ranks = ceil(half / 4)

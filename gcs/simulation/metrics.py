@@ -1,4 +1,4 @@
-"""The figures of a flight, from its record: everything is judged by the true states."""
+"""Figures of a simulated flight, computed from the true states in its record."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ STEADY_S = 5.0
 ON_ORBIT_M = 0.5
 ROTATIONS = 60
 UNLIKE = 1e3
-"""On the unit sphere; no drone takes the place of one with another charge."""
+"""Cost on the unit sphere of matching vehicles with different charges, which must not happen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +35,8 @@ class Shape:
 
     energy_ratio: Array  # (ticks,)
     nearest_ratio: Array
-    radius_error_m: Array  # largest over the drones
-    settled: Mask  # of each tick alone
+    radius_error_m: Array  # largest over the vehicles
+    settled: Mask  # for each tick alone
 
 
 def shape_over_time(record: Record) -> Shape:
@@ -66,12 +66,12 @@ def shape_over_time(record: Record) -> Shape:
 
 
 def least_nearest(judged: Judged, count: int) -> float:
-    """The table's nearest ratio for so many vehicles."""
+    """The required nearest ratio for this number of vehicles."""
     return judged.nearest_few if count <= judged.few else judged.nearest_many
 
 
 def settle_time_s(record: Record, shape: Shape) -> float | None:
-    """From the last change until settled for good; None: not before the end."""
+    """Time from the last change until permanently settled; None: not settled at the end."""
     not_yet = np.flatnonzero(~shape.settled)
     first = int(not_yet[-1]) + 1 if len(not_yet) else 0
     if first >= len(record.time_s):
@@ -80,14 +80,14 @@ def settle_time_s(record: Record, shape: Shape) -> float | None:
 
 
 def steady_ticks(record: Record) -> NDArray[np.intp]:
-    """Those of the last seconds in formation."""
+    """The ticks of the last seconds in formation."""
     formed = np.array([rows.any() for rows in record.formed])
     ticks = np.flatnonzero(formed)
     return ticks[-round(STEADY_S * record.scenario.world.tick_rate_hz) :]
 
 
 def travel_time_s(way_m: Array, sideways_m_s: float, limits: Limits) -> Array:
-    """Straight flights at the limits: (...,) for ways (..., 3)."""
+    """(...,) durations of straight flights (..., 3) at the limits."""
     level_s = np.hypot(way_m[..., 0], way_m[..., 1]) / min(sideways_m_s, limits.horizontal_m_s)
     up_s, down_s = -way_m[..., 2] / limits.up_m_s, way_m[..., 2] / limits.down_m_s
     longest: Array = np.maximum(level_s, np.maximum(up_s, down_s))
@@ -95,7 +95,7 @@ def travel_time_s(way_m: Array, sideways_m_s: float, limits: Limits) -> Array:
 
 
 def straight_line_time_s(start_m: Array, final_m: Array, sideways_m_s: float, limits: Limits) -> float:
-    """The largest time of the assignment of starts to places, (n, 3) each, whose largest time is smallest."""
+    """Smallest possible largest time over all assignments of starts to final positions, (n, 3) each."""
     cost_s = travel_time_s(final_m[None] - start_m[:, None], sideways_m_s, limits)
     levels = np.unique(cost_s)
     low, high = 0, len(levels) - 1
@@ -108,7 +108,7 @@ def straight_line_time_s(start_m: Array, final_m: Array, sideways_m_s: float, li
 
 
 def shape_error_m(record: Record, ticks: NDArray[np.intp]) -> float:
-    """Rms distance to the best configuration at the commanded centre, best proper rotation, over `ticks`."""
+    """RMS distance to the best configuration at the commanded centre, best proper rotation, over `ticks`."""
     offsets_m = [
         record.position_m[tick][record.formed[tick]].astype(np.float64) - record.center_m[tick]
         for tick in ticks
@@ -125,7 +125,7 @@ def shape_error_m(record: Record, ticks: NDArray[np.intp]) -> float:
 
 
 def _rotation(from_m: Array, to_m: Array) -> Array:
-    """(3, 3) proper rotation that brings (n, 3) points closest to others (Kabsch)."""
+    """(3, 3) proper rotation that best aligns (n, 3) points with others (Kabsch)."""
     left, _, right = np.linalg.svd(from_m.T @ to_m)
     flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     rotation: Array = (left @ flip @ right).T
@@ -138,7 +138,7 @@ def _squared_error(offset_m: Array, place_m: Array) -> float:
 
 
 def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
-    """Which row of the target, of the same charge, belongs to each point; many guesses of the rotation."""
+    """Match each point with a target row of the same charge, starting from many rotations."""
     unlike = UNLIKE * (charge[:, None] != charge[None])
     random = np.random.default_rng(0)
     least, found = np.inf, np.arange(len(points))
@@ -161,7 +161,7 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
 
 
 def separation(record: Record) -> dict[str, object]:
-    """The floor, how close anybody came in its metric, how many pairs were inside it."""
+    """The floor, the smallest distance in its metric, and the number of pairs below it."""
     return {
         "floor_m": record.floor_m,
         "minimum_m": rounded(min(record.closest_m)),
@@ -170,7 +170,7 @@ def separation(record: Record) -> dict[str, object]:
 
 
 def formation(record: Record, shape: Shape) -> dict[str, object]:
-    """Settling, and the steady shape."""
+    """Settling time, and the steady shape."""
     flight = record.scenario.flight
     ticks = steady_ticks(record)
     if isinstance(flight, GoalFlight) or len(ticks) == 0:
@@ -221,7 +221,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
 
 
 def _centered(record: Record, tick: int) -> Array:
-    """(3,) what a place is relative to: the moving centre, once it moves."""
+    """(3,) displacement of the commanded centre since the first tick; 0 without a centre."""
     begin_m, here_m = record.center_m[0], record.center_m[tick]
     return np.where(np.isfinite(here_m) & np.isfinite(begin_m), here_m - begin_m, 0.0)
 
@@ -232,7 +232,7 @@ def _settled_once_s(record: Record, shape: Shape) -> float | None:
 
 
 def tracking(record: Record) -> dict[str, object]:
-    """True centroid against true target, once settled for the first time."""
+    """Errors of the true centroid relative to the true target, after the first settling."""
     flight = record.scenario.flight
     figures: dict[str, object] = {"orbit_radius_error_m": None, "center_speed_m_s": None}
     if isinstance(flight, GoalFlight) or not flight.orbit.radius_m:
@@ -252,7 +252,7 @@ def tracking(record: Record) -> dict[str, object]:
 
 
 def _on_orbit_s(record: Record, flight: FormationFlight | ArticleFlight) -> float | None:
-    """When the commanded centre is on its orbit for the first time, and 5 s more for the drones to settle."""
+    """Time when the commanded centre first reaches its orbit, plus 5 s for the vehicles to settle."""
     for t, center_m in enumerate(record.center_m):
         rho_m = float(np.linalg.norm(center_m[:2] - record.target_m[t]))
         if record.time_s[t] >= flight.center_moves_from_s and abs(rho_m - flight.orbit.radius_m) < ON_ORBIT_M:
@@ -261,11 +261,11 @@ def _on_orbit_s(record: Record, flight: FormationFlight | ArticleFlight) -> floa
 
 
 TOTAL_SHARE, TOTAL_SPARE_S = 1.5, 10.0
-"""`arrival.late_s`: how much later the last came than that share of the longest straight line and so much."""
+"""`arrival.late_s` is the last arrival minus share times the longest straight-line time minus reserve."""
 
 
 def arrival(record: Record) -> dict[str, object]:
-    """Who arrived, and how much later than straight flight at the limits would have been."""
+    """Number of arrivals, and their delay relative to straight flight at the limits."""
     flight, scenario = record.scenario.flight, record.scenario
     if not np.isfinite(record.goal_m).all():
         return dict.fromkeys(("arrived", "median_ratio", "worst_ratio", "total_s", "late_s"))
@@ -291,7 +291,7 @@ def arrival(record: Record) -> dict[str, object]:
 
 
 def obstacles(record: Record, shape: Shape) -> dict[str, object]:
-    """Who came inside a box, how near anybody came, when the shape was whole again, who passed where."""
+    """Penetrations of boxes, least distance, time until the shape was whole again, and sides of passing."""
     if not any(record.boxes):
         keys = ("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side", "through")
         return dict.fromkeys(keys)
@@ -306,13 +306,13 @@ def obstacles(record: Record, shape: Shape) -> dict[str, object]:
 
 
 def _single_box(record: Record) -> bool:
-    """One standing box on a straight way."""
+    """Whether there is one standing box on a straight path."""
     boxes = record.boxes[-1]
     return len(boxes) == 1 and not boxes[0].speed_m_s and record.orbit_radius_m == 0.0
 
 
 def _reformed_s(record: Record, shape: Shape) -> float | None:
-    """From the last passing until settled for good; None: not before the end."""
+    """Time from the last passing until permanently settled; None: not settled at the end."""
     last = last_passing_tick(record)
     not_yet = np.flatnonzero(~shape.settled[last:])
     first = last + (int(not_yet[-1]) + 1 if len(not_yet) else 0)
@@ -320,7 +320,7 @@ def _reformed_s(record: Record, shape: Shape) -> float | None:
 
 
 def ticks_ms(record: Record) -> dict[str, object]:
-    """How long deciding took, in processor time: other runs beside this one do not count."""
+    """Durations of ticks in processor time, which parallel runs do not affect."""
     took_ms = np.array(record.tick_s) * 1e3
     return {
         "p50_ms": rounded(float(np.median(took_ms))),
@@ -329,12 +329,12 @@ def ticks_ms(record: Record) -> dict[str, object]:
 
 
 def rounded(value: float | None, digits: int = 3) -> float | None:
-    """For people; None and infinity have no JSON number."""
+    """Round for output; None for None and infinity, which JSON cannot represent."""
     return None if value is None or not np.isfinite(value) else round(value, digits)
 
 
 def report(record: Record) -> dict[str, object]:
-    """One JSON object about one flight."""
+    """All figures of one flight, as one JSON object."""
     shape = shape_over_time(record)
     duration_s = record.time_s[-1] + 1.0 / record.scenario.world.tick_rate_hz
     return {

@@ -1,4 +1,4 @@
-"""Drones that tell each other where they are, over a limited range, late, and not every time."""
+"""Messages between neighbouring vehicles, with limited range, delay and loss."""
 
 from collections import deque
 from math import sqrt
@@ -15,11 +15,11 @@ from gcs.simulation.scenario import Radio
 PLACE, PACE, CENTER, CENTER_PACE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 DEGREE, SENT = 12, 13
 WORDS = 14
-"""A message: position, velocity, believed centre and its velocity, how many the sender hears, when."""
+"""Numbers in a message: position, velocity, estimated centre and its velocity, number of neighbours, time."""
 
 
 def range_m(neighbours: int, count: int, radius_m: float) -> float:
-    """A range that holds about so many neighbours of `count` drones spread evenly over the sphere.
+    """Range that includes about `neighbours` of `count` vehicles, spread evenly over the sphere.
 
     The cap of the sphere within a chord d has the share (d / 2R)^2 of its area.
     """
@@ -27,17 +27,17 @@ def range_m(neighbours: int, count: int, radius_m: float) -> float:
 
 
 class Neighbourhood:
-    """Everybody's inbox, and what everybody believes."""
+    """Received messages of every vehicle, and its estimate of the centre."""
 
     def __init__(self, radio: Radio, charge: Array, radius_m: float, tick_s: float, seed: int) -> None:
-        """`charge` (n,); nobody has heard anybody yet."""
+        """`charge` (n,); no message has been sent yet."""
         n = len(charge)
         self._radio, self._charge, self._tick_s = radio, charge, tick_s
         self._range_m = range_m(radio.neighbours, n, radius_m)
         self._random = np.random.default_rng([seed, 2])
-        self._newest = np.full((n, n, WORDS), np.nan)  # row heard from column
+        self._newest = np.full((n, n, WORDS), np.nan)  # received by row from column
         self._newest[:, :, SENT] = -np.inf
-        self._under_way: deque[tuple[float, Mask, Array]] = deque()  # arrival, who gets it, what all say
+        self._under_way: deque[tuple[float, Mask, Array]] = deque()  # arrival, receivers, messages
         self._belief = Belief.nothing(n)
         sees = self._random.permutation(n) < max(1, round(radio.sighting_share * n))
         error_m = radio.sighting_error_m * self._random.standard_normal((n, 3))
@@ -46,16 +46,16 @@ class Neighbourhood:
     def exchange(
         self, now_s: float, position_m: Array, velocity_m_s: Array, present: Mask, center: Center | None
     ) -> Sight:
-        """Everybody reads what has arrived, makes up its mind, and speaks.
+        """Deliver messages, update every vehicle's estimate, and send its next message.
 
         Args:
             now_s: virtual time.
-            position_m: (n, 3) as each drone itself knows it.
+            position_m: (n, 3) each vehicle's own estimate.
             velocity_m_s: (n, 3) likewise.
-            present: (n,) who hears and speaks.
-            center: as it is commanded, for those who see it; None before there is one.
+            present: (n,) vehicles that send and receive.
+            center: the commanded centre, for vehicles that observe it; None before there is one.
 
-        Returns: what each drone's law sees now.
+        Returns: what each vehicle's law knows now.
         """
         self._deliver(now_s)
         mail, columns = self._mail(now_s)
@@ -79,7 +79,7 @@ class Neighbourhood:
             self._newest = np.where(gets[:, :, None], stated[None], self._newest)
 
     def _mail(self, now_s: float) -> tuple[Array, NDArray[np.intp]]:
-        """The newest (n, k, WORDS) that each has from those heard lately, NaN rows behind; and from whom."""
+        """(n, k, WORDS) newest recent message of each sender, padded with NaN, and (n, k) sender columns."""
         lately = now_s - self._newest[:, :, SENT] <= self._radio.silence_max_s
         most = max(1, int(lately.sum(axis=1).max(initial=0)))
         columns = np.argsort(~lately, axis=1, kind="stable")[:, :most]
@@ -90,7 +90,7 @@ class Neighbourhood:
     def _sighted(self, center: Center | None) -> Belief:
         if center is None:
             return Belief.nothing(len(self._charge))
-        unseen = 0.0 * self._sighting_error_m  # NaN for those who do not see it
+        unseen = 0.0 * self._sighting_error_m  # NaN for vehicles that do not observe the centre
         return Belief(center.position_m + self._sighting_error_m, center.velocity_m_s + unseen)
 
     def _speak(

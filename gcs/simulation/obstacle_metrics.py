@@ -1,4 +1,4 @@
-"""How a flight passed its boxes: who came inside, how near, when all were past, on which side."""
+"""How a flight passed its boxes: penetrations, least distance, end of passing, and side."""
 
 import numpy as np
 
@@ -9,17 +9,17 @@ from gcs.simulation.trace import Record
 
 PENETRATION_M = 1.0
 NEAR_M = 15.0
-"""Who is farther from a box than this has nothing to do with it."""
+"""Vehicles farther from a box than this ignore it."""
 
 NEARER_M_S = 0.5
-"""Who comes nearer to a box no faster than this has passed it: shaking is not approaching."""
+"""A vehicle that approaches a box more slowly than this has passed it: jitter is not an approach."""
 
 THROUGH_M = 2.0
-"""At the end everybody is at most so far from the sphere, and the sphere from where it was sent."""
+"""Largest final distance of vehicles from the sphere, and of the sphere from its destination."""
 
 
 def penetrations_and_clearance_m(record: Record) -> tuple[int, float]:
-    """How many drones were inside a box grown by 1 m, below its top plus 1 m; the least distance to one."""
+    """Number of vehicles inside a box grown by 1 m, sides and top; and least distance to a box."""
     inside = np.zeros(record.count, dtype=bool)
     least_m = np.inf
     for tick, boxes in enumerate(record.boxes):
@@ -34,12 +34,12 @@ def penetrations_and_clearance_m(record: Record) -> tuple[int, float]:
 
 
 def last_passing_tick(record: Record) -> int:
-    """The last at which somebody still came nearer to a box; 0 without any."""
+    """The last tick at which a vehicle approached a box; 0 without any."""
     return max((tick for tick in range(1, len(record.time_s)) if approaching(record, tick)), default=0)
 
 
 def approaching(record: Record, tick: int) -> bool:
-    """Whether at that tick a drone that must avoid a near box came nearer to it, or a box became known."""
+    """Whether at that tick a vehicle approached a near box that it must avoid, or a box became known."""
     headroom_m = record.scenario.control.law.avoidance.headroom_m
     step_m = NEARER_M_S / record.scenario.world.tick_rate_hz
     before = {box.id: box for box in record.boxes[tick - 1]}
@@ -58,7 +58,7 @@ def approaching(record: Record, tick: int) -> bool:
 
 
 def same_side(record: Record) -> bool:
-    """Whether those who had to avoid the one standing box all passed it on the same side of the course."""
+    """Whether all vehicles that had to avoid the single standing box passed it on the same side."""
     box = record.boxes[-1][0]
     course_m = record.target_m[-1] - record.center_m[0][:2]
     ahead = course_m / max(float(np.linalg.norm(course_m)), 1e-9)
@@ -75,7 +75,7 @@ def same_side(record: Record) -> bool:
 
 
 def through(record: Record) -> bool:
-    """Whether the formation is where it was sent, everybody of it on the sphere."""
+    """Whether the formation is at its destination, with all its vehicles on the sphere."""
     center_m, rows = record.center_m[-1], record.formed[-1]
     away_m = abs(float(np.linalg.norm(center_m[:2] - record.target_m[-1])) - record.orbit_radius_m)
     off_m = np.linalg.norm(record.position_m[-1][rows] - center_m, axis=1) - record.radius_m[-1]
@@ -83,7 +83,7 @@ def through(record: Record) -> bool:
 
 
 def _meets(ellipse: Ellipse, start_m: Array, ahead: Array) -> Mask:
-    """(n,) whether a straight line from each start (n, 3) along `ahead` (2,) leads through the ellipse."""
+    """(n,) whether a straight line from each start (n, 3) along `ahead` (2,) crosses the ellipse."""
     point, heading = ellipse.normalised(start_m), ahead / ellipse.semi_m
     along = point @ heading
     outside = (point**2).sum(axis=1) - 1.0
@@ -92,6 +92,6 @@ def _meets(ellipse: Ellipse, start_m: Array, ahead: Array) -> Mask:
 
 
 def _beyond_m(box: Obstacle, position_m: Array) -> Array:
-    """(n, 3) how far beyond the box's faces: x, y, and above its top; negative within."""
+    """(n, 3) distance beyond the box's faces in x and y, and above its top; negative inside."""
     level_m = np.abs(position_m[:, :2] - (box.x_m, box.y_m)) - (box.half_length_x_m, box.half_length_y_m)
     return np.column_stack([level_m, -position_m[:, 2] - box.height_m]).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Compiled sums over pairs for the judgement; on purpose not the code that flies."""
+"""Compiled sums over pairs for metrics, deliberately independent of the code that flies."""
 
 import numpy as np
 
@@ -12,9 +12,9 @@ FAR_M = 1e9
 def closest_m(
     position_m: Array, in_air: Mask, present: Mask, scale_z: float, pad_height_m: float, inside_m: float
 ) -> tuple[float, int]:
-    """Smallest distance of the pairs that count, heights times `scale_z`; and how many are within `inside_m`.
+    """Smallest distance of the pairs that count, heights times `scale_z`, and the number within `inside_m`.
 
-    A pair counts when at least one of it is in the air and not both are below `pad_height_m`.
+    A pair counts when at least one vehicle is airborne and not both are below `pad_height_m`.
     """
     n = len(position_m)
     least_m2, inside = FAR_M * FAR_M, 0
@@ -45,7 +45,7 @@ def energy_and_nearest(direction: Array, charge: Array | None = None) -> tuple[f
 def energy_and_gradient(flat: Array, charge: Array | None = None) -> tuple[float, Array]:
     """Energy of charges (n,), 1 each unless given, at the directions of n points, (3 n,) flattened.
 
-    Returns: and its gradient with respect to the points, (3 n,).
+    Returns: the energy, and its gradient with respect to the points, (3 n,).
     """
     return _energy_and_gradient(flat, np.ones(len(flat) // 3) if charge is None else charge)
 

@@ -1,4 +1,4 @@
-"""Section 5 of the article: its own law, parameters and virtual dynamics, instead of the tick that flies."""
+"""Section 5 of the article: its own law, parameters and virtual dynamics, instead of the real tick."""
 
 import time
 from dataclasses import dataclass, field
@@ -24,22 +24,22 @@ from gcs.simulation.scenario import ArticleFlight, Scenario
 from gcs.simulation.trace import Record
 
 SUBSTEPS = 10
-"""Steps of the virtual dynamics in a tick; at 20 Hz they last 5 ms."""
+"""Steps of the virtual dynamics per tick; at 20 Hz each is 5 ms."""
 
 JUDGED_S = 10.0
-"""Edges and orbit are judged over so long at the end: more than once round the orbit."""
+"""Edges and orbit are measured over this time at the end, which is more than one orbit."""
 
 AWARE_M = 40.0
-"""Boxes farther from the centre than this are passed over: they are beyond every reach of the avoidance."""
+"""Boxes farther from the centre than this are ignored: they are out of range of the avoidance."""
 
 VERTICES = 4
 TETRAHEDRON_EDGE = sqrt(8.0 / 3.0)
-"""Of the regular tetrahedron in the unit sphere: 1.633."""
+"""Edge of the regular tetrahedron in the unit sphere: 1.633."""
 
 
 @dataclass(slots=True, eq=False)
 class VirtualFormation:
-    """Drones, their centre and the sides chosen: what the virtual dynamics move. Show frame."""
+    """State of the virtual dynamics: vehicles, centre and chosen sides, in the show frame."""
 
     position_m: Array  # (n, 3)
     velocity_m_s: Array  # (n, 3)
@@ -48,7 +48,7 @@ class VirtualFormation:
 
 
 def fly_article(scenario: Scenario, flight: ArticleFlight, count: int, seed: int) -> Record:
-    """Fly it once. Raises: ConfigError when the vehicles do not fit where they are to start."""
+    """Fly once. Raises: ConfigError when the vehicles do not fit into the start volume."""
     start_m = _start_m(flight, count, np.random.default_rng([seed, 1]))
     course = Course.of(flight, count)
     formation = VirtualFormation(
@@ -81,7 +81,7 @@ def _start_m(flight: ArticleFlight, count: int, random: np.random.Generator) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """What the formation flies through and after, and with which charges."""
+    """Obstacles, target and charges of a flight."""
 
     flight: ArticleFlight
     target: Target
@@ -91,7 +91,7 @@ class Course:
 
     @staticmethod
     def of(flight: ArticleFlight, count: int) -> "Course":
-        """As the scenario says."""
+        """Make the course of a scenario."""
         boxes = tuple(
             Obstacle(f"box {k + 1}", b.x_m, b.y_m, b.half_length_x_m, b.half_length_y_m, b.height_m)
             for k, b in enumerate(flight.boxes)
@@ -106,15 +106,15 @@ class Course:
         return Course(flight, target, boxes, ellipses, np.full(count, flight.charge))
 
     def near(self, center_m: Array) -> bool:
-        """Whether a centre at (3,) is so near to a box that anybody has to know of it."""
+        """Whether a centre at (3,) is within `AWARE_M` of a box."""
         return any(ellipse.distance_m(center_m[None])[0] < AWARE_M for ellipse in self.ellipses.values())
 
     def target_m(self, time_s: float) -> Array:
-        """(2,) where it is."""
+        """(2,) position of the target."""
         return np.array(self.target.position_m(time_s))
 
     def center_velocity_m_s(self, center_m: Array, time_s: float) -> Array:
-        """(3,) that the tracking law, as corrected, wants of a centre at (3,); the target's is in it."""
+        """(3,) velocity of the corrected tracking law for a centre at (3,), with the target's velocity."""
         if time_s < self.flight.center_moves_from_s:
             return np.zeros(3)
         orbit = self.flight.orbit
@@ -129,7 +129,7 @@ class Course:
 
 
 def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: float) -> None:
-    """Centre and drones, `dt_s` on."""
+    """Advance centre and vehicles by `dt_s`."""
     flight, before = course.flight, formation.center
     ellipses = course.ellipses if course.near(before.position_m) else {}
     ahead_m = before.position_m + dt_s * before.velocity_m_s  # the field counts where the step ends
@@ -187,11 +187,11 @@ def _closest_m(position_m: Array, floor: Floor, record: Record) -> float:
 
 
 def article_figures(record: Record) -> dict[str, object]:
-    """What section 5 claims, by the true states at the end of a flight of its own four drones.
+    """Figures of the claims in section 5, from the true states at the end of a flight of four vehicles.
 
-    `edge_error` is the largest of any edge, as a share of 1.633 r_d; `orbit_radius_error_m` the largest
-    distance of the centroid from the orbit; `inside_ellipse` how many drones ever were inside the article's
-    own ellipse, half-axes sqrt(2) times the half-lengths, at any height.
+    `edge_error` is the largest error of any edge, as a share of 1.633 r_d. `orbit_radius_error_m` is the
+    largest distance of the centroid from the orbit. `inside_ellipse` counts the vehicles that ever were in
+    the article's own ellipse (half-axes sqrt(2) times the half-lengths), at any height.
     """
     nothing = dict.fromkeys(("edge_error", "orbit_radius_error_m", "inside_ellipse"))
     flight = record.scenario.flight

@@ -1,4 +1,4 @@
-"""Section 5 of the article as figures: paths, distances, radii, the way round the target."""
+"""Section 5 of the article as figures: paths, distances, radii, and the orbit around the target."""
 
 from itertools import combinations
 
@@ -19,13 +19,13 @@ from gcs.simulation.scenario import ArticleFlight
 from gcs.simulation.trace import Record
 
 SHOWN_S = 12.0
-"""Paths over the ground are shown for so long: at the end, or before and after the obstacle."""
+"""Time span of horizontal paths in figures: at the end, or before and after the obstacle."""
 
 SNAPSHOTS = 5
 
 
 def draw_article(page: Figure, record: Record, flight: ArticleFlight) -> None:
-    """Fill the page."""
+    """Draw all plots of one flight on the page."""
     grid = page.add_gridspec(3, 2, width_ratios=(1.1, 1.0), height_ratios=(1.1, 1.0, 1.0))
     _assembly(page.add_subplot(grid[0, 0], projection="3d"), record)
     _from_above(page.add_subplot(grid[1:, 0]), record, flight)
@@ -43,7 +43,7 @@ def _colours(record: Record) -> list[tuple[float, float, float, float]]:
 
 
 def _assembly(axes: Axes3D, record: Record) -> None:
-    """Paths relative to the centre, and the polyhedron in which they end."""
+    """Plot paths relative to the centre, and the final polyhedron."""
     offset_m = (record.path_m - np.array(record.center_m)[:, None]) * (1.0, 1.0, -1.0)
     for row, colour in enumerate(_colours(record)):
         axes.plot(*offset_m[:, row].T, color=colour, linewidth=0.5, alpha=0.7)
@@ -57,7 +57,7 @@ def _assembly(axes: Axes3D, record: Record) -> None:
 
 
 def _shown_ticks(record: Record, flight: ArticleFlight) -> NDArray[np.intp]:
-    """The last seconds; with an obstacle those about the moment when the drones were nearest to it."""
+    """The last `SHOWN_S`; with an obstacle the ticks around the time of the nearest approach to it."""
     rate_hz = record.scenario.world.tick_rate_hz
     half, last = round(SHOWN_S * rate_hz / 2), len(record.time_s)
     middle = last - half

@@ -1,7 +1,7 @@
 """The article's own controller and virtual dynamics (sections 1, 2.3 and 4.3), kept as a model.
 
-It is nearly undamped with the article's parameters (zeta = 0.025) and is not what flies; `gcs.formation.law`
-is. The scenarios of section 5 use it.
+It is nearly undamped with the article's parameters (zeta = 0.025). Real flights use `gcs.formation.law`; only
+the scenarios of section 5 use this controller.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from gcs.model.settings import Positive, Settings
 from gcs.model.state import Array
 
 ANSWER_S = 0.2
-"""A drone that avoids takes on the velocity along its tangent with this time constant."""
+"""Time constant with which an avoiding vehicle takes on the velocity along its tangent."""
 
 
 class ArticleParameters(Settings):
@@ -36,7 +36,7 @@ def formation_force(
 
     Args:
         position_m: (n, 3).
-        center_m: (3,), or (n, 3) where each drone believes in a centre of its own.
+        center_m: (3,), or (n, 3) if each vehicle has its own estimate of the centre.
         charge: (n,).
         parameters: gains and radius.
 
@@ -50,7 +50,7 @@ def formation_force(
 def feed_forward_force(
     center_velocity_m_s: Array, center_acceleration_m_s2: Array, parameters: ArticleParameters
 ) -> Array:
-    """What carries every drone along with a moving centre: ``M a_c + k v_c``, (3,) in N.
+    """Force that moves every vehicle with the centre: ``M a_c + k v_c``, (3,) in N.
 
     Without it the article's own orbit pulls the formation apart (FACTS, section 1, row 3).
     """
@@ -61,7 +61,7 @@ def feed_forward_force(
 
 
 def acceleration(velocity_m_s: Array, force_n: Array, parameters: ArticleParameters) -> Array:
-    """The virtual dynamics, ``(u - k p') / M``: (n, 3) in m/s^2, of drones at (n, 3) m/s under (n, 3) N.
+    """The virtual dynamics, ``(u - k p') / M``: (n, 3) in m/s^2, for (n, 3) velocities and forces in N.
 
     Source: article, section 1.
     """
@@ -79,22 +79,22 @@ def avoiding_force(
     parameters: ArticleParameters,
     settings: AvoidanceSettings,
 ) -> Array:
-    """The force that makes a drone fly along its tangent where the law's own leads into an ellipse.
+    """Force that turns a vehicle along its tangent where the law's force leads into an ellipse.
 
-    The article blends velocities, its dynamics obey forces: what is turned is the velocity to which the force
-    leads within `ANSWER_S`, and the force is changed by what that turn takes.
+    The article blends velocities, but its dynamics take forces. Therefore the velocity to which the force
+    leads within `ANSWER_S` is turned, and the force is changed by the amount that the turn needs.
 
     Args:
         position_m: (n, 3), z down, as `velocity_m_s` and `force_n`.
         velocity_m_s: (n, 3).
-        force_n: (n, 3) that formation and feed-forward want.
+        force_n: (n, 3) force of formation and feed-forward.
         ellipses: around the obstacles.
-        sides: LEFT or RIGHT, chosen once for the whole formation.
+        sides: LEFT or RIGHT for each obstacle, chosen once for the whole formation.
         sliding_m_s: (n,) speed to keep along the tangent.
         parameters: mass and damping.
         settings: distances and rates of the avoidance.
 
-    Returns: (n, 3) in N; exactly `force_n` where nothing is in the way.
+    Returns: (n, 3) in N; exactly `force_n` where no ellipse is in the way.
     Source: article, section 4.3.
     """
     desired_m_s = velocity_m_s + ANSWER_S * acceleration(velocity_m_s, force_n, parameters)
@@ -104,10 +104,10 @@ def avoiding_force(
 
 
 def step_center(center: Center, desired_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
-    """Move the centre as `step_virtual` moves drones, (3,) each, no harder than the limit.
+    """Move the centre as `step_virtual` moves vehicles, (3,) each, within the acceleration limit.
 
-    With the same integration and `feed_forward_force` the drones' motion relative to the centre is exactly
-    that about a centre at rest, however hard it turns.
+    With the same integration and `feed_forward_force`, the vehicles' motion relative to the centre is exactly
+    that about a centre at rest, however hard the centre turns.
     """
     moved = advance_center(center, desired_m_s, dt_s, acceleration_max_m_s2)
     return replace(moved, position_m=center.position_m + dt_s * moved.velocity_m_s)

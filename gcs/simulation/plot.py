@@ -19,7 +19,7 @@ COLOURS = "viridis"
 
 
 def draw(record: Record, file: Path) -> dict[str, object]:
-    """Draw the flight into `file`. Returns: its figures."""
+    """Draw the flight into `file`. Returns: the figures of the flight."""
     figures = report(record)
     page = Figure(figsize=(11.0, 8.0), layout="constrained")
     if isinstance(record.scenario.flight, ArticleFlight):

@@ -1,4 +1,4 @@
-"""Random worlds with boxes in the way. Pure; random only through the generator given."""
+"""Random worlds with boxes in the way. Pure; random only through the given generator."""
 
 from dataclasses import dataclass
 from math import cos, pi, sin
@@ -11,30 +11,30 @@ from gcs.model.state import Array
 from gcs.simulation.scenario import RandomObstacles
 
 TRIES = 2000
-"""Of placing one box; a field that is full then gets fewer."""
+"""Tries to place one box; a full field then has fewer boxes."""
 
 MOMENTS_S = np.arange(0.0, 121.0, 1.0)
-"""At which the ways of moving boxes are looked at."""
+"""Times at which the paths of moving boxes are checked."""
 
 START_CLEAR_S = 5.0
-"""For so long no moving box comes near the start."""
+"""Time during which no moving box comes near the start."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObstacleWorld:
-    """The centre flies from the origin to the target, or round the origin; boxes are in the way."""
+    """A world in which the centre flies from the origin to the target, or around the origin, among boxes."""
 
     target_m: tuple[float, float]
     speed_m_s: float
     boxes: tuple[Obstacle, ...]
-    appear_s: tuple[float, ...]  # when each becomes known
+    appear_s: tuple[float, ...]  # when each box becomes known
     orbit_radius_m: float = 0.0
 
 
 def draw_world(
     random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
 ) -> ObstacleWorld:
-    """A world as the scenario wants it, for a sphere of that radius."""
+    """Draw a world for a scenario and a sphere of that radius."""
     if settings.kind == "one":
         return _one_in_the_way(random, settings, avoidance, sphere_m)
     if settings.kind == "on-orbit":
@@ -45,7 +45,7 @@ def draw_world(
 def _one_in_the_way(
     random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
 ) -> ObstacleWorld:
-    """One box that stands where the sphere's straight way leads, and a target behind it."""
+    """One box on the sphere's straight path, and a target behind it."""
     ahead, aside = _course(random)
     half_m = _half_lengths_m(random, settings)
     height_m = random.uniform(settings.height_min_m, settings.height_max_m)
@@ -66,7 +66,7 @@ def _one_in_the_way(
 def _one_on_the_orbit(
     random: np.random.Generator, settings: RandomObstacles, sphere_m: float
 ) -> ObstacleWorld:
-    """The orbit of the centre, begun at angle 0, runs through the box."""
+    """One box on the orbit of the centre, which begins at angle 0."""
     turn_rad = random.uniform(0.5 * pi, 1.5 * pi)
     off_m = settings.orbit_radius_m + random.uniform(-4.0, 4.0)
     half_m = _half_lengths_m(random, settings)
@@ -80,7 +80,7 @@ def _one_on_the_orbit(
 def _many(
     random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
 ) -> ObstacleWorld:
-    """Boxes between start and target; some overlap, some move, all leave a passage."""
+    """Many boxes between start and target: some overlap, some move, and all leave a passage."""
     ahead, aside = _course(random)
     target_m = settings.length_m * ahead
     speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
@@ -101,7 +101,7 @@ def _many(
 
 
 def _course(random: np.random.Generator) -> tuple[Array, Array]:
-    """(2,) unit vector of a course, and (2,) to its right."""
+    """(2,) unit vector of a random course, and (2,) unit vector to its right."""
     heading_rad = random.uniform(-pi, pi)
     return np.array([cos(heading_rad), sin(heading_rad)]), np.array([-sin(heading_rad), cos(heading_rad)])
 
@@ -131,7 +131,7 @@ def _somewhere(
 def _clear_of_ends(
     box: Obstacle, settings: RandomObstacles, avoidance: AvoidanceSettings, target_m: Array, sphere_m: float
 ) -> bool:
-    """Nobody is near the start at the beginning, nor ever near the sphere at the target."""
+    """Whether a box is never near the sphere at the target, nor near the start at the beginning."""
     for time_s in MOMENTS_S if box.speed_m_s else MOMENTS_S[:1]:
         ellipse = Ellipse.around(
             box, margin_m=avoidance.margin_m, headroom_m=avoidance.headroom_m, time_s=float(time_s)
@@ -145,7 +145,7 @@ def _clear_of_ends(
 
 
 def _leaves_passage(box: Obstacle, other: Obstacle, passage_m: float) -> bool:
-    """Standing boxes overlap, or leave a passage; where one moves there is always one."""
+    """Whether two boxes leave a passage at all times; standing boxes may overlap instead."""
     half_m = np.array(
         [box.half_length_x_m + other.half_length_x_m, box.half_length_y_m + other.half_length_y_m]
     )

@@ -1,7 +1,7 @@
-"""The best shapes known, ready at hand for the fleets that are judged (the Thomson problem).
+"""The best known shapes (Thomson problem) for the fleets that are judged.
 
-`best.npz` beside this file holds them for N = 2 to 32 and some larger; it was written by `write`, which
-`python -m gcs.simulation.reference_shapes` calls.
+`best.npz` beside this file has them for N = 2 to 32 and some larger N. `write` made it; it is run with
+`python -m gcs.simulation.reference_shapes`.
 """
 
 from functools import cache
@@ -20,7 +20,7 @@ FEW_STARTS = 6
 
 
 def search(charge: Array, starts: int, seed: int = 0) -> Array:
-    """The best of several descents from random starts, for charges (n,): (n, 3) unit vectors."""
+    """Search with several descents from random starts, for charges (n,). Returns: (n, 3) unit vectors."""
     count = len(charge)
     random = np.random.default_rng(seed)
     least, found = np.inf, np.zeros((count, 3))
@@ -41,9 +41,9 @@ def search(charge: Array, starts: int, seed: int = 0) -> Array:
 
 
 def best(charges: int | tuple[float, ...]) -> Array:
-    """(n, 3) unit vectors of the best configuration known here; searched for when it is not at hand.
+    """(n, 3) unit vectors of the best known configuration; searched for if not stored.
 
-    `charges` are those of n drones, or their number when all are alike.
+    `charges` are those of n vehicles, or the number of vehicles with equal charges.
     """
     if isinstance(charges, int) or len(set(charges)) == 1:
         return _best_alike(charges if isinstance(charges, int) else len(charges))
@@ -73,7 +73,7 @@ def best_figures(charges: int | tuple[float, ...]) -> tuple[float, float]:
 
 
 def write(path: Path) -> None:
-    """Search them all; takes some minutes."""
+    """Search all shapes and store them; takes some minutes."""
     found = {str(count): search(np.ones(count), STARTS) for count in KEPT}
     np.savez_compressed(path, **{name: unit.astype(np.float32) for name, unit in found.items()})  # type: ignore[arg-type]
 

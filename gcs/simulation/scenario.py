@@ -1,4 +1,4 @@
-"""What a scenario file says: the flight, the world it happens in, and what must come out."""
+"""Scenario files: the flight, its simulated world, and the required results."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,28 +24,28 @@ VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
 Row: TypeAlias = Literal[
     "shape", "saddle", "article", "tracking", "separation", "obstacles", "changes", "neighbours", "landing"
 ]
-"""The rows of docs/flight-quality.md: scenarios that show the same thing."""
+"""The rows of docs/flight-quality.md: scenarios that answer the same question."""
 
 ROWS: tuple[str, ...] = get_args(Row)
 
 MOST_PARENTS = 3
-"""A scenario may be like another that is like another; a longer chain is a loop or a riddle."""
+"""Longest chain of `like`; a longer one is a loop, or too hard to follow."""
 
 
 class Wind(Settings):
-    """The air over the ground: a mean, and gusts that every vehicle meets on its own."""
+    """Wind: a mean, and independent gusts at every vehicle."""
 
     mean_x_m_s: float = 0.0
     mean_y_m_s: float = 0.0
     gust_m_s: NotNegative = 0.0  # standard deviation along each axis
-    gust_time_s: Positive = 2.0  # of their correlation
+    gust_time_s: Positive = 2.0  # correlation time
 
 
 class World(Settings):
-    """How vehicles and links really are, whatever the ground station believes."""
+    """True properties of vehicles and links, which the ground station does not know."""
 
     response_spread: Share = 0.2  # each vehicle's gains, delay and drag differ by up to this, at random
-    drag_per_s: NotNegative = 1.0  # PX4's own simulator; real quadrotors have 0.1 to 0.3
+    drag_per_s: NotNegative = 1.0  # as in PX4's simulator; real quadrotors have 0.1 to 0.3
     noise: NotNegative = 0.0  # times the recorded error of the vehicles' own estimates
     telemetry_delay_s: NotNegative = 0.0  # one way
     setpoint_delay_s: NotNegative = 0.0  # one way
@@ -55,7 +55,7 @@ class World(Settings):
 
 
 class SteadyTarget(Settings):
-    """A ground target that goes straight on."""
+    """A ground target with constant velocity."""
 
     x_m: float = 0.0
     y_m: float = 0.0
@@ -64,13 +64,13 @@ class SteadyTarget(Settings):
 
 
 class TargetPath(SteadyTarget):
-    """The ground target: where it begins, and how its velocity changes."""
+    """A ground target: its start, and the changes of its velocity."""
 
     turns: tuple["Turn", ...] = ()
 
 
 class Turn(Settings):
-    """For a while the target accelerates."""
+    """A period in which the target accelerates."""
 
     from_s: NotNegative
     to_s: NotNegative
@@ -79,7 +79,7 @@ class Turn(Settings):
 
 
 class Circle(Settings):
-    """The orbit of the formation's centre; radius 0: it sits above the target."""
+    """The orbit of the formation's centre; radius 0: the centre stays above the target."""
 
     radius_m: NotNegative = 0.0
     speed_m_s: Positive = 2.0
@@ -87,7 +87,7 @@ class Circle(Settings):
 
 
 class StandingBox(Settings):
-    """An obstacle."""
+    """An obstacle at rest."""
 
     x_m: float
     y_m: float
@@ -97,14 +97,14 @@ class StandingBox(Settings):
 
 
 class Box(StandingBox):
-    """An obstacle, and how it moves."""
+    """An obstacle with a velocity."""
 
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
 
 
 class RandomObstacles(Settings):
-    """Boxes drawn at random for every seed, in the way of a formation that flies at once."""
+    """Random boxes for every seed, in the way of a formation that starts at once."""
 
     kind: Literal["one", "many", "on-orbit"]
     half_length_min_m: Positive = 1.5
@@ -116,7 +116,7 @@ class RandomObstacles(Settings):
     length_m: Positive = 120.0  # from start to target, among many boxes
     orbit_radius_m: Positive = 30.0
     boxes_max: Annotated[int, Field(ge=1, le=MAX_OBSTACLES)] = 10
-    moving_share: Share = 0.3  # no faster than half the formation
+    moving_share: Share = 0.3  # at most half as fast as the formation
     sudden_share: Share = 0.3  # of the boxes become known in flight, never within a stopping distance
     sudden_until_s: NotNegative = 15.0
     passage_m: Positive = 6.0  # between boxes that do not overlap: twice floor, margin and uncertainty
@@ -125,24 +125,24 @@ class RandomObstacles(Settings):
 
 
 class Radio(Settings):
-    """Each drone's law knows only what its neighbours say: where they are, and think the centre is."""
+    """Each vehicle's law knows only its neighbours' messages: their positions and estimates of the centre."""
 
-    neighbours: Annotated[int, Field(ge=1)] = 12  # the range holds about so many on the finished sphere
+    neighbours: Annotated[int, Field(ge=1)] = 12  # about this many are in range on the finished sphere
     delay_s: NotNegative = 0.1
-    loss: Share = 0.1  # of the messages, each between two drones by itself
-    silence_max_s: Positive = 0.5  # who was not heard for so long is forgotten
+    loss: Share = 0.1  # of the messages, independently for each pair
+    silence_max_s: Positive = 0.5  # messages older than this are ignored
     center: Literal["given", "agreed"] = "given"  # agreed: by consensus between neighbours, from sightings
-    sighting_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # of the drones see the centre
-    sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, each drone's own, constant
+    sighting_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # of the vehicles observe the centre
+    sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, constant for each vehicle
     consensus: ConsensusSettings = ConsensusSettings()
 
 
 class FormationFlight(Settings):
-    """Vehicles that hover at take-off height are engaged at time 0, all of them, and stay in formation."""
+    """A flight in formation: all vehicles hover at take-off height and are engaged at time 0."""
 
     kind: Literal["formation"]
     start: Literal["grid", "random", "square", "sphere"] = "grid"
-    pads: Literal["below", "shuffled"] = "below"  # below the start; a grid on the ground, anybody's anywhere
+    pads: Literal["below", "shuffled"] = "below"  # below the start, or a random permutation of a grid
     spacing_m: Positive = 4.0
     takeoff_height_m: Positive = 5.0
     radius_m: Positive | None = None  # None: max(10, 1.4 sqrt(N))
@@ -154,24 +154,24 @@ class FormationFlight(Settings):
     random_obstacles: RandomObstacles | None = (
         None  # also set target, orbit and speed; only with start: sphere
     )
-    leave_share: Share = 0.0  # of the vehicles vanish at `change_s`
+    leave_share: Share = 0.0  # of the vehicles disappear at `change_s`
     join: Annotated[int, Field(ge=0)] = 0  # vehicles that hover beside the others join at `change_s`
     change_s: NotNegative = 0.0
     ending: Literal["none", "return", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
-    radio: Radio | None = None  # None: the law knows everything that the ground station hears
-    charges: tuple[Positive, ...] = (1.0,)  # vehicle by vehicle, from the first again when they run out
-    speeds_m_s: tuple[Positive, ...] = ()  # likewise each vehicle's own limit; none: only the fleet's
+    radio: Radio | None = None  # None: the law knows everything that the ground station receives
+    charges: tuple[Positive, ...] = (1.0,)  # vehicle by vehicle, repeated from the first
+    speeds_m_s: tuple[Positive, ...] = ()  # likewise each vehicle's own limit; empty: only the fleet's
 
 
 class GoalFlight(Settings):
-    """Every vehicle flies to a place of its own, all at once."""
+    """A flight of all vehicles at once, each to a goal of its own."""
 
     kind: Literal["goals"]
     layout: Literal["opposite", "cube", "head-on", "crossing"]
-    extent_m: Positive  # radius of the sphere; edge of the cube; length of the ways
-    spacing_m: Positive = 6.0  # of the places, at least
-    lowest_m: Positive = 10.0  # height of the lowest place
+    extent_m: Positive  # radius of the sphere; edge of the cube; length of the paths
+    spacing_m: Positive = 6.0  # least distance between positions
+    lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
 
 
@@ -180,8 +180,8 @@ class ArticleFlight(Settings):
 
     kind: Literal["article"]
     parameters: ArticleParameters = ArticleParameters()
-    charge: Positive = 1.0  # of every drone; the article does not say
-    start_half_m: Positive = 2.0  # drones start at random in a cube of twice that about the target
+    charge: Positive = 1.0  # of every vehicle; the article gives none
+    start_half_m: Positive = 2.0  # vehicles start at random in a cube with this half edge about the target
     spacing_m: Positive = 1.0
     height_m: Positive = 10.0
     orbit: Circle = Circle(radius_m=15.0, speed_m_s=12.0)
@@ -196,21 +196,23 @@ Flight: TypeAlias = Annotated[FormationFlight | GoalFlight | ArticleFlight, Fiel
 
 
 class Gate(Settings):
-    """Between what a figure must lie."""
+    """Limits of a figure."""
 
     least: float | None = None
     most: float | None = None
 
 
 class Judged(Settings):
-    """The runs on which the scenario is judged, and what every one of them must show."""
+    """The runs by which a scenario is judged, and the limits of their figures."""
 
     vehicles: tuple[VehicleCount, ...]
     seeds: Annotated[int, Field(ge=1, le=1000)] = 1  # that many, from `first_seed`
     first_seed: int = 6000
     must: dict[str, Gate] = Field(default_factory=dict)  # for instance separation.violations; every run
     mostly: dict[str, Gate] = Field(default_factory=dict)  # likewise, in 95 % of the runs of each fleet
-    few: Annotated[int, Field(ge=0)] = 20  # up to so many vehicles `nearest_few` holds, above `nearest_many`
+    few: Annotated[int, Field(ge=0)] = (
+        20  # up to this many vehicles `nearest_few` holds, above `nearest_many`
+    )
     nearest_few: float = 0.97
     nearest_many: float = 0.9
 
@@ -245,12 +247,12 @@ find, shipped = documents.SCENARIOS.find, documents.SCENARIOS.shipped
 
 
 def load(path: Path) -> Scenario:
-    """Read and check one. `like: NAME` takes everything from another file first.
+    """Read and check a scenario. `like: NAME` first takes all keys from another file.
 
-    Raises: ConfigError that names the file, the key, its value and what would be right.
+    Raises: ConfigError that names the file, the key, its value and what is allowed.
     """
     source = Source(documents.read(path), str(path))
-    alone = "like" not in source.mapping(NEEDED)  # else a line may be another file's
+    alone = "like" not in source.mapping(NEEDED)  # with `like` a key may be in another file
     raw = _merged(path, MOST_PARENTS)
     raw["name"] = path.stem
     try:
@@ -273,7 +275,7 @@ def _merged(path: Path, parents: int) -> dict[str, object]:
 
 
 def _over(below: Mapping[str, object], above: Mapping[str, object]) -> dict[str, object]:
-    """`above` laid over `below`, key by key, sections within sections; an empty value takes the key away."""
+    """Merge `above` over `below` recursively; an empty value removes the key."""
     merged = dict(below)
     for key, value in above.items():
         old = merged.pop(key, None)

@@ -1,4 +1,4 @@
-"""Many runs as a table for people: one row for each scenario and fleet, medians and worst cases."""
+"""Formats many runs as a table: one row per scenario and fleet, with medians and worst cases."""
 
 from collections.abc import Callable, Sequence
 from statistics import median
@@ -32,7 +32,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
 
 
 def summary(reports: Sequence[Figures]) -> str:
-    """The table for a terminal, and below it what is not as demanded."""
+    """Format the table for a terminal, followed by the missed limits."""
     cells = rows(reports)
     widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
@@ -48,16 +48,16 @@ def summary(reports: Sequence[Figures]) -> str:
 
 
 def markdown(reports: Sequence[Figures]) -> str:
-    """The same table for a document."""
+    """Format the same table as Markdown."""
     header, *body = rows(reports)
     ruler = ["---", *("---:" for _ in header[1:])]
     return "\n".join(f"| {' | '.join(row)} |" for row in (header, ruler, *body))
 
 
 def rows(reports: Sequence[Figures]) -> list[list[str]]:
-    """Titles, then one row for each scenario and fleet: median / worst of every figure over the seeds.
+    """Titles, then one row per scenario and fleet: median / worst of every figure over the seeds.
 
-    Columns in which nobody has a figure are left out.
+    Columns without any figure are left out.
     """
     groups: dict[tuple[str, int], list[Figures]] = {}
     for figures in reports:
@@ -82,7 +82,7 @@ def _numbers(runs: Sequence[Figures], key: str) -> list[float]:
 
 
 def _cell(values: list[float], count: int, worst: Callable[[list[float]], float], form: str) -> str:
-    """`median / worst`, one number when they print alike; a run without the figure shows as never."""
+    """`median / worst`, or one number when both print the same; a run without the figure shows as never."""
     if not values:
         return ""
     middle, extreme = format(median(values), form), format(worst(values), form)

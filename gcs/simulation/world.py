@@ -1,4 +1,4 @@
-"""The world of a simulation: true states, late and lossy links, wind. Seeded; time is counted in ticks."""
+"""The simulated world: true states, links with delay and loss, wind. Seeded; advances tick by tick."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -12,17 +12,17 @@ from gcs.sim.vehicle.dynamics import PointMasses, Response, step
 from gcs.simulation.scenario import Wind, World
 
 LONGEST_STEP_S = 1.0 / 60.0
-"""Of the integration; sim.dynamics allows 0.02."""
+"""Longest step of the integration; `sim.vehicle.dynamics` allows 0.02 s."""
 
 TOUCHDOWN_M_S = 0.7
-"""PX4's own LAND (MPC_LAND_SPEED)."""
+"""Descent in PX4's LAND (MPC_LAND_SPEED)."""
 
 DESCEND_M_S = 0.9
-"""PX4 without setpoints, COM_OBL_RC_ACT 0 (FACTS, section 3, item 5)."""
+"""Descent of PX4 without setpoints, COM_OBL_RC_ACT 0 (FACTS, section 3, item 5)."""
 
 
 def varied_response(count: int, world: World, random: np.random.Generator) -> Response:
-    """Everybody's own answer: each setting of the measured one, times 1 +- the spread."""
+    """Response of each vehicle: every setting of the measured response, times 1 +- the spread."""
     measured = Response(drag_per_s=world.drag_per_s)
 
     def each(value: float) -> Array:
@@ -41,13 +41,13 @@ def varied_response(count: int, world: World, random: np.random.Generator) -> Re
 
 @dataclass(slots=True, eq=False)
 class WindField:
-    """Wind at every vehicle: the mean and a gust of its own (first-order Gauss-Markov)."""
+    """Wind at every vehicle: the mean, and an independent gust (first-order Gauss-Markov)."""
 
     wind: Wind
     gust_m_s: Array  # (n, 3)
 
     def blow(self, dt_s: float, random: np.random.Generator) -> None:
-        """Let the gusts change for `dt_s`."""
+        """Advance the gusts by `dt_s`."""
         if self.wind.gust_m_s:
             keep = exp(-dt_s / self.wind.gust_time_s)
             fresh = self.wind.gust_m_s * sqrt(1.0 - keep * keep) * random.standard_normal(self.gust_m_s.shape)
@@ -55,17 +55,17 @@ class WindField:
 
     @property
     def velocity_m_s(self) -> Array:
-        """(n, 3) over the ground."""
+        """(n, 3) wind velocity over the ground."""
         mean_m_s = np.array([self.wind.mean_x_m_s, self.wind.mean_y_m_s, 0.0])
         velocity: Array = self.gust_m_s + mean_m_s
         return velocity
 
 
 class TrueWorld:
-    """n vehicles, hovering at first; what the ground station hears and says goes through here."""
+    """True states of n vehicles, and their links to the ground station. All vehicles hover at first."""
 
     def __init__(self, start_m: Array, world: World, seed: int) -> None:
-        """`start_m` (n, 3), show frame; everybody hovers there and was heard just now."""
+        """`start_m` (n, 3), show frame: all vehicles hover there, and their telemetry is new."""
         n = len(start_m)
         self._random = np.random.default_rng(seed)
         self._world = world
@@ -82,7 +82,7 @@ class TrueWorld:
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
         self._gone: Mask = np.zeros(n, dtype=bool)
-        self._rest_m = np.full((n, 3), np.nan)  # where those who landed stand
+        self._rest_m = np.full((n, 3), np.nan)  # positions of landed vehicles
         self._command_m_s = np.zeros((n, 3))
         self._received_m, self._received_m_s = self.estimate()
         self._received_s = np.zeros(n)
@@ -90,7 +90,7 @@ class TrueWorld:
         self._setpoints: deque[tuple[float, Array]] = deque()
 
     def _balanced(self, start_m: Array) -> PointMasses:
-        """Hovering for long: the integrators hold the wind."""
+        """Vehicles in steady hover: their integrators compensate the wind."""
         bodies = PointMasses.at(start_m)
         mean_m_s = np.array([self._world.wind.mean_x_m_s, self._world.wind.mean_y_m_s, 0.0])
         hold_m_s2 = -np.asarray(self.response.drag_per_s).reshape(-1, 1) * mean_m_s
@@ -98,21 +98,21 @@ class TrueWorld:
 
     @property
     def position_m(self) -> Array:
-        """(n, 3) true, show frame."""
+        """(n, 3) true values, show frame."""
         return self.bodies.position_m
 
     @property
     def velocity_m_s(self) -> Array:
-        """(n, 3) true, show frame."""
+        """(n, 3) true values, show frame."""
         return self.bodies.velocity_m_s
 
     @property
     def received_m(self) -> Array:
-        """(n, 3) positions as they last arrived."""
+        """(n, 3) positions as last received."""
         return self._received_m
 
     def estimate(self) -> tuple[Array, Array]:
-        """(n, 3) positions and (n, 3) velocities as the vehicles themselves believe them."""
+        """(n, 3) positions and (n, 3) velocities, as estimated by the vehicles."""
         if not self._world.noise:
             return self.bodies.position_m, self.bodies.velocity_m_s
         return (
@@ -121,7 +121,7 @@ class TrueWorld:
         )
 
     def hear(self) -> FleetState:
-        """What the ground station knows now: brought forward from its arrival with the reported velocity."""
+        """Receive telemetry. Returns: the state, extrapolated from arrival with the reported velocity."""
         position_m, velocity_m_s = self.estimate()
         n, world = len(self.ids), self._world
         kept = self._random.random(n) >= world.loss if world.loss else np.ones(n, dtype=bool)
@@ -139,7 +139,7 @@ class TrueWorld:
         return FleetState(self.time_s, self.ids, forward_m, self._received_m_s.copy(), np.zeros(n), age_s)
 
     def say(self, setpoints: Setpoints) -> None:
-        """Send; some of it is lost, all of it arrives late."""
+        """Send setpoints; the world delays all and loses some."""
         n, world = len(self.ids), self._world
         sent_m_s = np.full((n, 3), np.nan)
         if setpoints.ids == self.ids:
@@ -151,19 +151,19 @@ class TrueWorld:
         self._setpoints.append((self.time_s + world.setpoint_delay_s, sent_m_s))
 
     def leave_to_themselves(self, rows: Mask, sinking_m_s: float) -> None:
-        """Nobody commands `rows` (n,) any more: they stop, and sink at that speed."""
+        """Stop commanding the vehicles in `rows` (n,): they stop horizontally, and descend at that speed."""
         self._command_m_s[rows] = 0.0
         self._command_m_s[rows, 2] = sinking_m_s
         for _, sent_m_s in self._setpoints:
             sent_m_s[rows] = np.nan
 
     def remove(self, rows: Mask) -> None:
-        """They are gone: neither in the air nor anywhere, and never heard again."""
+        """Remove vehicles: they are no longer airborne, and send no more telemetry."""
         self._gone = self._gone | rows
         self.in_air = self.in_air & ~rows
 
     def advance(self) -> list[Array]:
-        """One tick. Returns: the true positions (n, 3) after every integration step."""
+        """Advance by one tick. Returns: the true positions (n, 3) after every integration step."""
         if self._world.noise:
             self._error = noise.step(self._error, self.tick_s, self._world.noise, self._random)
         self.wind_field.blow(self.tick_s, self._random)
@@ -193,7 +193,7 @@ class TrueWorld:
             self._command_m_s = np.where(np.isfinite(sent_m_s), sent_m_s, self._command_m_s)
 
     def _touch_ground(self) -> None:
-        """Who reaches the ground stays there, disarmed."""
+        """Keep vehicles that reach the ground there, disarmed."""
         touching = (self.bodies.position_m[:, 2] >= self.ground_m) & self.in_air
         if touching.any():
             self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]

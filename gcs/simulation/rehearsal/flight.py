@@ -1,4 +1,4 @@
-"""A show flown in virtual time: hovering, assembling, the timeline, home."""
+"""Flies a show in virtual time: hover, assembly, timeline, return."""
 
 from collections.abc import Callable, Mapping
 
@@ -16,32 +16,32 @@ from gcs.simulation.scenario import FormationFlight, Judged, Scenario, World
 from gcs.simulation.trace import Record
 
 ASSEMBLED_BY_S = 120.0
-"""A sphere that does not stand by then never will."""
+"""Time limit of the assembly."""
 
 HOME_BY_S = 400.0
-"""Nor will somebody come home who has not by then."""
+"""Time limit of the return."""
 
 
 ASSEMBLED_IN_S = 10.0
 HOME_IN_S = 30.0
-"""How long that takes in the shipped shows: what progress assumes of the parts that no file knows."""
+"""Typical duration of the return in the shipped shows, for the estimate of progress."""
 
 REPORT_S = 1.0
-"""Of virtual time, between two reports of progress."""
+"""Virtual time between two reports of progress."""
 
 
 class Rehearsal(SimulatedFlight):
-    """One flight of a show; what was wrong on the way is in `flaws`."""
+    """One flight of a show; `flaws` has the problems that occurred."""
 
     def __init__(
         self, loaded: LoadedShow, world: World, seed: int, on_progress: Callable[[float], None] | None = None
     ) -> None:
-        """`world` is how vehicles and links are; `on_progress` is called with the share that is flown."""
+        """`world` sets the vehicles and links; `on_progress` is called with the share that is flown."""
         self._on_progress, self._report_at_s = on_progress, 0.0
         show, timeline = loaded.show, loaded.timeline
         self.loaded, self.timeline = loaded, timeline
-        self.began_s: float | None = None  # the show's clock: when the sphere stood
-        self.ended_s: float | None = None  # when everybody was sent home
+        self.began_s: float | None = None  # when the sphere stood and the show's clock started
+        self.ended_s: float | None = None  # when the return began
         self.flaws: list[Flaw] = []
         self._refused: set[str] = set()
         first = timeline.plan_at(0.0)
@@ -65,11 +65,11 @@ class Rehearsal(SimulatedFlight):
         self.task[:] = Task.FORMATION
 
     def show_time_s(self, time_s: float) -> float:
-        """The show's time at a virtual time; below 0 before it began, past its duration on the way home."""
+        """The show's time at a virtual time; below 0 before its start, past its duration in the return."""
         return -1.0 if self.began_s is None else time_s - self.began_s
 
     def before_tick(self) -> None:
-        """What the director would do now."""
+        """Do what the commander would do before this tick."""
         if self._on_progress is not None and self.time_s >= self._report_at_s:
             self._report_at_s = self.time_s + REPORT_S
             self._on_progress(self.share_flown())
@@ -83,7 +83,7 @@ class Rehearsal(SimulatedFlight):
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
 
     def share_flown(self) -> float:
-        """How much of the flight is done, from 0 to 1: exact within the timeline, elsewhere an estimate."""
+        """Finished share of the flight, from 0 to 1: exact within the timeline, estimated elsewhere."""
         timeline_s = self.timeline.duration_s
         if self.began_s is None:
             done_s = min(self.time_s, ASSEMBLED_IN_S)
@@ -94,7 +94,7 @@ class Rehearsal(SimulatedFlight):
         return done_s / (ASSEMBLED_IN_S + timeline_s + HOME_IN_S)
 
     def finished(self) -> bool:
-        """When everybody is down."""
+        """Whether all vehicles have landed."""
         return self.ended_s is not None and not self.record.in_air[-1].any()
 
     def _assemble(self) -> None:
@@ -117,7 +117,7 @@ class Rehearsal(SimulatedFlight):
             self.ended_s = self.time_s
 
     def _with_possible_obstacles(self, plan: Plan, one: Played) -> Plan:
-        """Obstacles that appear on somebody, or too close ahead, are refused as in flight."""
+        """Refuse, as in flight, obstacles that would contain a vehicle or appear too close ahead of one."""
         known = {box.id for box in self.plan.obstacles}
         possible: list[Obstacle] = []
         for box in plan.obstacles:
@@ -149,7 +149,7 @@ class Rehearsal(SimulatedFlight):
 def rehearse(
     loaded: LoadedShow, seed: int = 1, on_progress: Callable[[float], None] | None = None
 ) -> tuple[Rehearsal, Record]:
-    """Fly it once, with the recorded errors of the vehicles' own positions.
+    """Fly a show once, with the recorded errors of the vehicles' position estimates.
 
     `on_progress` is called with the share of the flight that is done, from 0 to 1.
     """

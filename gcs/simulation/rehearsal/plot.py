@@ -1,4 +1,4 @@
-"""A show as a picture: its paths in the colours of the lights, and what happens when."""
+"""Draws a show: its paths in the colours of the lights, and the timeline of the cues."""
 
 from pathlib import Path
 
@@ -22,11 +22,11 @@ STRIDE = 8
 """Ticks between two points of a path."""
 
 NAMED_CUES = 14
-"""So many names fit beside each other."""
+"""Number of cue names that fit side by side."""
 
 
 def draw(flight: Rehearsal, record: Record, file: Path) -> Verdict:
-    """Draw it into `file`. Returns: what `gcs show check` would say."""
+    """Draw a show into `file`. Returns: the verdict of `gcs show check`."""
     verdict = judge(flight, record)
     page = Figure(figsize=(13.0, 9.0), layout="constrained", facecolor="white")
     grid = page.add_gridspec(4, 2, width_ratios=(1.35, 1.0))
@@ -48,12 +48,12 @@ def draw(flight: Rehearsal, record: Record, file: Path) -> Verdict:
 
 
 def _show_s(flight: Rehearsal, record: Record) -> Array:
-    """(ticks,) the show's time; below 0 before it begins."""
+    """(ticks,) the show's time; below 0 before its start."""
     return np.array(record.time_s) - (flight.began_s or 0.0)
 
 
 def _strokes(flight: Rehearsal, record: Record) -> tuple[Array, Array]:
-    """Pieces of paths (k, 2, 3), show frame, while the timeline runs; their colours (k, 3) from 0 to 1."""
+    """Path segments (k, 2, 3) during the timeline, show frame, and their colours (k, 3) from 0 to 1."""
     show_s = _show_s(flight, record)
     ticks = np.flatnonzero((show_s >= 0.0) & (show_s <= flight.timeline.duration_s))[::STRIDE]
     rows = np.unique(np.linspace(0, record.count - 1, min(record.count, DRAWN_PATHS)).astype(int))
@@ -90,7 +90,7 @@ def _sky(axes: Axes3D, flight: Rehearsal, record: Record) -> None:
 
 
 def _visible(colour: Array) -> Array:
-    """(k, 3) a little darker where they would vanish on white."""
+    """(k, 3) colours, darkened where they would not be visible on white."""
     bright = colour.min(axis=1, keepdims=True)
     return np.asarray(np.where(bright > 0.75, 0.7 * colour, colour))
 
@@ -158,7 +158,7 @@ def _separation(axes: Axes, flight: Rehearsal, record: Record, verdict: Verdict)
 
 
 def _lights(axes: Axes, flight: Rehearsal) -> None:
-    """One row for each vehicle, its light over time, and the cues' names."""
+    """Plot one row per vehicle with its light over time, and the cues' names."""
     duration_s = flight.timeline.duration_s
     times_s = np.linspace(0.0, duration_s, 600)
     colour = np.array([flight.timeline.colours_at(float(t)) for t in times_s]).transpose(1, 0, 2)

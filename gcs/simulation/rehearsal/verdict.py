@@ -1,4 +1,4 @@
-"""What a rehearsal showed: figures, cue by cue, and what is wrong, with line and cue."""
+"""Verdict of a rehearsal: figures for each cue, and problems with line and cue."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -19,46 +19,46 @@ TAKEOFF_M_S = 1.5
 """MPC_TKO_SPEED."""
 
 REACHED_M = 1.0
-"""Nearer to its orbit, or to its place above the target, the centre is there."""
+"""Distance from its orbit, or from its place above the target, within which the centre has arrived."""
 
 LOOKED_AT = 5
-"""Every so many ticks: nobody passes above another within a quarter of a second."""
+"""Every how many ticks overlaps are checked: no vehicle passes above another within a quarter of a second."""
 
 COLUMNS_REPORTED, COLUMNS_NAMED = 50, 3
 
 
 @dataclass(frozen=True, slots=True)
 class CueFigures:
-    """One passage of a cue, from its time to the next one's."""
+    """One pass through a cue, until the next cue."""
 
     cue: str
     line: int
-    at_s: float  # of the show, loops played
-    radius_m: float  # wanted at its end
+    at_s: float  # time of the show, loops included
+    radius_m: float  # desired at its end
     height_m: float
     separation_m: float  # smallest, in the floor's metric
-    speed_m_s: float  # greatest of any vehicle, sideways
+    speed_m_s: float  # greatest horizontal speed of any vehicle
     radius_error_m: float  # median over time of the vehicle that is farthest from the sphere
     center_off_m: float  # at its end, from orbit or target
-    held_back: int  # at most so many vehicles at a time were, by the filter
+    held_back: int  # most vehicles at a time that the safety filter limited
 
 
 @dataclass(frozen=True, slots=True)
 class VerticalOverlap:
-    """Two vehicles that were stacked in the rehearsal: they cannot both come straight down.
+    """Two vehicles, one above the other in the rehearsal: they cannot both descend vertically.
 
-    In flight it may be others: the law gives nobody a certain place.
+    In flight it may be other vehicles, because the law assigns no slots.
     """
 
     upper: int  # vehicles of the show, from 1
     lower: int
-    sideways_m: float  # at their nearest
-    cue: str  # when that was
+    sideways_m: float  # least horizontal distance
+    cue: str  # the cue at that time
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Everything that `gcs show check` tells. Distances in m, speeds in m/s, times in s."""
+    """Everything that `gcs show check` reports. Distances in m, speeds in m/s, times in s."""
 
     show: str
     file: str
@@ -66,9 +66,9 @@ class Verdict:
     good: bool
     problems: tuple[Problem, ...]
     vehicles: int
-    show_s: float  # its timeline, loops played
-    assembled_s: float  # from hovering until the sphere stood
-    home_s: float | None  # from the end of the timeline until the last touched down; None: never
+    show_s: float  # duration of the timeline, loops included
+    assembled_s: float  # from hover until the sphere stood
+    home_s: float | None  # from the end of the timeline until the last landing; None: never
     floor_m: float
     separation_min_m: float
     separation_min_at: str  # the cue, "before the show" or "on the way home"
@@ -77,24 +77,24 @@ class Verdict:
     climb_max_m_s: float
     sink_max_m_s: float
     fence_distance_margin_m: float
-    fence_height_margin_m: float  # of the nearer one of least and greatest height, in the show
+    fence_height_margin_m: float  # smaller margin to least or greatest height, during the show
     battery_need: float  # share of a full battery, reserve included
-    vertical_overlaps: int  # whose columns overlap at some time of the show
-    columns: tuple[VerticalOverlap, ...]  # the nearest of them
+    vertical_overlaps: int  # pairs whose columns overlap at some time of the show
+    columns: tuple[VerticalOverlap, ...]  # the nearest such pairs
     cues: tuple[CueFigures, ...]
 
     def describe(self) -> dict[str, object]:
-        """One JSON object."""
+        """Return the verdict as one JSON object."""
         return asdict(self)
 
 
 def judge(flight: Rehearsal, record: Record) -> Verdict:
-    """What the flight showed."""
+    """Judge a rehearsal by its record."""
     return _Judge(flight, record).verdict()
 
 
 class _Judge:
-    """The record of one flight, looked at cue by cue."""
+    """Evaluates the record of one flight, cue by cue."""
 
     def __init__(self, flight: Rehearsal, record: Record) -> None:
         self._flight, self._record, self._loaded = flight, record, flight.loaded
@@ -150,13 +150,13 @@ class _Judge:
         return list(seen.values())
 
     def _passages(self) -> list[tuple[Played, float, float]]:
-        """Every cue as it was played, from when until when, in show time."""
+        """Every cue as it was played, with start and end in show time."""
         played, end_s = self._loaded.timeline.played, self._loaded.timeline.duration_s
         nexts = [one.at_s for one in played[1:]] + [end_s]
         return [(one, one.at_s, to_s) for one, to_s in zip(played, nexts, strict=True)]
 
     def _ticks(self, from_s: float, to_s: float) -> NDArray[np.intp]:
-        """Those between two times of the show."""
+        """Ticks between two times of the show."""
         show_s = self._time_s - self._began_s
         return np.flatnonzero((show_s >= from_s - 1e-6) & (show_s < to_s - 1e-6))
 
@@ -182,12 +182,12 @@ class _Judge:
         return float(np.abs(np.linalg.norm(offset_m, axis=1) - self._record.radius_m[tick]).max())
 
     def _off_m(self, tick: int, plan: Plan) -> float:
-        """How far the centre is from its orbit, or from its place above the target."""
+        """Distance of the centre from its orbit, or from its place above the target."""
         away_m = self._record.center_m[tick][:2] - self._record.target_m[tick]
         return abs(hypot(*away_m.tolist()) - plan.orbit.radius_m)
 
     def _fence(self) -> tuple[float, float]:
-        """Least margins to the fence: over the ground for the whole flight, in height while the show runs."""
+        """Least margins to the fence: horizontal during the whole flight, vertical while the show runs."""
         fence = self._loaded.show.fence
         inside = (self._time_s >= self._began_s) & (self._time_s < self._ended_s)
         margin_m = fence.distance_max_m - np.hypot(*self._position_m[:, :, :2].transpose(2, 0, 1)).max(axis=1)
@@ -210,7 +210,7 @@ class _Judge:
         return float(self._time_s[-1]) - self._ended_s
 
     def _battery(self) -> float:
-        """Share of a full battery that the first to take off needs, with the reserve."""
+        """Share of a full battery that the first vehicle to take off needs, with the reserve."""
         fleet = self._loaded.show.fleet
         up_s = fleet.takeoff_height_m / TAKEOFF_M_S + fleet.takeoff_stagger_s * (fleet.vehicles - 1)
         air_s = up_s + float(self._time_s[-1])
@@ -227,7 +227,7 @@ class _Judge:
         return need
 
     def _columns(self) -> list[VerticalOverlap]:
-        """Pairs that are stacked while the show runs, the nearest first."""
+        """Pairs of vehicles above each other while the show runs, the nearest first."""
         width_m = column_m(self._flight.settings.safety.floor)
         nearest: dict[tuple[int, int], tuple[float, int]] = {}
         for tick in self._ticks(0.0, self._loaded.timeline.duration_s)[::LOOKED_AT].tolist():
@@ -241,7 +241,7 @@ class _Judge:
         ]
 
     def _reached(self) -> None:
-        """Whether every orbit and every resting target is reached before the next is asked for."""
+        """Check that every orbit and every resting target is reached before the next one begins."""
         asked = [
             (one, at)
             for one, at, _ in self._passages()
@@ -261,7 +261,7 @@ class _Judge:
                 self._found.append(Flaw(("timeline", one.index), words))
 
     def _apart(self) -> None:
-        """Whether everybody kept the floor."""
+        """Check that all pairs kept the floor."""
         worst = int(self._closest_m.argmin())
         if self._record.violating:
             pairs = len(self._record.violating)
@@ -290,18 +290,18 @@ class _Judge:
 
 
 def _short(value: float) -> float:
-    """For people."""
+    """Round for output."""
     return round(float(value), 2)
 
 
 def _named(columns: Sequence[VerticalOverlap]) -> str:
-    """The nearest of them, in words."""
+    """Describe the nearest overlapping pairs."""
     words = [f"{pair.upper} above {pair.lower} at '{pair.cue}'" for pair in columns[:COLUMNS_NAMED]]
     return f": {', '.join(words)}{', ...' if len(columns) > COLUMNS_NAMED else ''}" if words else ""
 
 
 def table(verdict: Verdict) -> str:
-    """For a terminal."""
+    """Format the verdict for a terminal."""
     home = "never" if verdict.home_s is None else f"{verdict.home_s:.0f} s"
     lines = [
         (
