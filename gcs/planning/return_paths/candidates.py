@@ -128,7 +128,7 @@ def _steps(begin_m: Array, end_m: Array, sideways_m_s: float, up_m_s: float, dow
 def _laid(
     corners_m: Array, speeds_m_s: Array, touch_down_m_s: float, limits_m_s: Array, rate_per_s: float
 ) -> tuple[Array, Array, Rows, Rows]:
-    """Goals and paths (m, 3) of corners (k, 5, 3); index of each (k + 1,); steps until over the pad (k,)."""
+    """Goals and paths (m, 3) of corners (k, 5, 3), index of each (k + 1,), steps until over the pad (k,)."""
     return_paths, corners = corners_m.shape[:2]
     sideways_m_s, up_m_s, down_m_s = speeds_m_s
     steps = np.empty((return_paths, corners - 1), np.intp)
