@@ -177,10 +177,10 @@ def watch(camera: Photographer, ui: Console, client: Client) -> None:
     wait_until("flies", SOON_S, lambda: client.show().phase == "running")
     client.playback.change(paused=True)
     ui.page.set_viewport_size({"width": 1440, "height": 900})
-    _open(ui, "right", "flight_report")
+    _open(ui, "right", "report")
     ui.press("report-read")
     expect(ui.part("report-verdict")).to_be_visible(timeout=FLIGHT_MS)
-    camera.shoot(ui, "replay", None, "flight_report", sizes=(*DESKS, (844, 390)))
+    camera.shoot(ui, "replay", None, "report", sizes=(*DESKS, (844, 390)))
 
 
 def main() -> None:

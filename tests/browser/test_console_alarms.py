@@ -344,13 +344,16 @@ def test_after_a_stall_alarms_table_and_recovery_are_visible(chrome: Browser, tm
             expect(ui.part("take-over")).to_be_in_viewport(ratio=1.0)
             ui.page.wait_for_timeout(LAID_OUT_MS)
             seen = ui.page.evaluate(WHOLE)
-            assert listed(ui)[0]["cause"] == "killed"
+            emergencies = {each["cause"] for each in listed(ui) if each["severity"] == "emergency"}
+            assert "killed" in emergencies
+            assert listed(ui)[0]["cause"] in emergencies  # a busy machine may report control-stopped after it
             assert seen["alarms"][:least] == [True] * least, (width, height, seen)
             assert sum(seen["rows"]) >= rows, (width, height, seen)
             if rows == 0:
                 ui.says("alarms-all", f"{len(seen['alarms']) - 1} more")
                 ui.press("alarms-all")
                 expect(ui.part("alarms-all")).to_have_attribute("aria-expanded", "true")
+                expect(ui.part("acknowledge-all")).to_be_in_viewport(ratio=1.0)
                 last = ui.part("alarm").last
                 sees(ui, last)
                 ui.press("alarms-all")

@@ -8,6 +8,7 @@ import pytest
 from console_bench import (
     BOX_PX,
     FLIGHT_MS,
+    LOOK_MS,
     SOON_MS,
     SPHERE_PX,
     TARGET_PX,
@@ -15,9 +16,11 @@ from console_bench import (
     Station,
     chromes,
     console,
+    fault,
     station,
 )
 from ground import SOON_S, wait_until
+from machine import free_ports
 from playwright.sync_api import Browser, expect
 
 BOX = {"obstacle:x_m": "4", "obstacle:y_m": "24", "obstacle:half_length_x_m": "2", "obstacle:height_m": "12"}
@@ -36,18 +39,32 @@ def start(ui: Console) -> None:
     ui.says("show-phase", "running", FLIGHT_MS)
 
 
-def drag(ui: Console, x: float, y: float, by_px: tuple[int, int]) -> list[float]:
-    """What is there in the scene, by hand, until the page asks whether it shall be so.
+def drag(
+    ui: Console, word: str, off_px: float, by_px: tuple[int, int], meanwhile: Callable[[], None] | None = None
+) -> list[float]:
+    """Drag what is drawn `off_px` below a word of the scene, until the page asks for confirmation.
 
-    Returns: the numbers of what it asks.
+    An alarm that appears between the look and the press takes room from the scene: then it is dragged again.
+
+    Args:
+        meanwhile: called while the mouse button is down.
+
+    Returns: the numbers that the page asks to confirm.
     """
     mouse = ui.page.mouse
-    mouse.move(x, y)
-    mouse.down()
-    mouse.move(x + by_px[0] / 2, y + by_px[1] / 2, steps=4)
-    mouse.move(x + by_px[0], y + by_px[1], steps=4)
-    mouse.up()
-    expect(ui.part("preview")).to_be_visible()
+
+    def pull() -> None:
+        x, y = ui.resting(word)
+        y += off_px
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + by_px[0] / 2, y + by_px[1] / 2, steps=4)
+        if meanwhile is not None:
+            meanwhile()
+        mouse.move(x + by_px[0], y + by_px[1], steps=4)
+        mouse.up()
+
+    ui.opens(pull, "preview")
     return [float(each) for each in re.findall(r"-?\d+\.\d+", ui.part("preview-text").inner_text())]
 
 
@@ -59,12 +76,10 @@ def moved(
     Returns: by how much each number has changed.
     """
     before = now()
-    x, y = ui.resting(word)
-    y += off_px
-    drag(ui, x, y, by_px)
+    drag(ui, word, off_px, by_px)
     ui.closes("Escape", "preview")
     assert now() == before
-    desired = drag(ui, x, y, by_px)
+    desired = drag(ui, word, off_px, by_px)
     assert now() == before
     ui.closes("Enter", "preview")
     wait_until(f"{word} moved", SOON_S, lambda: now() == pytest.approx(desired))
@@ -100,6 +115,25 @@ def by_hand(ui: Console, ground: Station) -> None:
     assert (north_m > 0.5, east_m < -0.5) == (True, True)
 
 
+def an_alarm_leaves_the_scene_where_it_is(ui: Console, control: int) -> None:
+    """The list of alarms takes room from the scene; while something is dragged it does not."""
+
+    seen: list[list[list[float]]] = []
+
+    def alarm() -> None:
+        ui.page.wait_for_timeout(LOOK_MS)  # the first look is after the picture of the preview
+        seen.append(ui.places("target"))
+        fault(control, vehicle=4, fault="battery", remaining=0.12)
+        expect(ui.page.locator("[data-alarm][data-cause=low-battery]").first).to_be_visible(timeout=SOON_MS)
+        ui.page.wait_for_timeout(LOOK_MS)
+        seen.append(ui.places("target"))
+
+    drag(ui, "radius", SPHERE_PX, (24, 0), alarm)
+    ui.closes("Escape", "preview")
+    before, after = seen[-2:]
+    assert before == after
+
+
 def add_obstacle(ui: Console, ground: Station) -> None:
     ui.press("tab-obstacles")
     ui.opens(lambda: ui.press("obstacle-add"), "obstacle-id")
@@ -113,8 +147,9 @@ def add_obstacle(ui: Console, ground: Station) -> None:
 
 
 def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> None:
+    control = free_ports()
     with (
-        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
+        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0, control=control) as ground,
         console(chrome, ground.url) as ui,
     ):
         ui.says("connection", "Live")
@@ -125,11 +160,12 @@ def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> N
 
         ui.phase("Shift+P", "paused")  # everything stands, and can be taken hold of
         by_hand(ui, ground)
+        an_alarm_leaves_the_scene_where_it_is(ui, control)
         ui.phase("Shift+R", re.compile("assembling|running"))
         ui.phase("Shift+H", re.compile("returning home|landed"))
         ui.says("show-phase", "landed", FLIGHT_MS)
         expect(ui.part("airborne")).to_contain_text("0/4")
         assert [command.action for command in ground.client.commands()] == [
-            *("stop", "resume", "pause", "start")
+            *("stop", "resume", "return", "pause", "start")  # return: the failsafe of the low battery
         ]
         assert ui.wrong == []

@@ -59,14 +59,14 @@ AXE: Final = ROOT / "api" / "console" / "node_modules" / "axe-core" / "axe.min.j
 
 SEEN: Final = """
 // When messages and alarms came, what the page announced and showed when, and how long it could not draw.
-window.seen = { message_ms: 0, said: [], counted: [], stalled: [], told: {}, shown: {}, tones: 0 };
+window.seen = { message_ms: 0, stated: [], counted: [], stalled: [], reported: {}, shown: {}, tones: 0 };
 window.WebSocket = class extends WebSocket {
   constructor(...given) {
     super(...given);
     this.addEventListener("message", ({ data }) => {
       const now_ms = (window.seen.message_ms = performance.now());
       if (typeof data !== "string") return;
-      for (const { id } of JSON.parse(data).alarms) window.seen.told[id] ??= now_ms;
+      for (const { id } of JSON.parse(data).alarms) window.seen.reported[id] ??= now_ms;
     });
   }
 };
@@ -76,14 +76,14 @@ const note = (where, list) => {
     list.push({ text: now, at_ms: performance.now(), message_ms: window.seen.message_ms });
   }
 };
-const said = () => {
-  note("[data-testid=connection] strong", window.seen.said);
+const look = () => {
+  note("[data-testid=connection] strong", window.seen.stated);
   note("[data-testid=countdown] .gauge-value", window.seen.counted);
   for (const { dataset } of document.querySelectorAll("[data-alarm]")) {
     window.seen.shown[dataset.alarm] ??= performance.now();
   }
 };
-new MutationObserver(said).observe(document, { subtree: true, childList: true, characterData: true });
+new MutationObserver(look).observe(document, { subtree: true, childList: true, characterData: true });
 const start = AudioScheduledSourceNode.prototype.start;
 AudioScheduledSourceNode.prototype.start = function (...given) {
   window.seen.tones += 1;
@@ -176,14 +176,15 @@ class Console:
         """Position of a label of the scene once the camera is at rest, in CSS pixels."""
         seen: list[list[list[float]]] = []
         for _ in range(60):
-            seen = [*seen[-2:], self._places(word)]
+            seen = [*seen[-2:], self.places(word)]
             if len(seen) == 3 and seen[0] == seen[1] == seen[2] and len(seen[0]) == 1:
                 ((x, y),) = seen[0]
                 return x, y
             self.page.wait_for_timeout(LOOK_MS)
         raise AssertionError(f"{word!r} does not come to rest: {seen}")
 
-    def _places(self, word: str) -> Any:
+    def places(self, word: str) -> Any:
+        """Where a word of the scene is, each time it is there. In CSS pixels."""
         return self.page.locator(WORDS).filter(has_text=word).evaluate_all(PLACES)
 
     def serious(self) -> list[str]:

@@ -103,6 +103,7 @@ function unseen(): void {
 function onFrame(now_ms: number): void {
   dispatch({ kind: "tick", now_ms: performance.now() });
   newest();
+  if (isFitLate && !scene.isHeld) fit();
   if (!calm.matches || isUrgent || now_ms - drawn_ms >= DESK_MS) {
     scene.draw(state, now_ms);
     drawn_ms = now_ms;
@@ -135,8 +136,12 @@ const frontOf = ({ panels: { layout, left, right, front } }: State): string => `
 /** Of the room's height: where the camera's buttons take more, they lie over the scene. */
 const COVERED_MOST = 0.3;
 
+let isFitLate = false;
+
 /** The scene is drawn only in the part that the panels leave free. */
 function fit(): void {
+  isFitLate = scene.isHeld; // an alarm that comes during a drag takes room from the scene afterwards
+  if (isFitLate) return;
   const room = place.querySelector("[data-room]")!.getBoundingClientRect();
   const [left, top] = [Math.round(room.left), Math.round(room.top)];
   const [width, height] = [Math.max(1, Math.round(room.right) - left), Math.max(1, Math.round(room.bottom) - top)];

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 
-import { CameraController } from "../src/scene/cameraController";
+import { CameraController, type HandState } from "../src/scene/cameraController";
 import { believed, followed, isVisible, keepMargin_px } from "../src/scene/framing";
 import type { Screen } from "../src/scene/picking";
 import { placeOf, Playback, Poses } from "../src/scene/playback";
@@ -49,7 +49,7 @@ class Stage {
   }
 
   /** These vehicles for so long, at 20 pictures a second. Returns: every pose on the way. */
-  show(vehicles: readonly Vehicle[], for_s = 6, isHeld = false): Pose[] {
+  show(vehicles: readonly Vehicle[], for_s = 6, hand: HandState = "none"): Pose[] {
     const poses: Pose[] = [];
     for (let k = 0; k < 20 * for_s; k += 1) {
       this.now_ms += 50;
@@ -57,7 +57,7 @@ class Stage {
       this.#playback.push(one);
       this.poses.set(this.#playback.at(this.now_ms + 1000)!, 0);
       this.state = { ...this.state, frame: one };
-      poses.push(this.camera_controller.at(this.state, this.poses, -1, this.screen, this.now_ms, isHeld));
+      poses.push(this.camera_controller.at(this.state, this.poses, -1, this.screen, this.now_ms, hand));
     }
     return poses;
   }
@@ -131,9 +131,21 @@ test("the camera goes after a formation that leaves the picture: smoothly, and i
 test("under a hand the camera stays, and moves after it was let go", () => {
   const stage = new Stage(SCREENS[5]!);
   stage.show(around(0));
-  const held = stage.show(around(150), 4, true);
+  const held = stage.show(around(150), 4, "held");
   expect(new Set(held).size).toBe(1);
   stage.show(around(150));
+  expect(stage.unseen()).toEqual([]);
+});
+
+test("a move of the camera stops while something is dragged, and ends afterwards", () => {
+  const stage = new Stage(SCREENS[5]!);
+  stage.show(around(0));
+  stage.screen = SCREENS[0]!;
+  stage.show(around(0), 0.1);
+  expect(stage.camera_controller.moves).toBe(true);
+  expect(new Set(stage.show(around(0), 2, "drags")).size).toBe(1);
+  stage.show(around(0));
+  expect(stage.camera_controller.moves).toBe(false);
   expect(stage.unseen()).toEqual([]);
 });
 

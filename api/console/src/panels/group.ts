@@ -83,7 +83,7 @@ function line(state: State, actions: PanelActions, id: string): TemplateResult {
     <span class="phase phase-${phase} value">${icon(PHASE_ICON[phase])}<span>${texts.fleet.phases[phase]}</span></span>
     <span class="number value">${withUnit(state.frame?.height_m[index], "m")}</span>
     <span class="number value">${percent(state.frame?.battery[index])}</span>
-    <span class="selected-command" data-testid="selected-order-${id}">
+    <span class="selected-command" data-testid="selected-command-${id}">
       ${command && part ? html`${outcome(part.outcome)} ${texts.events.action(command.action)} ${part.reason}` : nothing}
     </span>
     ${button(actions, {

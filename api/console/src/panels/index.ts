@@ -49,7 +49,7 @@ const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
   vehicle: { view: vehicle, icon: "vehicle" },
   events: { view: events, icon: "events" },
   plots: { view: plots, icon: "plots" },
-  flightReport: { view: flightReport, icon: "check" },
+  report: { view: flightReport, icon: "check" },
 };
 
 const SHEETS: Record<Sheet, { view: View; title: string }> = {
@@ -155,7 +155,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
     ${isSmall(layout) ? nothing : recovery(state)}
     <div class="alarms" data-region="alarms">${isSmall(layout) ? recovery(state) : nothing} ${alarms(state, actions)}</div>
     <div class="rails">
-      ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "flightReport"] : RIGHT)}
+      ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "report"] : RIGHT)}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>

@@ -13,7 +13,7 @@ export type PanelSide = "left" | "right";
 /** What is changed together, by one button. */
 export type Group = "formation" | "orbit" | "target" | "yaw";
 export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
-export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "flightReport";
+export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "report";
 export type Sheet = "start" | "kill" | "help";
 
 /** Something that the service, or the page, refused. */

@@ -103,7 +103,7 @@ function judged(actions: PanelActions, found: ReportBody): TemplateResult {
 
 export function flightReport(state: State, actions: PanelActions): TemplateResult {
   const { reportProblem, reportReading } = state.panels;
-  return html`<div class="flightReport" data-testid="flightReport">
+  return html`<div data-testid="report">
     ${reportProblem ? html`<p class="problem" role="alert">${reportProblem}</p>` : nothing}
     ${state.flightReport
       ? judged(actions, state.flightReport)

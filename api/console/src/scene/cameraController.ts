@@ -15,6 +15,9 @@ const REST_MS = 1500; // after the end of an operator's input, before the camera
 const AWAY_MS = 20_000; // how long the camera may stay where an operator left it without vehicles in view
 const LEFT_OVER = 0.5; // share of the vehicles that an operator brought into view; below it all are fitted
 
+/** An operator's pointer: it drags an object of the scene, is down on the scene, or neither. */
+export type HandState = "drags" | "held" | "none";
+
 /** A view that was left, to be found again as it was. */
 interface Left {
   goal: Pose;
@@ -67,11 +70,11 @@ export class CameraController {
     this.#isFramed = false;
   }
 
-  /** The pose for this frame. `isHeld`: an operator drags the scene. */
-  at(state: State, poses: Poses, selected: number, screen: Screen, now_ms: number, isHeld = false): Pose {
+  /** The pose for this frame. While an operator drags an object of the scene, the camera stands still. */
+  at(state: State, poses: Poses, selected: number, screen: Screen, now_ms: number, hand: HandState = "none"): Pose {
     const dt_s = Math.min(STEP_MAX_S, Math.max(0, (now_ms - this.#drawn_ms) / 1000));
     this.#drawn_ms = now_ms;
-    if (isHeld) {
+    if (hand !== "none") {
       this.#hand_ms = now_ms;
     }
     if (state.view.camera !== this.#camera) {
@@ -85,7 +88,9 @@ export class CameraController {
       this.#keep(state, poses, screen, now_ms);
     }
     this.#follow(poses, selected, state.view.selected);
-    this.pose = approach(this.pose, this.#goal, dt_s, this.#ease_s);
+    if (hand !== "drags") {
+      this.pose = approach(this.pose, this.#goal, dt_s, this.#ease_s);
+    }
     return this.pose;
   }
 

@@ -36,6 +36,8 @@ export interface Scene {
   /** Reads the state; keeps GPU objects, trails and the camera alone. */
   draw(state: State, now_ms: number): void;
   resize(width: number, height: number, pixelRatio: number): void;
+  /** A button or a finger is down on it: until it is let go, the scene stays where it is. */
+  readonly isHeld: boolean;
   dispose(): void;
 }
 
@@ -149,6 +151,10 @@ class LiveScene implements Scene {
     this.#remeasure();
   }
 
+  get isHeld(): boolean {
+    return this.#controls.isHeld;
+  }
+
   dispose(): void {
     this.#observer.disconnect();
     for (const each of [
@@ -187,7 +193,8 @@ class LiveScene implements Scene {
       this.#poses.set(moment, heading_deg);
     }
     const screen = this.#screen();
-    this.#eye.look(this.#camera_controller.at(state, this.#poses, selected, screen, now_ms, this.#controls.isHeld), screen);
+    const hand = this.#grip !== null ? "drags" : this.isHeld ? "held" : "none";
+    this.#eye.look(this.#camera_controller.at(state, this.#poses, selected, screen, now_ms, hand), screen);
     this.#backdrop.look(this.#eye, this.#palette!);
     this.#ground.draw(status, this.#eye, this.#camera_controller.moves, now_ms, this.#overlay);
     this.#grid.draw(this.#eye, this.#overlay);
