@@ -210,9 +210,7 @@ class Judged(Settings):
     first_seed: int = 6000
     must: dict[str, Gate] = Field(default_factory=dict)  # for instance separation.violations; every run
     mostly: dict[str, Gate] = Field(default_factory=dict)  # likewise, in 95 % of the runs of each fleet
-    few: Annotated[int, Field(ge=0)] = (
-        20  # up to this many vehicles `nearest_few` holds, above `nearest_many`
-    )
+    few: Annotated[int, Field(ge=0)] = 20  # up to this many vehicles: `nearest_few`; above: `nearest_many`
     nearest_few: float = 0.97
     nearest_many: float = 0.9
 
