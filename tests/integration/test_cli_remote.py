@@ -264,7 +264,6 @@ def test_every_method_of_the_client_is_a_command() -> None:
         if not name.startswith("_")
     }
     assert methods - {call.method.rpartition(".")[2] for call in CALLS} == {
-        "report",  # gcs preflight
         "alarms",  # gcs alarms, gcs acknowledge
         "acknowledge",
         "acknowledge_all",
