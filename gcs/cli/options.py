@@ -26,7 +26,7 @@ RECEIVED_S: Final = 8.0
 
 
 def demo(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50, direct: to 1000; 8")
+    parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50, native: to 1000; 8")
     parser.add_argument(
         "--transport",
         choices=TRANSPORTS,

@@ -155,7 +155,7 @@ class LinkSettings(Settings):
         """UDP ports of `listen`, for the native transport. Raises: ConfigError for any other endpoint."""
         places = self.places
         if len(places) != 1 or not isinstance(places[0], Listen):
-            raise ConfigError("transport direct needs one udpin://HOST:PORT")
+            raise ConfigError("transport native needs one udpin://HOST:PORT")
         return places[0]
 
     @model_validator(mode="after")
@@ -182,7 +182,7 @@ class LinkSettings(Settings):
             raise ValueError(f"listen: {error}") from None
         for key, value in (("signing", self.signing), ("forward", self.forward)):
             if value:
-                raise ValueError(f"{key}: transport direct has none; transport: mavsdk has")
+                raise ValueError(f"{key}: transport native has none; transport: mavsdk has")
 
 
 class ApiSettings(Settings):

@@ -1,6 +1,6 @@
 """What links and the service cost in percent of one core, beside what others cost and what must be reached.
 
-`make bench` prints it; `python tests/bench/links.py service direct 1000 20` measures one row, `... service`
+`make bench` prints it; `python tests/bench/links.py service native 1000 20` measures one row, `... service`
 or `... mavsdk` those rows only. The vehicles are `link_traffic`, in a process of their own; only the process
 that flies them is measured.
 """

@@ -1,7 +1,7 @@
 """What five viewers cost the service, each, in percent of one core; and what one that reads nothing delays.
 
 `make bench` prints it; `python tests/bench/viewers.py 200` measures one fleet. The service flies a formation
-over the direct transport in a process of its own, which alone is measured; vehicles (`link_traffic`) and
+over the native transport in a process of its own, which alone is measured; vehicles (`link_traffic`) and
 viewers have others. The alternative beside it is the stream of JSON.
 """
 

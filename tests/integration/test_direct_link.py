@@ -1,4 +1,4 @@
-"""What only the direct transport does: batches, our own heartbeat, stream rates."""
+"""What only the native transport does: batches, our own heartbeat, stream rates."""
 
 import asyncio
 import socket

@@ -1,4 +1,4 @@
-"""What the direct transport reads of many vehicles at once is what the wire reads of each."""
+"""What the native transport reads of many vehicles at once is what the wire reads of each."""
 
 from math import isnan, nan
 from typing import Any

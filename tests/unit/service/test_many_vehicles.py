@@ -75,9 +75,9 @@ def test_a_thousand_vehicles_in_four_namespaces_have_own_names() -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        ("signing: {key_file: a.key}", "signing: transport direct has none"),
-        ("forward: udp://127.0.0.1:14550", "forward: transport direct has none"),
-        ("listen: tcpin://127.0.0.1:15000", "transport direct needs one udpin"),
+        ("signing: {key_file: a.key}", "signing: transport native has none"),
+        ("forward: udp://127.0.0.1:14550", "forward: transport native has none"),
+        ("listen: tcpin://127.0.0.1:15000", "transport native needs one udpin"),
     ],
 )
 def test_unsupported_native_transport_settings_are_refused(line: str, why: str) -> None:
