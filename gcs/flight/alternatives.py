@@ -34,7 +34,7 @@ def instead(flight: Fleet, vehicle_id: VehicleId | None = None) -> Iterator[None
         named = _accepted(flight, vehicle_id)
         if not named:
             raise
-        raise RefusedError(f"{error}; accepted instead: {named}") from None
+        raise RefusedError(f"{str(error).rstrip('.')}; accepted instead: {named}") from None
 
 
 def _accepted(flight: Fleet, vehicle_id: VehicleId | None) -> str:

@@ -117,7 +117,8 @@ class CollectiveReturn:
 
     def _fail(self, error: BaseException) -> None:
         self._is_off = True
-        self._problem = f"the planner failed with {type(error).__name__}: {cut(str(error))}"
+        detail = f": {cut(str(error))}" if str(error) else ""
+        self._problem = f"the planner failed with {type(error).__name__}{detail}"
         log.error("return_planner_failed", extra={"reason": self._problem}, exc_info=error)
 
     def _flown(self) -> Mask:

@@ -97,10 +97,11 @@ def test_unknown_or_past_estimate_is_absent(flight: Flight) -> None:
 def test_battery_time_is_estimated_correctly(flight: Flight) -> None:
     sample = flight.track.between(0.0, flight.stop_s).samples[-1]
     estimates, remaining = estimates_of(sample), sample.view.rows.battery_remaining
-    assert estimates.battery_least == pytest.approx(remaining.min())
-    assert estimates.battery_median == pytest.approx(np.median(remaining))
+    step = 0.01  # batteries report whole per cents, and estimates are made once a second
+    assert estimates.battery_least == pytest.approx(remaining.min(), abs=step)
+    assert estimates.battery_median == pytest.approx(np.median(remaining), abs=step)
     assert estimates.battery_least_row is not None
-    assert remaining[estimates.battery_least_row] == remaining.min()
+    assert remaining[estimates.battery_least_row] <= remaining.min() + step
     np.testing.assert_allclose(estimates.low_s, ENDURANCE_S * (remaining - BELOW), atol=15.0)
     np.testing.assert_allclose(estimates.empty_s, ENDURANCE_S * remaining, atol=15.0)
     assert estimates.low_row == int(np.argmin(estimates.low_s))
