@@ -43,16 +43,16 @@ STATUS: Final[dict[type[GcsError], HTTPStatus]] = {
 }
 
 DESCRIPTION: Final = """
-Fly a formation: start and stop the show; change formation, target, orbit and obstacles while it flies. Or fly
-a show that was written beforehand: upload it, check it, select it, start it by the hash that its check told.
+Fly a formation: start and stop the show; change formation, target, orbit and obstacles in flight. Or fly a
+written show: upload it, check it, select it, start it by the hash that its check reports.
 
-Lengths are metres, positions are in the show frame (x along the show's heading, y to its right, heights
-positive up) or latitude and longitude; headings are degrees clockwise from north. Commands answer 202 with an
-order, with its outcomes at `/api/v1/commands/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket that
-sends what `/api/v1/fleet` answers, the newest state each time; for who draws `/api/v1/stream/console` sends
-binary frames, and what `/api/v1/status` answers whenever that changes (docs/stream.md). Where orders are
-recorded, an answer leaves when the record has the order; with the header `X-Recorded: no` it does not, and
-`alarms` say why.
+Lengths are in metres. Positions are in the show frame (x along the show's heading, y to its right, heights
+positive up) or in latitude and longitude. Headings are in degrees clockwise from north. Commands answer 202
+with a command record; its outcome is at `/api/v1/commands/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket
+that sends what `/api/v1/fleet` answers, always the newest state. `/api/v1/stream/console` sends binary frames
+for displays, and `/api/v1/status` whenever it changes (docs/stream.md). Where commands are recorded, the
+answer leaves after the record is written; with the header `X-Recorded: no` it was not written, and `alarms`
+say why.
 """
 
 

@@ -164,7 +164,7 @@ def _histogram(name: str, text: str, seen: Histogram) -> Metric:
 @router.get(
     "/metrics",
     tags=["health"],
-    summary="For Prometheus",
+    summary="Metrics in the text format of Prometheus",
     dependencies=TOKEN,
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},

@@ -13,7 +13,7 @@ from gcs.service.alarms import AlarmCause
 router = APIRouter(prefix="/alarms", tags=["alarms"], dependencies=TOKEN)
 
 
-@router.get("", summary="Every alarm, and the state of the whole")
+@router.get("", summary="Alarms and the overall severity")
 async def list_alarms(context: ContextDep) -> AlarmList:
     """Every alarm, the most severe first, and the overall severity."""
     return convert_alarms.alarm_list(context.view, context.health_problem())

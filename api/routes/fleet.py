@@ -24,7 +24,7 @@ health = APIRouter(tags=["health"])
 api = APIRouter(dependencies=TOKEN)
 
 
-@health.get("/healthz", summary="Is control alive?", responses=errors(503))
+@health.get("/healthz", summary="Whether control is alive", responses=errors(503))
 async def healthz(context: ContextDep) -> schemas.Health:
     """200 only while the control loop runs and its newest state is fresh, judged by the clock."""
     problem = context.health_problem()
@@ -39,7 +39,7 @@ async def healthz(context: ContextDep) -> schemas.Health:
     )
 
 
-@health.get("/readyz", summary="Can anybody be ordered anything?", responses=errors(503))
+@health.get("/readyz", summary="Whether any vehicle can be commanded", responses=errors(503))
 async def readyz(context: ContextDep) -> schemas.Readiness:
     """200 only while control is alive and at least one vehicle is ready to start or airborne."""
     problem = convert.readiness_problem(context.view, context.now_s())
@@ -51,19 +51,19 @@ async def readyz(context: ContextDep) -> schemas.Readiness:
 # Fleet
 
 
-@api.get("/fleet", tags=["fleet"], summary="Everything at one instant", response_model=schemas.Fleet)
+@api.get("/fleet", tags=["fleet"], summary="State of the fleet at one instant", response_model=schemas.Fleet)
 async def get_fleet(context: ContextDep) -> Response:
     """The show, the formation, the target, the obstacles and every vehicle, as of the newest tick."""
     return Response(context.fleet_json(), media_type="application/json")
 
 
-@api.get("/status", tags=["fleet"], summary="What changes seldom, for who draws", response_model=Status)
+@api.get("/status", tags=["fleet"], summary="Slowly changing state, for displays", response_model=Status)
 async def get_status(context: ContextDep) -> Response:
     """The status message of the console's stream: data that changes seldom (docs/stream.md)."""
     return Response(context.feed.newest().model_dump_json(), media_type="application/json")
 
 
-@api.get("/access", tags=["fleet"], summary="Who am I, and what may I do?")
+@api.get("/access", tags=["fleet"], summary="Name and rights of the token")
 async def get_access(connection: HTTPConnection, context: ContextDep) -> Access:
     """The name of the request's token, and its rights."""
     principal = context.authorization.principal(connection.headers)
@@ -129,7 +129,7 @@ for _vehicle_action, _summary in VEHICLE_SUMMARY.items():
         methods=["POST"],
         name=f"{_vehicle_action.value.replace('-', '_')}_vehicle",
         summary=_summary,
-        description="Accepted as an order; `409` when its phase forbids it.",
+        description="Accepted as a command; `409` when the vehicle's phase forbids it.",
         status_code=HTTPStatus.ACCEPTED,
         tags=["fleet"],
         dependencies=NO_BODY,
@@ -176,7 +176,7 @@ for _group_action, _summary in GROUP_SUMMARY.items():
 # Show
 
 
-@api.get("/show", tags=["show"], summary="Where the show stands")
+@api.get("/show", tags=["show"], summary="Phase of the show")
 async def get_show(context: ContextDep) -> schemas.Show:
     """The show's phase, and the commands that it accepts now."""
     return convert.show(context.view)
@@ -210,7 +210,7 @@ for _show_action, _summary in SHOW_SUMMARY.items():
         methods=["POST"],
         name=f"{_show_action.value}_show",
         summary=_summary,
-        description="Accepted as an order; `409` when the show's phase forbids it.",
+        description="Accepted as a command; `409` when the show's phase forbids it.",
         status_code=HTTPStatus.ACCEPTED,
         tags=["show"],
         dependencies=NO_BODY,
@@ -238,7 +238,7 @@ for _offer, _summary in OFFER_SUMMARY.items():
         methods=["POST"],
         name=f"{_offer.value.replace('-', '_')}_show",
         summary=_summary,
-        description="Accepted as an order; `409` when `interrupted` of `/fleet` does not offer it.",
+        description="Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.",
         status_code=HTTPStatus.ACCEPTED,
         tags=["show"],
         dependencies=NO_BODY,
@@ -246,13 +246,15 @@ for _offer, _summary in OFFER_SUMMARY.items():
     )
 
 
-@api.get("/commands", tags=["show"], summary="The last orders")
+@api.get("/commands", tags=["show"], summary="The last commands")
 async def list_commands(context: ContextDep) -> list[schemas.Command]:
     """The commands that the service remembers, the newest first."""
     return [convert.command(record) for record in context.service.commands()]
 
 
-@api.get("/commands/{command_id}", tags=["show"], summary="An order's outcome", responses=READ | errors(404))
+@api.get(
+    "/commands/{command_id}", tags=["show"], summary="Outcome of a command", responses=READ | errors(404)
+)
 async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Command:
     """An accepted command and its outcome for each vehicle."""
     return convert.command(context.service.command_record(command_id))
@@ -261,7 +263,7 @@ async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Com
 # Formation, target, orbit, yaw
 
 
-@api.get("/formation", tags=["formation"], summary="Radius and height, wanted and now")
+@api.get("/formation", tags=["formation"], summary="Radius and height, desired and now")
 async def get_formation(context: ContextDep) -> schemas.Formation:
     """The desired formation, and the radius and height that are commanded now."""
     return convert.formation(context.plan.formation, context.view)
@@ -276,14 +278,14 @@ async def change_formation(body: schemas.FormationChange, context: ContextDep) -
     return convert.formation(desired, context.view)
 
 
-@api.get("/target", tags=["target"], summary="Where the target is now")
+@api.get("/target", tags=["target"], summary="Position and velocity of the target now")
 async def get_target(context: ContextDep) -> schemas.Target:
     """The target's position and velocity, in both frames; it keeps moving with that velocity."""
     target = context.plan.target
     return convert.target(target, target.position_m(context.now_s()), context.frame)
 
 
-@api.put("/target", tags=["target"], summary="Say where the target is", responses=COMMAND)
+@api.put("/target", tags=["target"], summary="Set the target", responses=COMMAND)
 async def put_target(body: schemas.TargetPut, context: ContextDep) -> schemas.Target:
     """Position in the show frame or as latitude and longitude. An absent velocity is 0."""
     now_s = context.now_s()
@@ -293,7 +295,7 @@ async def put_target(body: schemas.TargetPut, context: ContextDep) -> schemas.Ta
     return convert.target(desired, desired.position_m(now_s), context.frame)
 
 
-@api.get("/orbit", tags=["target"], summary="How the formation circles the target")
+@api.get("/orbit", tags=["target"], summary="Orbit of the formation around the target")
 async def get_orbit(context: ContextDep) -> schemas.Orbit:
     """Radius, speed and direction of the orbit around the target."""
     return convert.orbit(context.plan.orbit)
@@ -308,13 +310,13 @@ async def change_orbit(body: schemas.OrbitChange, context: ContextDep) -> schema
     return convert.orbit(desired)
 
 
-@api.get("/yaw", tags=["formation"], summary="Where the vehicles look")
+@api.get("/yaw", tags=["formation"], summary="Heading of the vehicles")
 async def get_yaw(context: ContextDep) -> schemas.Yaw:
     """The policy, and the heading for the policy `fixed`."""
     return convert.yaw(context.plan.yaw, context.frame)
 
 
-@api.patch("/yaw", tags=["formation"], summary="Change where the vehicles look", responses=COMMAND)
+@api.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", responses=COMMAND)
 async def change_yaw(body: schemas.YawChange, context: ContextDep) -> schemas.Yaw:
     """Changes the policy, the heading for the policy `fixed`, or both."""
     desired = convert.yaw_desired(body, context.plan.yaw, context.frame)

@@ -17,7 +17,7 @@ router = APIRouter(dependencies=TOKEN)
 
 Named = Annotated[
     list[str] | None,
-    Query(max_length=1000, description="Who is to fly; absent: every vehicle that is online."),
+    Query(max_length=1000, description="Vehicles that shall fly; absent: every vehicle that is online."),
 ]
 
 
@@ -46,7 +46,7 @@ def _vehicle(one: checks.VehicleChecks) -> preflight_schemas.VehicleChecks:
 @router.get(
     "/preflight",
     tags=["preflight"],
-    summary="What a start would find",
+    summary="Preflight report",
     responses=READ | errors(404, 409, 503),
 )
 async def get_preflight(context: ContextDep, vehicles: Named = None) -> preflight_schemas.Preflight:
@@ -67,7 +67,7 @@ async def get_preflight(context: ContextDep, vehicles: Named = None) -> prefligh
 @router.post(
     "/vehicles/{vehicle_id}/exclude",
     tags=["preflight"],
-    summary="Take a vehicle out of the show",
+    summary="Exclude a vehicle from the show",
     status_code=HTTPStatus.ACCEPTED,
     responses=COMMAND | errors(404),
 )
@@ -87,7 +87,7 @@ async def exclude_vehicle(
 @router.post(
     "/vehicles/{vehicle_id}/include",
     tags=["preflight"],
-    summary="Take a vehicle into the show again",
+    summary="Include an excluded vehicle",
     status_code=HTTPStatus.ACCEPTED,
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),

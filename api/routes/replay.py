@@ -26,7 +26,7 @@ async def get_replay(context: ContextDep) -> replay_schemas.Replay:
     return convert_status.replay(_replaying(context).playback)
 
 
-@router.post("/replay", summary="Pause, go on, at another speed, from elsewhere", responses=COMMAND)
+@router.post("/replay", summary="Pause, continue, change speed or position", responses=COMMAND)
 async def change_replay(body: replay_schemas.ReplayChange, context: ContextDep) -> replay_schemas.Replay:
     """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
     return convert_status.replay(_replaying(context).change(**body.given()))
@@ -38,7 +38,7 @@ async def get_replay_marks(context: ContextDep) -> replay_schemas.ReplayMarks:
     return convert_status.replay_marks(_replaying(context).marks)
 
 
-@router.get("/replay/report", summary="What the flight kept and broke", responses=READ | errors(409))
+@router.get("/replay/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))
 async def get_flight_report(context: ContextDep) -> replay_schemas.FlightReport:
     """Answers at once. The first call starts the analysis beside the replay; poll until it is done."""
     return convert_status.flight_report(_replaying(context).make_flight_report())

@@ -73,13 +73,13 @@ async def check_show(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
     return convert.show_check(context.service.shows.check(name))
 
 
-@files.get("/{name}/check", summary="What a check found", responses=READ | errors(404))
+@files.get("/{name}/check", summary="Result of a show check", responses=READ | errors(404))
 async def get_show_check(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
     """The newest check of this show since the service started."""
     return convert.show_check(context.service.shows.checked(name))
 
 
-@files.post("/{name}/select", summary="Have a show fly next", responses=COMMAND | errors(404))
+@files.post("/{name}/select", summary="Select a show to fly next", responses=COMMAND | errors(404))
 async def select_show(name: Name, body: show_schemas.SelectBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet."""
     return convert.selected_show(context.service.select_show(name, body.hash))
@@ -87,7 +87,7 @@ async def select_show(name: Name, body: show_schemas.SelectBody, context: Contex
 
 @selected.post(
     "/deselect",
-    summary="Fly what is told instead",
+    summary="Deselect the show: manual control",
     status_code=HTTPStatus.NO_CONTENT,
     dependencies=NO_BODY,
     responses=COMMAND,
@@ -97,7 +97,7 @@ async def deselect_show(context: ContextDep) -> None:
     context.service.deselect_show()
 
 
-@selected.post("/seek", summary="Begin at a cue", responses=COMMAND | errors(404))
+@selected.post("/seek", summary="Start at a cue", responses=COMMAND | errors(404))
 async def seek_show(body: show_schemas.SeekBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
     return convert.selected_show(context.service.seek_show(body.cue))

@@ -19,7 +19,7 @@ class KillBody(Inward):
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
     vehicles: Annotated[list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1"]])] = Field(
-        default=ABSENT, description="Absent: all that are not offline."
+        default=ABSENT, description="Absent: all vehicles that are not offline."
     )
 
 
@@ -27,7 +27,10 @@ class KillConfirmation(Inward):
     """The second step of a kill: its code."""
 
     code: Annotated[
-        str, Field(pattern=CODE_PATTERN, description="As the first step told.", examples=["a1b2c3"])
+        str,
+        Field(
+            pattern=CODE_PATTERN, description="The code that the first step returned.", examples=["a1b2c3"]
+        ),
     ]
 
 
@@ -39,4 +42,4 @@ class KillArmed(Outward):
 
     code: str
     vehicles: list[str]
-    valid_s: float = Field(description="From now on; afterwards the code is none.")
+    valid_s: float = Field(description="Time for which the code is valid.")

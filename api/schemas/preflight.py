@@ -25,12 +25,12 @@ class Check(Outward):
     """One check before a start."""
 
     name: str
-    state: State = Field(description="What is unknown counts as failed.")
-    value: Measured = Field(description="As measured; null where it is not known, or is no number.")
+    state: State = Field(description="Result of the check; unknown counts as failed.")
+    value: Measured = Field(description="The measured value; null: not known, or no number.")
     unit: str
-    limit: str = Field(description="What passes.")
+    limit: str = Field(description="Values that pass.")
     problem: str = Field(description="What is wrong; empty when it passes.")
-    to_do: str = Field(description="What mends it.")
+    to_do: str = Field(description="How to correct it.")
 
 
 class VehicleChecks(Outward):
@@ -38,7 +38,7 @@ class VehicleChecks(Outward):
 
     id: str
     passes: bool
-    flies: bool = Field(description="Whether a start would take it along, if everything passed.")
+    flies: bool = Field(description="Whether the vehicle takes part in a start when every check passes.")
     reason: str = Field(description="Why it does not fly.")
     checks: list[Check]
 
@@ -47,10 +47,10 @@ class Preflight(Outward):
     """All checks before a start."""
 
     passes: bool = Field(description="Whether a start would be accepted now.")
-    unix_time_s: float = Field(description="When it was looked at; in the air: before take-off.")
+    unix_time_s: float = Field(description="Time of the check; in the air: before take-off.")
     show: str | None
     show_hash: str | None
     fleet: list[Check]
     vehicles: list[VehicleChecks]
-    not_flying: dict[str, str] = Field(description="Who would stay on the ground, and why.")
-    not_checked: list[str] = Field(description="What is not looked at, and why.")
+    not_flying: dict[str, str] = Field(description="Vehicles that would stay on the ground, and why.")
+    not_checked: list[str] = Field(description="What is not checked, and why.")

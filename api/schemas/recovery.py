@@ -15,9 +15,9 @@ class _Outward(BaseModel):
 class Remaining(_Outward):
     """One vehicle that was airborne, and its state now."""
 
-    before: Phase = Field(description="Where the record ends.")
+    before: Phase = Field(description="Phase at the end of the record.")
     pad_known: bool = Field(description="Whether it can be brought home.")
-    waits: bool = Field(description="For an order: take-over or bring-home would reach it.")
+    waits: bool = Field(description="Waits for a command: take-over or bring-home would reach it.")
     text: str
 
 
@@ -34,10 +34,14 @@ class InterruptedFlight(_Outward):
     """A flight that was interrupted when the service ended or stalled. An operator must resume or end it."""
 
     session: str
-    unix_time_s: float = Field(description="When it was cut off.")
-    cause: str = Field(description="What cut it off, in words.", examples=["the service stalled for 4.4 s"])
+    unix_time_s: float = Field(description="When the flight was interrupted.")
+    cause: str = Field(
+        description="What interrupted the flight, in words.", examples=["the service stalled for 4.4 s"]
+    )
     show: ShowPhase
     selected: WrittenShow | None
     vehicles: dict[str, Remaining]
-    offers: list[Offer] = Field(description="What can be ordered: POST /api/v1/show/take-over and so on.")
-    problems: list[str] = Field(description="What speaks against the others.")
+    offers: list[Offer] = Field(
+        description="Commands that are accepted: POST /api/v1/show/take-over and others."
+    )
+    problems: list[str] = Field(description="Why the other commands are refused.")

@@ -17,10 +17,10 @@ class ReplayChange(Change):
 
     paused: bool = Field(default=ABSENT)
     speed: Annotated[float, Field(gt=0, le=SPEED_MAX, examples=[4.0])] = Field(
-        default=ABSENT, description="Times as fast as it was flown."
+        default=ABSENT, description="Playback speed as a multiple of the flight's."
     )
     position_s: Annotated[float, Field(ge=0, examples=[12.5])] = Field(
-        default=ABSENT, description="Since the first recorded state, at most the record's duration."
+        default=ABSENT, description="Time since the first recorded state, at most the record's duration."
     )
     skips_idle: bool = Field(
         default=ABSENT, description="Jump over time in which nothing flies, while it plays."
@@ -31,10 +31,10 @@ class Replay(Outward):
     """A recorded flight that is played back as if live."""
 
     file: str
-    began_unix_time_s: float = Field(description="Of the first recorded state.")
+    began_unix_time_s: float = Field(description="Time of the first recorded state.")
     duration_s: float
-    position_s: float = Field(description="Since the first recorded state, at this state.")
-    speed: float = Field(description="Times as fast as it was flown.")
+    position_s: float = Field(description="Time from the first recorded state to this one.")
+    speed: float = Field(description="Playback speed as a multiple of the flight's.")
     paused: bool
     ended: bool = Field(description="The last recorded state is shown.")
     skips_idle: bool = Field(description="Time in which nothing flies is jumped over while it plays.")
@@ -85,14 +85,14 @@ class ReportCheck(Outward):
     """One limit: whether it was kept, and the worst value."""
 
     name: str = Field(examples=["greatest height"])
-    limit: Measured = Field(description="That held then: a written show has its own.")
+    limit: Measured = Field(description="The limit that applied then: a written show has its own.")
     tolerated: Measured = Field(
         description="Kept up to here: an autopilot's own answer may pass the limit by a little."
     )
     worst: Measured = Field(description="null: there was nothing to judge.")
-    unit: str = Field(description="Of limit, tolerated and worst.", examples=["m"])
-    vehicle: str = Field(description="Whose worst it was.")
-    at_s: Measured = Field(description="Since the beginning of the record.")
+    unit: str = Field(description="Unit of limit, tolerated and worst.", examples=["m"])
+    vehicle: str = Field(description="The vehicle with the worst value.")
+    at_s: Measured = Field(description="Time since the beginning of the record.")
     kept: bool | None = Field(description="null: there was nothing to judge.")
 
 
@@ -101,8 +101,10 @@ class NearestPair(Outward):
 
     vehicles: list[str]
     distance_m: Measured
-    floor_ratio: Measured = Field(description="1: just the floor.")
-    floor_ratio_if_off: Measured = Field(description="If both were off by their margin, towards each other.")
+    floor_ratio: Measured = Field(description="Distance as a multiple of the floor: 1 is the floor.")
+    floor_ratio_if_off: Measured = Field(
+        description="The same if both positions were wrong by their margin, towards each other."
+    )
     at_s: Measured
 
 
@@ -115,8 +117,8 @@ class ReportBody(Outward):
     )
     missing: list[str] = Field(description="What could not be judged, and why; with times and bytes.")
     based_on: str = Field(examples=["true positions", "estimated positions"])
-    uncertainty: str = Field(description="Of the positions, in words.")
-    remarks: list[str] = Field(description="About the file.")
+    uncertainty: str = Field(description="Uncertainty of the positions, in words.")
+    remarks: list[str] = Field(description="Remarks about the file.")
     vehicles: int
     flew: int
     duration_s: float

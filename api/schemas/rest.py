@@ -63,7 +63,9 @@ Coordinate = Annotated[float, Field(ge=-LENGTH_MAX_M, le=LENGTH_MAX_M, examples=
 Length = Annotated[float, Field(gt=0, le=LENGTH_MAX_M, examples=[10.0])]
 Speed = Annotated[float, Field(gt=0, le=SPEED_MAX_M_S, examples=[2.0])]
 Velocity = Annotated[float, Field(ge=-SPEED_MAX_M_S, le=SPEED_MAX_M_S, examples=[0.5])]
-Heading = Annotated[float, Field(ge=-360, le=360, description="Clockwise from north.", examples=[90.0])]
+Heading = Annotated[
+    float, Field(ge=-360, le=360, description="Degrees clockwise from north.", examples=[90.0])
+]
 ObstacleId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$", examples=["tower"])]
 Sense = Annotated[Direction, Field(strict=False, description="Seen from above.")]
 Policy = Annotated[YawPolicy, Field(strict=False)]
@@ -99,17 +101,19 @@ class Outward(BaseModel):
 class FormationChange(Change):
     """New radius or height of the formation, which changes continuously."""
 
-    radius_m: Length = Field(default=ABSENT, description="Of the virtual sphere.")
-    height_m: Coordinate = Field(default=ABSENT, description="Of its centre, above the show's origin.")
+    radius_m: Length = Field(default=ABSENT, description="Radius of the virtual sphere.")
+    height_m: Coordinate = Field(default=ABSENT, description="Height of the centre above the show's origin.")
 
 
 class OrbitChange(Change):
     """New radius, speed or direction of the orbit of the formation's centre around the target."""
 
     radius_m: Annotated[float, Field(ge=0, le=LENGTH_MAX_M)] = Field(
-        default=ABSENT, description="0: the formation stands above the target.", examples=[30.0]
+        default=ABSENT,
+        description="Radius of the orbit; 0: the formation stands above the target.",
+        examples=[30.0],
     )
-    speed_m_s: Speed = Field(default=ABSENT, description="Relative to the target.")
+    speed_m_s: Speed = Field(default=ABSENT, description="Speed relative to the target.")
     direction: Sense = Field(default=ABSENT)
 
 
@@ -165,11 +169,11 @@ TargetPut = Annotated[
 class Box(Inward):
     """A box on the ground, edges along the show frame's axes, at its position now; it keeps its velocity."""
 
-    x_m: Coordinate = Field(description="Of its centre.")
+    x_m: Coordinate = Field(description="North coordinate of the centre in the show frame.")
     y_m: Coordinate
     half_length_x_m: Length
     half_length_y_m: Length
-    height_m: Length = Field(description="Of its top, above the show's origin.")
+    height_m: Length = Field(description="Height of the top above the show's origin.")
     velocity_x_m_s: Velocity = 0.0
     velocity_y_m_s: Velocity = 0.0
 
@@ -179,7 +183,7 @@ class ObstaclePost(Box):
 
     model_config = ConfigDict(json_schema_extra=without_defaults)
 
-    id: ObstacleId = Field(default=ABSENT, description="Absent: one is made.")
+    id: ObstacleId = Field(default=ABSENT, description="Absent: the service assigns an id.")
 
 
 class ObstaclePut(Box):
@@ -199,10 +203,11 @@ class StartBody(Inward):
         list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])
     ] = Field(default=ABSENT, description="Absent: every vehicle that is online.")
     show_hash: Annotated[str, Field(pattern=HASH_PATTERN, examples=[HASH_EXAMPLE])] = Field(
-        default=ABSENT, description="Of the selected show, as its check tells it. Absent: none is selected."
+        default=ABSENT,
+        description="Hash of the selected show, as its check reports it. Absent: none is selected.",
     )
     at_unix_time_s: Annotated[float, Field(gt=0, le=1e11, examples=[1795000000.0])] = Field(
-        default=ABSENT, description="When they take off, in s since 1970. Absent: now."
+        default=ABSENT, description="Take-off time, in s since 1970. Absent: now."
     )
 
 
@@ -224,35 +229,39 @@ class Problem(Outward):
 
     field: str = Field(description="Dotted name; `body` for the whole.", examples=["radius_m"])
     value: str | int | float | bool | None = Field(
-        description='What was given; text where JSON has no word for it ("NaN").', examples=[1.0]
+        description='The value received; text where JSON cannot hold it ("NaN").', examples=[1.0]
     )
-    allowed: str = Field(description="What would be right.", examples=["at least 6.2 m for 12 vehicles"])
+    allowed: str = Field(description="What is allowed.", examples=["at least 6.2 m for 12 vehicles"])
 
 
 class ErrorBody(Outward):
     """The common shape of every error."""
 
-    detail: str = Field(description="For a person.", examples=["radius_m = 1.0: at least 6.2 m"])
-    problems: list[Problem] = Field(description="For a program; empty when no field is to blame.")
+    detail: str = Field(
+        description="The error in words, for a person.", examples=["radius_m = 1.0: at least 6.2 m"]
+    )
+    problems: list[Problem] = Field(
+        description="The fields that are wrong, for a program; empty: no field is."
+    )
 
 
 class Health(Outward):
     """Whether the control loop runs and its newest state is fresh."""
 
     alive: bool
-    view_age_s: float = Field(description="Since the newest state was made.")
+    view_age_s: float = Field(description="Age of the newest state.")
     tick_rate_hz: Measured
-    access: str = Field(description="Whether tokens are asked for, in words.", examples=["tokens"])
-    emergency_port: int | None = Field(description="Answers emergency calls alone; null: there is none.")
+    access: str = Field(description="Whether the service demands tokens, in words.", examples=["tokens"])
+    emergency_port: int | None = Field(description="Port of the emergency listener; null: there is none.")
 
 
 class Readiness(Outward):
     """Whether at least one vehicle can be commanded."""
 
     ready: bool
-    vehicles_ready: int = Field(description="Could be started now.")
+    vehicles_ready: int = Field(description="Vehicles that could start now.")
     vehicles_airborne: int
-    vehicles: int = Field(description="Configured.")
+    vehicles: int = Field(description="Configured vehicles.")
 
 
 class Position(Outward):
@@ -284,28 +293,28 @@ class Vehicle(Outward):
     reason: str
     mode: Mode
     armed: bool
-    landed: str = Field(description="As the autopilot reports it.", examples=["on_ground"])
+    landed: str = Field(description="Landed state, as the autopilot reports it.", examples=["on_ground"])
     ready: bool
     position: Position
     velocity: VelocityOut | None
     heading_deg: Measured
-    battery_remaining: Measured = Field(description="0 to 1.")
+    battery_remaining: Measured = Field(description="Remaining share of the battery, 0 to 1.")
     position_age_s: Measured
     position_uncertainty_m: float = Field(
-        description="How far off it may be, sideways: as configured, wider for a poor fix or after a jump."
+        description="Horizontal position uncertainty: as configured, more for a poor fix or after a jump."
     )
     heartbeat_age_s: Measured
     link_quality: float | None = Field(
-        description="Share of the positions asked for that arrive, 0 to 1; null in a replay."
+        description="Share of the requested positions that arrive, 0 to 1; null in a replay."
     )
     setpoint: VelocityOut | None = Field(description="Sent in the last tick; null: not commanded.")
-    limited_by: str = Field(description="What the safety filter held it back for, empty when it did not.")
+    limited_by: str = Field(description="Why the safety filter limited the vehicle; empty: it did not.")
     low_s: Measured = Field(
-        description="Until its battery reaches the low-battery threshold, 0 below it; null: not known yet."
+        description="Time until the battery reaches the low-battery threshold, 0 below it; null: unknown."
     )
-    empty_s: Measured = Field(description="Until its battery is empty; null: not known yet.")
+    empty_s: Measured = Field(description="Time until the battery is empty; null: not known yet.")
     light: str | None = Field(
-        description="Colour that the show gives it now; null: it has no part in one.", examples=["#ff8000"]
+        description="Colour of the vehicle in the show now; null: it flies in no show.", examples=["#ff8000"]
     )
 
 
@@ -333,11 +342,11 @@ class Estimates(Outward):
             "Until the first vehicle reaches the low-battery threshold, from what it has used since take-off."
         )
     )
-    low_vehicle: str | None = Field(description="That vehicle.")
-    empty_s: Measured = Field(description="Until the first battery is empty.")
-    assembled_s: Measured = Field(description="Until the formation stands, while it is formed.")
+    low_vehicle: str | None = Field(description="The vehicle with that battery.")
+    empty_s: Measured = Field(description="Time until the first battery is empty.")
+    assembled_s: Measured = Field(description="Time until the formation is complete, while it assembles.")
     home_s: Measured = Field(
-        description="Until all have landed at their pads, if the return began now, or until it ends."
+        description="Time until all vehicles have landed at their pads, if the return began now or has begun."
     )
 
 
@@ -346,12 +355,14 @@ class SelectedShow(Outward):
 
     name: str
     hash: str
-    cue: str = Field(description="The newest.")
+    cue: str = Field(description="The newest cue.")
     cues: list[str]
     clock_s: float = Field(description="The show's own time; 0 when the first sphere stands.")
     duration_s: float
-    runs: bool = Field(description="Its clock; false before it begins and while it is paused.")
-    target_is_live: bool = Field(description="Whether PUT target leads it now.")
+    runs: bool = Field(
+        description="Whether the show's clock runs; false before the show begins and while it is paused."
+    )
+    target_is_live: bool = Field(description="Whether PUT target moves the target now.")
 
 
 class Show(Outward):
@@ -360,8 +371,10 @@ class Show(Outward):
     phase: ShowPhase
     reason: str
     possible: list[ShowAction]
-    selected: SelectedShow | None = Field(description="null: formation, target and orbit are as told.")
-    start_unix_time_s: float | None = Field(description="Ordered, and not reached yet.")
+    selected: SelectedShow | None = Field(description="null: manual control of formation, target and orbit.")
+    start_unix_time_s: float | None = Field(
+        description="Commanded start time that is not reached yet; null: none."
+    )
     countdown_s: float | None
 
 
@@ -377,9 +390,13 @@ class Command(Outward):
 
     id: str
     action: str
-    by: str = Field(description="Whose token; `local` without any, `service` when nobody called.")
+    by: str = Field(
+        description="Name of the token; `local` without tokens, `service` for the service itself."
+    )
     accepted_unix_time_s: float
-    outcome: Outcome = Field(description="pending while any vehicle is, then failed if any has, else done.")
+    outcome: Outcome = Field(
+        description="pending while any vehicle is pending, then failed if any vehicle failed, else done."
+    )
     vehicles: dict[str, CommandPart]
 
 
@@ -424,7 +441,7 @@ class Yaw(Outward):
     """Yaw policy and heading of the vehicles."""
 
     policy: YawPolicy
-    heading_deg: float = Field(description="Counts for the policy `fixed`.")
+    heading_deg: float = Field(description="Heading of the policy `fixed`.")
 
 
 class Obstacle(Outward):
@@ -465,7 +482,7 @@ class Fleet(Outward):
 
     time_s: float = Field(description="The service's monotonic clock.")
     unix_time_s: float
-    control_alive: bool = Field(description="False also when this state is old; of a replay, only then.")
+    control_alive: bool = Field(description="False also when this state is old; in a replay only then.")
     control_reason: str = Field(description="Why it is not alive, empty when it is.")
     show: Show
     counts: Counts
@@ -478,15 +495,17 @@ class Fleet(Outward):
     obstacles: list[Obstacle]
     minimum_separation_m: Measured
     setpoints_sent: int
-    filter_interventions: int = Field(description="Each vehicle in each tick that safety changed, in all.")
+    filter_interventions: int = Field(
+        description="Setpoints that the safety filter has changed, counted per vehicle and tick."
+    )
     interrupted: InterruptedFlight | None = Field(
-        description="A flight that was cut off, and is not settled."
+        description="An interrupted flight that is not settled yet; null: none."
     )
     severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(
-        description="The most severe first, of one severity the newest first; those that have ended at last."
+        description="Most severe first, newest first within a severity; alarms that have ended come last."
     )
     estimates: Estimates | None = Field(description="null in a replay.")
-    access: str = Field(description="Whether tokens are asked for, in words.")
+    access: str = Field(description="Whether the service demands tokens, in words.")
     tick: Tick
     vehicles: list[Vehicle]

@@ -13,7 +13,7 @@ ShowHash = Annotated[
     str,
     Field(
         pattern=HASH_PATTERN,
-        description="Of everything that is flown, as the show's check tells it.",
+        description="Hash of everything that is flown, as the show's check reports it.",
         examples=[HASH_EXAMPLE],
     ),
 ]
@@ -42,7 +42,7 @@ class StoredShow(Outward):
 
     name: str
     size_bytes: int
-    sha256: str = Field(description="Of the file; what is flown has a hash of its own.")
+    sha256: str = Field(description="Hash of the file; what is flown has a hash of its own.")
 
 
 class ShowText(Outward):
@@ -68,7 +68,7 @@ class CueFigures(Outward):
     at_s: float
     radius_m: float
     height_m: float
-    separation_m: Measured = Field(description="Smallest, in the floor's metric.")
+    separation_m: Measured = Field(description="Least separation, in the metric of the separation ellipsoid.")
     speed_m_s: Measured
     radius_error_m: Measured
     center_off_m: Measured
@@ -80,8 +80,8 @@ class VerticalOverlap(Outward):
 
     upper: int = Field(description="Vehicle of the show, from 1.")
     lower: int
-    sideways_m: float = Field(description="Between them, seen from above, at their nearest.")
-    cue: str = Field(description="When that was.")
+    sideways_m: float = Field(description="Least horizontal distance between the two vehicles.")
+    cue: str = Field(description="Cue at that time.")
 
 
 class ShowFigures(Outward):
@@ -102,7 +102,7 @@ class ShowFigures(Outward):
     fence_height_margin_m: float
     battery_need: float = Field(description="Share of a full battery, reserve included.")
     vertical_overlaps: int = Field(description="Pairs whose columns overlap at some time of the show.")
-    columns: list[VerticalOverlap] = Field(description="The nearest of them.")
+    columns: list[VerticalOverlap] = Field(description="The nearest of these pairs.")
     cues: list[CueFigures]
 
 
@@ -115,7 +115,7 @@ class ShowCheck(Outward):
     hash: str | None
     good: bool = Field(description="It can be flown, and by this service as it is set now.")
     fits_service: bool = Field(
-        description="false: with other settings the service would have none of some of the problems."
+        description="false: other settings of the service would remove some of the problems."
     )
     problems: list[ShowProblem]
     figures: ShowFigures | None = Field(description="null: not flown.")

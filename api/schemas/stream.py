@@ -35,13 +35,13 @@ class CueTime(Outward):
     """A cue as it is played; a cue in a loop occurs several times."""
 
     cue: str
-    at_s: float = Field(description="On the show's clock.")
+    at_s: float = Field(description="Time on the show's clock.")
 
 
 class Fence(Outward):
     """The volume that no vehicle may leave: heights above the show's origin, horizontal distance from it."""
 
-    height_min_m: float = Field(description="For who flies in the formation.")
+    height_min_m: float = Field(description="Least height of vehicles in the formation.")
     height_max_m: float
     distance_max_m: float
 
@@ -56,7 +56,7 @@ class Map(Outward):
         ),
         examples=["/api/v1/map/{z}/{x}/{y}"],
     )
-    attribution: str = Field(description="To be shown with it, as text.")
+    attribution: str = Field(description="Text to show with the map.")
     zoom_min: int
     zoom_max: int
 
@@ -65,8 +65,8 @@ class Separation(Outward):
     """The minimum separation: semi-axes of the ellipsoid around a vehicle that no other may enter."""
 
     horizontal_m: float
-    vertical_m: float = Field(description="Greater, for the air below a vehicle goes down.")
-    margin_m: float = Field(description="Kept on top of it sideways, and in proportion up and down.")
+    vertical_m: float = Field(description="Vertical half-axis; greater, because a vehicle's air goes down.")
+    margin_m: float = Field(description="Margin added sideways, and in proportion up and down.")
 
 
 class Home(Outward):
@@ -80,11 +80,11 @@ class Home(Outward):
 class LogEvent(Outward):
     """One event of the service's log."""
 
-    number: int = Field(description="Counts up since the service began.")
+    number: int = Field(description="Increases since the service began.")
     unix_time_s: float
     severity: Severity
     text: str
-    vehicle: str | None = Field(description="Whom it concerns; null: nobody in particular.")
+    vehicle: str | None = Field(description="The vehicle concerned; null: none in particular.")
 
 
 class StatusVehicle(Outward):
@@ -94,7 +94,7 @@ class StatusVehicle(Outward):
     system_id: int
     link: str
     reason: str = Field(description="Why it is in its phase.")
-    limited_by: str = Field(description="What the safety filter holds it back for, empty when it does not.")
+    limited_by: str = Field(description="Why the safety filter limits the vehicle; empty: it does not.")
     home: Home | None = Field(description="null: it has not taken off.")
     fix_type: Annotated[int, Field(ge=0, le=255)] | None = Field(
         description="GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known."
@@ -104,40 +104,44 @@ class StatusVehicle(Outward):
 class Status(Outward):
     """Data that changes seldom: the text messages of the console's stream."""
 
-    revision: int = Field(description="Counts up with every change; a frame names the one it belongs to.")
+    revision: int = Field(
+        description="Increases with every change; a frame names the revision it belongs to."
+    )
     time_s: float = Field(description="The service's monotonic clock.")
     unix_time_s: float
     began_unix_time_s: float = Field(
-        description="When this process began to serve: one that was started again has another."
+        description="When this process began to serve; a restarted service has another time."
     )
     control_reason: str = Field(description="Why control is not alive, empty when it is.")
     show: Show
     counts: Counts
-    timeline: list[CueTime] = Field(description="Of the selected show, loops written out.")
+    timeline: list[CueTime] = Field(description="Cues of the selected show, loops written out.")
     shows_refused: str = Field(
         description="Why show files cannot be uploaded to this service, empty when they can."
     )
     origin: Origin
     map: Map | None = Field(description="null: none is configured.")
     formation: Formation
-    target: Target = Field(description="Where it was at `time_s`.")
+    target: Target = Field(description="Position of the target at `time_s`.")
     orbit: Orbit
     yaw: Yaw
-    obstacles: list[Obstacle] = Field(description="Where they were at `time_s`.")
+    obstacles: list[Obstacle] = Field(description="Positions of the obstacles at `time_s`.")
     fence: Fence
     separation: Separation
     interrupted: InterruptedFlight | None = Field(
-        description="A flight that was cut off, and is not settled."
+        description="An interrupted flight that is not settled yet; null: none."
     )
     severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(
-        description="The most severe first, of one severity the newest first; those that have ended at last."
+        description="Most severe first, newest first within a severity; alarms that have ended come last."
     )
     estimates: Estimates | None = Field(
-        description="As they were at `time_s`; frames tell what they are now. null in a replay."
+        description="Estimates at `time_s`; frames carry the present ones. null in a replay."
     )
-    access: str = Field(description="Whether tokens are asked for, in words.")
-    limits: list[str] = Field(description="What vehicles are held back for now, each once.")
+    access: str = Field(description="Whether the service demands tokens, in words.")
+    limits: list[str] = Field(
+        description="Reasons for which the safety filter limits vehicles now, each once."
+    )
     replay: Replay | None = Field(description="null: this is no replay.")
     events: list[LogEvent] = Field(description="The newest 100, the newest last.")
     vehicles: list[StatusVehicle]

@@ -39,7 +39,7 @@ def test_wheel_contains_configurations_and_the_fake_fleet(tmp_path: Path) -> Non
     assert any(Path(name).name in page for name in scripts)
     assert all({f"{name}.br", f"{name}.gz"} <= names for name in scripts)
     assert not [name for name in names if name.endswith((".ts", "package.json")) or "node_modules" in name]
-    code = "from gcs.config import schema as c; print(c.find('demo')); print(len(c.load(c.find('px4-sitl')).ids))"
+    code = "from gcs.config import schema as s; print(s.find('demo'), len(s.load(s.find('px4-sitl')).ids))"
     done = subprocess.run(
         [sys.executable, "-c", code],
         check=True,

@@ -12,7 +12,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Who am I, and what may I do?
+         * Name and rights of the token
          * @description The name of the request's token, and its rights.
          */
         get: operations["get_access"];
@@ -32,7 +32,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Every alarm, and the state of the whole
+         * Alarms and the overall severity
          * @description Every alarm, the most severe first, and the overall severity.
          */
         get: operations["list_alarms"];
@@ -92,7 +92,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * The last orders
+         * The last commands
          * @description The commands that the service remembers, the newest first.
          */
         get: operations["list_commands"];
@@ -112,7 +112,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * An order's outcome
+         * Outcome of a command
          * @description An accepted command and its outcome for each vehicle.
          */
         get: operations["get_command"];
@@ -132,7 +132,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Everything at one instant
+         * State of the fleet at one instant
          * @description The show, the formation, the target, the obstacles and every vehicle, as of the newest tick.
          */
         get: operations["get_fleet"];
@@ -252,7 +252,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Radius and height, wanted and now
+         * Radius and height, desired and now
          * @description The desired formation, and the radius and height that are commanded now.
          */
         get: operations["get_formation"];
@@ -368,7 +368,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * How the formation circles the target
+         * Orbit of the formation around the target
          * @description Radius, speed and direction of the orbit around the target.
          */
         get: operations["get_orbit"];
@@ -392,7 +392,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * What a start would find
+         * Preflight report
          * @description Every check of every vehicle and of the fleet, at most once a second, and only on the ground.
          */
         get: operations["get_preflight"];
@@ -418,7 +418,7 @@ export interface paths {
         get: operations["get_replay"];
         put?: never;
         /**
-         * Pause, go on, at another speed, from elsewhere
+         * Pause, continue, change speed or position
          * @description Changes the given fields at once; `409` when the service controls vehicles, or to play past the end.
          */
         post: operations["change_replay"];
@@ -456,7 +456,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * What the flight kept and broke
+         * Flight report: limits kept and broken
          * @description Answers at once. The first call starts the analysis beside the replay; poll until it is done.
          */
         get: operations["get_flight_report"];
@@ -476,7 +476,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Where the show stands
+         * Phase of the show
          * @description The show's phase, and the commands that it accepts now.
          */
         get: operations["get_show"];
@@ -499,7 +499,7 @@ export interface paths {
         put?: never;
         /**
          * Filtered descent to distinct places, now
-         * @description Accepted as an order; `409` when the show's phase forbids it.
+         * @description Accepted as a command; `409` when the show's phase forbids it.
          */
         post: operations["abort_show"];
         delete?: never;
@@ -519,7 +519,7 @@ export interface paths {
         put?: never;
         /**
          * Bring a flight that was cut off home to where it took off
-         * @description Accepted as an order; `409` when `interrupted` of `/fleet` does not offer it.
+         * @description Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.
          */
         post: operations["bring_home_show"];
         delete?: never;
@@ -538,7 +538,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Fly what is told instead
+         * Deselect the show: manual control
          * @description Only on the ground. Manual control: formation, target and orbit follow the operator's commands.
          */
         post: operations["deselect_show"];
@@ -559,7 +559,7 @@ export interface paths {
         put?: never;
         /**
          * Stand still where they are
-         * @description Accepted as an order; `409` when the show's phase forbids it.
+         * @description Accepted as a command; `409` when the show's phase forbids it.
          */
         post: operations["pause_show"];
         delete?: never;
@@ -579,7 +579,7 @@ export interface paths {
         put?: never;
         /**
          * Go on after a pause
-         * @description Accepted as an order; `409` when the show's phase forbids it.
+         * @description Accepted as a command; `409` when the show's phase forbids it.
          */
         post: operations["resume_show"];
         delete?: never;
@@ -598,7 +598,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Begin at a cue
+         * Start at a cue
          * @description Only on the ground. The show begins at the first occurrence of that cue.
          */
         post: operations["seek_show"];
@@ -639,7 +639,7 @@ export interface paths {
         put?: never;
         /**
          * Come home and land
-         * @description Accepted as an order; `409` when the show's phase forbids it.
+         * @description Accepted as a command; `409` when the show's phase forbids it.
          */
         post: operations["stop_show"];
         delete?: never;
@@ -659,7 +659,7 @@ export interface paths {
         put?: never;
         /**
          * Go on with a flight that was cut off: into the formation, which stands until resume
-         * @description Accepted as an order; `409` when `interrupted` of `/fleet` does not offer it.
+         * @description Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.
          */
         post: operations["take_over_show"];
         delete?: never;
@@ -724,7 +724,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * What a check found
+         * Result of a show check
          * @description The newest check of this show since the service started.
          */
         get: operations["get_show_check"];
@@ -750,7 +750,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Have a show fly next
+         * Select a show to fly next
          * @description Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet.
          */
         post: operations["select_show"];
@@ -768,7 +768,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * What changes seldom, for who draws
+         * Slowly changing state, for displays
          * @description The status message of the console's stream: data that changes seldom (docs/stream.md).
          */
         get: operations["get_status"];
@@ -788,12 +788,12 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Where the target is now
+         * Position and velocity of the target now
          * @description The target's position and velocity, in both frames; it keeps moving with that velocity.
          */
         get: operations["get_target"];
         /**
-         * Say where the target is
+         * Set the target
          * @description Position in the show frame or as latitude and longitude. An absent velocity is 0.
          */
         put: operations["put_target"];
@@ -855,7 +855,7 @@ export interface paths {
         put?: never;
         /**
          * Say that a lost vehicle was seen on the ground
-         * @description Accepted as an order; `409` when its phase forbids it.
+         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
          */
         post: operations["confirm_down_vehicle"];
         delete?: never;
@@ -874,7 +874,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Take a vehicle out of the show
+         * Exclude a vehicle from the show
          * @description Only on the ground. The vehicle takes part in no start until it is included again.
          */
         post: operations["exclude_vehicle"];
@@ -895,7 +895,7 @@ export interface paths {
         put?: never;
         /**
          * Leave the formation and hold position
-         * @description Accepted as an order; `409` when its phase forbids it.
+         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
          */
         post: operations["hold_vehicle"];
         delete?: never;
@@ -914,7 +914,7 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Take a vehicle into the show again
+         * Include an excluded vehicle
          * @description Only on the ground. The vehicle must then pass every check, as all others.
          */
         post: operations["include_vehicle"];
@@ -935,7 +935,7 @@ export interface paths {
         put?: never;
         /**
          * Back from hold into the formation
-         * @description Accepted as an order; `409` when its phase forbids it.
+         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
          */
         post: operations["join_vehicle"];
         delete?: never;
@@ -955,7 +955,7 @@ export interface paths {
         put?: never;
         /**
          * Land where it is
-         * @description Accepted as an order; `409` when its phase forbids it.
+         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
          */
         post: operations["land_vehicle"];
         delete?: never;
@@ -975,7 +975,7 @@ export interface paths {
         put?: never;
         /**
          * Come home and land
-         * @description Accepted as an order; `409` when its phase forbids it.
+         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
          */
         post: operations["return_vehicle"];
         delete?: never;
@@ -995,7 +995,7 @@ export interface paths {
         put?: never;
         /**
          * Take control of a vehicle in the air, into hold
-         * @description Accepted as an order; `409` when its phase forbids it.
+         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
          */
         post: operations["take_control_vehicle"];
         delete?: never;
@@ -1012,7 +1012,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Where the vehicles look
+         * Heading of the vehicles
          * @description The policy, and the heading for the policy `fixed`.
          */
         get: operations["get_yaw"];
@@ -1022,7 +1022,7 @@ export interface paths {
         options?: never;
         head?: never;
         /**
-         * Change where the vehicles look
+         * Change the heading of the vehicles
          * @description Changes the policy, the heading for the policy `fixed`, or both.
          */
         patch: operations["change_yaw"];
@@ -1036,7 +1036,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Is control alive?
+         * Whether control is alive
          * @description 200 only while the control loop runs and its newest state is fresh, judged by the clock.
          */
         get: operations["healthz"];
@@ -1056,7 +1056,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * For Prometheus
+         * Metrics in the text format of Prometheus
          * @description Every metric in the text format of Prometheus.
          */
         get: operations["metrics"];
@@ -1076,7 +1076,7 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Can anybody be ordered anything?
+         * Whether any vehicle can be commanded
          * @description 200 only while control is alive and at least one vehicle is ready to start or airborne.
          */
         get: operations["readyz"];
@@ -1205,7 +1205,7 @@ export interface components {
         Check: {
             /**
              * Limit
-             * @description What passes.
+             * @description Values that pass.
              */
             limit: string;
             /** Name */
@@ -1215,18 +1215,18 @@ export interface components {
              * @description What is wrong; empty when it passes.
              */
             problem: string;
-            /** @description What is unknown counts as failed. */
+            /** @description Result of the check; unknown counts as failed. */
             state: components["schemas"]["State"];
             /**
              * To Do
-             * @description What mends it.
+             * @description How to correct it.
              */
             to_do: string;
             /** Unit */
             unit: string;
             /**
              * Value
-             * @description As measured; null where it is not known, or is no number.
+             * @description The measured value; null: not known, or no number.
              */
             value: number | null;
         };
@@ -1247,12 +1247,12 @@ export interface components {
             action: string;
             /**
              * By
-             * @description Whose token; `local` without any, `service` when nobody called.
+             * @description Name of the token; `local` without tokens, `service` for the service itself.
              */
             by: string;
             /** Id */
             id: string;
-            /** @description pending while any vehicle is, then failed if any has, else done. */
+            /** @description pending while any vehicle is pending, then failed if any vehicle failed, else done. */
             outcome: components["schemas"]["Outcome"];
             /** Vehicles */
             vehicles: {
@@ -1321,7 +1321,7 @@ export interface components {
             radius_m: number;
             /**
              * Separation M
-             * @description Smallest, in the floor's metric.
+             * @description Least separation, in the metric of the separation ellipsoid.
              */
             separation_m: number | null;
             /** Speed M S */
@@ -1344,7 +1344,7 @@ export interface components {
         CueTime: {
             /**
              * At S
-             * @description On the show's clock.
+             * @description Time on the show's clock.
              */
             at_s: number;
             /** Cue */
@@ -1363,13 +1363,13 @@ export interface components {
         ErrorBody: {
             /**
              * Detail
-             * @description For a person.
+             * @description The error in words, for a person.
              * @example radius_m = 1.0: at least 6.2 m
              */
             detail: string;
             /**
              * Problems
-             * @description For a program; empty when no field is to blame.
+             * @description The fields that are wrong, for a program; empty: no field is.
              */
             problems: components["schemas"]["Problem"][];
         };
@@ -1380,7 +1380,7 @@ export interface components {
         Estimates: {
             /**
              * Assembled S
-             * @description Until the formation stands, while it is formed.
+             * @description Time until the formation is complete, while it assembles.
              */
             assembled_s: number | null;
             /**
@@ -1394,12 +1394,12 @@ export interface components {
             battery_median: number | null;
             /**
              * Empty S
-             * @description Until the first battery is empty.
+             * @description Time until the first battery is empty.
              */
             empty_s: number | null;
             /**
              * Home S
-             * @description Until all have landed at their pads, if the return began now, or until it ends.
+             * @description Time until all vehicles have landed at their pads, if the return began now or has begun.
              */
             home_s: number | null;
             /**
@@ -1409,7 +1409,7 @@ export interface components {
             low_s: number | null;
             /**
              * Low Vehicle
-             * @description That vehicle.
+             * @description The vehicle with that battery.
              */
             low_vehicle: string | null;
         };
@@ -1454,7 +1454,7 @@ export interface components {
             height_max_m: number;
             /**
              * Height Min M
-             * @description For who flies in the formation.
+             * @description Least height of vehicles in the formation.
              */
             height_min_m: number;
         };
@@ -1465,19 +1465,19 @@ export interface components {
         Fleet: {
             /**
              * Access
-             * @description Whether tokens are asked for, in words.
+             * @description Whether the service demands tokens, in words.
              */
             access: string;
             /**
              * Alarms
-             * @description The most severe first, of one severity the newest first; those that have ended at last.
+             * @description Most severe first, newest first within a severity; alarms that have ended come last.
              */
             alarms: components["schemas"]["Alarm"][];
             /** @description null while no formation flies. */
             center: components["schemas"]["Center"] | null;
             /**
              * Control Alive
-             * @description False also when this state is old; of a replay, only then.
+             * @description False also when this state is old; in a replay only then.
              */
             control_alive: boolean;
             /**
@@ -1490,11 +1490,11 @@ export interface components {
             estimates: components["schemas"]["Estimates"] | null;
             /**
              * Filter Interventions
-             * @description Each vehicle in each tick that safety changed, in all.
+             * @description Setpoints that the safety filter has changed, counted per vehicle and tick.
              */
             filter_interventions: number;
             formation: components["schemas"]["Formation"];
-            /** @description A flight that was cut off, and is not settled. */
+            /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
             /** Minimum Separation M */
             minimum_separation_m: number | null;
@@ -1555,13 +1555,13 @@ export interface components {
         FormationChange: {
             /**
              * Height M
-             * @description Of its centre, above the show's origin.
+             * @description Height of the centre above the show's origin.
              * @example 12.5
              */
             height_m?: number;
             /**
              * Radius M
-             * @description Of the virtual sphere.
+             * @description Radius of the virtual sphere.
              * @example 10
              */
             radius_m?: number;
@@ -1616,7 +1616,7 @@ export interface components {
         Health: {
             /**
              * Access
-             * @description Whether tokens are asked for, in words.
+             * @description Whether the service demands tokens, in words.
              * @example tokens
              */
             access: string;
@@ -1624,14 +1624,14 @@ export interface components {
             alive: boolean;
             /**
              * Emergency Port
-             * @description Answers emergency calls alone; null: there is none.
+             * @description Port of the emergency listener; null: there is none.
              */
             emergency_port: number | null;
             /** Tick Rate Hz */
             tick_rate_hz: number | null;
             /**
              * View Age S
-             * @description Since the newest state was made.
+             * @description Age of the newest state.
              */
             view_age_s: number;
         };
@@ -1664,18 +1664,18 @@ export interface components {
         InterruptedFlight: {
             /**
              * Cause
-             * @description What cut it off, in words.
+             * @description What interrupted the flight, in words.
              * @example the service stalled for 4.4 s
              */
             cause: string;
             /**
              * Offers
-             * @description What can be ordered: POST /api/v1/show/take-over and so on.
+             * @description Commands that are accepted: POST /api/v1/show/take-over and others.
              */
             offers: components["schemas"]["Offer"][];
             /**
              * Problems
-             * @description What speaks against the others.
+             * @description Why the other commands are refused.
              */
             problems: string[];
             selected: components["schemas"]["WrittenShow"] | null;
@@ -1684,7 +1684,7 @@ export interface components {
             show: components["schemas"]["ShowPhase"];
             /**
              * Unix Time S
-             * @description When it was cut off.
+             * @description When the flight was interrupted.
              */
             unix_time_s: number;
             /** Vehicles */
@@ -1701,7 +1701,7 @@ export interface components {
             code: string;
             /**
              * Valid S
-             * @description From now on; afterwards the code is none.
+             * @description Time for which the code is valid.
              */
             valid_s: number;
             /** Vehicles */
@@ -1714,7 +1714,7 @@ export interface components {
         KillBody: {
             /**
              * Vehicles
-             * @description Absent: all that are not offline.
+             * @description Absent: all vehicles that are not offline.
              * @example [
              *       "d1"
              *     ]
@@ -1728,7 +1728,7 @@ export interface components {
         KillConfirmation: {
             /**
              * Code
-             * @description As the first step told.
+             * @description The code that the first step returned.
              * @example a1b2c3
              */
             code: string;
@@ -1740,7 +1740,7 @@ export interface components {
         LogEvent: {
             /**
              * Number
-             * @description Counts up since the service began.
+             * @description Increases since the service began.
              */
             number: number;
             severity: components["schemas"]["Severity"];
@@ -1750,7 +1750,7 @@ export interface components {
             unix_time_s: number;
             /**
              * Vehicle
-             * @description Whom it concerns; null: nobody in particular.
+             * @description The vehicle concerned; null: none in particular.
              */
             vehicle: string | null;
         };
@@ -1761,7 +1761,7 @@ export interface components {
         Map: {
             /**
              * Attribution
-             * @description To be shown with it, as text.
+             * @description Text to show with the map.
              */
             attribution: string;
             /**
@@ -1792,12 +1792,12 @@ export interface components {
             distance_m: number | null;
             /**
              * Floor Ratio
-             * @description 1: just the floor.
+             * @description Distance as a multiple of the floor: 1 is the floor.
              */
             floor_ratio: number | null;
             /**
              * Floor Ratio If Off
-             * @description If both were off by their margin, towards each other.
+             * @description The same if both positions were wrong by their margin, towards each other.
              */
             floor_ratio_if_off: number | null;
             /** Vehicles */
@@ -1842,13 +1842,13 @@ export interface components {
             half_length_y_m: number;
             /**
              * Height M
-             * @description Of its top, above the show's origin.
+             * @description Height of the top above the show's origin.
              * @example 10
              */
             height_m: number;
             /**
              * Id
-             * @description Absent: one is made.
+             * @description Absent: the service assigns an id.
              * @example tower
              */
             id?: string;
@@ -1864,7 +1864,7 @@ export interface components {
             velocity_y_m_s?: number;
             /**
              * X M
-             * @description Of its centre.
+             * @description North coordinate of the centre in the show frame.
              * @example 12.5
              */
             x_m: number;
@@ -1891,7 +1891,7 @@ export interface components {
             half_length_y_m: number;
             /**
              * Height M
-             * @description Of its top, above the show's origin.
+             * @description Height of the top above the show's origin.
              * @example 10
              */
             height_m: number;
@@ -1913,7 +1913,7 @@ export interface components {
             velocity_y_m_s?: number;
             /**
              * X M
-             * @description Of its centre.
+             * @description North coordinate of the centre in the show frame.
              * @example 12.5
              */
             x_m: number;
@@ -1949,13 +1949,13 @@ export interface components {
             direction?: components["schemas"]["Direction"];
             /**
              * Radius M
-             * @description 0: the formation stands above the target.
+             * @description Radius of the orbit; 0: the formation stands above the target.
              * @example 30
              */
             radius_m?: number;
             /**
              * Speed M S
-             * @description Relative to the target.
+             * @description Speed relative to the target.
              * @example 2
              */
             speed_m_s?: number;
@@ -2030,12 +2030,12 @@ export interface components {
             fleet: components["schemas"]["Check"][];
             /**
              * Not Checked
-             * @description What is not looked at, and why.
+             * @description What is not checked, and why.
              */
             not_checked: string[];
             /**
              * Not Flying
-             * @description Who would stay on the ground, and why.
+             * @description Vehicles that would stay on the ground, and why.
              */
             not_flying: {
                 [key: string]: string;
@@ -2051,7 +2051,7 @@ export interface components {
             show_hash: string | null;
             /**
              * Unix Time S
-             * @description When it was looked at; in the air: before take-off.
+             * @description Time of the check; in the air: before take-off.
              */
             unix_time_s: number;
             /** Vehicles */
@@ -2064,7 +2064,7 @@ export interface components {
         Problem: {
             /**
              * Allowed
-             * @description What would be right.
+             * @description What is allowed.
              * @example at least 6.2 m for 12 vehicles
              */
             allowed: string;
@@ -2076,7 +2076,7 @@ export interface components {
             field: string;
             /**
              * Value
-             * @description What was given; text where JSON has no word for it ("NaN").
+             * @description The value received; text where JSON cannot hold it ("NaN").
              * @example 1
              */
             value: string | number | boolean | null;
@@ -2090,14 +2090,14 @@ export interface components {
             ready: boolean;
             /**
              * Vehicles
-             * @description Configured.
+             * @description Configured vehicles.
              */
             vehicles: number;
             /** Vehicles Airborne */
             vehicles_airborne: number;
             /**
              * Vehicles Ready
-             * @description Could be started now.
+             * @description Vehicles that could start now.
              */
             vehicles_ready: number;
         };
@@ -2106,7 +2106,7 @@ export interface components {
          * @description One vehicle that was airborne, and its state now.
          */
         Remaining: {
-            /** @description Where the record ends. */
+            /** @description Phase at the end of the record. */
             before: components["schemas"]["Phase"];
             /**
              * Pad Known
@@ -2117,7 +2117,7 @@ export interface components {
             text: string;
             /**
              * Waits
-             * @description For an order: take-over or bring-home would reach it.
+             * @description Waits for a command: take-over or bring-home would reach it.
              */
             waits: boolean;
         };
@@ -2128,7 +2128,7 @@ export interface components {
         Replay: {
             /**
              * Began Unix Time S
-             * @description Of the first recorded state.
+             * @description Time of the first recorded state.
              */
             began_unix_time_s: number;
             /** Duration S */
@@ -2144,7 +2144,7 @@ export interface components {
             paused: boolean;
             /**
              * Position S
-             * @description Since the first recorded state, at this state.
+             * @description Time from the first recorded state to this one.
              */
             position_s: number;
             /**
@@ -2154,7 +2154,7 @@ export interface components {
             skips_idle: boolean;
             /**
              * Speed
-             * @description Times as fast as it was flown.
+             * @description Playback speed as a multiple of the flight's.
              */
             speed: number;
         };
@@ -2167,7 +2167,7 @@ export interface components {
             paused?: boolean;
             /**
              * Position S
-             * @description Since the first recorded state, at most the record's duration.
+             * @description Time since the first recorded state, at most the record's duration.
              * @example 12.5
              */
             position_s?: number;
@@ -2178,7 +2178,7 @@ export interface components {
             skips_idle?: boolean;
             /**
              * Speed
-             * @description Times as fast as it was flown.
+             * @description Playback speed as a multiple of the flight's.
              * @example 4
              */
             speed?: number;
@@ -2229,14 +2229,14 @@ export interface components {
             nearest_pairs: components["schemas"]["NearestPair"][];
             /**
              * Remarks
-             * @description About the file.
+             * @description Remarks about the file.
              */
             remarks: string[];
             /** Source */
             source: string;
             /**
              * Uncertainty
-             * @description Of the positions, in words.
+             * @description Uncertainty of the positions, in words.
              */
             uncertainty: string;
             /** Vehicles */
@@ -2255,7 +2255,7 @@ export interface components {
         ReportCheck: {
             /**
              * At S
-             * @description Since the beginning of the record.
+             * @description Time since the beginning of the record.
              */
             at_s: number | null;
             /**
@@ -2265,7 +2265,7 @@ export interface components {
             kept: boolean | null;
             /**
              * Limit
-             * @description That held then: a written show has its own.
+             * @description The limit that applied then: a written show has its own.
              */
             limit: number | null;
             /**
@@ -2280,13 +2280,13 @@ export interface components {
             tolerated: number | null;
             /**
              * Unit
-             * @description Of limit, tolerated and worst.
+             * @description Unit of limit, tolerated and worst.
              * @example m
              */
             unit: string;
             /**
              * Vehicle
-             * @description Whose worst it was.
+             * @description The vehicle with the worst value.
              */
             vehicle: string;
             /**
@@ -2319,7 +2319,7 @@ export interface components {
         SelectBody: {
             /**
              * Hash
-             * @description Of everything that is flown, as the show's check tells it.
+             * @description Hash of everything that is flown, as the show's check reports it.
              * @example 4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c
              */
             hash: string;
@@ -2336,7 +2336,7 @@ export interface components {
             clock_s: number;
             /**
              * Cue
-             * @description The newest.
+             * @description The newest cue.
              */
             cue: string;
             /** Cues */
@@ -2349,12 +2349,12 @@ export interface components {
             name: string;
             /**
              * Runs
-             * @description Its clock; false before it begins and while it is paused.
+             * @description Whether the show's clock runs; false before the show begins and while it is paused.
              */
             runs: boolean;
             /**
              * Target Is Live
-             * @description Whether PUT target leads it now.
+             * @description Whether PUT target moves the target now.
              */
             target_is_live: boolean;
         };
@@ -2367,12 +2367,12 @@ export interface components {
             horizontal_m: number;
             /**
              * Margin M
-             * @description Kept on top of it sideways, and in proportion up and down.
+             * @description Margin added sideways, and in proportion up and down.
              */
             margin_m: number;
             /**
              * Vertical M
-             * @description Greater, for the air below a vehicle goes down.
+             * @description Vertical half-axis; greater, because a vehicle's air goes down.
              */
             vertical_m: number;
         };
@@ -2394,11 +2394,11 @@ export interface components {
             possible: components["schemas"]["ShowAction"][];
             /** Reason */
             reason: string;
-            /** @description null: formation, target and orbit are as told. */
+            /** @description null: manual control of formation, target and orbit. */
             selected: components["schemas"]["SelectedShow"] | null;
             /**
              * Start Unix Time S
-             * @description Ordered, and not reached yet.
+             * @description Commanded start time that is not reached yet; null: none.
              */
             start_unix_time_s: number | null;
         };
@@ -2417,7 +2417,7 @@ export interface components {
             figures: components["schemas"]["ShowFigures"] | null;
             /**
              * Fits Service
-             * @description false: with other settings the service would have none of some of the problems.
+             * @description false: other settings of the service would remove some of the problems.
              */
             fits_service: boolean;
             /**
@@ -2454,7 +2454,7 @@ export interface components {
             climb_max_m_s: number;
             /**
              * Columns
-             * @description The nearest of them.
+             * @description The nearest of these pairs.
              */
             columns: components["schemas"]["VerticalOverlap"][];
             /** Cues */
@@ -2553,13 +2553,13 @@ export interface components {
         StartBody: {
             /**
              * At Unix Time S
-             * @description When they take off, in s since 1970. Absent: now.
+             * @description Take-off time, in s since 1970. Absent: now.
              * @example 1795000000
              */
             at_unix_time_s?: number;
             /**
              * Show Hash
-             * @description Of the selected show, as its check tells it. Absent: none is selected.
+             * @description Hash of the selected show, as its check reports it. Absent: none is selected.
              * @example 4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c
              */
             show_hash?: string;
@@ -2586,17 +2586,17 @@ export interface components {
         Status: {
             /**
              * Access
-             * @description Whether tokens are asked for, in words.
+             * @description Whether the service demands tokens, in words.
              */
             access: string;
             /**
              * Alarms
-             * @description The most severe first, of one severity the newest first; those that have ended at last.
+             * @description Most severe first, newest first within a severity; alarms that have ended come last.
              */
             alarms: components["schemas"]["Alarm"][];
             /**
              * Began Unix Time S
-             * @description When this process began to serve: one that was started again has another.
+             * @description When this process began to serve; a restarted service has another time.
              */
             began_unix_time_s: number;
             /**
@@ -2605,7 +2605,7 @@ export interface components {
              */
             control_reason: string;
             counts: components["schemas"]["Counts"];
-            /** @description As they were at `time_s`; frames tell what they are now. null in a replay. */
+            /** @description Estimates at `time_s`; frames carry the present ones. null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
             /**
              * Events
@@ -2614,18 +2614,18 @@ export interface components {
             events: components["schemas"]["LogEvent"][];
             fence: components["schemas"]["Fence"];
             formation: components["schemas"]["Formation"];
-            /** @description A flight that was cut off, and is not settled. */
+            /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
             /**
              * Limits
-             * @description What vehicles are held back for now, each once.
+             * @description Reasons for which the safety filter limits vehicles now, each once.
              */
             limits: string[];
             /** @description null: none is configured. */
             map: components["schemas"]["Map"] | null;
             /**
              * Obstacles
-             * @description Where they were at `time_s`.
+             * @description Positions of the obstacles at `time_s`.
              */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
@@ -2634,7 +2634,7 @@ export interface components {
             replay: components["schemas"]["Replay"] | null;
             /**
              * Revision
-             * @description Counts up with every change; a frame names the one it belongs to.
+             * @description Increases with every change; a frame names the revision it belongs to.
              */
             revision: number;
             separation: components["schemas"]["Separation"];
@@ -2646,7 +2646,7 @@ export interface components {
              * @description Why show files cannot be uploaded to this service, empty when they can.
              */
             shows_refused: string;
-            /** @description Where it was at `time_s`. */
+            /** @description Position of the target at `time_s`. */
             target: components["schemas"]["Target"];
             /**
              * Time S
@@ -2655,7 +2655,7 @@ export interface components {
             time_s: number;
             /**
              * Timeline
-             * @description Of the selected show, loops written out.
+             * @description Cues of the selected show, loops written out.
              */
             timeline: components["schemas"]["CueTime"][];
             /** Unix Time S */
@@ -2680,7 +2680,7 @@ export interface components {
             id: string;
             /**
              * Limited By
-             * @description What the safety filter holds it back for, empty when it does not.
+             * @description Why the safety filter limits the vehicle; empty: it does not.
              */
             limited_by: string;
             /** Link */
@@ -2702,7 +2702,7 @@ export interface components {
             name: string;
             /**
              * Sha256
-             * @description Of the file; what is flown has a hash of its own.
+             * @description Hash of the file; what is flown has a hash of its own.
              */
             sha256: string;
             /** Size Bytes */
@@ -2757,12 +2757,12 @@ export interface components {
             armed: boolean;
             /**
              * Battery Remaining
-             * @description 0 to 1.
+             * @description Remaining share of the battery, 0 to 1.
              */
             battery_remaining: number | null;
             /**
              * Empty S
-             * @description Until its battery is empty; null: not known yet.
+             * @description Time until the battery is empty; null: not known yet.
              */
             empty_s: number | null;
             /** Heading Deg */
@@ -2773,31 +2773,31 @@ export interface components {
             id: string;
             /**
              * Landed
-             * @description As the autopilot reports it.
+             * @description Landed state, as the autopilot reports it.
              * @example on_ground
              */
             landed: string;
             /**
              * Light
-             * @description Colour that the show gives it now; null: it has no part in one.
+             * @description Colour of the vehicle in the show now; null: it flies in no show.
              * @example #ff8000
              */
             light: string | null;
             /**
              * Limited By
-             * @description What the safety filter held it back for, empty when it did not.
+             * @description Why the safety filter limited the vehicle; empty: it did not.
              */
             limited_by: string;
             /** Link */
             link: string;
             /**
              * Link Quality
-             * @description Share of the positions asked for that arrive, 0 to 1; null in a replay.
+             * @description Share of the requested positions that arrive, 0 to 1; null in a replay.
              */
             link_quality: number | null;
             /**
              * Low S
-             * @description Until its battery reaches the low-battery threshold, 0 below it; null: not known yet.
+             * @description Time until the battery reaches the low-battery threshold, 0 below it; null: unknown.
              */
             low_s: number | null;
             mode: components["schemas"]["Mode"];
@@ -2807,7 +2807,7 @@ export interface components {
             position_age_s: number | null;
             /**
              * Position Uncertainty M
-             * @description How far off it may be, sideways: as configured, wider for a poor fix or after a jump.
+             * @description Horizontal position uncertainty: as configured, more for a poor fix or after a jump.
              */
             position_uncertainty_m: number;
             /** Ready */
@@ -2829,7 +2829,7 @@ export interface components {
             checks: components["schemas"]["Check"][];
             /**
              * Flies
-             * @description Whether a start would take it along, if everything passed.
+             * @description Whether the vehicle takes part in a start when every check passes.
              */
             flies: boolean;
             /** Id */
@@ -2861,14 +2861,14 @@ export interface components {
         VerticalOverlap: {
             /**
              * Cue
-             * @description When that was.
+             * @description Cue at that time.
              */
             cue: string;
             /** Lower */
             lower: number;
             /**
              * Sideways M
-             * @description Between them, seen from above, at their nearest.
+             * @description Least horizontal distance between the two vehicles.
              */
             sideways_m: number;
             /**
@@ -2898,7 +2898,7 @@ export interface components {
         Yaw: {
             /**
              * Heading Deg
-             * @description Counts for the policy `fixed`.
+             * @description Heading of the policy `fixed`.
              */
             heading_deg: number;
             policy: components["schemas"]["YawPolicy"];
@@ -2910,7 +2910,7 @@ export interface components {
         YawChange: {
             /**
              * Heading Deg
-             * @description Clockwise from north.
+             * @description Degrees clockwise from north.
              * @example 90
              */
             heading_deg?: number;
@@ -5354,7 +5354,7 @@ export interface operations {
     get_preflight: {
         parameters: {
             query?: {
-                /** @description Who is to fly; absent: every vehicle that is online. */
+                /** @description Vehicles that shall fly; absent: every vehicle that is online. */
                 vehicles?: string[] | null;
             };
             header?: never;
