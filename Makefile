@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo test soak computed flown console console-test schema check compiled bench mutate flight-quality screenshots docs format lock clean
+.PHONY: sitl ready demo quick test soak computed flown console console-test schema check compiled bench mutate flight-quality screenshots docs format lock clean
 
 # Two environments are made in parallel: one for flying, one for building the console.
 ready:
@@ -44,6 +44,10 @@ flown: .venv/ready console
 
 soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo; 15 minutes
 	$(BIN)/pytest -m soak -n 0 --timeout 1800 tests
+
+quick: .venv/ready compiled  ## between edits: linters, types, contracts, units, properties, two virtual flights
+	@$(MAKE) --no-print-directory check
+	$(BIN)/pytest -m "not realtime" tests/unit tests/properties tests/flight/test_show_flight.py tests/flight/test_group_commands.py
 
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
 

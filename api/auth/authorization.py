@@ -152,7 +152,7 @@ class Authorization:
     def text(self) -> str:
         """Description of the access rules for an operator."""
         if self._tokens is None:
-            return "off: whoever reaches this service may do everything; it listens on the loopback interface"
+            return "off: every client of this service may do everything; it listens on the loopback interface"
         return "tokens"
 
     def principal(self, headers: Headers) -> Principal:

@@ -74,7 +74,9 @@ def create_token(path: Path, name: str, role: Role) -> str:
     """
     token = f"gcs_{secrets.token_urlsafe(RANDOM_BYTES)}"
     if name in RESERVED:
-        raise RefusedError(f"{name} is what records call somebody without a token: choose another name")
+        raise RefusedError(
+            f"{name} is the name that records use for callers without a token: choose another name"
+        )
     try:
         entry = Entry(name=name, role=role, sha256=hashed(token), created_unix_time_s=time.time())
     except ValidationError:

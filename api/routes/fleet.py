@@ -164,7 +164,7 @@ for _group_action, _summary in GROUP_SUMMARY.items():
         name=f"{_group_action.value.replace('-', '_')}_fleet",
         summary=_summary,
         description=(
-            "One order for the vehicles named, or for all that it can apply to. Those that it does not"
+            "One command for the vehicles named, or for all that it can apply to. Those that it does not"
             " reach are named in the answer as `not-included`, with the reason; `409` when it reaches none."
         ),
         status_code=HTTPStatus.ACCEPTED,

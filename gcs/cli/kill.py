@@ -19,8 +19,8 @@ WAIT_S: Final = 6.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("vehicles", metavar="VEHICLE", nargs="*")
-    parser.add_argument("--all", action="store_true", help="everybody, in place of names")
-    parser.add_argument("--confirm", metavar="CODE", help="the second step, where nobody can be asked")
+    parser.add_argument("--all", action="store_true", help="every vehicle, instead of names")
+    parser.add_argument("--confirm", metavar="CODE", help="the second step, without a dialogue")
     parser.add_argument("--direct", action="store_true", help="without the service, though it may answer")
     record = os.environ.get("GCS_RECORD", RECORD)
     parser.add_argument(

@@ -31,7 +31,7 @@ def demo(parser: argparse.ArgumentParser) -> None:
         "--transport",
         choices=TRANSPORTS,
         default="mavsdk",
-        help="native: without MAVSDK, up to 250 vehicles a port; the story is told as far as it fits; mavsdk",
+        help="native: without MAVSDK, up to 250 vehicles a port; as much of the story as fits; mavsdk",
     )
     parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
     parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
@@ -46,8 +46,8 @@ def serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
     )
-    parser.add_argument("--host", help="where the API listens; 127.0.0.1 unless told otherwise")
-    parser.add_argument("--port", type=int, help="of the API; 8000 unless told otherwise")
+    parser.add_argument("--host", help="where the API listens; default 127.0.0.1")
+    parser.add_argument("--port", type=int, help="of the API; default 8000")
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     parser.add_argument(
         supervisor.OPTION, action="store_true", help="by a parent that starts it again when it ends or hangs"
@@ -80,7 +80,9 @@ def params(parser: argparse.ArgumentParser) -> None:
     ):
         action = actions.add_parser(name, help=text)
         action.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve")
-        action.add_argument("--vehicles", metavar="d1,d2", help="these only; all that are heard without it")
+        action.add_argument(
+            "--vehicles", metavar="d1,d2", help="these vehicles only; default: all that are received"
+        )
         action.add_argument("--wait", type=float, default=RECEIVED_S, metavar="S", help="for vehicles; 8")
 
 
@@ -93,7 +95,7 @@ def simulate(parser: argparse.ArgumentParser) -> None:
         "--row", choices=ROWS, help="the scenarios of one row of docs/flight-quality.md, as judged"
     )
     parser.add_argument("--judged", action="store_true", help="the runs on which the scenario is judged")
-    parser.add_argument("--seed", type=int, metavar="S", help="1 unless told otherwise")
+    parser.add_argument("--seed", type=int, metavar="S", help="default 1")
     parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
     parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
     parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")

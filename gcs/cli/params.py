@@ -132,7 +132,7 @@ async def inspect(
         *(_one(link_of[name], name, needed, apply=apply) for name in chosen if name in received)
     )
     silent = [name for name in chosen if name not in received] if named or not received else []
-    unheard = [Row(name, "-", None, "-", f"not heard within {wait_s:g} s") for name in silent]
+    unheard = [Row(name, "-", None, "-", f"not received within {wait_s:g} s") for name in silent]
     return [row for part in parts for row in part] + unheard
 
 
@@ -194,7 +194,7 @@ async def _reached(ask: Callable[[], Awaitable[ParameterValue]]) -> ParameterVal
         try:
             return await ask()
         except CommandError as error:
-            if "never heard" not in str(error) or loop.time() >= until_s:
+            if "never received" not in str(error) or loop.time() >= until_s:
                 raise
         await asyncio.sleep(POLL_S)
 
@@ -202,7 +202,7 @@ async def _reached(ask: Callable[[], Awaitable[ParameterValue]]) -> ParameterVal
 def table(rows: Sequence[Row]) -> str:
     """Format rows as aligned columns, with problems at the end of the line."""
     if not rows:
-        return "no vehicle was heard"
+        return "no vehicle was received"
     cells = [("vehicle", "parameter", "value", "desired", "verdict")]
     for row in rows:
         value = "?" if row.value is None else f"{row.value:g}"

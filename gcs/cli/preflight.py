@@ -21,7 +21,12 @@ STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bol
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("vehicles", nargs="*", metavar="VEHICLE", help="who is to fly (all that are online)")
+    parser.add_argument(
+        "vehicles",
+        nargs="*",
+        metavar="VEHICLE",
+        help="vehicles that shall fly (default: all that are online)",
+    )
     parser.add_argument("--all", action="store_true", help="list the checks that pass, too")
     add_connection(parser)
 

@@ -143,7 +143,7 @@ def make_authorization(config: Config, audit: Audit = log_denied) -> Authorizati
     if tokens is None:
         log.warning("access_off", extra={"host": config.api.host, "means": authorization.text})
     elif access.tls is None and not is_loopback(config.api.host):
-        fix = "access.tls; until then whoever hears the network can read the tokens"
+        fix = "access.tls; until then anyone on the network can read the tokens"
         log.warning("access_without_tls", extra={"host": config.api.host, "fix": fix})
     return authorization
 
@@ -212,7 +212,7 @@ async def serve(config: Config, say: Say, notifier: Notifier) -> None:
         text = f"serving {count} vehicles; look at them at {url}/ ; API at {url}/docs"
         say("serving", text, url=url, vehicles=count)
         if config.access.tokens_file is None:
-            off = "access is off: whoever can use this machine can fly; gcs token create makes tokens"
+            off = "access is off: every user of this machine can fly; gcs token create makes tokens"
             say("access_off", off)
         await asked.acquire()
         notifier.stopping()

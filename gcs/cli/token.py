@@ -16,7 +16,7 @@ FILE: Final = "tokens.json"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(dest="token_command", required=True)
     create = commands.add_parser("create", help="make a token; it is printed once, and kept nowhere")
-    create.add_argument("name", metavar="NAME", help="stands by every order given with this token")
+    create.add_argument("name", metavar="NAME", help="recorded with every command given with this token")
     create.add_argument(
         "--role",
         required=True,

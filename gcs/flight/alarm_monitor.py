@@ -325,7 +325,7 @@ def _of_the_interruption(found: InterruptedFlight) -> Condition:
         AlarmCause.INTERRUPTED,
         f"{found.cause} while the show{what} was {found.show}",
         consequence=consequence,
-        advice=f"Order {offers}." if offers else "",
+        advice=f"Command {offers}." if offers else "",
     )
 
 

@@ -470,7 +470,7 @@ class Commander:
         advance_show(flight.show, ShowEvent.RESUME)
         joining = self.recovery.taking_over or any(vehicle.entering_offboard for vehicle in flight.airborne)
         if not joining and not flight.in_phase(Phase.FORMATION):
-            raise RefusedError("no vehicle is in formation: order take-over where it is offered, or join")
+            raise RefusedError("no vehicle is in formation: use take-over where it is offered, or join")
         flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
         self._commanded = ShowEvent.RESUME
         self.recovery.replace()

@@ -39,7 +39,7 @@ class ManeuverTasks:
 
     def start(self, vehicle: Vehicle, maneuver: Maneuver, done: Done) -> None:
         """Start `maneuver` in place of any other; `done` is called once with the outcome."""
-        self.stop(vehicle, "replaced by another order")
+        self.stop(vehicle, "replaced by another command")
         task = self._group.create_task(self._run(vehicle, maneuver, done), name=f"maneuver/{vehicle.id}")
         self._running[vehicle.id] = task, done
         task.add_done_callback(lambda ended: self._forget(vehicle, ended))

@@ -256,7 +256,7 @@ class Maneuvers(ManeuverTasks):
         """Stop any maneuver; the autopilot holds position."""
         await self._command(vehicle, Verb.HOLD)
         if vehicle.phase is not Phase.HOLD:
-            vehicle.apply(Event.HOLD, "holds on order")
+            vehicle.apply(Event.HOLD, "holds as commanded")
 
     async def stay_down(self, vehicle: Vehicle) -> None:
         """Keep a vehicle on the ground that is not to take off any more: disarm it if its motors run."""

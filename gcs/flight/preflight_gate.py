@@ -33,8 +33,8 @@ SWAYS_M = 0.5
 ON_GROUND = "all vehicles on the ground and received"
 AS_CHECKED = "as it was checked, with as many vehicles"
 TO_DO: Final = {
-    "vehicles": "wait until it is heard on the ground, or take it out of the show",
-    "show": "check and select the show again, name those who fly, or take the others out",
+    "vehicles": "wait until it is received on the ground, or take it out of the show",
+    "show": "check and select the show again, name the vehicles that fly, or take the others out",
     "formation": "choose a larger radius, or fewer vehicles",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",

@@ -153,7 +153,7 @@ class ShowPlayer:
         self._show_library.cleared(show_run.name, show_hash)
         needed, count = show_run.timeline.show.fleet.vehicles, len(chosen)
         if count > needed or (count + taken_out < needed and not named):
-            fix = "name those who fly" + (", to take the others out" if count < needed else "")
+            fix = "name the vehicles that fly" + (", to take the others out" if count < needed else "")
             raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {fix}")
 
     def begin(self, chosen: Sequence[VehicleId]) -> None:

@@ -77,7 +77,7 @@ class Starting:
             self._flight.move_show(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
             return record
         if self.countdown is not None:
-            self._end_countdown(self.countdown, "started before its time, by another order")
+            self._end_countdown(self.countdown, "started before its time, by another command")
         record = self._book.open("start", chosen, left_out)
         self._take_off(record, chosen, left_out)
         return record

@@ -107,13 +107,13 @@ class TelemetryMonitor:
         elif self._maneuvers.running(vehicle):
             return
         elif vehicle.phase is Phase.OFFLINE and now_s - beat_s <= silence_s:
-            vehicle.reason = "heard, but it has no position yet"
+            vehicle.reason = "received, but it has no position yet"
         elif vehicle.phase is Phase.LOST and age_s <= silence_s and status.mode is not Mode.LAND:
             self._by_itself(vehicle, self._come_back)
         elif vehicle.phase is Phase.STANDBY and status.mode is Mode.OFFBOARD and not status.armed:
             self._by_itself(vehicle, self._maneuvers.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
-            vehicle.apply(Event.HOLD, "an order to hold that seemed to have failed came through")
+            vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
 
     def _not_judged_s(self, phase: Phase) -> float:
         """Start of the time known after a stall: airborne vehicles cannot be judged silent for longer."""

@@ -52,7 +52,7 @@ class Vehicle:
     link: str
     charge: float = 1.0
     phase: Phase = Phase.OFFLINE
-    reason: str = "not heard yet"
+    reason: str = "not received yet"
     home_m: Array | None = None  # (3,) show frame, where it took off
     hold_m: Array | None = None  # (3,) where it waits while the show does not move it
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
@@ -170,13 +170,13 @@ class Vehicle:
         flies = status.armed and status.landed is not Landed.ON_GROUND  # unknown is not "on the ground"
         if self.phase is Phase.OFFLINE:
             if status.landed is Landed.UNKNOWN:
-                self.reason = "heard, but it does not say yet whether it flies"
+                self.reason = "received, but it does not report yet whether it flies"
                 return None
             if flies:
-                return Event.CONNECTED_IN_AIR, "found in the air, and not by our order"
+                return Event.CONNECTED_IN_AIR, "found in the air, without a command of this station"
             return Event.CONNECTED, "on the ground"
         if self.phase is Phase.STANDBY and flies:
-            return Event.CONNECTED_IN_AIR, "took off, and not by our order"
+            return Event.CONNECTED_IN_AIR, "took off without a command of this station"
         return None
 
     def _silent(self, status: VehicleStatus) -> tuple[Event, str] | None:

@@ -168,12 +168,14 @@ class VehicleCommands:
         left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
         if not chosen:
-            reported = "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "nobody is named"
+            reported = (
+                "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "no vehicle is named"
+            )
             raise RefusedError(f"there is no vehicle to kill: {reported}")
         record = self._book.open("kill", [vehicle.id for vehicle in chosen], left_out)
         for vehicle in chosen:
             flown = vehicle.phase in FLOWN
-            vehicle.apply(Event.KILL, "motors stopped on order")
+            vehicle.apply(Event.KILL, "motors stopped on command")
             log.warning("kill", extra={"vehicle": vehicle.id, "was_flown": flown})
             self._maneuvers.start(vehicle, self._stop_motors, self._book.closer(record, vehicle.id))
         return record

@@ -214,7 +214,7 @@ class CommandProtocol:
         silent_s = self._clock() - reported.heartbeat_time_s
         state = f"it reports {reported.mode}, {'armed' if reported.armed else 'disarmed'}"
         if silent_s > CONFIRM_S:
-            state = f"silent for {silent_s:.1f} s" if isfinite(silent_s) else "never heard"
+            state = f"silent for {silent_s:.1f} s" if isfinite(silent_s) else "never received"
         words = f'; it says "{reported.text}"' if reported.text_time_s >= began_s else ""
         failure = "sent, but not seen to happen" if cause is None else f"failed ({cause})"
         return f"{command.vehicle_id}: {command.verb} {failure}: {state}{words}"
@@ -228,7 +228,7 @@ async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
     try:
         return await answer
     except CommandError as error:
-        silent = "no answer; there is no such parameter, or the vehicle is not heard"
+        silent = "no answer; there is no such parameter, or the vehicle is not received"
         why = silent if str(error) == TIMEOUT else str(error)
         raise CommandError(f"{vehicle_id}: parameter {name}: {why}") from error
 

@@ -131,7 +131,7 @@ class InterruptedFlight:
         if self.show is ShowPhase.COUNTDOWN:
             return f"{reported}: it does not start by itself"
         if self.offers:
-            reported += f": {' or '.join(self.offers)} can be ordered"
+            reported += f": {' or '.join(self.offers)} can be commanded"
         absent = [f"{one.id}: {one.text}" for one in self.vehicles if not one.waits]
         return "; ".join([reported, *absent, *self.problems])
 
@@ -202,7 +202,7 @@ def remaining(
     """
     waits, text = False, f"{phase}"
     if phase is Phase.OFFLINE:
-        text = f"was {before.phase}, and has not been heard since"
+        text = f"was {before.phase}, and has not been received since"
     elif phase is Phase.STANDBY:
         text = "on the ground"
     elif phase in AIRBORNE:

@@ -153,7 +153,7 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
                 "vehicles",
                 f"more than half of {count}",
                 f"only {stand} of {count} stand in the start pattern, however it is turned and shifted",
-                "check which show is selected, and who stands where",
+                "check which show is selected, and which vehicle stands where",
             )
         )
         return
@@ -171,7 +171,11 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
         found.not_checked.append("rotation of the start pattern: it is too small to tell one")
     else:
         most_deg = max(settings.rotation_max_deg, reported_deg)
-        reported = " (less cannot be told of pads so near to each other)" if reported_deg >= most_deg else ""
+        reported = (
+            " (less cannot be distinguished between pads so near to each other)"
+            if reported_deg >= most_deg
+            else ""
+        )
         found.fleet.append(
             judged(
                 "rotation of the start pattern",

@@ -135,7 +135,7 @@ def _the_pilot(operation: OperationSettings) -> tuple[Requirement, ...]:
         Requirement(
             "COM_RC_OVERRIDE",
             STICKS_TAKE_OVER,
-            "whoever moves the sticks has the vehicle, in OFFBOARD too (operation.pilot_takes_over)",
+            "moving the sticks takes control of the vehicle, in OFFBOARD too (operation.pilot_takes_over)",
             choices=(STICKS_TAKE_OVER,),
         ),
     )

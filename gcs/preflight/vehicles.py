@@ -109,7 +109,7 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
         return
     received, at = inputs.telemetry[vehicle_id]
     kind, positioning = float(received.fix_type[at]), inputs.positioning
-    named = "not told yet" if isnan(kind) else FIXES.get(int(kind), f"of type {kind:g}")
+    named = "not reported yet" if isnan(kind) else FIXES.get(int(kind), f"of type {kind:g}")
     yield judged(
         "fix",
         kind,
@@ -150,7 +150,7 @@ def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
     received, at = inputs.telemetry[vehicle_id]
     unhealthy, limit = int(received.unhealthy_sensors[at]), "its own checks before arming pass"
     if unhealthy < 0:
-        problem = "its autopilot has not told its health yet"
+        problem = "its autopilot has not reported its health yet"
         return Check("autopilot", State.UNKNOWN, None, "", limit, problem, "wait")
     if received.ready[at] and not unhealthy:
         return Check("autopilot", State.PASS, limit=limit)
@@ -244,7 +244,7 @@ def _clock(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check | None:
     received, at = inputs.telemetry[vehicle_id]
     ahead_s = float(received.clock_base_s[at]) - inputs.ahead_s
     if isnan(ahead_s):
-        problem, to_do = "its clock has not told the time yet", "wait for its fix"
+        problem, to_do = "its clock has not reported the time yet", "wait for its fix"
     else:
         beside = f"{abs(ahead_s):.1f} s {'ahead of' if ahead_s > 0.0 else 'behind'} this machine's"
         problem = f"its clock is {beside}, at most {most_s:g} s"

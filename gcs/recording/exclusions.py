@@ -29,6 +29,6 @@ def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
                 stated = json.loads(row["detail"])
                 out[row["vehicle"]] = Exclusion(stated["by"], stated["reason"], float(row["unix_s"]))
             except (KeyError, TypeError, ValueError) as error:
-                reported = f"who took {row['vehicle']} out of the show is not to be read: {error!r}"
+                reported = f"the exclusion of {row['vehicle']} cannot be read: {error!r}"
                 raise GcsError(f"{root}: {reported}") from None
     return out

@@ -68,7 +68,8 @@ def _fleet(show: Show) -> Iterator[Flaw]:
     if fleet.vehicles > 1 and fleet.pads.spacing_m < least_m - NEARLY:
         yield Flaw(
             ("fleet", "pads", "spacing_m"),
-            f"spacing_m = {fleet.pads.spacing_m:g}: at least {least_m:.3g} m, or who climbs comes too close",
+            f"spacing_m = {fleet.pads.spacing_m:g}: at least {least_m:.3g} m, or a climbing vehicle comes too"
+            " close to its neighbour",
         )
     farthest_m = float(np.hypot(*show.pads_m[:, :2].T).max())
     if farthest_m > fence.distance_max_m:

@@ -137,7 +137,7 @@ def parse(line: str | bytes) -> FaultCommand:
     except (ValueError, RecursionError) as error:
         raise FaultCommandError(f"not JSON: {error}") from None
     if not isinstance(fields, dict):
-        raise FaultCommandError('an order is an object, as in {"vehicle": 3, "fault": "loss", "share": 0.3}')
+        raise FaultCommandError('a command is an object, as in {"vehicle": 3, "fault": "loss", "share": 0.3}')
     fault = fields.pop("fault", None)
     if not isinstance(fault, str) or fault not in FAULTS:
         raise FaultCommandError(f"fault must be one of {', '.join(FAULTS)}, not {fault!r}")

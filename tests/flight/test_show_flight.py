@@ -1,4 +1,4 @@
-"""One whole show, twice: up, onto the sphere, round the target, home; one vehicle is never heard."""
+"""One whole show, twice: up, onto the sphere, round the target, home; one vehicle is never received."""
 
 from typing import NamedTuple
 
@@ -101,7 +101,7 @@ def test_start_and_stop_are_done_by_every_vehicle_of_the_show(flight: Flight) ->
 def test_vehicle_never_received_is_excluded_and_sent_nothing(flight: Flight) -> None:
     left_out = flight.started.outcomes["d4"]
     assert left_out.outcome is Outcome.NOT_INCLUDED
-    assert "not heard" in left_out.reason
+    assert "not received" in left_out.reason
     assert flight.sent["d4"] == []
     assert flight.commands["d4"] == []
 

@@ -144,7 +144,7 @@ def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
         ]
         (cut_off,) = [alarm for alarm in show.view.alarms if alarm.cause is AlarmCause.INTERRUPTED]
         assert cut_off.text == "Flight interrupted: the service was cut off while the show was running."
-        assert cut_off.advice == "Order take-over or bring-home."
+        assert cut_off.advice == "Command take-over or bring-home."
         assert (show.view.show, show.view.setpoints_sent) == (ShowPhase.UNCONTROLLED, 0)
         assert {phase for name in ALL for phase in show.track.phases(name)} <= {Phase.OFFLINE, Phase.PILOT}
 

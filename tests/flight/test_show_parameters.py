@@ -174,7 +174,7 @@ def test_params_of_a_named_vehicle_that_is_not_received() -> None:
         return await params(show, "d1", "d2", apply=False), await params(show, apply=False)
 
     named, everybody = fly(story, show_config(2))
-    assert named["d2", "-"].verdict == "not heard within 3 s"
+    assert named["d2", "-"].verdict == "not received within 3 s"
     assert not named["d2", "-"].good
     assert {vehicle for vehicle, _ in everybody} == {"d1"}
 

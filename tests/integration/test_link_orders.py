@@ -96,7 +96,7 @@ def test_invalid_commands_are_refused_before_sending() -> None:
             await do(link, Verb.ARM, "v9")
         async with running(link):
             await until(lambda: link.snapshot().ready[0])
-            with pytest.raises(CommandError, match="never heard"):
+            with pytest.raises(CommandError, match="never received"):
                 await do(link, Verb.ARM, "v2")
             with pytest.raises(CommandError, match="arm it first"):
                 await do(link, Verb.TAKEOFF, "v1", height_m=3.0)

@@ -80,7 +80,7 @@ def test_closed_link_and_unknown_vehicle_are_reported() -> None:
             await link.read_parameters("v1", ("COM_OBL_RC_ACT",))
         async with running(link):
             await until(lambda: is_open(link))
-            with pytest.raises(CommandError, match="v1: COM_OBL_RC_ACT cannot be set: never heard"):
+            with pytest.raises(CommandError, match="v1: COM_OBL_RC_ACT cannot be set: never received"):
                 await link.set_parameter("v1", "COM_OBL_RC_ACT", 5)
 
     asyncio.run(main())

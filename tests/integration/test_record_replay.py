@@ -133,7 +133,7 @@ def test_stream_replays_in_recorded_time_and_refuses_commands(recorded: Path) ->
         seek = partial(client.shows.seek, "stand")
         for command in (client.stop, client.start, lambda: client.change_orbit(radius_m=5.0), seek):
             with pytest.raises(
-                RefusedError, match=r"this is a replay of .*: nothing can be ordered or changed"
+                RefusedError, match=r"this is a replay of .*: nothing can be commanded or changed"
             ):
                 command()
         seen = asyncio.run(watched(address, 10))

@@ -73,8 +73,8 @@ class SilentLink:
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
         """No vehicle answers."""
-        raise CommandError(f"{vehicle_id}: its parameters cannot be read: never heard on link {self.name}")
+        raise CommandError(f"{vehicle_id}: its parameters cannot be read: never received on link {self.name}")
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
         """No vehicle answers."""
-        raise CommandError(f"{vehicle_id}: {name} cannot be set: never heard on link {self.name}")
+        raise CommandError(f"{vehicle_id}: {name} cannot be set: never received on link {self.name}")

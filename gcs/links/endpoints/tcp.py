@@ -107,7 +107,7 @@ class TcpDial:
             return None
         if self._pending.getpeername() == self._pending.getsockname():  # TCP connected to itself
             self.cancel()
-            raise ConnectionRefusedError("nobody listens")
+            raise ConnectionRefusedError("nothing listens")
         connected, self._pending = self._pending, None
         return SocketChannel(connected)
 

@@ -302,7 +302,7 @@ class MavsdkLink(BaseLink):
         """The vehicle's command channel. Raises: CommandError for one that MAVSDK has not discovered."""
         vehicle = self._met.get(self._vehicles[vehicle_id])
         if vehicle is None or self._workers is None:
-            raise CommandError(f"{vehicle_id}: {otherwise}: never heard on link {self._name}")
+            raise CommandError(f"{vehicle_id}: {otherwise}: never received on link {self._name}")
         return self._workers.channel(vehicle_id, vehicle, self._router.telemetry[self._vehicles[vehicle_id]])
 
     def _is_connected(self, system_id: int, now_s: float) -> bool:

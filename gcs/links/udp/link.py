@@ -269,7 +269,7 @@ class UdpLink(BaseLink, ABC):
         return self._protocol, row
 
     def _never_connected(self, row: int, otherwise: str) -> CommandError:
-        return CommandError(f"{self._ids[row]}: {otherwise}: never heard on link {self._name}")
+        return CommandError(f"{self._ids[row]}: {otherwise}: never received on link {self._name}")
 
     def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
         """The ids; the indices of this link's vehicles (k,); their rows here (k,). A later mention counts."""

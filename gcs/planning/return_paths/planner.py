@@ -83,7 +83,7 @@ class Planner:
         Raises: ShapeError if there are no vehicles, or a position is not finite.
         """
         if len(start_m) == 0:
-            raise ShapeError("a plan for nobody")
+            raise ShapeError("a plan without vehicles")
         for name, place_m in (("start_m", start_m), ("pad_m", pad_m)):
             unknown = np.flatnonzero(~np.isfinite(place_m).all(axis=1))
             if len(unknown):

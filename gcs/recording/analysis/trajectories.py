@@ -281,7 +281,7 @@ def _outside(beside: Trajectories, time_s: Array) -> list[str]:
     began_s = beside.time_s[0]
     known = f"{time_s[0] - began_s:.2f} s to {time_s[-1] - began_s:.2f} s"
     flew = f"{flew_s[0] - began_s:.2f} s to {flew_s[-1] - began_s:.2f} s"
-    return [f"true positions are known from {known}, and somebody flew from {flew}"]
+    return [f"true positions are known from {known}, and a vehicle flew from {flew}"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -64,7 +64,7 @@ class ReadOnlyService:
         self._shows = NoShows(path)
 
     def _refuse(self) -> NoReturn:
-        raise RefusedError(f"this is a replay of {self._path}: nothing can be ordered or changed")
+        raise RefusedError(f"this is a replay of {self._path}: nothing can be commanded or changed")
 
     @property
     def audit(self) -> Audit:
@@ -127,7 +127,7 @@ class ReadOnlyService:
     def command_record(self, command_id: str) -> CommandRecord:
         """Raises: UnknownError; commands are in the audit."""
         raise UnknownError(
-            f"there is no command {command_id}: this is a replay; past orders are in the audit"
+            f"there is no command {command_id}: this is a replay; past commands are in the audit"
         )
 
     def commands(self) -> Sequence[CommandRecord]:

@@ -13,7 +13,7 @@ def shares_after(arrive: float, seconds: float, seed: int = 3) -> float:
         if tick % 2 == 0 and random.random() < arrive:
             newest_s = np.array([now_s, -np.inf])
         quality.note(newest_s, now_s)
-    assert quality.share[1] == 0.0, "of one that is never heard"
+    assert quality.share[1] == 0.0, "of one that is never received"
     return float(quality.share[0])
 
 

@@ -54,7 +54,7 @@ def test_airborne_without_a_command_is_pilot_control(phase: Phase, landed: Lande
     subject = vehicle(phase)
     assert subject.observe(status(landed=landed), SILENCE_S)
     assert subject.phase is Phase.PILOT
-    assert "not by our order" in subject.reason
+    assert "without a command of this station" in subject.reason
 
 
 def test_an_armed_vehicle_on_the_ground_is_still_on_standby() -> None:
@@ -71,7 +71,7 @@ def test_armed_and_possibly_airborne_is_not_on_the_ground() -> None:
 def test_unknown_landed_state_keeps_it_offline_with_the_reason() -> None:
     subject = vehicle(Phase.OFFLINE)
     assert not subject.observe(status(landed=Landed.UNKNOWN), SILENCE_S)
-    assert subject.reason == "heard, but it does not say yet whether it flies"
+    assert subject.reason == "received, but it does not report yet whether it flies"
 
 
 def test_vehicle_silent_on_the_ground_is_offline() -> None:
@@ -130,9 +130,9 @@ def test_lost_vehicle_that_waits_needs_a_hold_command(mode: Mode) -> None:
 
 def test_hold_command_takes_control_of_a_lost_vehicle() -> None:
     subject = vehicle(Phase.LOST)
-    subject.apply(Event.HOLD, "holds on order")
+    subject.apply(Event.HOLD, "holds as commanded")
     assert subject.phase is Phase.HOLD
-    assert subject.reason == "holds on order"
+    assert subject.reason == "holds as commanded"
 
 
 @pytest.mark.parametrize("mode", [Mode.TAKEOFF, Mode.LAND])

@@ -46,7 +46,7 @@ def test_each_interval_is_requested_after_the_previous_answer() -> None:
 
 def test_unanswered_request_is_repeated_and_given_up_in_the_end() -> None:
     bench = Bench()
-    bench.connection_count[1] = 0  # never heard
+    bench.connection_count[1] = 0  # never received
     for now_s in np.arange(0.0, 10.0, 0.1):
         bench.watch(float(now_s), np.array([True, False]))
     assert [asked[1] for asked in bench.asked] == [33] * 4 + [30] * 4

@@ -49,7 +49,7 @@ def soon(holds: Callable[[], bool]) -> None:
 def test_command_is_read_back_with_operator_and_outcomes(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         book = CommandLog(record.audit)
-        book.open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
+        book.open("start", ["d1", "d2"], {"d3": "offline: not received yet"})
         token = WHO.set("anna")
         command = book.open("pause", ["d1", "d2"], {})
         WHO.reset(token)
@@ -58,7 +58,7 @@ def test_command_is_read_back_with_operator_and_outcomes(tmp_path: Path) -> None
         assert asyncio.run(record.audit.kept())
     first, second = commands(tmp_path)
     assert (first.who, first.action, first.session) == ("service", "start", record.session)
-    assert first.outcomes["d3"] == ("not-included", "offline: not heard yet")
+    assert first.outcomes["d3"] == ("not-included", "offline: not received yet")
     assert (second.who, second.action) == ("anna", "pause")
     assert second.accepted_unix_s == command.accepted_time_s
     assert second.outcomes == {"d1": ("done", ""), "d2": ("failed", "it did not answer")}
@@ -180,7 +180,7 @@ def test_exclusion_is_read_back_with_operator_reason_and_time(tmp_path: Path) ->
 def test_invalid_exclusion_is_refused_by_name(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         record.audit.event(1.8e9, "warning", "excluded", "d2", {"by": "anna"})
-    with pytest.raises(GcsError, match="who took d2 out of the show is not to be read"):
+    with pytest.raises(GcsError, match="the exclusion of d2 cannot be read"):
         exclusions(tmp_path)
 
 

@@ -15,7 +15,7 @@ def test_newest_log_lines_are_kept_with_their_vehicles() -> None:
         log.info("vehicle_phase", extra=stated)
         logging.getLogger("gcs.api.auth.authorization").warning("access_denied")  # no event of the flight
         log.error("link_failed", extra={"link": "a", "cause": "no route"})
-    log.error("link_failed", extra={"link": "a", "cause": "nobody listens"})
+    log.error("link_failed", extra={"link": "a", "cause": "nothing listens"})
     first, second = events.newest()
     assert (first.number, first.severity, first.vehicle) == (1, Severity.INFO, "d1")
     assert first.text == "formation: offboard accepted"

@@ -11,12 +11,12 @@ from gcs.service import WHO, CommandRecord, Outcome, VehicleOutcome
 
 def test_command_begins_pending_and_names_excluded_vehicles() -> None:
     began_s = time.time()
-    record = CommandLog().open("start", ["d1", "d2"], {"d3": "offline: not heard yet"})
+    record = CommandLog().open("start", ["d1", "d2"], {"d3": "offline: not received yet"})
     assert record.action == "start"
     assert record.outcomes == {
         "d1": VehicleOutcome(Outcome.PENDING),
         "d2": VehicleOutcome(Outcome.PENDING),
-        "d3": VehicleOutcome(Outcome.NOT_INCLUDED, "offline: not heard yet"),
+        "d3": VehicleOutcome(Outcome.NOT_INCLUDED, "offline: not received yet"),
     }
     assert began_s <= record.accepted_time_s <= time.time()
 
@@ -51,11 +51,11 @@ def test_record_is_a_snapshot_and_the_log_has_the_newest() -> None:
 def test_outcome_is_recorded_once() -> None:
     book = CommandLog()
     record = book.open("land", ["d1"], {"d2": "not chosen"})
-    book.close(record.id, "d1", Outcome.FAILED, "replaced by another order")
+    book.close(record.id, "d1", Outcome.FAILED, "replaced by another command")
     book.close(record.id, "d1", Outcome.DONE)
     book.close(record.id, "d2", Outcome.DONE)
     assert book.get(record.id).outcomes == {
-        "d1": VehicleOutcome(Outcome.FAILED, "replaced by another order"),
+        "d1": VehicleOutcome(Outcome.FAILED, "replaced by another command"),
         "d2": VehicleOutcome(Outcome.NOT_INCLUDED, "not chosen"),
     }
 

@@ -155,7 +155,7 @@ export interface paths {
         put?: never;
         /**
          * Several leave the formation and hold position
-         * @description One order for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
+         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
          */
         post: operations["hold_fleet"];
         delete?: never;
@@ -175,7 +175,7 @@ export interface paths {
         put?: never;
         /**
          * Several come back from hold into the formation
-         * @description One order for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
+         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
          */
         post: operations["join_fleet"];
         delete?: never;
@@ -195,7 +195,7 @@ export interface paths {
         put?: never;
         /**
          * Several land where they are
-         * @description One order for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
+         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
          */
         post: operations["land_fleet"];
         delete?: never;
@@ -215,7 +215,7 @@ export interface paths {
         put?: never;
         /**
          * Several come home and land
-         * @description One order for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
+         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
          */
         post: operations["return_fleet"];
         delete?: never;
@@ -235,7 +235,7 @@ export interface paths {
         put?: never;
         /**
          * Take control of several in the air, into hold
-         * @description One order for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
+         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
          */
         post: operations["take_control_fleet"];
         delete?: never;
