@@ -6,8 +6,15 @@ from pathlib import Path
 
 import pytest
 from browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
+from hypothesis import HealthCheck, settings
 
 from gcs.api.schemas import from_service as convert
+
+# The same examples in every run, and no clock that a busy machine would fail.
+settings.register_profile(
+    "machine", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("machine")
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"

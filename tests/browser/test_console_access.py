@@ -50,7 +50,7 @@ def not_reached(ui: Console) -> set[str]:
         reached = reached_by_tab(ui)
         after = set(ui.page.evaluate(REACHABLE))
         missing = (before & after) - reached
-        if before == after:
+        if before == after and not missing:
             break
     return missing
 

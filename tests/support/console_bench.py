@@ -15,7 +15,7 @@ from browsers import chromium
 from ground import flying_config, proper, service, vehicles
 from machine import free_ports
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect, sync_playwright
-from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
+from playwright.sync_api import Error as PlaywrightError
 
 from gcs.client import Client
 from gcs.config import schema as configuration
@@ -142,7 +142,7 @@ class Console:
     def until(self, act: Callable[[], None], reached: Callable[[float], None]) -> None:
         """Repeat an action until a condition holds: a page that was busy refuses to act on old state."""
         for _ in range(10):
-            with suppress(PlaywrightTimeoutError, AssertionError):
+            with suppress(PlaywrightError, AssertionError):
                 act()
                 reached(AGAIN_MS)
                 return
