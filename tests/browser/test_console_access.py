@@ -18,9 +18,10 @@ REACHABLE = """() => [...document.querySelectorAll("button, input, select, texta
 chrome = pytest.fixture(scope="module")(chromes)
 
 NOTE_FOCUS = """() => {
-  window.focused = [];
   const name = (each) => each.dataset.testid ?? each.outerHTML.slice(0, 80);
-  document.addEventListener("focusin", (event) => window.focused.push(name(event.target)));
+  const note = (event) => window.focused.push(name(event.target));
+  if (!window.focused) document.addEventListener("focusin", note);
+  window.focused = [];
   document.activeElement.blur();
 }"""
 
@@ -45,9 +46,10 @@ def reached_by_tab(ui: Console) -> set[str]:
 
 def not_reached(ui: Console) -> set[str]:
     """What is on the page and the Tab key never comes to; again when an alarm comes or goes meanwhile."""
+    reached: set[str] = set()
     for _ in range(5):
         before = set(ui.page.evaluate(REACHABLE))
-        reached = reached_by_tab(ui)
+        reached |= reached_by_tab(ui)
         after = set(ui.page.evaluate(REACHABLE))
         missing = (before & after) - reached
         if before == after and not missing:

@@ -64,7 +64,7 @@ def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
         await show.settled(show.service.command_show(ShowAction.PAUSE))
         assert {seen.phase for seen in show.view.vehicles} == {Phase.HOLD}
         turned_down = await refused(show, lambda: show.service.command_show(ShowAction.RESUME))
-        assert "no vehicle is in formation: order take-over" in turned_down.text
+        assert "no vehicle is in formation: use take-over" in turned_down.text
         assert turned_down.text.endswith("accepted instead: stop")
         await show.settled(show.service.settle(Offer.TAKE_OVER))
         await show.show(ShowAction.RESUME)

@@ -176,7 +176,7 @@ def test_stop_or_abort_during_the_climb_reaches_all(how: str, request: pytest.Fi
     assert {part.outcome for part in descent.record.outcomes.values()} == {Outcome.DONE}
     assert set(descent.record.outcomes) == {"d1", "d2", "d3", "d4"}
     assert descent.started.outcomes["d4"].outcome is Outcome.FAILED
-    assert "another order" in descent.started.outcomes["d4"].reason
+    assert "another command" in descent.started.outcomes["d4"].reason
 
 
 async def abort_at_once(show: Show) -> Descent:

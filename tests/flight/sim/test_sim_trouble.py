@@ -238,7 +238,7 @@ def test_pilot_takes_over_by_switch_or_sticks() -> None:
     ("line", "says"),
     [
         ("nonsense", "not JSON"),
-        ("[1]", "an order is an object"),
+        ("[1]", "a command is an object"),
         ('{"vehicle": 1}', "fault must be one of"),
         ('{"vehicle": 1, "fault": "gremlins"}', "fault must be one of"),
         ('{"fault": "silence"}', "must be there"),

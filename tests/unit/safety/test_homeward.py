@@ -117,7 +117,7 @@ def test_plan_with_an_unknown_position_is_refused(name: str) -> None:
 
 
 def test_plan_without_vehicles_is_refused() -> None:
-    with pytest.raises(ShapeError, match="nobody"):
+    with pytest.raises(ShapeError, match="without vehicles"):
         planned(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
