@@ -10,7 +10,7 @@ from typing import Final
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gcs.service import WHO, Audit, Call
+from gcs.service import CALLER, Audit, Call
 
 READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 DENIED: Final = frozenset({HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN, HTTPStatus.TOO_MANY_REQUESTS})
@@ -19,7 +19,7 @@ BODY_MAX_BYTES: Final = 4096
 """Bytes of a body that are recorded; the rest is left out."""
 
 WHO_KEY: Final = "gcs.who"
-"""Key of the ASGI scope for the caller's name. The access middleware sets it, and `gcs.service.WHO`."""
+"""Key of the ASGI scope for the caller's name. The access middleware sets it, and `gcs.service.CALLER`."""
 
 
 class Audited:
@@ -53,7 +53,7 @@ class Audited:
         status, changes = start["status"], scope["method"] not in READING
         if not changes and status not in DENIED:
             return
-        who = scope.get(WHO_KEY) or WHO.get()
+        who = scope.get(WHO_KEY) or CALLER.get()
         text = body.decode(errors="replace")
         self._audit.call(Call(who, scope["method"], scope["path"], text, status))
         if changes and status < HTTPStatus.BAD_REQUEST and not await self._audit.kept():

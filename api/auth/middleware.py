@@ -22,7 +22,7 @@ from gcs.api.auth.authorization import Authorization, Call, Principal, Refusal, 
 from gcs.api.auth.strict_json import find_problem
 from gcs.api.errors import error_response, invalid_response
 from gcs.model.quoting import cut
-from gcs.service import WHO
+from gcs.service import CALLER
 
 BODY_MAX_BYTES: Final = 64 * 1024
 """Limit of a request body; the largest valid one, a start with thousands of names, is smaller."""
@@ -54,11 +54,11 @@ class AccessMiddleware:
             self._authorization.turned_away(principal, call, refusal)
             await _turn_away(refusal, scope, receive, send)
             return
-        who = WHO.set(principal.name)
+        who = CALLER.set(principal.name)
         try:
             await self._enter(scope, receive, send, principal)
         finally:
-            WHO.reset(who)
+            CALLER.reset(who)
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send, principal: Principal) -> None:
         if scope["type"] == "websocket":

@@ -12,7 +12,7 @@ from gcs.api.schemas import kill as kill_schemas
 from gcs.api.schemas import rest as schemas
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import Phase
-from gcs.service import WHO
+from gcs.service import CALLER
 
 kill = APIRouter(prefix="/kill", tags=["fleet"], dependencies=TOKEN)
 
@@ -32,7 +32,7 @@ async def arm_kill(context: ContextDep, body: kill_schemas.KillBody | None = Non
     )
     if not chosen:
         raise RefusedError("all vehicles are offline, at unknown addresses: gcs kill --direct may know them")
-    armed = context.kill_switch.arm(chosen, WHO.get(), context.now_s())
+    armed = context.kill_switch.arm(chosen, CALLER.get(), context.now_s())
     return kill_schemas.KillArmed(code=armed.code, vehicles=list(armed.vehicles), valid_s=VALID_S)
 
 
@@ -46,7 +46,7 @@ async def confirm_kill(
     body: kill_schemas.KillConfirmation, context: ContextDep, response: Response
 ) -> schemas.Command:
     """Kills the code's vehicles. A code works once, and for a short time."""
-    vehicles = context.kill_switch.confirm(body.code, WHO.get(), context.now_s())
+    vehicles = context.kill_switch.confirm(body.code, CALLER.get(), context.now_s())
     command = convert.command(context.service.kill(vehicles))
     response.headers["Location"] = f"/api/v1/commands/{command.id}"
     return command

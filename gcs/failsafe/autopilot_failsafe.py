@@ -159,14 +159,14 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInput
             " another station, or its autopilot. Take control when the pilot agrees."
         )
     does = _DOES.get(inputs.mode, f"is in mode {inputs.mode}")
-    whose = "a failsafe of its own" if cause is FailsafeCause.OTHER else f"its own {cause} failsafe"
+    failsafe = "a failsafe of its own" if cause is FailsafeCause.OTHER else f"its own {cause} failsafe"
     level = f", battery {inputs.battery_remaining:.0%}" if cause in BATTERY and _is_known(inputs) else ""
     advice = _ADVICE.get(cause, _TAKE_CONTROL)
     if cause in BATTERY:
         advice = _LEAVE if comes_down(inputs) else _LAND
     if cause is FailsafeCause.SETPOINT_LOSS:
         level = f": {_setpoints(inputs)}"
-    return f"{vehicle_id} {does} by {whose}{level}. {advice}"
+    return f"{vehicle_id} {does} by {failsafe}{level}. {advice}"
 
 
 def _setpoints(inputs: FailsafeInputs) -> str:

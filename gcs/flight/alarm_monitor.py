@@ -19,7 +19,7 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.service import WHO, ActiveFailsafe, CommandRecord, Outcome
+from gcs.service import CALLER, ActiveFailsafe, CommandRecord, Outcome
 from gcs.service.alarms import (
     Alarm,
     AlarmBook,
@@ -156,14 +156,14 @@ class AlarmMonitor:
     def acknowledge(self, alarm_id: str) -> Alarm:
         """Mark an alarm as acknowledged by the caller. Raises: UnknownError."""
         known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
-        alarm = self._book.acknowledge(alarm_id, WHO.get(), self._unix_s())
+        alarm = self._book.acknowledge(alarm_id, CALLER.get(), self._unix_s())
         if known[alarm_id] is None:
             _tell_acknowledged(alarm)
         return alarm
 
     def acknowledge_all(self) -> tuple[Alarm, ...]:
         """Acknowledge all alarms that are not acknowledged yet."""
-        acknowledged = self._book.acknowledge_all(WHO.get(), self._unix_s())
+        acknowledged = self._book.acknowledge_all(CALLER.get(), self._unix_s())
         for alarm in acknowledged:
             _tell_acknowledged(alarm)
         return acknowledged

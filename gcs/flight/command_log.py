@@ -8,7 +8,7 @@ from typing import Protocol
 
 from gcs.model.errors import UnknownError
 from gcs.model.state import VehicleId
-from gcs.service import WHO, CommandRecord, Outcome, VehicleOutcome
+from gcs.service import CALLER, CommandRecord, Outcome, VehicleOutcome
 
 KEPT = 1000
 
@@ -39,13 +39,13 @@ class CommandLog:
         """Record a command as pending for `vehicles`, with the reasons of those `left_out`."""
         outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in vehicles}
         outcomes |= {name: VehicleOutcome(Outcome.NOT_INCLUDED, why) for name, why in left_out.items()}
-        record = CommandRecord(f"o{self._next}", action, time.time(), outcomes, WHO.get())
+        record = CommandRecord(f"o{self._next}", action, time.time(), outcomes, CALLER.get())
         self._next += 1
         self._records[record.id] = record
         while len(self._records) > KEPT:
             self._records.popitem(last=False)
         if self._listener is not None:
-            self._listener.opened(record, WHO.get())
+            self._listener.opened(record, CALLER.get())
         return record
 
     def close(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str = "") -> None:

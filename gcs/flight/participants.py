@@ -9,7 +9,7 @@ from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
-from gcs.service import WHO, CommandRecord, Outcome
+from gcs.service import CALLER, CommandRecord, Outcome
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +69,7 @@ class Participants:
         if len(reason) > REASON_MAX:
             raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
         self._need_ground(vehicle_id)
-        exclusion = Exclusion(WHO.get(), reason, self._unix_s())
+        exclusion = Exclusion(CALLER.get(), reason, self._unix_s())
         self._flight.excluded[vehicle_id] = exclusion
         log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
         return self._noted("exclude", vehicle_id, str(exclusion))
@@ -82,7 +82,7 @@ class Participants:
         self._need_ground(vehicle_id)
         if self._flight.excluded.pop(vehicle_id, None) is None:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
-        log.info("included", extra={"vehicle": vehicle_id, "by": WHO.get()})
+        log.info("included", extra={"vehicle": vehicle_id, "by": CALLER.get()})
         return self._noted("include", vehicle_id, "")
 
     def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> CommandRecord:

@@ -54,7 +54,7 @@ class Link(Protocol):
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
-        """Vehicles whose system id has recent frames from two addresses: both named in the text."""
+        """Vehicles with recent frames of their system id from two addresses; the text names both."""
         ...
 
     @property

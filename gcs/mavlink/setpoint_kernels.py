@@ -24,7 +24,7 @@ FRAME: Final = np.dtype(
 )
 """A MAVLink 2 frame with a SET_POSITION_TARGET_LOCAL_NED; its last byte is never 0 and so never cut off."""
 
-NOBODY: Final = -1
+NO_ROW: Final = -1
 
 _MAGIC: Final = 0xFD
 _LONG: Final = FRAME.itemsize
@@ -69,7 +69,7 @@ def awaited_setpoints(
     Args:
         data: (room, longest) bytes of each datagram.
         setpoints: (k,) which of the first k are setpoints.
-        row_of: (256,) the row of each system id, NOBODY without one.
+        row_of: (256,) the row of each system id, NO_ROW without one.
         awaited: (n,) rows whose setpoint is to leave.
         velocity: (n, 3) awaited velocities, as bits of single-precision numbers.
 
@@ -82,7 +82,7 @@ def awaited_setpoints(
             continue
         stated = data[at]
         row = row_of[stated[_TARGET_AT]]
-        if row == NOBODY or not awaited[row]:
+        if row == NO_ROW or not awaited[row]:
             continue
         same = True
         for axis in range(3):

@@ -73,7 +73,7 @@ class PreflightReport:
 class Exclusion:
     """The exclusion of a vehicle from the show."""
 
-    by: str  # who excluded it: see `gcs.service.WHO`
+    by: str  # who excluded it: see `gcs.service.CALLER`
     reason: str
     unix_time_s: float
 

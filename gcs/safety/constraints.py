@@ -9,7 +9,7 @@ from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
 
-NOBODY = -1
+NO_ROW = -1
 """In place of j: the constraint concerns vehicle i alone."""
 
 
@@ -18,7 +18,7 @@ class Constraints:
     """k half-spaces over the velocities of n vehicles. Owns its arrays."""
 
     first: np.ndarray[tuple[int], np.dtype[np.intp]]  # (k,) row i
-    second: np.ndarray[tuple[int], np.dtype[np.intp]]  # (k,) row j, or NOBODY
+    second: np.ndarray[tuple[int], np.dtype[np.intp]]  # (k,) row j, or NO_ROW
     normal: Array  # (k, 3)
     bound_m_s: Array  # (k,)
     reason: tuple[str, ...]  # (k,) in words, for the operator
@@ -35,7 +35,7 @@ class Constraints:
     def slack_m_s(self, velocity_m_s: Array) -> Array:
         """(k,) distance of each constraint from being broken by velocities (n, 3); negative: broken."""
         relative = velocity_m_s[self.first] - np.where(
-            (self.second == NOBODY)[:, None], 0.0, velocity_m_s[self.second]
+            (self.second == NO_ROW)[:, None], 0.0, velocity_m_s[self.second]
         )
         slack: Array = (self.normal * relative).sum(axis=1) - self.bound_m_s
         return slack

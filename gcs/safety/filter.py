@@ -14,7 +14,7 @@ from gcs.formation.sphere import TINY
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
-from gcs.safety.constraints import NOBODY, Braking, Constraints
+from gcs.safety.constraints import NO_ROW, Braking, Constraints
 from gcs.safety.neighbours import Rows
 from gcs.safety.projection import any_broken, nearest, shortened, tightest
 from gcs.safety.separation import Floor, Pairs, keepout_constraints, separation_constraints
@@ -167,7 +167,7 @@ def _lengths(before_m_s: Array, after_m_s: Array) -> Array:
 
 
 Joined: TypeAlias = tuple[Rows, Rows, Array, Array]
-"""Rows (k,), rows or NOBODY (k,), normals (k, 3) and bounds (k,): the walls first, then the pairs."""
+"""Rows (k,), rows or NO_ROW (k,), normals (k, 3) and bounds (k,): the walls first, then the pairs."""
 
 
 def _joined(walls: Constraints, pairs: Pairs) -> Joined:
@@ -243,7 +243,7 @@ def _reasons(
     if len(rows) == 0:
         return tuple(reasons.tolist())
     which = tightest(desired_m_s, *joined)[rows]
-    paired, walled = which >= len(walls), (which != NOBODY) & (which < len(walls))
+    paired, walled = which >= len(walls), (which != NO_ROW) & (which < len(walls))
     pair = which[paired] - len(walls)
     other = np.where(pairs.first[pair] == rows[paired], pairs.other[pair], pairs.first[pair])
     reasons[rows] = "limits"

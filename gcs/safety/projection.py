@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
 from gcs.model.state import Array
-from gcs.safety.constraints import NOBODY, Constraints
+from gcs.safety.constraints import NO_ROW, Constraints
 from gcs.safety.neighbours import Rows
 
 NEARLY_M_S = 1e-6
@@ -83,9 +83,9 @@ def along_m_s(velocity_m_s: Array, i: int, normal: Array, k: int) -> float:
 
 @kernel
 def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Array, k: int) -> float:
-    """Distance of constraint k, of rows i and j (or NOBODY), from being broken; negative: broken."""
+    """Distance of constraint k, of rows i and j (or NO_ROW), from being broken; negative: broken."""
     slack: float = along_m_s(velocity_m_s, i, normal, k) - bound_m_s[k]
-    if j != NOBODY:
+    if j != NO_ROW:
         slack -= along_m_s(velocity_m_s, j, normal, k)
     return slack
 
@@ -114,7 +114,7 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
             row[many], other[many], along[many], least_m_s[many] = i, j, normal[k], bound_m_s[k]
             many += 1
             moved_in[i] = sweep
-            if j != NOBODY:
+            if j != NO_ROW:
                 moved_in[j] = sweep
         if many == before:
             break
@@ -127,7 +127,7 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
 
 
 InHand: TypeAlias = tuple[Rows, Rows, Array, Array]
-"""Rows (k,), rows or NOBODY (k,), normals (k, 3) and bounds (k,)."""
+"""Rows (k,), rows or NO_ROW (k,), normals (k, 3) and bounds (k,)."""
 
 
 @kernel
@@ -150,11 +150,11 @@ def _sweep(
     for place in range(len(row)):
         k = place if sweep % 2 == 1 else len(row) - 1 - place
         i, j = row[k], other[k]
-        if moved_in[i] < sweep - 1 and (j == NOBODY or moved_in[j] < sweep - 1):
+        if moved_in[i] < sweep - 1 and (j == NO_ROW or moved_in[j] < sweep - 1):
             continue
         x, y, z = normal[k, 0], normal[k, 1], normal[k, 2]
         lack_m_s = bound_m_s[k] - (x * velocity_m_s[i, 0] + y * velocity_m_s[i, 1] + z * velocity_m_s[i, 2])
-        if j != NOBODY:
+        if j != NO_ROW:
             lack_m_s += x * velocity_m_s[j, 0] + y * velocity_m_s[j, 1] + z * velocity_m_s[j, 2]
             lack_m_s *= 0.5
         push_m_s = max(lack_m_s, -force_m_s[k])
@@ -162,11 +162,11 @@ def _sweep(
             continue
         force_m_s[k] += push_m_s
         _add(velocity_m_s, i, push_m_s * x, push_m_s * y, push_m_s * z)
-        if j != NOBODY:
+        if j != NO_ROW:
             _add(velocity_m_s, j, -push_m_s * x, -push_m_s * y, -push_m_s * z)
         if abs(push_m_s) > NEARLY_M_S:
             moved_in[i] = sweep
-            if j != NOBODY:
+            if j != NO_ROW:
                 moved_in[j] = sweep
         largest_m_s = max(largest_m_s, abs(push_m_s))
     return largest_m_s
@@ -205,7 +205,7 @@ def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bou
                 continue
             broken = True
             approach_m_s = -along_m_s(shorter_m_s, i, normal, k)
-            other_m_s = along_m_s(shorter_m_s, j, normal, k) if j != NOBODY else 0.0
+            other_m_s = along_m_s(shorter_m_s, j, normal, k) if j != NO_ROW else 0.0
             _demand(factor, i, j, approach_m_s, other_m_s, -bound_m_s[k])
         if tries >= most:
             factor = np.floor(factor)
@@ -232,14 +232,14 @@ def _demand(factor: Array, i: int, j: int, approach_m_s: float, other_m_s: float
 def tightest(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Rows:
     """(n,) for each row the constraint that velocities (n, 3) break most, or come nearest to breaking.
 
-    NOBODY for a row without constraints.
+    NO_ROW for a row without constraints.
     """
-    least_m_s, which = np.full(len(velocity_m_s), np.inf), np.full(len(velocity_m_s), NOBODY)
+    least_m_s, which = np.full(len(velocity_m_s), np.inf), np.full(len(velocity_m_s), NO_ROW)
     for k in range(len(first)):
         i, j = first[k], second[k]
         slack = slack_m_s(velocity_m_s, i, j, normal, bound_m_s, k)
         if slack < least_m_s[i]:
             least_m_s[i], which[i] = slack, k
-        if j != NOBODY and slack < least_m_s[j]:
+        if j != NO_ROW and slack < least_m_s[j]:
             least_m_s[j], which[j] = slack, k
     return which

@@ -8,7 +8,7 @@ import numpy as np
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
-from gcs.safety.constraints import NOBODY, Braking, Constraints, allowed_speed_m_s
+from gcs.safety.constraints import NO_ROW, Braking, Constraints, allowed_speed_m_s
 from gcs.safety.neighbours import Rows, near_pairs, near_pairs_of
 
 TINY = 1e-9
@@ -50,7 +50,7 @@ class Pairs:
     """k constraints between vehicles, as `Constraints`, without reasons. Owns its arrays."""
 
     first: Rows  # (k,) row i, commanded
-    second: Rows  # (k,) row j if it is commanded, else NOBODY
+    second: Rows  # (k,) row j if it is commanded, else NO_ROW
     other: Rows  # (k,) row j
     normal: Array  # (k, 3)
     bound_m_s: Array  # (k,)
@@ -313,7 +313,7 @@ def _bounds(
         if allowed_m_s > desired_m_s:
             continue
         rows[kept], others[kept] = i, j
-        shared[kept] = j if commanded[j] else NOBODY
+        shared[kept] = j if commanded[j] else NO_ROW
         normals[kept, 0], normals[kept, 1], normals[kept, 2] = x, y, z
         theirs_m_s = x * measured_m_s[j, 0] + y * measured_m_s[j, 1] + z * measured_m_s[j, 2]
         bounds_m_s[kept] = -allowed_m_s if commanded[j] else theirs_m_s - allowed_m_s
@@ -386,7 +386,7 @@ def keepout_constraints(
     kept = bound_m_s >= -2.0 * fastest_m_s
     row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]
     reasons = ("the path of a lost vehicle",) * len(row)
-    return Constraints(row, np.full(len(row), NOBODY), normal, bound_m_s, reasons)
+    return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons)
 
 
 def _true_bound(slope: Array, scaled_gap_m: Array, braking: Braking) -> tuple[Array, Array]:

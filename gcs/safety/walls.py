@@ -8,7 +8,7 @@ from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.model.jit import kernel
 from gcs.model.settings import Positive, Settings
 from gcs.model.state import Array, Mask
-from gcs.safety.constraints import NOBODY, Braking, Constraints, allowed_speed_m_s
+from gcs.safety.constraints import NO_ROW, Braking, Constraints, allowed_speed_m_s
 from gcs.safety.neighbours import Rows
 
 
@@ -51,7 +51,7 @@ def fence_constraints(
     if len(rows) == 0:
         return Constraints.none()
     reasons = tuple(map(FENCE_REASONS.__getitem__, sides.tolist()))
-    return Constraints(rows, np.full(len(rows), NOBODY), normal, bound_m_s, reasons)
+    return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, reasons)
 
 
 FENCE_REASONS = ("least height", "greatest height", "greatest distance")
@@ -139,7 +139,7 @@ def obstacle_constraints(
     names = [f"obstacle {name}" for name in outlines.names]
     walls = Constraints(
         row,
-        np.full(len(row), NOBODY),
+        np.full(len(row), NO_ROW),
         np.array(outward[row, box]),
         np.array(bound_m_s[row, box]),
         tuple(names[k] for k in box),
@@ -148,7 +148,7 @@ def obstacle_constraints(
         return walls
     floors = Constraints(
         inside_row,
-        np.full(len(inside_row), NOBODY),
+        np.full(len(inside_row), NO_ROW),
         np.tile((0.0, 0.0, -1.0), (len(inside_row), 1)),
         np.zeros(len(inside_row)),
         tuple(f"{names[k]} below" for k in inside_box),

@@ -5,7 +5,7 @@ a process of its own without a change on their side.
 """
 
 from gcs.estimation.time_estimates import Estimates
-from gcs.service.commands import WHO, CommandRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
+from gcs.service.commands import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
 from gcs.service.latest import Latest
 from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
@@ -24,7 +24,7 @@ from gcs.service.snapshots import (
 )
 
 __all__ = [
-    "WHO",
+    "CALLER",
     "ActiveFailsafe",
     "Audit",
     "Call",

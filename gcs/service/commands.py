@@ -7,7 +7,7 @@ from typing import Final
 
 from gcs.model.state import VehicleId
 
-WHO: Final[ContextVar[str]] = ContextVar("who", default="service")
+CALLER: Final[ContextVar[str]] = ContextVar("caller", default="service")
 """Caller of this task's command: a token's name, `local` without tokens, `service` for automatic commands."""
 
 
@@ -57,7 +57,7 @@ class CommandRecord:
     action: str
     accepted_time_s: float  # Unix time
     outcomes: dict[VehicleId, VehicleOutcome]
-    by: str  # see WHO
+    by: str  # see CALLER
 
     @property
     def outcome(self) -> Outcome:

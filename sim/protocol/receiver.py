@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gcs.sim.vehicle.state import State
 
 EVERYONE = 0  # as target system or component
-NOBODY = -1
+NO_ROW = -1
 ADDRESSES = 256
 SETPOINT_NAME = frames.SETPOINT.msgname
 
@@ -31,12 +31,12 @@ class Receiver:
         self._autopilots = autopilots
         self._codec = Codec()
         self._rows = [[row] for row in range(len(autopilots))]
-        self._row_of = np.full((len(autopilots), ADDRESSES), NOBODY, dtype=np.int32)
+        self._row_of = np.full((len(autopilots), ADDRESSES), NO_ROW, dtype=np.int32)
         self._row_of[np.arange(len(autopilots)), state.system_id] = np.arange(len(autopilots))
 
     def circle(self, rows: Sequence[int]) -> int:
         """Let these vehicles share a socket. Returns: the circle's number."""
-        row_of = np.full((1, ADDRESSES), NOBODY, dtype=np.int32)
+        row_of = np.full((1, ADDRESSES), NO_ROW, dtype=np.int32)
         self._row_of = np.concatenate([self._row_of, row_of])
         self._rows.append([])
         self.regroup(len(self._rows) - 1, rows)
@@ -45,7 +45,7 @@ class Receiver:
     def regroup(self, circle: int, rows: Sequence[int]) -> None:
         """Let exactly these vehicles receive from the socket."""
         self._rows[circle] = list(rows)
-        self._row_of[circle] = NOBODY
+        self._row_of[circle] = NO_ROW
         self._row_of[circle, self._state.system_id[self._rows[circle]]] = rows
 
     def hear(self, batch: Sequence[tuple[int, bytes]]) -> list[bool]:
@@ -88,7 +88,7 @@ class Receiver:
         circle = np.array([batch[place][0] for place in places])[owner]
         row = self._row_of[circle, messages["target_system"]].astype(np.intp)
         component = messages["target_component"]
-        meant = fit[owner] & (row != NOBODY) & ((component == EVERYONE) | (component == AUTOPILOT_COMPONENT))
+        meant = fit[owner] & (row != NO_ROW) & ((component == EVERYONE) | (component == AUTOPILOT_COMPONENT))
         itself = (sender[:, 0] == self._state.system_id[row]) & (sender[:, 1] == AUTOPILOT_COMPONENT)
         meant &= ~itself
         for invalid in setpoints.obey(self._state, row[meant], messages[meant]):
@@ -119,7 +119,7 @@ class Receiver:
         if system == EVERYONE:
             return self._rows[circle]
         row = int(self._row_of[circle, system])
-        return [] if row == NOBODY else [row]
+        return [] if row == NO_ROW else [row]
 
     def _hear_setpoint(self, rows: Sequence[int], message: Message) -> None:
         received = np.array(

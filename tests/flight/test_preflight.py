@@ -16,7 +16,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport
 from gcs.recording.last_known import commands
 from gcs.recording.session import Record
-from gcs.service import WHO, Outcome, ShowAction
+from gcs.service import CALLER, Outcome, ShowAction
 
 RECEIVED_S = 3.0
 """Whatever a vehicle tells seldom has come by then."""
@@ -236,7 +236,7 @@ def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> 
         show.befall("d2", "battery", remaining=0.1)
         await show.wait(RECEIVED_S)
         await start_refused(show, show_hash)
-        WHO.set("anna")
+        CALLER.set("anna")
         record = service.exclude("d2", "a cracked propeller")
         assert (record.action, record.by, record.outcome) == ("exclude", "anna", Outcome.DONE)
         why = "taken out of the show by anna: a cracked propeller"

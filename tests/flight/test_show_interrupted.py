@@ -33,7 +33,7 @@ from gcs.preflight.parameters import requirements, settings_of
 from gcs.recording.exclusions import exclusions
 from gcs.recording.interrupted_session import interruption
 from gcs.recording.session import Record
-from gcs.service import WHO, CommandRecord, Outcome, ShowAction, VehicleAction
+from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.fleet import Fleet, Settings
 
@@ -156,7 +156,7 @@ def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
 
     async def take_out(show: Show) -> None:
         await show.standby()
-        WHO.set("anna")
+        CALLER.set("anna")
         for name, reason in (("d1", "a guess"), ("d2", "unclear"), ("d2", "a cracked propeller")):
             show.service.exclude(name, reason)
         show.service.include("d1")

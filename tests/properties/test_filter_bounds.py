@@ -11,7 +11,7 @@ from safety_fleets import CALM, SAFETY
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
-from gcs.safety.constraints import NOBODY
+from gcs.safety.constraints import NO_ROW
 from gcs.safety.separation import Pairs, keepout_constraints, separation_constraints
 from gcs.safety.walls import fence_constraints, nearest_way_out, obstacle_constraints
 
@@ -110,7 +110,7 @@ def test_every_relevant_pair_is_held_to_its_braking_speed(fleet: Fleet) -> None:
     event(f"pairs: {len(found)}")
     for k in range(len(found)):
         i, j = int(found.first[k]), int(found.other[k])
-        assert found.second[k] == (j if fleet.commanded[j] else NOBODY)
+        assert found.second[k] == (j if fleet.commanded[j] else NO_ROW)
         assume(np.linalg.norm(fleet.position_m[i] - fleet.position_m[j]) > 1e-3)
         normal, bound_m_s = expected(fleet, i, j)
         assert np.allclose(found.normal[k], normal, atol=1e-9)
@@ -161,7 +161,7 @@ def test_vehicles_are_kept_off_the_nearest_point_of_each_path(
         position, commanded, segments, floor=floor, braking=BRAKING, uncertainty_m=np.full(3, unsure_m)
     )
     assert found.first.tolist() == [row for row in np.flatnonzero(commanded).tolist() for _ in segments]
-    assert (found.second == NOBODY).all()
+    assert (found.second == NO_ROW).all()
     shares = np.linspace(0.0, 1.0, 20001)[:, None]
     for k, row in enumerate(found.first.tolist()):
         start, end = segments[k % 2]

@@ -9,7 +9,7 @@ from safety_fleets import CALM, LIMITS, assert_within_limits
 from scipy.optimize import nnls
 
 from gcs.model.state import Array, Mask
-from gcs.safety.constraints import NOBODY, Constraints
+from gcs.safety.constraints import NO_ROW, Constraints
 from gcs.safety.filter import cap
 from gcs.safety.projection import TOLERANCE_M_S, project, shrink
 
@@ -22,7 +22,7 @@ def half_spaces(draw: st.DrawFn) -> tuple[Array, Constraints]:
     assume(np.linalg.norm(raw, axis=1).min() > 0.1)
     first = np.array(draw(st.lists(st.integers(0, 3), min_size=k, max_size=k)))
     step = np.array(draw(st.lists(st.integers(0, 3), min_size=k, max_size=k)))
-    second = np.where(step == 0, NOBODY, (first + step) % 4)
+    second = np.where(step == 0, NO_ROW, (first + step) % 4)
     bound = -np.array(draw(st.lists(within(0.0, 3.0), min_size=k, max_size=k)))
     normal = raw / np.linalg.norm(raw, axis=1, keepdims=True)
     return draw(vectors(4, 8.0)), Constraints(first, second, normal, bound, ("c",) * k)
@@ -68,7 +68,7 @@ def exactly_nearest(desired: Array, constraints: Constraints) -> Array:
     rows = np.zeros((len(constraints), *desired.shape))
     for k in range(len(constraints)):
         rows[k, constraints.first[k]] += constraints.normal[k]
-        if constraints.second[k] != NOBODY:
+        if constraints.second[k] != NO_ROW:
             rows[k, constraints.second[k]] -= constraints.normal[k]
     held = np.column_stack([rows.reshape(len(rows), -1), -constraints.slack_m_s(desired)]).T
     unit = np.zeros(len(held))
@@ -99,7 +99,7 @@ def test_projection_of_many_coupled_vehicles_is_nearest(seed: int) -> None:
     normal = rng.normal(0.0, 1.0, (25, 3))
     constraints = Constraints(
         first,
-        np.where(rng.random(25) < 0.2, NOBODY, (first + rng.integers(1, 10, 25)) % 10),
+        np.where(rng.random(25) < 0.2, NO_ROW, (first + rng.integers(1, 10, 25)) % 10),
         normal / np.linalg.norm(normal, axis=1, keepdims=True),
         -rng.uniform(0.0, 1.0, 25),
         ("c",) * 25,

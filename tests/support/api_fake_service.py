@@ -20,7 +20,7 @@ from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State,
 from gcs.model.state import Array, Landed, Mode
 from gcs.recording.replay.playhead import Playhead
 from gcs.service import (
-    WHO,
+    CALLER,
     ActiveFailsafe,
     Audit,
     CheckState,
@@ -229,7 +229,7 @@ class FakeService:
         self._require(vehicle_id)
         if self.show is not ShowPhase.IDLE:
             raise RefusedError("vehicles can be excluded or included only on the ground")
-        self.excluded[vehicle_id] = Exclusion(WHO.get(), reason, time.time())
+        self.excluded[vehicle_id] = Exclusion(CALLER.get(), reason, time.time())
         return self._accept("exclude", (vehicle_id,))
 
     def include(self, vehicle_id: str) -> CommandRecord:
@@ -269,10 +269,10 @@ class FakeService:
         return self.commands_by_id[command.id]
 
     def acknowledge_alarm(self, alarm_id: str) -> Alarm:
-        return self.book.acknowledge(alarm_id, WHO.get(), time.time())
+        return self.book.acknowledge(alarm_id, CALLER.get(), time.time())
 
     def acknowledge_alarms(self) -> Sequence[Alarm]:
-        return self.book.acknowledge_all(WHO.get(), time.time())
+        return self.book.acknowledge_all(CALLER.get(), time.time())
 
     def settle(self, offer: Offer) -> CommandRecord:
         if self.interrupted is None or offer not in self.interrupted.offers:
@@ -351,7 +351,7 @@ class FakeService:
         command_id = f"o{len(self.commands_by_id) + 1}"
         pending = VehicleOutcome(Outcome.PENDING)
         self.commands_by_id[command_id] = CommandRecord(
-            command_id, action, time.time(), dict.fromkeys(vehicles, pending), WHO.get()
+            command_id, action, time.time(), dict.fromkeys(vehicles, pending), CALLER.get()
         )
         return self.commands_by_id[command_id]
 

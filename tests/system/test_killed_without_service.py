@@ -14,7 +14,7 @@ from gcs.recording.interrupted_session import interruption
 from gcs.recording.last_known import commands, last_known
 
 IDS = ("d1", "d2")
-NOBODY = "http://127.0.0.1:9"
+NO_ROW = "http://127.0.0.1:9"
 
 
 def config_of(port_base: int) -> Config:
@@ -23,7 +23,7 @@ def config_of(port_base: int) -> Config:
     return Config.model_validate(raw)
 
 
-def gcs_kill(record: Path, *words: str, url: str = NOBODY) -> "subprocess.CompletedProcess[str]":
+def gcs_kill(record: Path, *words: str, url: str = NO_ROW) -> "subprocess.CompletedProcess[str]":
     """As typed where no terminal is."""
     command = [sys.executable, "-m", "gcs", "kill", *words, "--record", str(record), "--url", url]
     return subprocess.run(

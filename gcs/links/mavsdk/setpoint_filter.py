@@ -15,7 +15,7 @@ from gcs.links.udp.sender import Outbox
 from gcs.mavlink.codec import Frames
 from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves, split, target_system
 from gcs.mavlink.kernels import Whole
-from gcs.mavlink.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints, warm_up
+from gcs.mavlink.setpoint_kernels import FRAME, NO_ROW, are_setpoints, awaited_setpoints, warm_up
 from gcs.model.state import Array, Mask
 
 _ALL: Final = slice(None)
@@ -44,7 +44,7 @@ class SetpointFilter:
         self._sent = sent
         self._counters = counters
         self._clock = clock
-        self._row_of = np.full(256, NOBODY, np.int64)
+        self._row_of = np.full(256, NO_ROW, np.int64)
         self._row_of[system_ids] = np.arange(n)
         self._awaited: Mask = np.zeros(n, np.bool_)  # the setpoint of the newest tick has still to leave
         self._velocity: NDArray[np.uint32] = np.zeros((n, 3), np.uint32)  # as the frame contains it
@@ -96,7 +96,7 @@ class SetpointFilter:
         target = target_system(frame)
         if target == 0:
             return False
-        if self._row_of[target] == NOBODY:
+        if self._row_of[target] == NO_ROW:
             self._counters.unroutable += 1
         elif frame.message_id in SETPOINT_MESSAGES:
             self._counters.setpoints_dropped += 1

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.mavlink.setpoint_kernels import FRAME, NOBODY, are_setpoints, awaited_setpoints
+from gcs.mavlink.setpoint_kernels import FRAME, NO_ROW, are_setpoints, awaited_setpoints
 
 ROOM, LONGEST = 16, 300
 
-ROW_OF = np.full(256, NOBODY, np.int64)
+ROW_OF = np.full(256, NO_ROW, np.int64)
 ROW_OF[[7, 9, 250]] = 0, 1, 2
 
 VELOCITY_M_S = np.array([[1.0, -2.0, 0.5], [0.0, 0.0, 0.0], [3.0, 0.1, -0.1]])

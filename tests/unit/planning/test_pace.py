@@ -1,4 +1,4 @@
-"""The plan waits for who is held back, but not for ever, and not for who does not fly it."""
+"""The plan waits for delayed vehicles for a limited time, and not for vehicles that do not fly it."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ BOTH = np.ones(2, dtype=np.bool_)
 
 
 def abreast() -> ReturnPaths:
-    """Two fly 40 m side by side, in 10 s."""
+    """Two vehicles fly 40 m side by side, in 10 s."""
     x_m = np.minimum(np.arange(60) * STEP_S * 4.0, 40.0)
     path_m = np.zeros((2, 60, 3))
     path_m[:, :, 0], path_m[1, :, 1] = x_m, 10.0
@@ -22,7 +22,7 @@ def abreast() -> ReturnPaths:
 def flown(
     pace: PathProgress, seconds: float, behind_m: Array, who: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> float:
-    """Fly it with everybody so far (n, 3) from where it should be. Returns: how far the plan went on."""
+    """Fly with each vehicle off by `behind_m` (n, 3). Returns: by how many seconds the plan progressed."""
     before_s = pace.time_s
     for _ in range(round(seconds / TICK_S)):
         pace.advance(TICK_S, pace.return_paths.expected_m(pace.time_s) + behind_m, who)

@@ -26,7 +26,7 @@ from gcs.recording.last_known import AUDIT, calls, commands, events
 from gcs.recording.schema import VERSION
 from gcs.recording.session import Record
 from gcs.recording.sqlite_writer import Journal, Row
-from gcs.service import WHO, Call, Outcome, SelectedShow
+from gcs.service import CALLER, Call, Outcome, SelectedShow
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
 CONFIG = '{"show_frame": {}}'
@@ -50,9 +50,9 @@ def test_command_is_read_back_with_operator_and_outcomes(tmp_path: Path) -> None
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         book = CommandLog(record.audit)
         book.open("start", ["d1", "d2"], {"d3": "offline: not received yet"})
-        token = WHO.set("anna")
+        token = CALLER.set("anna")
         command = book.open("pause", ["d1", "d2"], {})
-        WHO.reset(token)
+        CALLER.reset(token)
         book.close(command.id, "d1", Outcome.DONE)
         book.close(command.id, "d2", Outcome.FAILED, "it did not answer")
         assert asyncio.run(record.audit.kept())

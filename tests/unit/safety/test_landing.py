@@ -16,11 +16,11 @@ from gcs.planning.landing_sites import (
 )
 from gcs.safety.separation import Floor
 
-NOBODY = np.zeros((0, 2))
+NO_ROW = np.zeros((0, 2))
 BOX = Ellipse.around(Obstacle("b", 0.0, 0.0, 3.0, 6.0, 10.0), margin_m=2.0, headroom_m=3.0)
 
 
-def closest_m(place_m: Array, taken_m: Array = NOBODY) -> float:
+def closest_m(place_m: Array, taken_m: Array = NO_ROW) -> float:
     everybody = np.vstack([place_m, taken_m])
     distance = np.linalg.norm(place_m[:, None] - everybody[None], axis=2)
     distance[np.arange(len(place_m)), np.arange(len(place_m))] = np.inf
@@ -29,16 +29,16 @@ def closest_m(place_m: Array, taken_m: Array = NOBODY) -> float:
 
 def test_sites_that_are_apart_are_kept() -> None:
     desired = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 9.0]])
-    assert distinct_sites_m(desired, NOBODY, 4.0, {}) == pytest.approx(desired, abs=1e-5)
+    assert distinct_sites_m(desired, NO_ROW, 4.0, {}) == pytest.approx(desired, abs=1e-5)
 
 
 def test_pair_too_close_parts_evenly() -> None:
-    place = distinct_sites_m(np.array([[-1.0, 0.0], [1.0, 0.0]]), NOBODY, 4.0, {})
+    place = distinct_sites_m(np.array([[-1.0, 0.0], [1.0, 0.0]]), NO_ROW, 4.0, {})
     assert place == pytest.approx(np.array([[-2.0, 0.0], [2.0, 0.0]]), abs=0.05)
 
 
 def test_fleet_over_one_point_lands_apart() -> None:
-    place = distinct_sites_m(np.zeros((12, 2)), NOBODY, 4.0, {})
+    place = distinct_sites_m(np.zeros((12, 2)), NO_ROW, 4.0, {})
     assert closest_m(place) >= 4.0 - 1e-9
     assert np.linalg.norm(place, axis=1).max() < 10.0
 
@@ -66,7 +66,7 @@ def test_enclosed_vehicle_finds_the_nearest_free_site(taken: list[list[float]]) 
 
 def test_no_vehicle_lands_on_or_beside_an_obstacle() -> None:
     desired = np.array([[0.0, 0.0], [1.0, 7.0], [-6.0, 0.0], [0.5, 0.0]])
-    place = distinct_sites_m(desired, NOBODY, 4.0, {"b": BOX})
+    place = distinct_sites_m(desired, NO_ROW, 4.0, {"b": BOX})
     assert (BOX.distance_m(place) >= CLEAR_M).all()
     assert closest_m(place) >= 4.0 - 1e-9
 
@@ -87,7 +87,7 @@ def test_pocket_between_obstacles_and_sites_is_left() -> None:
 
 def test_unknown_position_stays_unknown_and_disturbs_no_other() -> None:
     desired = np.array([[np.nan, 0.0], [1.0, 1.0], [1.0, 1.5]])
-    place = distinct_sites_m(desired, NOBODY, 4.0, {})
+    place = distinct_sites_m(desired, NO_ROW, 4.0, {})
     assert np.isnan(place[0]).all()
     assert closest_m(place[1:]) >= 4.0 - 1e-9
 
@@ -108,14 +108,14 @@ def test_large_fleet_among_most_obstacles_finds_its_sites(half_m: float) -> None
 
 def test_site_inside_a_wide_obstacle_is_moved_beside_it() -> None:
     wide = Ellipse.around(Obstacle("w", 0.0, 0.0, 150.0, 150.0, 10.0), margin_m=2.0, headroom_m=3.0)
-    place = distinct_sites_m(np.zeros((3, 2)), NOBODY, 4.0, {"w": wide})
+    place = distinct_sites_m(np.zeros((3, 2)), NO_ROW, 4.0, {"w": wide})
     assert (wide.distance_m(place) >= CLEAR_M).all()
     assert closest_m(place) >= 4.0 - 1e-9
     assert np.linalg.norm(place, axis=1).max() < 1.3 * 215.0
 
 
 def test_no_vehicle_needs_no_site() -> None:
-    assert distinct_sites_m(NOBODY, NOBODY, 4.0, {}).shape == (0, 2)
+    assert distinct_sites_m(NO_ROW, NO_ROW, 4.0, {}).shape == (0, 2)
 
 
 LAST, HOME = np.array([30.0, 40.0, -20.0]), np.array([1.0, 2.0, 0.5])

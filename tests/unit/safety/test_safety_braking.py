@@ -5,7 +5,7 @@ import pytest
 from safety_world import BRAKING, SETTINGS, half_space, surroundings
 
 from gcs.model.errors import ShapeError
-from gcs.safety.constraints import NOBODY, Constraints
+from gcs.safety.constraints import NO_ROW, Constraints
 from gcs.safety.filter import filter_velocities
 
 
@@ -55,7 +55,7 @@ def test_constraints_of_unequal_lengths_are_refused() -> None:
 
 def test_slack_is_the_distance_to_violation_of_a_half_space() -> None:
     both = Constraints.joined(
-        half_space(0, NOBODY, (1.0, 0.0, 0.0), -2.0), half_space(0, 1, (0.0, 1.0, 0.0), 0.5)
+        half_space(0, NO_ROW, (1.0, 0.0, 0.0), -2.0), half_space(0, 1, (0.0, 1.0, 0.0), 0.5)
     )
     velocity = np.array([[1.0, 1.0, 0.0], [0.0, 3.0, 0.0]])
     assert len(both) == 2

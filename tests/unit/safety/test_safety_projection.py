@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from safety_world import half_space
 
-from gcs.safety.constraints import NOBODY, Constraints
+from gcs.safety.constraints import NO_ROW, Constraints
 from gcs.safety.projection import SHRINKS, any_broken, project, shrink
 
 
@@ -17,7 +17,7 @@ def test_pair_shares_the_correction_evenly_and_no_other_changes() -> None:
 
 def test_the_projection_onto_a_corner_is_the_nearest_point_of_it() -> None:
     corner = Constraints.joined(
-        half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0), half_space(0, NOBODY, (0.0, -1.0, 0.0), -2.0)
+        half_space(0, NO_ROW, (-1.0, 0.0, 0.0), -1.0), half_space(0, NO_ROW, (0.0, -1.0, 0.0), -2.0)
     )
     assert project(np.array([[5.0, 5.0, 1.0]]), corner) == pytest.approx(
         np.array([[1.0, 2.0, 1.0]]), abs=1e-3
@@ -42,11 +42,11 @@ def test_remaining_violations_are_shrunk_until_they_hold() -> None:
 
 def test_violation_that_rest_does_not_fix_is_not_shrunk() -> None:
     fleeing = np.array([[0.5, 0.0, 0.0]])
-    assert shrink(fleeing, half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0)).tolist() == fleeing.tolist()
+    assert shrink(fleeing, half_space(0, NO_ROW, (1.0, 0.0, 0.0), 2.0)).tolist() == fleeing.tolist()
 
 
 def test_bound_of_zero_at_a_wall_ends_in_rest() -> None:
-    crawl = shrink(np.array([[500.0, 0.0, 0.0]]), half_space(0, NOBODY, (-1.0, 0.0, 0.0), 0.0))
+    crawl = shrink(np.array([[500.0, 0.0, 0.0]]), half_space(0, NO_ROW, (-1.0, 0.0, 0.0), 0.0))
     assert crawl[0, 0] == pytest.approx(0.0, abs=1e-3)
 
 
@@ -74,13 +74,13 @@ def test_constraints_that_only_rest_satisfies_end_in_rest() -> None:
 
 def test_shrinking_skips_parting_demands_not_later_constraints() -> None:
     both = Constraints.joined(
-        half_space(0, NOBODY, (1.0, 0.0, 0.0), 2.0), half_space(0, NOBODY, (0.0, -1.0, 0.0), -1.0)
+        half_space(0, NO_ROW, (1.0, 0.0, 0.0), 2.0), half_space(0, NO_ROW, (0.0, -1.0, 0.0), -1.0)
     )
     assert shrink(np.array([[0.0, 4.0, 0.0]]), both) == pytest.approx(np.array([[0.0, 1.0, 0.0]]), abs=1e-3)
 
 
 def test_wall_removes_excess_speed_of_one_metre_a_second() -> None:
-    wall = half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0)
+    wall = half_space(0, NO_ROW, (-1.0, 0.0, 0.0), -1.0)
     assert project(np.array([[2.0, 0.0, 0.0]]), wall) == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
 
 
@@ -88,7 +88,7 @@ def test_column_shortened_one_by_one_ends_in_rest() -> None:
     # nobody may come up with the one before it by more than 1 cm/s; the first of all meets a wall
     column = Constraints.joined(
         *(half_space(row, row + 1, (-1.0, 0.0, 0.0), -0.01) for row in range(SHRINKS + 20)),
-        half_space(SHRINKS + 20, NOBODY, (-1.0, 0.0, 0.0), 0.0),
+        half_space(SHRINKS + 20, NO_ROW, (-1.0, 0.0, 0.0), 0.0),
     )
     shrunk = shrink(np.tile([2.0, 0.0, 0.0], (SHRINKS + 21, 1)), column)
     assert (column.slack_m_s(shrunk) >= -1.1e-3).all()
@@ -101,7 +101,7 @@ def test_column_shortened_one_by_one_ends_in_rest() -> None:
     ("speed_m_s", "broken"), [(1.002, True), (1.0005, False), (0.5, False), (-3.0, False)]
 )
 def test_violation_starts_beyond_the_tolerance(speed_m_s: float, broken: bool) -> None:
-    wall = half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0)
+    wall = half_space(0, NO_ROW, (-1.0, 0.0, 0.0), -1.0)
     rows = (wall.first, wall.second, wall.normal, wall.bound_m_s)
     assert any_broken(np.array([[speed_m_s, 0.0, 0.0]]), *rows) == broken
 
@@ -109,7 +109,7 @@ def test_violation_starts_beyond_the_tolerance(speed_m_s: float, broken: bool) -
 def test_wall_that_pushed_too_far_gives_the_excess_back() -> None:
     # the wall alone asks for 1 m/s of row 0, coming up with row 1 for 1 m/s of both: not for rest
     both = Constraints.joined(
-        half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
+        half_space(0, NO_ROW, (-1.0, 0.0, 0.0), -1.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
     )
     desired = np.array([[3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     assert project(desired, both)[:, 0] == pytest.approx([1.0, 1.0], abs=1e-3)
@@ -126,14 +126,14 @@ def test_crossing_vehicle_is_not_shrunk_for_an_approaching_one(first: int, secon
 
 def test_wall_shrinks_only_the_vehicle_before_it() -> None:
     velocity = np.array([[4.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
-    shrunk = shrink(velocity, half_space(0, NOBODY, (-1.0, 0.0, 0.0), -1.0))
+    shrunk = shrink(velocity, half_space(0, NO_ROW, (-1.0, 0.0, 0.0), -1.0))
     assert shrunk[:, 0] == pytest.approx([1.0, 4.0], abs=1e-3)
 
 
 def test_push_is_passed_on_by_a_vehicle_at_rest() -> None:
     # row 0 has to go with 5 m/s and pushes row 1, row 1 pushes row 2; at first they hardly touch
     resting = half_space(1, 2, (-1.0, 0.0, 0.0), 0.0)
-    pushed = half_space(0, NOBODY, (1.0, 0.0, 0.0), 5.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
+    pushed = half_space(0, NO_ROW, (1.0, 0.0, 0.0), 5.0), half_space(0, 1, (-1.0, 0.0, 0.0), 0.0)
     desired = np.array([[0.0, 0.0, 0.0], [-1.5e-6, 0.0, 0.0], [-3e-6, 0.0, 0.0], [0.0, 0.0, 0.0]])
     found = project(desired, Constraints.joined(resting, *pushed))
     assert found[:, 0] == pytest.approx([5.0, 5.0, 5.0, 0.0], abs=1e-2)

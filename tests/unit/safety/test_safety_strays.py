@@ -5,7 +5,7 @@ import pytest
 
 import gcs.safety.filter as whole
 from gcs.model.state import Array
-from gcs.safety.constraints import NOBODY
+from gcs.safety.constraints import NO_ROW
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.separation import separation_constraints
 from gcs.safety.walls import Fence
@@ -52,7 +52,7 @@ def test_few_strays_break_no_constraint_with_a_partial_check(seed: int) -> None:
         course_m_s=np.zeros_like(position_m),
         spare_m_s=np.full(len(position_m), 20.0),
     )
-    assert (pairs.second != NOBODY).all()
+    assert (pairs.second != NO_ROW).all()
     closing_m_s = allowed_m_s[pairs.first] - allowed_m_s[pairs.second]
     slack_m_s = (pairs.normal * closing_m_s).sum(axis=1) - pairs.bound_m_s
     assert slack_m_s[pairs.bound_m_s <= 0.0].min() > -2e-3

@@ -6,7 +6,7 @@ import pytest
 
 from gcs.flight.command_log import KEPT, CommandLog
 from gcs.model.errors import UnknownError
-from gcs.service import WHO, CommandRecord, Outcome, VehicleOutcome
+from gcs.service import CALLER, CommandRecord, Outcome, VehicleOutcome
 
 
 def test_command_begins_pending_and_names_excluded_vehicles() -> None:
@@ -24,11 +24,11 @@ def test_command_begins_pending_and_names_excluded_vehicles() -> None:
 def test_command_keeps_its_operator_to_the_end() -> None:
     book = CommandLog()
     by_itself = book.open("stop", ["d1"], {})
-    who = WHO.set("anna")
+    who = CALLER.set("anna")
     try:
         record = book.open("hold", ["d1"], {})
     finally:
-        WHO.reset(who)
+        CALLER.reset(who)
     book.close(record.id, "d1", Outcome.DONE)
     assert (by_itself.by, book.get(record.id).by) == ("service", "anna")
     assert [each.id for each in book.newest()] == [record.id, by_itself.id]
