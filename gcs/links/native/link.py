@@ -16,6 +16,7 @@ from gcs.links.endpoints import Listen
 from gcs.links.udp.commands import Commands
 from gcs.links.udp.link import Coroutines, SetpointBatch, UdpLink
 from gcs.links.udp.px4_commands import NativeCommandChannel
+from gcs.links.udp.sockets import Ports
 from gcs.mavlink.codec import SYSTEM_ID
 from gcs.mavlink.outgoing import SETPOINT, setpoint_messages
 from gcs.model.frames import ShowFrame
@@ -37,6 +38,7 @@ class NativeLink(UdpLink):
         rates_hz: Mapping[int, float] | None = None,
         record: Path | None = None,
         clock: Callable[[], float] = monotonic,
+        ports: Ports | None = None,
     ) -> None:
         """See `UdpLink`."""
         super().__init__(
@@ -50,6 +52,7 @@ class NativeLink(UdpLink):
             rates_hz=rates_hz,
             record=record,
             clock=clock,
+            ports=ports,
         )
         self._commands = Commands(self._system_ids, self._tell)
         self._everybody: Mask = np.ones(len(self._ids), np.bool_)

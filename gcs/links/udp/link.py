@@ -29,7 +29,7 @@ from gcs.links.udp.px4_commands import kill_message
 from gcs.links.udp.receiver import Inbox
 from gcs.links.udp.send_times import Sent
 from gcs.links.udp.sender import Outbox
-from gcs.links.udp.sockets import Packets
+from gcs.links.udp.sockets import Packets, Ports
 from gcs.links.udp.stream_requests import Streams
 from gcs.links.udp.telemetry import FleetTelemetry
 from gcs.mavlink import codec
@@ -82,6 +82,7 @@ class UdpLink(BaseLink, ABC):
         rates_hz: Mapping[int, float] | None,
         record: Path | None,
         clock: Callable[[], float],
+        ports: Ports | None = None,
     ) -> None:
         """Nothing is opened before `run`. Kernels are compiled here.
 
@@ -96,6 +97,7 @@ class UdpLink(BaseLink, ABC):
             rates_hz: rate to request for each message; without it no rates are requested.
             record: a folder for recordings of every frame.
             clock: the loop's, ``loop.time``.
+            ports: used instead of sockets at `listen`, such as datagrams in memory.
 
         Raises:
             InvalidError: a system id is out of range or used twice, or `setpoint_timeout_s` leaves no time
@@ -111,7 +113,7 @@ class UdpLink(BaseLink, ABC):
         self._clock = clock
         self._hold_s = before_it_leaves_s(setpoint_timeout_s)
         self._heartbeat_hold_s = heartbeat_hold_s
-        self._packets = Packets(name, listen, clock)
+        self._packets = Packets(name, listen, clock) if ports is None else ports
         self._outbox = Outbox(self._packets, self._addresses, self._counters, self._system_ids, station_id)
         self._telemetry = FleetTelemetry(self._ids)
         self._streams = Streams(self._system_ids, rates_hz or {}, self._ask_for_streams)

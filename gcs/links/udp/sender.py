@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.links.counters import Counters, Direction, Observer
 from gcs.links.udp.addresses import Addresses
-from gcs.links.udp.sockets import Packets
+from gcs.links.udp.sockets import Ports
 from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode
 from gcs.mavlink.kernels import Bytes, Whole
 
@@ -24,7 +24,7 @@ class Outbox:
 
     def __init__(
         self,
-        packets: Packets,
+        packets: Ports,
         addresses: Addresses,
         counters: Counters,
         system_ids: Whole,

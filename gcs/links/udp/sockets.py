@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from math import inf
 from struct import Struct
 from time import time as wall_time_s
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,12 +69,41 @@ def socket_of(source: int) -> int:
     return source >> 48
 
 
-class Packets:
-    """Sockets on consecutive ports, for datagrams in batches.
+class Ports(Protocol):
+    """Where the datagrams of a link arrive and leave, in batches.
 
     Attributes:
         send_errors: datagrams that could not leave.
     """
+
+    send_errors: int
+
+    def open(self) -> None:
+        """Open every port. Raises: LinkError naming the port."""
+
+    def close(self) -> None:
+        """Release the ports; what is sent afterwards is lost."""
+
+    def receive(self, take: Callable[[Datagrams], None]) -> None:
+        """Give everything that has arrived to `take`, in batches. Never blocks."""
+
+    def send(
+        self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
+    ) -> NDArray[np.bool_]:
+        """Send n datagrams. Never blocks, never raises.
+
+        Args:
+            data: (n, longest).
+            length: (n,) bytes of each.
+            destination: (n,) sources as received; negative: no address.
+            until_s: on our clock; no datagram leaves later.
+
+        Returns: (n,) whether each left.
+        """
+
+
+class Packets:
+    """UDP sockets on consecutive ports. See `Ports`."""
 
     def __init__(
         self,
@@ -122,7 +151,7 @@ class Packets:
             self._selector.register(opened_socket, selectors.EVENT_READ, index)
 
     def close(self) -> None:
-        """Release the ports; what is sent afterwards is lost."""
+        """See `Ports.close`."""
         sockets, self._sockets = self._sockets, ()
         if self._selector is not None:
             self._selector.close()
@@ -131,7 +160,7 @@ class Packets:
             open_socket.close()
 
     def receive(self, take: Callable[[Datagrams], None]) -> None:
-        """Give everything that has arrived to `take`, in batches. Never blocks."""
+        """See `Ports.receive`."""
         if self._selector is None:
             return
         filled = 0
@@ -157,16 +186,7 @@ class Packets:
     def send(
         self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
     ) -> NDArray[np.bool_]:
-        """Send n datagrams. Never blocks, never raises.
-
-        Args:
-            data: (n, longest).
-            length: (n,) bytes of each.
-            destination: (n,) sources as received; negative: no address.
-            until_s: on our clock; no datagram leaves later.
-
-        Returns: (n,) whether each left.
-        """
+        """See `Ports.send`."""
         left = np.zeros(len(destination), np.bool_)
         if not self._sockets or not len(destination):
             return left
