@@ -22,7 +22,7 @@ IDLE := $(shell command -v chrt >/dev/null 2>&1 && chrt --idle 0 true 2>/dev/nul
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
 	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target,-j1) computed flown
-	@$(BIN)/python tests/support/browsers.py  # its last line says when the console was not tested
+	@$(BIN)/python -m tests.support.browsers  # its last line says when the console was not tested
 
 computed: .venv/ready console
 	@$(IDLE) $(MAKE) --no-print-directory check console-test
@@ -67,35 +67,35 @@ compiled: .venv/ready  ## the law as machine code, so that no flight waits for t
 	  control.warm_up(); return_paths.warm_up(); codec.warm_up(); setpoint_kernels.warm_up()"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
-	$(BIN)/python tests/vocabulary.py
+	$(BIN)/python -m tests.vocabulary
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
-	$(BIN)/python tests/bench/run.py
-	$(BIN)/python tests/bench/links.py
-	$(BIN)/python tests/bench/flood.py
-	$(BIN)/python tests/bench/viewers.py
-	$(BIN)/python tests/bench/page.py
+	$(BIN)/python -m tests.bench.run
+	$(BIN)/python -m tests.bench.links
+	$(BIN)/python -m tests.bench.flood
+	$(BIN)/python -m tests.bench.viewers
+	$(BIN)/python -m tests.bench.page
 
 mutate: .venv/mutate  ## break gcs/safety on purpose, on copies; ARGS="gcs/safety/walls.py", ARGS=--again
-	$(BIN)/python tests/mutate/mutate.py $(ARGS)
+	$(BIN)/python -m tests.mutate.mutate $(ARGS)
 
 flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/flight-quality.md up to date
 	@mkdir -p runs
 	-$(BIN)/gcs simulate --all --json > runs/flight-quality.jsonl
-	$(BIN)/python tests/bench/flight_quality.py runs/flight-quality.jsonl docs/flight-quality.md
+	$(BIN)/python -m tests.bench.flight_quality runs/flight-quality.jsonl docs/flight-quality.md
 
 screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake fleet; needs Chromium; look at them
-	$(BIN)/python tests/browser/screenshots.py
-	$(BIN)/python tests/browser/status_pictures.py
+	$(BIN)/python -m tests.browser.screenshots
+	$(BIN)/python -m tests.browser.status_pictures
 
 # PX4=folder of a PX4 build, PX4_IMAGE=container image that runs PX4's SIH, or FAKE=1; VEHICLES=4
 SITL = $(if $(PX4),--px4 "$(PX4)",$(if $(PX4_IMAGE),--image "$(PX4_IMAGE)",$(if $(FAKE),--fake)))
 sitl: .venv/ready  ## the whole story with real PX4 instances: PX4=BUILD, PX4_IMAGE=IMAGE or FAKE=1; docs/sitl.md
-	$(BIN)/python tests/sitl/fly.py $(SITL) --vehicles $(or $(VEHICLES),4) $(ARGS)
+	$(BIN)/python -m tests.sitl.fly $(SITL) --vehicles $(or $(VEHICLES),4) $(ARGS)
 
 docs: .venv/docs  ## the documentation site in build/site, strictly; no network; decision 0032
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet  # the variable hides an announcement of the theme

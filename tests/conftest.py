@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 from hypothesis import HealthCheck, settings
 
 from gcs.api.schemas import from_service as convert
+from tests.support.browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 
 # The same examples in every run, and no clock that a busy machine would fail.
 settings.register_profile(
@@ -69,7 +69,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 @pytest.fixture(params=["mavsdk", "native"])
 def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test holds for both transports: changes what `link_bench.a_link` makes."""
-    monkeypatch.setattr("link_bench.chosen", request.param)
+    monkeypatch.setattr("tests.support.link_bench.chosen", request.param)
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 `vocabulary.json` holds the table: `words` are retired as parts of identifiers, `names` as whole ones.
 Names of test functions are judged by their length alone; of documents, only code spans are judged.
-`python tests/vocabulary.py` prints each place and exits with 1.
+`python -m tests.vocabulary` prints each place and exits with 1.
 """
 
 import ast

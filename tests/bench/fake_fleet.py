@@ -1,6 +1,6 @@
 """What the fake fleet costs: percent of one core of its process, flying on setpoints.
 
-    python tests/bench/fake_fleet.py [VEHICLES ...]
+    python -m tests.bench.fake_fleet [VEHICLES ...]
 
 Telemetry 10 Hz, 20 setpoints a second and vehicle, each in a datagram of its own; once with a port for each
 vehicle, once with a shared port for each namespace. What is told is CPU time per second flown, by the

@@ -5,14 +5,11 @@ in the rows of `links.py`.
 """
 
 import asyncio
-import sys
 import tempfile
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from machine import Witness
-from test_emergency_flooded import COUNT, JUNK_PER_S, fly_and_flood
+from tests.support.machine import Witness
+from tests.system.test_emergency_flooded import COUNT, JUNK_PER_S, fly_and_flood
 
 JUNK_S = 30.0
 LATE_MS, WAIT_MS = 10.0, 100.0

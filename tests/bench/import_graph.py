@@ -1,6 +1,6 @@
 """The import graph of gcs: figures, and a drawing with one box per package, every import pointing down.
 
-python tests/bench/import_graph.py [ROOT] [--svg FILE]
+python -m tests.bench.import_graph [ROOT] [--svg FILE]
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """From measurement to motor, as far as it is ours: how old the position is when its setpoint leaves.
 
-`python tests/bench/latency.py` flies a few fake vehicles in formation, over MAVSDK and over the native
+`python -m tests.bench.latency` flies a few fake vehicles in formation, over MAVSDK and over the native
 transport, and prints the latency budget of docs/operations.md; `... native 50` measures one row.
 """
 

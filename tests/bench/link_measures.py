@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import nan
-from pathlib import Path
 
 import numpy as np
 
@@ -83,8 +82,7 @@ def flying(count: int, *options: str) -> Iterator[Fleet]:
     """Vehicles on their sphere, until the block ends."""
     wide_m = radius_m(count)
     shape = [FIRST_PORT, namespaces(count), min(EACH, count), wide_m, wide_m + 10.0]
-    script = str(Path(__file__).with_name("link_traffic.py"))
-    command = [sys.executable, script, *map(str, shape), *options]
+    command = [sys.executable, "-m", "tests.bench.link_traffic", *map(str, shape), *options]
     fleet = Fleet(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
     try:
         yield fleet

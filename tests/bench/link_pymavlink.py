@@ -5,9 +5,20 @@ import socket
 import time
 from typing import Any
 
-from link_measures import EACH, FIRST_PORT, MEETING_S, CannotError, Cost, Fleet, Window, flying, namespaces
-from link_traffic import HOST
 from pymavlink.dialects.v20 import common as dialect
+
+from tests.bench.link_measures import (
+    EACH,
+    FIRST_PORT,
+    MEETING_S,
+    CannotError,
+    Cost,
+    Fleet,
+    Window,
+    flying,
+    namespaces,
+)
+from tests.bench.link_traffic import HOST
 
 VELOCITY_AND_YAW = 0x9C7
 

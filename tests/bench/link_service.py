@@ -9,7 +9,16 @@ from math import isfinite, nan
 
 import numpy as np
 import yaml
-from link_measures import (
+
+from gcs.cli.serve import make_link
+from gcs.config.schema import Config, parse
+from gcs.control import Memory
+from gcs.flight.orchestrator import Orchestrator
+from gcs.links.udp.link import UdpLink
+from gcs.mavlink.kernels import BEGIN, Bytes, Whole
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, Mode, Setpoints, Telemetry
+from tests.bench.link_measures import (
     EACH,
     FIRST_PORT,
     MEASURED_S,
@@ -23,16 +32,7 @@ from link_measures import (
     radius_m,
     resident_mb,
 )
-from link_traffic import FRAME, HOST
-
-from gcs.cli.serve import make_link
-from gcs.config.schema import Config, parse
-from gcs.control import Memory
-from gcs.flight.orchestrator import Orchestrator
-from gcs.links.udp.link import UdpLink
-from gcs.mavlink.kernels import BEGIN, Bytes, Whole
-from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import Array, Mode, Setpoints, Telemetry
+from tests.bench.link_traffic import FRAME, HOST
 
 NUMBER_AT = 4  # of a MAVLink 2 frame: where its number is
 

@@ -1,6 +1,6 @@
 """What links and the service cost in percent of one core, beside what others cost and what must be reached.
 
-`make bench` prints it; `python tests/bench/links.py service native 1000 20` measures one row, `... service`
+`make bench` prints it; `python -m tests.bench.links service native 1000 20` measures one row, `... service`
 or `... mavsdk` those rows only. The vehicles are `link_traffic`, in a process of their own; only the process
 that flies them is measured.
 """
@@ -13,12 +13,9 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
-import link_pymavlink
-import link_service
-import mavsdk_plainly
-from link_measures import CannotError, Cost, flying
-
 from gcs.cli import eventloop
+from tests.bench import link_pymavlink, link_service, mavsdk_plainly
+from tests.bench.link_measures import CannotError, Cost, flying
 
 BROKEN_SHARE = 0.05
 LONGEST_S = 90.0
@@ -205,7 +202,8 @@ def tell(row: Row) -> None:
 
 def describe(row: Row) -> str:
     """The same from a process of its own, whatever becomes of it."""
-    command = [sys.executable, __file__, row.what, row.transport, str(row.count), str(row.rate_hz)]
+    command = [sys.executable, "-m", "tests.bench.links"]
+    command += [row.what, row.transport, str(row.count), str(row.rate_hz)]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )

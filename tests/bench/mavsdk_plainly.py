@@ -10,14 +10,15 @@ import time
 from math import degrees, isfinite
 from typing import Any
 
-from link_measures import FIRST_PORT, MEETING_S, CannotError, Cost, Fleet, Window, flying
-from link_traffic import HOST
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk import asyncio as wrapped
 from mavsdk.asyncio.plugins.offboard import OffboardAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
 from mavsdk.plugins.telemetry import Telemetry
+
+from tests.bench.link_measures import FIRST_PORT, MEETING_S, CannotError, Cost, Fleet, Window, flying
+from tests.bench.link_traffic import HOST
 
 STREAMS = (
     "position",

@@ -1,6 +1,6 @@
 """How many pictures a second the console draws without a graphics card, while the service flies beside it.
 
-`make bench` prints it; `python tests/bench/page.py 200` measures one fleet. The alternative beside it is the
+`make bench` prints it; `python -m tests.bench.page 200` measures one fleet. The alternative beside it is the
 same page with its scene hidden: what the browser itself can do here.
 """
 
@@ -8,15 +8,13 @@ import logging
 import sys
 import time
 from itertools import pairwise
-from pathlib import Path
 from typing import Final
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from browsers import GET_ONE, chromium
-from console_bench import browser
 from playwright.sync_api import Page
-from viewers import serving
+
+from tests.bench.viewers import serving
+from tests.support.browsers import GET_ONE, chromium
+from tests.support.console_bench import browser
 
 COUNTS: Final = (60, 200, 1000)
 LEAST_HZ: Final = {60: 30.0, 200: 30.0, 1000: 5.0}

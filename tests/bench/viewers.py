@@ -1,6 +1,6 @@
 """What five viewers cost the service, each, in percent of one core; and what one that reads nothing delays.
 
-`make bench` prints it; `python tests/bench/viewers.py 200` measures one fleet. The service flies a formation
+`make bench` prints it; `python -m tests.bench.viewers 200` measures one fleet. The service flies a formation
 over the native transport in a process of its own, which alone is measured; vehicles (`link_traffic`) and
 viewers have others. The alternative beside it is the stream of JSON.
 """
@@ -17,14 +17,14 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from link_measures import WARM_UP_S, flying
-from link_service import config_of, ended, in_formation, links_of, p99_ms
 from websockets.asyncio.client import connect
 
 from gcs.api.app import create_app
 from gcs.api.server import serve
 from gcs.cli import eventloop
 from gcs.flight.orchestrator import Orchestrator
+from tests.bench.link_measures import WARM_UP_S, flying
+from tests.bench.link_service import config_of, ended, in_formation, links_of, p99_ms
 
 COUNTS = (200, 1000)
 VIEWERS, RATE_HZ, TICK_HZ = 5, 10.0, 20.0
@@ -144,7 +144,7 @@ class Service:
 
 def started(*arguments: object) -> subprocess.Popen[str]:
     """This file in another part."""
-    command = [sys.executable, __file__, *map(str, arguments)]
+    command = [sys.executable, "-m", "tests.bench.viewers", *map(str, arguments)]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 

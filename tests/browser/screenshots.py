@@ -17,17 +17,15 @@ from io import BytesIO
 from pathlib import Path
 from typing import Final
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault
-from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
-from machine import free_ports
 from PIL import Image
 from playwright.sync_api import Page, expect
-from replays import replay
 
 from gcs.client import Client
 from gcs.config import schema as configuration
+from tests.support.console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault
+from tests.support.ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
+from tests.support.machine import free_ports
+from tests.support.replays import replay
 
 Size = tuple[int, int]
 """Width and height of the window, CSS pixels."""

@@ -1,16 +1,13 @@
 """Pictures of `gcs status` at 80 and 120 columns, for docs/screenshots: `make screenshots`. Look at them."""
 
-import sys
 from io import StringIO
 from pathlib import Path
 from typing import Final
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
 from rich.console import Console
-from status_example import example_fleet
 
 from gcs.cli.status_table import board
+from tests.support.status_example import example_fleet
 
 FOLDER: Final = Path(__file__).parents[2] / "docs" / "screenshots"
 

@@ -18,14 +18,23 @@ from typing import Any, Final
 
 import httpx
 import pytest
-from console_bench import FLIGHT_MS, LOOK_MS, SOON_MS, Console, Station, chromes, console, station
-from ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
-from machine import free_ports
 from playwright.sync_api import Browser, Locator, expect
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.client import Client
 from gcs.config import schema as configuration
+from tests.support.console_bench import (
+    FLIGHT_MS,
+    LOOK_MS,
+    SOON_MS,
+    Console,
+    Station,
+    chromes,
+    console,
+    station,
+)
+from tests.support.ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
+from tests.support.machine import free_ports
 
 chrome = pytest.fixture(scope="module")(chromes)
 

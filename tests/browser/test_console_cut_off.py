@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, station
 from playwright.sync_api import Browser, expect
 
 from gcs.client import Client
+from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, station
 
 chrome = pytest.fixture(scope="module")(chromes)
 

@@ -5,7 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from console_bench import (
+from playwright.sync_api import Browser, expect
+
+from tests.support.console_bench import (
     BOX_PX,
     FLIGHT_MS,
     LOOK_MS,
@@ -19,9 +21,8 @@ from console_bench import (
     fault,
     station,
 )
-from ground import SOON_S, wait_until
-from machine import free_ports
-from playwright.sync_api import Browser, expect
+from tests.support.ground import SOON_S, wait_until
+from tests.support.machine import free_ports
 
 BOX = {"obstacle:x_m": "4", "obstacle:y_m": "24", "obstacle:half_length_x_m": "2", "obstacle:height_m": "12"}
 

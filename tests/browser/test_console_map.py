@@ -13,14 +13,14 @@ from typing import Any, Final
 
 import numpy as np
 import pytest
-from console_bench import SOON_MS, Console, chromes, console, station
-from mbtiles import mbtiles
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
 from gcs.api.auth.tokens import create_token
 from gcs.config import schema as configuration
 from gcs.service.access import Role
+from tests.support.console_bench import SOON_MS, Console, chromes, console, station
+from tests.support.mbtiles import mbtiles
 
 FRAME: Final = configuration.load(configuration.find("demo")).show_frame
 ZOOMS: Final = (13, 14, 15)

@@ -6,16 +6,16 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
-from console_bench import FLIGHT_MS, SOON_MS, chromes, console
-from ground import SOON_S, wait_until
 from playwright.sync_api import Browser, expect
-from replays import replay
-from virtual_show import Show, UnixClock, fly, show_config
 
 from gcs.client import Client
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
 from gcs.service import ShowAction
+from tests.support.console_bench import FLIGHT_MS, SOON_MS, chromes, console
+from tests.support.ground import SOON_S, wait_until
+from tests.support.replays import replay
+from tests.support.virtual_show import Show, UnixClock, fly, show_config
 
 chrome = pytest.fixture(scope="module")(chromes)
 

@@ -9,10 +9,11 @@ from collections.abc import Iterator
 from typing import Final
 
 import pytest
-from console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, fault, station
-from ground import SOON_S, wait_until
-from machine import free_ports
 from playwright.sync_api import Browser, expect
+
+from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, fault, station
+from tests.support.ground import SOON_S, wait_until
+from tests.support.machine import free_ports
 
 COMMANDS: Final = ("start", "pause", "resume", "stop", "abort", "kill")
 PHASES: Final = (

@@ -6,8 +6,9 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
-from console_bench import SOON_MS, Station, chromes, station
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
+
+from tests.support.console_bench import SOON_MS, Station, chromes, station
 
 chrome = pytest.fixture(scope="module")(chromes)
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import pytest
-from reaction_stories import failsafe
-from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 from gcs.api.console_feed import Feed
 from gcs.failsafe.policy import Cause
@@ -16,6 +14,8 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.service import ShowAction, VehicleAction
 from gcs.service.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
+from tests.support.reaction_stories import failsafe
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 WITHIN_S: Final = 1.0
 FAILSAFES: Final = {

@@ -4,15 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from stalls import stall
-from test_show_interrupted import ALL, BOX, COMMANDS, fly_for_a_while, found, four, sessions
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.flight.test_show_interrupted import ALL, BOX, COMMANDS, fly_for_a_while, found, four, sessions
+from tests.support.stalls import stall
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 

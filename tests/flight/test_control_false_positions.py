@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from control_flight import TICK_S, Flight, Sample, closest_m_and_violations
 
 from gcs.estimation.fleet_state import Table
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
+from tests.support.control_flight import TICK_S, Flight, Sample, closest_m_and_violations
 
 FRAME = ShowFrame(47.0, 8.0, 400.0)
 IDS = ("d1", "d2", "d3", "d4")

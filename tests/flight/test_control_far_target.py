@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from control_flight import SETTINGS, TICK_S, Flight, Sample, closest_m_and_violations, shape
 
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.model.plan import Formation, Orbit, Target
+from tests.support.control_flight import SETTINGS, TICK_S, Flight, Sample, closest_m_and_violations, shape
 
 ORBIT = Orbit(radius_m=15.0, speed_m_s=2.5)
 FENCE_M = SETTINGS.safety.fence.distance_max_m

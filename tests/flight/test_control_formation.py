@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from control_flight import SETTINGS, Flight, Sample, closest_m_and_violations, shape
 
 from gcs.model.plan import Formation
+from tests.support.control_flight import SETTINGS, Flight, Sample, closest_m_and_violations, shape
 
 RADIUS_M = {4: 8.0, 8: 10.0}
 

@@ -4,7 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from control_flight import (
+
+from gcs.control import Task
+from gcs.model.plan import Formation, Orbit, Target, Yaw, YawPolicy
+from gcs.model.state import Array
+from gcs.planning.landing_sites import swept_segments_m
+from tests.support.control_flight import (
     SETTINGS,
     TICK_S,
     Flight,
@@ -13,11 +18,6 @@ from control_flight import (
     largest_setpoint_change_m_s,
     shape,
 )
-
-from gcs.control import Task
-from gcs.model.plan import Formation, Orbit, Target, Yaw, YawPolicy
-from gcs.model.state import Array
-from gcs.planning.landing_sites import swept_segments_m
 
 
 def in_orbit(*, noise_scale: float = 1.0) -> Flight:

@@ -5,7 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from control_flight import (
+
+from gcs.formation.orbit import orbit_velocity
+from gcs.model.plan import Formation, Obstacle, Orbit, Target
+from gcs.model.state import Array
+from gcs.planning.feasibility import check_obstacle
+from tests.support.control_flight import (
     SETTINGS,
     TICK_S,
     Flight,
@@ -14,11 +19,6 @@ from control_flight import (
     largest_setpoint_change_m_s,
     shape,
 )
-
-from gcs.formation.orbit import orbit_velocity
-from gcs.model.plan import Formation, Obstacle, Orbit, Target
-from gcs.model.state import Array
-from gcs.planning.feasibility import check_obstacle
 
 ORBIT = Orbit(radius_m=15.0, speed_m_s=2.5)
 VELOCITY_M_S = np.array([0.5, -0.3])

@@ -1,12 +1,12 @@
 """One command for a selection of vehicles, or for all that it can apply to."""
 
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 def test_group_command_names_vehicles_it_does_not_reach() -> None:

@@ -5,10 +5,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from virtual_show import Show, alarm_texts, fly, refused, show_config
-from written_show import NAME, config, keep, on_pads, select
-from written_show import TEXT as SHOW
-from written_show import fly as fly_show
 
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
@@ -17,6 +13,10 @@ from gcs.model.preflight_report import Check, PreflightReport
 from gcs.recording.last_known import commands
 from gcs.recording.session import Record
 from gcs.service import CALLER, Outcome, ShowAction
+from tests.support.virtual_show import Show, alarm_texts, fly, refused, show_config
+from tests.support.written_show import NAME, config, keep, on_pads, select
+from tests.support.written_show import TEXT as SHOW
+from tests.support.written_show import fly as fly_show
 
 RECEIVED_S = 3.0
 """Whatever a vehicle tells seldom has come by then."""

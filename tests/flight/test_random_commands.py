@@ -6,16 +6,16 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from show_phases import running
-from stalls import stall
-from test_refusals_in_the_air import commands, refusal_of
-from test_show_interrupted import sessions
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.flight.control_refusal import A_PERSON_FLIES
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.flight.test_refusals_in_the_air import commands, refusal_of
+from tests.flight.test_show_interrupted import sessions
+from tests.support.show_phases import running
+from tests.support.stalls import stall
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 COUNT, STEPS = 3, 7
 FLIES_M = 0.6

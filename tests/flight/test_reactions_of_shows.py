@@ -3,14 +3,14 @@
 from pathlib import Path
 
 import numpy as np
-import written_show
-from reaction_stories import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.service import Outcome, ShowAction
+from tests.support import written_show
+from tests.support.reaction_stories import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 STORM_M_S = 12.0
 """More than the fake vehicles can fly against: they lean as far as they may, and drift with 2 m/s."""

@@ -2,12 +2,20 @@
 
 import numpy as np
 import pytest
-from reaction_stories import by_itself, carried_out, failsafe, nearest_m, off_pad_m, off_sphere_m, reacts
-from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
+from tests.support.reaction_stories import (
+    by_itself,
+    carried_out,
+    failsafe,
+    nearest_m,
+    off_pad_m,
+    off_sphere_m,
+    reacts,
+)
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 OTHERS = ("d1", "d2", "d4", "d5")
 

@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-from reaction_stories import carried_out, reacts
-from virtual_show import Show, fly, show_config
-
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording.last_known import commands, events
 from gcs.recording.session import Record
 from gcs.service import ShowAction
+from tests.support.reaction_stories import carried_out, reacts
+from tests.support.virtual_show import Show, fly, show_config
 
 
 async def low_battery(show: Show) -> None:

@@ -8,14 +8,14 @@ from collections.abc import Awaitable, Callable, Iterator
 from functools import partial
 
 import pytest
-from show_phases import aborting, arming, assembling, paused, returning, running
-from stalls import stall
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
+from tests.support.show_phases import aborting, arming, assembling, paused, returning, running
+from tests.support.stalls import stall
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 Command = Callable[[Show], object]
 

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import Show, Track, fly, show_config
 
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import Show, Track, fly, show_config
 
 NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground
 

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import Sample, Show, Track, fly, show_config
 
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction
+from tests.support.virtual_show import Sample, Show, Track, fly, show_config
 
 ENDURANCE_S = 600.0
 BELOW = 0.2

@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import Show, Track, fly, show_config
 
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import Show, Track, fly, show_config
 
 TIMEOUT_S = 8.0
 

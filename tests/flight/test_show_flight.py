@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from loopback_link import SentCommand, SentSetpoint
-from virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
 
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
+from tests.support.loopback_link import SentCommand, SentSetpoint
+from tests.support.virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
 
 FLIERS = ("d1", "d2", "d3")
 ORBIT_M = 5.0

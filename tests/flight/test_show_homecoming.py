@@ -7,11 +7,11 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pytest
-from virtual_show import AtOnce, Show, Track, fly, show_config
 
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
+from tests.support.virtual_show import AtOnce, Show, Track, fly, show_config
 
 T = TypeVar("T")
 

@@ -8,19 +8,6 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
-from loopback_link import LoopbackLink, system_ids
-from virtual_show import (
-    HOLDS_WHEN_LOST,
-    JUMP_M_S,
-    AtOnce,
-    Show,
-    UnixClock,
-    alarm_texts,
-    refused,
-    run_virtual,
-    show_config,
-)
-from written_show import NAME, TEXT, check, keep, on_pads
 
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
@@ -36,6 +23,19 @@ from gcs.recording.session import Record
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.fleet import Fleet, Settings
+from tests.support.loopback_link import LoopbackLink, system_ids
+from tests.support.virtual_show import (
+    HOLDS_WHEN_LOST,
+    JUMP_M_S,
+    AtOnce,
+    Show,
+    UnixClock,
+    alarm_texts,
+    refused,
+    run_virtual,
+    show_config,
+)
+from tests.support.written_show import NAME, TEXT, check, keep, on_pads
 
 T = TypeVar("T")
 Story = Callable[[Show], Awaitable[T]]

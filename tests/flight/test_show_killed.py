@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import Refusal, Show, Track, fly, refused
 
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import Refusal, Show, Track, fly, refused
 
 
 class Killed(NamedTuple):

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 from gcs.links import Verb
 from gcs.model.errors import RefusedError
@@ -12,6 +11,7 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, list[bool]]:

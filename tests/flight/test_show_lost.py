@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
 from gcs.links import Verb
 from gcs.model.errors import RefusedError
@@ -12,6 +11,16 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import (
+    HOLDS_WHEN_LOST,
+    JUMP_M_S,
+    Refusal,
+    Show,
+    Track,
+    fly,
+    refused,
+    show_config,
+)
 
 OTHERS = ("d1", "d3", "d4")
 

@@ -2,13 +2,12 @@
 
 from typing import Any
 
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
-
 from gcs.failsafe.autopilot_failsafe import control_refusal
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause, AlarmSeverity
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 
 def config(count: int = 4, **sections: Any) -> Any:

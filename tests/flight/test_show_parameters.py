@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 from gcs.cli.params import Row, inspect
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
 

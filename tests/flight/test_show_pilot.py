@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
 from gcs.links import Verb
 from gcs.model.errors import RefusedError
@@ -11,6 +10,16 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.support.virtual_show import (
+    HOLDS_WHEN_LOST,
+    JUMP_M_S,
+    Refusal,
+    Show,
+    Track,
+    fly,
+    refused,
+    show_config,
+)
 
 
 class TakenOver(NamedTuple):

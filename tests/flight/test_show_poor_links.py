@@ -3,12 +3,12 @@
 from typing import Any, NamedTuple
 
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 
 COUNT = 20
 

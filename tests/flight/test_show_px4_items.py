@@ -4,12 +4,12 @@ Items that other tests show are listed with them in docs/operations.md.
 """
 
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 
 def test_item_3_acknowledgement_needs_a_matching_heartbeat() -> None:

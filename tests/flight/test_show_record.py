@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual_show import Show, Track, fly, show_config
 
 from gcs.cli.main import main
 from gcs.links.address_book import Address
@@ -15,6 +14,7 @@ from gcs.recording.last_known import commands, events, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction
+from tests.support.virtual_show import Show, Track, fly, show_config
 
 CONFIG = show_config(4)
 

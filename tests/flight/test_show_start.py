@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import TAKEOFF_HEIGHT_M, Refusal, Show, Track, alarm_texts, fly, refused, show_config
 
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -13,6 +12,16 @@ from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode
 from gcs.planning.vertical_overlap import column_m, overlapping
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import (
+    TAKEOFF_HEIGHT_M,
+    Refusal,
+    Show,
+    Track,
+    alarm_texts,
+    fly,
+    refused,
+    show_config,
+)
 
 
 def start_of(*names: str) -> Callable[[Show], Callable[[], CommandRecord]]:

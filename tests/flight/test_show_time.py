@@ -5,14 +5,14 @@ import logging
 
 import numpy as np
 import pytest
-from loopback_link import LoopbackLink
-from virtual_show import Show, fly, run_virtual, show_config
 
 from gcs.flight.ticker import TickClock, ticks
 from gcs.links import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Setpoints
+from tests.support.loopback_link import LoopbackLink
+from tests.support.virtual_show import Show, fly, run_virtual, show_config
 
 
 async def some_ticks(takes_s: list[float]) -> list[tuple[float, float, int]]:

@@ -4,13 +4,22 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Refusal, Show, Track, fly, refused, show_config
 
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.state import Array, Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import (
+    HOLDS_WHEN_LOST,
+    JUMP_M_S,
+    Refusal,
+    Show,
+    Track,
+    fly,
+    refused,
+    show_config,
+)
 
 HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN = (
     VehicleAction.HOLD,

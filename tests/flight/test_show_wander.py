@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import State
 from gcs.service import ShowAction
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 def config(count: int, **preflight: Any) -> Any:

@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
-
 from gcs.links import ParameterValue
 from gcs.service import ShowAction
 from gcs.service.alarms import Alarm, AlarmCause
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 class Changed(NamedTuple):

@@ -5,8 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from virtual_show import JUMP_M_S, Show, Track, refused
-from written_show import NAME, TEXT, config, fly, select
 
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
@@ -17,6 +15,8 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import CommandRecord, Outcome, SelectedShow, ShowAction
 from gcs.shows import Timeline, parse
+from tests.support.virtual_show import JUMP_M_S, Show, Track, refused
+from tests.support.written_show import NAME, TEXT, config, fly, select
 
 GUEST_M = (12.0, 4.0)
 PAUSED_S = 90.0

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual_show import Show
-from written_show import config, fly, select
 
 from gcs.cli.main import main
 from gcs.model.lifecycle import ShowPhase
@@ -15,6 +13,8 @@ from gcs.recording.last_known import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction
+from tests.support.virtual_show import Show
+from tests.support.written_show import config, fly, select
 
 ALL = ("d1", "d2", "d3", "d4")
 

@@ -5,14 +5,14 @@ from typing import Any
 
 import httpx
 import pytest
-from virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
-from written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 from gcs.api.app import create_app
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle
 from gcs.service import Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
+from tests.support.written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 ALL = ("d1", "d2", "d3", "d4")
 AHEAD_S = 20.0

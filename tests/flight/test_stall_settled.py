@@ -6,11 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from stalls import stall
-from test_show_interrupted import four, one_session
-from virtual_show import HOLDS_WHEN_LOST, JUMP_M_S, Show, UnixClock, fly, refused, run_virtual, show_config
-from written_show import config, on_pads, select
-from written_show import fly as fly_written
 
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -18,6 +13,20 @@ from gcs.model.state import Mode
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
+from tests.flight.test_show_interrupted import four, one_session
+from tests.support.stalls import stall
+from tests.support.virtual_show import (
+    HOLDS_WHEN_LOST,
+    JUMP_M_S,
+    Show,
+    UnixClock,
+    fly,
+    refused,
+    run_virtual,
+    show_config,
+)
+from tests.support.written_show import config, on_pads, select
+from tests.support.written_show import fly as fly_written
 
 FIRST = ("d1", "d2", "d3")
 

@@ -5,9 +5,6 @@ from collections.abc import Awaitable, Callable
 
 import numpy as np
 import pytest
-from show_phases import aborting, arming, assembling, paused, returning, running
-from stalls import floor_violations, stall
-from virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 from gcs.model.fleet_counts import Counts
 from gcs.model.interrupted_flight import Offer
@@ -16,6 +13,9 @@ from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.support.show_phases import aborting, arming, assembling, paused, returning, running
+from tests.support.stalls import floor_violations, stall
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 Into = Callable[[Show], Awaitable[None]]
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import websockets
 import yaml
-from api_fake_service import FakeService
 from starlette.types import ASGIApp
 from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
@@ -26,6 +25,7 @@ from gcs.config import schema as configuration
 from gcs.model.errors import AccessError, ConfigError, LinkError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service.access import Role, TlsSettings
+from tests.support.api_fake_service import FakeService
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from api_background import in_background
-from api_fake_service import FakeService
 
 from gcs.api.app import create_app
 from gcs.client import Client
 from gcs.model.errors import CommandError, GcsError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.service import Outcome
 from gcs.shows import load, shipped
+from tests.support.api_background import in_background
+from tests.support.api_fake_service import FakeService
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 

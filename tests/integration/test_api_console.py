@@ -12,9 +12,6 @@ import httpx
 import numpy as np
 import pytest
 import websockets
-from api_fake_service import FakeService
-from api_station import narrow, served, ticking
-from api_station import run as run_beside
 from websockets.asyncio.client import ClientConnection, connect
 
 from gcs.api.auth.authorization import Authorization
@@ -23,6 +20,9 @@ from gcs.api.context import VIEWERS_MAX
 from gcs.api.schemas import binary_frame as frames
 from gcs.model.plan import Formation
 from gcs.service.access import Role
+from tests.support.api_fake_service import FakeService
+from tests.support.api_station import narrow, served, ticking
+from tests.support.api_station import run as run_beside
 
 TICK_S = 0.02
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 import websockets
-from api_fake_service import FakeService
-from api_station import run, served
 from websockets.asyncio.client import connect
 
 from gcs.api import server
@@ -18,6 +16,8 @@ from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
 from gcs.api.schemas import rest as schemas
 from gcs.service.access import Denied, Role
+from tests.support.api_fake_service import FakeService
+from tests.support.api_station import run, served
 
 UPGRADE = "Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
 KEY = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"

@@ -9,11 +9,8 @@ from typing import Any, NamedTuple
 
 import pytest
 import schemathesis
-from api_fake_service import FakeService
 from hypothesis import HealthCheck, Phase, settings
-from loopback_link import LoopbackLink, system_ids
 from schemathesis import Case
-from virtual_show import show_config
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
@@ -23,6 +20,9 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings
+from tests.support.api_fake_service import FakeService
+from tests.support.loopback_link import LoopbackLink, system_ids
+from tests.support.virtual_show import show_config
 
 EXAMPLES = 20
 """Of each operation and of each way to make one wrong; so that all of it takes less than a minute."""

@@ -11,9 +11,6 @@ from typing import Any
 import httpx
 import pytest
 import websockets
-from api_fake_service import FakeService
-from api_station import narrow, run, served, ticking
-from machine import Witness
 from websockets.asyncio.client import ClientConnection, connect
 
 from gcs.api.app import create_app
@@ -21,6 +18,9 @@ from gcs.api.context import VIEWERS_MAX
 from gcs.api.protocols import CONNECTIONS_MAX
 from gcs.api.server import serve
 from gcs.model.errors import LinkError
+from tests.support.api_fake_service import FakeService
+from tests.support.api_station import narrow, run, served, ticking
+from tests.support.machine import Witness
 
 
 def stream_of(port: int, query: str = "", **options: Any) -> connect:

@@ -13,8 +13,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from api_background import in_background
-from api_fake_service import FakeRecord, FakeService
 from rich.console import Console
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -35,6 +33,8 @@ from gcs.service import Outcome, SelectedShow
 from gcs.service.access import Role
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.shows import load, shipped
+from tests.support.api_background import in_background
+from tests.support.api_fake_service import FakeRecord, FakeService
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.cli.kill_without_service import direct_kill
@@ -20,6 +19,7 @@ from gcs.config.schema import Config, find, load
 from gcs.model.errors import ConfigError
 from gcs.recording.last_known import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome
+from tests.support.machine import free_ports
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 KILL = (0.0, 21196.0)

@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from link_bench import Ticks, do, ready, running, until
-from link_peer import Peer
-from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links import Verb, mmsg
@@ -23,6 +20,9 @@ from gcs.links.udp.sockets import Datagrams, Packets, host_of, port_of, socket_o
 from gcs.model.errors import LinkError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints
+from tests.support.link_bench import Ticks, do, ready, running, until
+from tests.support.link_peer import Peer
+from tests.support.machine import free_ports
 
 HOST = "127.0.0.1"
 

@@ -9,12 +9,12 @@ from contextlib import ExitStack
 from threading import Event, Thread
 
 import pytest
-from link_bench import a_link, running, until
-from link_peer import Peer
-from machine import free_ports
 
 from gcs.links.mavsdk.binding import MavsdkBinding
 from gcs.links.mavsdk.link import MavsdkUdpLink
+from tests.support.link_bench import a_link, running, until
+from tests.support.link_peer import Peer
+from tests.support.machine import free_ports
 
 VEHICLES = 6
 ROUNDS = 12

@@ -11,12 +11,12 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
-from link_bench import until
-from machine import free_ports
-from wire_bench import a_socket, arrived, beat, bench, command, setpoint
 
 from gcs.links.endpoints import SerialPort, TcpIn, TcpOut, UdpOut
 from gcs.model.errors import LinkError
+from tests.support.link_bench import until
+from tests.support.machine import free_ports
+from tests.support.wire_bench import a_socket, arrived, beat, bench, command, setpoint
 
 
 def free_tcp_port() -> int:

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from link_bench import AnyLink, Ticks, a_link, do, running, until
-from machine import free_ports
 
 from gcs.links import Verb
 from gcs.model.state import Landed, Mode
+from tests.support.link_bench import AnyLink, Ticks, a_link, do, running, until
+from tests.support.machine import free_ports
 
 
 @contextmanager

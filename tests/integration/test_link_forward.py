@@ -6,11 +6,11 @@ import time
 from contextlib import closing
 from typing import Any
 
-from link_bench import until
 from pymavlink.dialects.v20 import common as dialect
-from wire_bench import Bench, a_socket, arrived, beat, bench, command, is_empty, setpoint
 
 from gcs.links.settings import Forward
+from tests.support.link_bench import until
+from tests.support.wire_bench import Bench, a_socket, arrived, beat, bench, command, is_empty, setpoint
 
 
 def to(station: socket.socket, *, read_only: bool) -> Forward:

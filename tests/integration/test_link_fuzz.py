@@ -9,13 +9,13 @@ from contextlib import closing, suppress
 from typing import Any
 
 import pytest
-from link_bench import until
-from machine import free_ports
 from pymavlink.dialects.v20 import development as dialect
-from wire_bench import Bench, beat, bench
 
 from gcs.links.endpoints import Listen, TcpIn
 from gcs.links.settings import Forward
+from tests.support.link_bench import until
+from tests.support.machine import free_ports
+from tests.support.wire_bench import Bench, beat, bench
 
 pytestmark = pytest.mark.computes
 

@@ -4,13 +4,24 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from link_bench import EVERY, PERIOD_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
-from link_peer import Peer
-from machine import STALL_S, Witness, free_ports
 
 from gcs.links import Command, Link, Verb
 from gcs.model.errors import CommandError, LinkError, UnknownError
 from gcs.model.state import Landed, Mode, Setpoints
+from tests.support.link_bench import (
+    EVERY,
+    PERIOD_S,
+    AnyLink,
+    Ticks,
+    a_link,
+    do,
+    ready,
+    repeated,
+    running,
+    until,
+)
+from tests.support.link_peer import Peer
+from tests.support.machine import STALL_S, Witness, free_ports
 
 pytestmark = pytest.mark.usefixtures("transport")
 

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from link_bench import AnyLink, a_link, is_open, running, until
-from machine import free_ports
 
 from gcs.model.errors import CommandError, UnknownError
+from tests.support.link_bench import AnyLink, a_link, is_open, running, until
+from tests.support.machine import free_ports
 
 pytestmark = pytest.mark.usefixtures("transport")
 

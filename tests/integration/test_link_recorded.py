@@ -9,15 +9,15 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from link_bench import KINDS, AnyLink, do, ready, running, until
-from link_peer import Peer
-from machine import free_ports
 from pymavlink import mavutil
 
 from gcs.links import Verb
 from gcs.links.counters import Direction
 from gcs.links.endpoints import Listen
 from gcs.model.frames import ShowFrame
+from tests.support.link_bench import KINDS, AnyLink, do, ready, running, until
+from tests.support.link_peer import Peer
+from tests.support.machine import free_ports
 
 
 def a_link(port: int, folder: Path, kind: str = "mavsdk") -> AnyLink:

@@ -5,13 +5,13 @@ import time
 from contextlib import ExitStack
 
 import pytest
-from link_bench import AnyLink, Ticks, a_link, do, ready, running, until
-from link_peer import Peer
-from link_router import Router
-from machine import free_ports
 
 from gcs.links import Verb
 from gcs.model.state import Mode
+from tests.support.link_bench import AnyLink, Ticks, a_link, do, ready, running, until
+from tests.support.link_peer import Peer
+from tests.support.link_router import Router
+from tests.support.machine import free_ports
 
 pytestmark = pytest.mark.usefixtures("transport")
 

@@ -6,11 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from link_bench import Ticks, do, ready, running, until
-from link_peer import Peer
-from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
-from wire_bench import a_socket, arrived, beat, bench, command
 
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
@@ -18,6 +14,10 @@ from gcs.links.framed.link import MavsdkLink
 from gcs.links.settings import Forward
 from gcs.links.signing_keys import Signing
 from gcs.model.frames import ShowFrame
+from tests.support.link_bench import Ticks, do, ready, running, until
+from tests.support.link_peer import Peer
+from tests.support.machine import free_ports
+from tests.support.wire_bench import a_socket, arrived, beat, bench, command
 
 KEY = bytes(range(32))
 

@@ -5,14 +5,25 @@ import time
 
 import numpy as np
 import pytest
-from link_bench import EVERY, VELOCITY_M_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
-from link_peer import Peer
-from machine import free_ports
 from pymavlink.dialects.v20.common import MAV_TYPE_GCS
 
 from gcs.links import Verb
 from gcs.links.native.link import NativeLink
 from gcs.model.state import Mode, Setpoints
+from tests.support.link_bench import (
+    EVERY,
+    VELOCITY_M_S,
+    AnyLink,
+    Ticks,
+    a_link,
+    do,
+    ready,
+    repeated,
+    running,
+    until,
+)
+from tests.support.link_peer import Peer
+from tests.support.machine import free_ports
 
 pytestmark = pytest.mark.usefixtures("transport")
 

@@ -4,14 +4,13 @@ import asyncio
 import time
 from collections.abc import Mapping
 
-from link_bench import do, ready, running, until
-from link_peer import Peer
-from machine import free_ports
-
 from gcs.links import Verb
 from gcs.links.endpoints import Listen
 from gcs.links.framed.link import MavsdkLink
 from gcs.model.frames import ShowFrame
+from tests.support.link_bench import do, ready, running, until
+from tests.support.link_peer import Peer
+from tests.support.machine import free_ports
 
 RATES_HZ = {33: 5.0, 245: 5.0, 30: 0.0}
 POSITION_S = 0.2

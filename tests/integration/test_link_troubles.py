@@ -9,14 +9,14 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from link_bench import DatedTicks, a_link, asked_s, ready, running, until
-from link_peer import Peer
-from link_station import a_station, go_on, stop
-from machine import Witness, free_ports
 from pymavlink import mavutil
 
 from gcs.links.framed.link import MavsdkLink
 from gcs.links.mavsdk.link import MavsdkUdpLink
+from tests.support.link_bench import DatedTicks, a_link, asked_s, ready, running, until
+from tests.support.link_peer import Peer
+from tests.support.link_station import a_station, go_on, stop
+from tests.support.machine import Witness, free_ports
 
 SETPOINT_TIMEOUT_S = 0.2
 ON_ITS_WAY_S = 0.02

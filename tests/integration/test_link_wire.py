@@ -4,9 +4,15 @@ import time
 from contextlib import closing
 
 import pytest
-from link_bench import until
-from machine import free_ports
-from wire_bench import (
+
+from gcs.links.framed.router import Direction, Listen, Router
+from gcs.links.kill_latch import KillLatch
+from gcs.links.setpoint_watchdog import SetpointWatchdog
+from gcs.model.errors import LinkError
+from gcs.model.state import Mode
+from tests.support.link_bench import until
+from tests.support.machine import free_ports
+from tests.support.wire_bench import (
     Bench,
     a_socket,
     address_of,
@@ -17,12 +23,6 @@ from wire_bench import (
     is_empty,
     setpoint,
 )
-
-from gcs.links.framed.router import Direction, Listen, Router
-from gcs.links.kill_latch import KillLatch
-from gcs.links.setpoint_watchdog import SetpointWatchdog
-from gcs.model.errors import LinkError
-from gcs.model.state import Mode
 
 
 def test_frame_goes_to_its_target_and_broadcast_to_all() -> None:

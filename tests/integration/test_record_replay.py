@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from replays import replay
 from websockets.asyncio.client import connect
 
 from gcs.api.schemas import binary_frame as frames
@@ -30,6 +29,7 @@ from gcs.recording.sample import Sample
 from gcs.recording.sqlite_writer import Journal
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
+from tests.support.replays import replay
 
 SECONDS, SPEED = 20.0, 10.0
 BOX = Obstacle("tower", 5.0, 0.0, 1.0, 1.0, 30.0, velocity_x_m_s=1.0, time_s=500.0)

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from machine import Witness, free_ports
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.action import Action, ActionError
 from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import FlightMode, LandedState, Telemetry
 from pymavlink.dialects.v20 import common
+
+from tests.support.machine import Witness, free_ports
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -11,8 +11,9 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from machine import free_ports
 from pymavlink.dialects.v20 import common
+
+from tests.support.machine import free_ports
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -5,9 +5,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from machine import free_ports
 from pymavlink.dialects.v20 import common
-from test_sim_radio import ear, running
+
+from tests.integration.test_sim_radio import ear, running
+from tests.support.machine import free_ports
 
 
 def test_the_simulator_link_carries_the_true_states(tmp_path: Path) -> None:

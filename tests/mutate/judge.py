@@ -12,7 +12,8 @@ from pathlib import Path
 
 from cosmic_ray.mutating import use_mutation
 from cosmic_ray.plugins import get_operator
-from mutants import Change, Mutant, change
+
+from tests.mutate.mutants import Change, Mutant, change
 
 COPIED = ("gcs", "sim", "api", "configs", "tests", "pyproject.toml")
 
@@ -109,6 +110,6 @@ def _run_tests(paths: list[str], at_most_s: int) -> None:
     hypothesis.settings.register_profile("mutate", max_examples=EXAMPLES, phases=without_shrinking)
     hypothesis.settings.load_profile("mutate")
     plainly = ("-x", "-q", "--assert=plain", "--tb=short", "-p", "no:cacheprovider")
-    code = int(pytest.main([*plainly, "-o", "addopts=--strict-markers", *paths]))
+    code = int(pytest.main([*plainly, "-o", "addopts=--strict-markers --import-mode=importlib", *paths]))
     sys.stdout.flush()
     os._exit(code)  # without taking down, object by object, what all of them share

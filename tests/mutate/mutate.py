@@ -18,9 +18,9 @@ from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
-import reviewed
-from judge import begin, complaint, copy, judge
-from mutants import LEFT_OUT, PACKAGE, Change, Mutant, mutants_of
+from tests.mutate import reviewed
+from tests.mutate.judge import begin, complaint, copy, judge
+from tests.mutate.mutants import LEFT_OUT, PACKAGE, Change, Mutant, mutants_of
 
 LAST = Path("runs/mutation.json")
 DOCUMENT = Path("docs/mutation.md")

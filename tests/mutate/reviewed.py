@@ -4,8 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import yaml
-from mutants import Change
 from pydantic import BaseModel, ConfigDict
+
+from tests.mutate.mutants import Change
 
 SURVIVORS = Path("tests/mutate/survivors.yaml")
 

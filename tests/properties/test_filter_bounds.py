@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import assume, event, given
 from hypothesis import strategies as st
-from law_fleets import masks, obstacles, places, vectors, within
-from safety_fleets import CALM, SAFETY
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
@@ -14,6 +12,8 @@ from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NO_ROW
 from gcs.safety.separation import Pairs, keepout_constraints, separation_constraints
 from gcs.safety.walls import fence_constraints, nearest_way_out, obstacle_constraints
+from tests.support.law_fleets import masks, obstacles, places, vectors, within
+from tests.support.safety_fleets import CALM, SAFETY
 
 BRAKING = SAFETY.braking
 EVERYTHING_M_S = 1e4

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import event, given
 from hypothesis import strategies as st
-from law_fleets import places, vectors
-from safety_fleets import CALM
 
 from gcs.model.state import Array
 from gcs.planning.loss_conflicts import Action, clashes, turned_upright
 from gcs.safety.separation import Floor
+from tests.support.law_fleets import places, vectors
+from tests.support.safety_fleets import CALM
 
 FLOOR = Floor(uncertainty_m=0.0)
 EVERYBODY = Floor(horizontal_m=1000.0, vertical_m=1000.0)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, event, given
 from hypothesis import strategies as st
-from law_fleets import masks, vectors, within
-from safety_fleets import CALM, LIMITS, assert_within_limits
 from scipy.optimize import nnls
 
 from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NO_ROW, Constraints
 from gcs.safety.filter import cap
 from gcs.safety.projection import TOLERANCE_M_S, project, shrink
+from tests.support.law_fleets import masks, vectors, within
+from tests.support.safety_fleets import CALM, LIMITS, assert_within_limits
 
 
 @st.composite

@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import assume, event, given
 from hypothesis import strategies as st
-from law_fleets import masks, vectors, within
-from safety_fleets import (
+
+from gcs.model.state import Array, Mask
+from gcs.safety.filter import cap, filter_velocities
+from tests.support.law_fleets import masks, vectors, within
+from tests.support.safety_fleets import (
     CALM,
     LIMITS,
     OPEN,
@@ -17,9 +20,6 @@ from safety_fleets import (
     closest,
     legal_fleets,
 )
-
-from gcs.model.state import Array, Mask
-from gcs.safety.filter import cap, filter_velocities
 
 
 @CALM

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import event, given
 from hypothesis import strategies as st
-from law_fleets import masks, places, vectors, within
-from safety_fleets import CALM, SAFETY
 
 from gcs.model.state import Array, Mask
 from gcs.safety.traffic import count_meetings, give_way, keep_right
+from tests.support.law_fleets import masks, places, vectors, within
+from tests.support.safety_fleets import CALM, SAFETY
 
 PASSING_M = SAFETY.traffic.passing_m
 SHARES = np.linspace(0.0, 1.0, 4001)[:, None]

@@ -5,16 +5,6 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import assume, event, given
 from hypothesis import strategies as st
-from law_fleets import masks, obstacles, places, vectors
-from safety_fleets import (
-    CALM,
-    FASTEST_M_S,
-    LIMITS,
-    SAFETY,
-    TICK_S,
-    around,
-    closest,
-)
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
@@ -24,6 +14,16 @@ from gcs.safety.filter import Surroundings, cap, filter_velocities
 from gcs.safety.projection import project, shrink
 from gcs.safety.separation import Floor, keepout_constraints, separation_constraints
 from gcs.safety.walls import obstacle_constraints
+from tests.support.law_fleets import masks, obstacles, places, vectors
+from tests.support.safety_fleets import (
+    CALM,
+    FASTEST_M_S,
+    LIMITS,
+    SAFETY,
+    TICK_S,
+    around,
+    closest,
+)
 
 
 def gap_to_box_m(position: Array, obstacle: Obstacle, time_s: float) -> Array:

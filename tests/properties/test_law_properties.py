@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.formation.law import LawSettings, directions_from, goal_velocity, slot_velocity
@@ -26,6 +25,7 @@ from gcs.planning.feasibility import check_formation, check_orbit, smallest_form
 from gcs.planning.landing_sites import CLEAR_M, distinct_sites_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
+from tests.support.law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 
 CALM = settings(deadline=None, derandomize=True, max_examples=60)
 LAW = LawSettings()

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from law_fleets import vectors
-from safety_fleets import CALM, NO_PATHS
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.estimation.fleet_state import Table
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry, Traits
+from tests.support.law_fleets import vectors
+from tests.support.safety_fleets import CALM, NO_PATHS
 
 FRAME = ShowFrame(47.0, 8.0, 400.0)
 IDS = ("lost", "near")

@@ -6,18 +6,18 @@ from math import radians
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from law_fleets import COUNTS, masks, obstacles, places, vectors, within
-from safety_fleets import (
-    CALM,
-    NO_PATHS,
-    TICK_S,
-    assert_within_limits,
-)
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
 from gcs.model.frames import wrap_rad
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.state import FleetState, Traits
+from tests.support.law_fleets import COUNTS, masks, obstacles, places, vectors, within
+from tests.support.safety_fleets import (
+    CALM,
+    NO_PATHS,
+    TICK_S,
+    assert_within_limits,
+)
 
 CONTROL = ControlSettings()
 

@@ -16,14 +16,21 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-from sitl_flight import QUICK, TRUE_WITHIN_S, Account, Pace, SitlFlight
-from sitl_service import Service, ServiceError
-from sitl_simulators import PX4_PORT, PX4_SIMULATOR_PORT, FakeFleet, Pads, Px4Build, Px4Image, Simulators
-from sitl_truth import GroundTruthRecorder
-
 from gcs.cli import demo_report as report
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
+from tests.sitl.sitl_flight import QUICK, TRUE_WITHIN_S, Account, Pace, SitlFlight
+from tests.sitl.sitl_service import Service, ServiceError
+from tests.sitl.sitl_simulators import (
+    PX4_PORT,
+    PX4_SIMULATOR_PORT,
+    FakeFleet,
+    Pads,
+    Px4Build,
+    Px4Image,
+    Simulators,
+)
+from tests.sitl.sitl_truth import GroundTruthRecorder
 
 CONFIG = "px4-sitl"
 ENERGY_MAX, NEAREST_MIN = 1.003, 0.9

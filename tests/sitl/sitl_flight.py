@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from sitl_service import Service, ServiceError
-from sitl_simulators import Simulators
 
 from gcs.api.schemas import rest as schemas
 from gcs.cli.demo_report import Commanded
 from gcs.client import Client
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.plan import Obstacle
+from tests.sitl.sitl_service import Service, ServiceError
+from tests.sitl.sitl_simulators import Simulators
 
 SAMPLE_S = 0.2
 """Between two samples of what the service commands."""

@@ -4,9 +4,9 @@ import asyncio
 from typing import Any
 
 import httpx
-from api_fake_service import FakeService
 
 from gcs.api.app import create_app
+from tests.support.api_fake_service import FakeService
 
 
 class Api:

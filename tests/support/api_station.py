@@ -6,11 +6,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, nullcontext
 
 import pytest
-from api_fake_service import FakeService
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
 from gcs.api.server import serve
+from tests.support.api_fake_service import FakeService
 
 
 @asynccontextmanager

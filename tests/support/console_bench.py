@@ -11,14 +11,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from browsers import chromium
-from ground import flying_config, proper, service, vehicles
-from machine import free_ports
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect, sync_playwright
 from playwright.sync_api import Error as PlaywrightError
 
 from gcs.client import Client
 from gcs.config import schema as configuration
+from tests.support.browsers import chromium
+from tests.support.ground import flying_config, proper, service, vehicles
+from tests.support.machine import free_ports
 
 ROOT: Final = Path(__file__).parents[2]
 

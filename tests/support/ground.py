@@ -17,7 +17,6 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
 import yaml
-from machine import free_ports
 
 from gcs.api.app import create_app
 from gcs.api.server import serve as serve_api
@@ -27,6 +26,7 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import GcsError
 from gcs.preflight.parameters import requirements, settings_of
 from gcs.service import ShowAction
+from tests.support.machine import free_ports
 
 ORIGIN = "47.397742,8.545594,488.0"
 

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-import link_bench
-from link_bench import DatedTicks, ready, running
+from tests.support import link_bench
+from tests.support.link_bench import DatedTicks, ready, running
 
 
 def station(port: int, transport: str, record: Path | None, file_max_bytes: int) -> None:

@@ -12,7 +12,6 @@ from math import inf, isfinite, nan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
-from loopback_ears import INT32, Receiver, failure, news, obeyed
 from pymavlink.dialects.v20 import common
 
 from gcs.links import Command, ParameterValue, Verb
@@ -29,6 +28,7 @@ from gcs.sim.faults.link_faults import Channel
 from gcs.sim.fleet import STEP_S, Fleet
 from gcs.sim.protocol.autopilot import Autopilot
 from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.support.loopback_ears import INT32, Receiver, failure, news, obeyed
 
 STATION = (245, 190)
 VELOCITY_AND_YAW = 0x9C7

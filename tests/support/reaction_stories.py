@@ -1,10 +1,10 @@
 """Questions of the failsafe tests about a flight."""
 
 import numpy as np
-from virtual_show import Show
 
 from gcs.failsafe.policy import Cause
 from gcs.service import ActiveFailsafe, CommandRecord
+from tests.support.virtual_show import Show
 
 
 def failsafe(show: Show, cause: Cause) -> ActiveFailsafe | None:

@@ -3,11 +3,11 @@
 import numpy as np
 from hypothesis import assume, settings
 from hypothesis import strategies as st
-from law_fleets import vectors
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import SafetySettings, Surroundings
+from tests.support.law_fleets import vectors
 
 CALM = settings(deadline=None, derandomize=True)
 SAFETY = SafetySettings()

@@ -1,9 +1,8 @@
 """Leads a virtual show into one of its phases, as an operator does."""
 
-from virtual_show import Show
-
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction
+from tests.support.virtual_show import Show
 
 
 async def arming(show: Show) -> None:

@@ -4,11 +4,11 @@ import asyncio
 from typing import Any
 
 import numpy as np
-from virtual_show import Show
 
 from gcs.model.state import Array
 from gcs.safety.separation import minimum_separation
 from gcs.sim.fleet import STEP_S
+from tests.support.virtual_show import Show
 
 RECEIVED_FIRST: float = 1.0
 """Share of the messages sent meanwhile that is received afterwards: buffers overflow and keep the oldest."""

@@ -2,11 +2,10 @@
 
 from typing import Any
 
-from api_fake_service import FakeService
-from api_harness import Api
-
 from gcs.api.schemas import rest as schemas
 from gcs.model.state import Mode
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 PILOT = "its pilot flies it in POSCTL since 12:04:31"
 NOT_ORDINARY: dict[str, dict[str, Any]] = {

@@ -11,7 +11,6 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import async_solipsism
 import numpy as np
-from loopback_link import LoopbackLink, system_ids
 
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Heart, Orchestrator
@@ -27,6 +26,7 @@ from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAc
 from gcs.service.vehicle_table import VehicleView
 from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.fleet import Fleet, Settings
+from tests.support.loopback_link import LoopbackLink, system_ids
 
 T = TypeVar("T")
 

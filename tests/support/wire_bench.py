@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, closing
 from typing import Any
 
-from machine import free_ports
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.endpoints import Listen, Place
@@ -17,6 +16,7 @@ from gcs.links.setpoint_watchdog import SetpointWatchdog
 from gcs.links.settings import Forward
 from gcs.links.signing_keys import Signing
 from gcs.mavlink.framing import Frame
+from tests.support.machine import free_ports
 
 GROUND = dialect.MAVLink(None, srcSystem=245, srcComponent=190)
 

@@ -9,8 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from ground import SOON_S, flying_config, proper, served, until, vehicles
-from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
 from gcs.client import Client
@@ -19,6 +17,8 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.links.udp.link import UdpLink
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
+from tests.support.ground import SOON_S, flying_config, proper, served, until, vehicles
+from tests.support.machine import Witness, free_ports
 
 IDS = {"mavsdk": "mavsdk1", "native": "native2"}
 """Who is flown over which transport."""

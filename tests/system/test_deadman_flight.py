@@ -6,14 +6,14 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
-from ground import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
-from machine import Witness, free_ports
 
 from gcs.cli.serve import make_link
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
+from tests.support.ground import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
+from tests.support.machine import Witness, free_ports
 
 SETPOINT_TIMEOUT_S = 0.2
 STOPPED_S = 3.0

@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from ground import SOON_S, last_truths
-from machine import free_ports
+
+from tests.support.ground import SOON_S, last_truths
+from tests.support.machine import free_ports
 
 
 @pytest.mark.parametrize(

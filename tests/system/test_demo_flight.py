@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from machine import free_ports
 
 from gcs.cli.main import main
 from gcs.recording.last_known import commands
+from tests.support.machine import free_ports
 
 
 @pytest.mark.soak

@@ -10,9 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from ground import ORIGIN, SOON_S, flying_config, proper, until
-from machine import Witness, free_ports
-
 from gcs.api.auth.tokens import create_token
 from gcs.cli.serve import running
 from gcs.client import Client
@@ -21,6 +18,8 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.access import Role
+from tests.support.ground import ORIGIN, SOON_S, flying_config, proper, until
+from tests.support.machine import Witness, free_ports
 
 COUNT = 20
 JUNK_PER_S = 200.0

@@ -5,10 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ground import SOON_S, flying_config, proper, service, vehicles, wait_until
-from machine import free_ports
-
 from gcs.config.schema import Config
+from tests.support.ground import SOON_S, flying_config, proper, service, vehicles, wait_until
+from tests.support.machine import free_ports
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 COUNT = 3

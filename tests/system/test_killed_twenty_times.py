@@ -12,7 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from ground import (
+
+from gcs.client import Client
+from gcs.config.schema import Config
+from gcs.model.errors import GcsError
+from gcs.model.interrupted_flight import Offer
+from gcs.recording.last_known import commands, last_known
+from tests.support.ground import (
     SOON_S,
     Supervised,
     flying_config,
@@ -22,13 +28,7 @@ from ground import (
     vehicles,
     wait_until,
 )
-from machine import Witness, free_ports
-
-from gcs.client import Client
-from gcs.config.schema import Config
-from gcs.model.errors import GcsError
-from gcs.model.interrupted_flight import Offer
-from gcs.recording.last_known import commands, last_known
+from tests.support.machine import Witness, free_ports
 
 KILLS = (4, 20)
 """The more of them are for `make soak`."""

@@ -6,12 +6,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
-from machine import free_ports
 
 from gcs.config.schema import Config
 from gcs.recording.interrupted_session import interruption
 from gcs.recording.last_known import commands, last_known
+from tests.support.ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
+from tests.support.machine import free_ports
 
 IDS = ("d1", "d2")
 NO_ROW = "http://127.0.0.1:9"

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from ground import SOON_S, last_truths, session_of, wait_until
-
 from gcs.client import Client
+from tests.support.ground import SOON_S, last_truths, session_of, wait_until
 
 COUNT = 20
 

@@ -5,11 +5,11 @@ import subprocess
 from contextlib import closing
 from pathlib import Path
 
-from ground import SOON_S, flying_config, proper, service, vehicles, wait_until
-from machine import free_ports
 from pymavlink import mavutil
 
 from gcs.client import Client
+from tests.support.ground import SOON_S, flying_config, proper, service, vehicles, wait_until
+from tests.support.machine import free_ports
 
 IDS = ("d1", "d2")
 

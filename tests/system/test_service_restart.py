@@ -8,8 +8,6 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from ground import PATIENT_S, SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
-from machine import free_ports
 from pymavlink import mavutil
 
 from gcs.client import Client
@@ -17,6 +15,17 @@ from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.recording.last_known import commands, last_known
 from gcs.recording.mcap_reader import FlightData
+from tests.support.ground import (
+    PATIENT_S,
+    SOON_S,
+    flying_config,
+    last_truths,
+    proper,
+    service,
+    vehicles,
+    wait_until,
+)
+from tests.support.machine import free_ports
 
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3

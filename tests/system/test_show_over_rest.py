@@ -4,8 +4,6 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from ground import SOON_S, flying_config, last_truths, proper, until, vehicles
-from machine import free_ports
 
 from gcs.api.app import create_app
 from gcs.api.server import serve
@@ -15,6 +13,8 @@ from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
+from tests.support.ground import SOON_S, flying_config, last_truths, proper, until, vehicles
+from tests.support.machine import free_ports
 
 SHOW = """
 about: Three vehicles stand above their pads and turn.

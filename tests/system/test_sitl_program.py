@@ -7,14 +7,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from machine import free_ports
+
+from tests.support.machine import free_ports
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 def test_fake_fleet_passes_the_sitl_program(tmp_path: Path) -> None:
     base = free_ports(20)
-    command = [sys.executable, "tests/sitl/fly.py", "--fake", "--quick", "--vehicles", "4"]
+    command = [sys.executable, "-m", "tests.sitl.fly", "--fake", "--quick", "--vehicles", "4"]
     command += ["--port-base", str(base), "--simulator-port", str(base + 10), "--keep", str(tmp_path)]
     done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -41,12 +42,12 @@ def test_make_passes_the_simulator_on(given: str, expected: str) -> None:
     done = subprocess.run(
         command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=True
     )
-    assert f"tests/sitl/fly.py {expected} --vehicles 6" in done.stdout
+    assert f"tests.sitl.fly {expected} --vehicles 6" in done.stdout
 
 
 @pytest.mark.computes
 def test_a_folder_without_px4_is_named(tmp_path: Path) -> None:
-    command = [sys.executable, "tests/sitl/fly.py", "--px4", str(tmp_path)]
+    command = [sys.executable, "-m", "tests.sitl.fly", "--px4", str(tmp_path)]
     done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert str(tmp_path / "bin/px4") in done.stderr

@@ -6,11 +6,11 @@ from pathlib import Path
 from time import sleep
 
 import pytest
-from ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
-from machine import free_ports
 
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
+from tests.support.ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
+from tests.support.machine import free_ports
 
 COUNT = 3
 LOSS_S = 2.5

@@ -4,11 +4,10 @@ import os
 import signal
 from pathlib import Path
 
-from ground import SOON_S, Supervised, flying_config, supervised, wait_until
-from machine import free_ports
-
 from gcs.client import Client
 from gcs.config.schema import Config
+from tests.support.ground import SOON_S, Supervised, flying_config, supervised, wait_until
+from tests.support.machine import free_ports
 
 
 def config_of() -> Config:

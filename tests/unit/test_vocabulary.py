@@ -1,16 +1,8 @@
 """The check of retired identifiers finds them wherever a name can stand."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-SPEC = importlib.util.spec_from_file_location("vocabulary", ROOT / "tests/vocabulary.py")
-assert SPEC is not None
-assert SPEC.loader is not None
-vocabulary = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(vocabulary)
+from tests import vocabulary
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from sim_bench import (
+
+from tests.support.sim_bench import (
     ACCEPTED,
     DENIED,
     HOLD,

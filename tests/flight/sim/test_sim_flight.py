@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from sim_bench import ACCEPTED, HOLD, LAND, POSITION_ONLY, RETURN, Bench
+
+from tests.support.sim_bench import ACCEPTED, HOLD, LAND, POSITION_ONLY, RETURN, Bench
 
 TAKING_OFF, IN_AIR, LANDING, ON_GROUND = 3, 2, 4, 1
 

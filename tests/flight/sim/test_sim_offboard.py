@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from sim_bench import (
+
+from gcs.sim.protocol.streams import RECORDED_HZ
+from tests.support.sim_bench import (
     ACCEPTED,
     HOLD,
     LAND,
@@ -17,8 +19,6 @@ from sim_bench import (
     VELOCITY_ONLY,
     Bench,
 )
-
-from gcs.sim.protocol.streams import RECORDED_HZ
 
 ON_GROUND = 1
 NAN = math.nan

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v10 import common as v1
 from pymavlink.dialects.v20 import common
-from sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench
 
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.params import defaults
+from tests.support.sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench
 
 SET_INTERVAL, GET_INTERVAL, REQUEST = 511, 510, 512
 VERSION_ID, ATTITUDE_ID = 148, 30

@@ -6,10 +6,19 @@ import math
 from typing import Any
 
 import pytest
-from sim_bench import ACCEPTED, HOLD, LAND, OFFBOARD, POSITION, TEMPORARILY_REJECTED, VELOCITY_ONLY, Bench
 
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.quirks import QuirkError, Quirks, names
+from tests.support.sim_bench import (
+    ACCEPTED,
+    HOLD,
+    LAND,
+    OFFBOARD,
+    POSITION,
+    TEMPORARILY_REJECTED,
+    VELOCITY_ONLY,
+    Bench,
+)
 
 
 def without(quirk: str, **settings: Any) -> Bench:

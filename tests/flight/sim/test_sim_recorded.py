@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import common
-from sim_bench import Bench, digest
 
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
+from tests.support.sim_bench import Bench, digest
 
 # What the recorded PX4 sends and the fake does not: see sim/protocol/reports.py.
 LEFT_OUT = {

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
-from sim_bench import HOLD, OFFBOARD, POSITION, Bench
 
 from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.faults.link_faults import Jammer, Way
+from tests.support.sim_bench import HOLD, OFFBOARD, POSITION, Bench
 
 DENIED = 2
 

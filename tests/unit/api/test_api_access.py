@@ -6,7 +6,6 @@ from typing import Any
 
 import httpx
 import pytest
-from api_fake_service import FakeService
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import TELL_BURST, Authorization
@@ -14,6 +13,7 @@ from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.model.lifecycle import ShowPhase
 from gcs.service.access import Denied, Role
+from tests.support.api_fake_service import FakeService
 
 
 class Clock:

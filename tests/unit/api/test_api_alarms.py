@@ -1,11 +1,11 @@
 import pytest
-from api_fake_service import FakeService
-from api_harness import Api
 
 from gcs.api.auth.authorization import needed
 from gcs.api.schemas import from_service as convert
 from gcs.service.access import RIGHTS, Right, Role
 from gcs.service.alarms import AlarmCause, Condition
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 LOST = Condition(
     AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",), "Formation closes the gap.", command_id="o7"

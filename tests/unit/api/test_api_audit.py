@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from api_fake_service import FakeService
-from api_harness import Api
-
 from gcs.recording.last_known import calls
 from gcs.recording.session import Record
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 VEHICLES = {"d1": (1, "radio")}
 

@@ -4,13 +4,13 @@ from typing import Any
 
 import httpx
 import pytest
-from api_fake_service import FakeService
-from api_harness import Api
 
 from gcs.api.schemas import rest as schemas
 from gcs.model.errors import LinkError, ShapeError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CommandRecord, ShowAction
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 JSON = {"Content-Type": "application/json"}
 BOX = {"x_m": 50.0, "y_m": 0.0, "half_length_x_m": 2.0, "half_length_y_m": 3.0, "height_m": 15.0}

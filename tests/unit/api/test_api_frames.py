@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from api_fake_service import FRAME, FakeService
 from numpy.typing import NDArray
 
 from gcs.api.schemas import binary_frame as frames
@@ -16,6 +15,7 @@ from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import SelectedShow
+from tests.support.api_fake_service import FRAME, FakeService
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "stream.md").read_text(encoding="utf-8")
 

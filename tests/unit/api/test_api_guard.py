@@ -3,14 +3,14 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
-from api_fake_service import FakeService
-from api_harness import Api
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.middleware import BODY_MAX_BYTES, DRAIN_MAX_BYTES
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CommandRecord
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 
 @pytest.fixture

@@ -3,13 +3,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from api_fake_service import FRAME, FakeService
-from api_harness import Api
 
 from gcs.api.auth.authorization import Authorization
 from gcs.api.context import VIEWERS_MAX, Context
 from gcs.api.schemas import from_service as convert
 from gcs.model.errors import RefusedError
+from tests.support.api_fake_service import FRAME, FakeService
+from tests.support.api_harness import Api
 
 
 @pytest.fixture(autouse=True)

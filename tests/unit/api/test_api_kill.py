@@ -1,11 +1,11 @@
 """A kill takes two steps: a code that names whom, and the code given back in time, by the same caller."""
 
 import pytest
-from api_harness import Api
 
 from gcs.api.auth.kill_confirmation import VALID_S, WAITING_MAX, KillSwitch
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase
+from tests.support.api_harness import Api
 
 
 @pytest.fixture

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-from api_fake_service import FakeService
-from mbtiles import mbtiles
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
@@ -14,6 +12,8 @@ from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.service.access import Role
 from gcs.service.map_settings import MapSettings
+from tests.support.api_fake_service import FakeService
+from tests.support.mbtiles import mbtiles
 
 ADDRESS = "https://maps.example:8443/tiles/{z}/{x}/{y}.png?key=a"
 PICTURE = b"\x89PNG and so on"

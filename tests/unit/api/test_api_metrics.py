@@ -3,12 +3,12 @@ import re
 from pathlib import Path
 
 import pytest
-from api_fake_service import FakeService
-from api_harness import Api
 from prometheus_client.parser import text_string_to_metric_families
 
 from gcs.model.lifecycle import Phase
 from gcs.service.alarms import AlarmCause, Condition
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 DASHBOARD = Path(__file__).parents[3] / "docs" / "grafana" / "formation.json"
 

@@ -3,13 +3,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from api_fake_service import FakeService
-from api_harness import Api
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.service.access import Role
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import httpx
 import pytest
-from api_fake_service import FakeService
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization, needed
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.console_files import DIST
 from gcs.service.access import Right, Role
+from tests.support.api_fake_service import FakeService
 
 SCRIPT = "index-Ccg8Q6D7.js"
 

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from api_harness import Api
-from test_api_access import Station
+
+from tests.support.api_harness import Api
+from tests.unit.api.test_api_access import Station
 
 PREFLIGHT = "/api/v1/preflight"
 D2 = "/api/v1/vehicles/d2"

@@ -2,11 +2,11 @@ import json
 from typing import Any
 from urllib.parse import quote
 
-from api_harness import Api
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gcs.api.schemas import rest as schemas
+from tests.support.api_harness import Api
 
 NAMES = st.sampled_from(
     sorted(

@@ -4,8 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from api_fake_service import FakeRecord
-from api_harness import Api
 
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import (
@@ -18,6 +16,8 @@ from gcs.service import (
     ReportState,
 )
 from gcs.service.event_log import Severity
+from tests.support.api_fake_service import FakeRecord
+from tests.support.api_harness import Api
 
 
 @pytest.fixture(autouse=True)

@@ -2,8 +2,6 @@ import math
 from typing import Any
 
 import pytest
-from api_fake_service import FakeService
-from api_harness import Api
 from rich.console import Console
 
 from gcs.api.schemas import from_service as convert
@@ -13,6 +11,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, Condition
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 BOX = {"x_m": 50.0, "y_m": 0.0, "half_length_x_m": 2.0, "half_length_y_m": 3.0, "height_m": 15.0}
 

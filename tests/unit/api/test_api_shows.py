@@ -6,11 +6,11 @@ from typing import Any
 
 import httpx
 import pytest
-from api_fake_service import FakeService
-from api_harness import Api
 
 from gcs.shows import load, shipped
 from gcs.shows.library import FILES_MAX, SIZE_MAX_BYTES
+from tests.support.api_fake_service import FakeService
+from tests.support.api_harness import Api
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse").read_text()
 SHOW = load(next(path for path in shipped() if path.stem == "lighthouse")).show

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from machine import free_ports
 
 from gcs.cli.commands import COMMANDS, LINES
 from gcs.cli.main import main, whole_parser
 from gcs.cli.output import JSON, Parser, failed, print_json
 from gcs.model.errors import FileError, GcsError, InvalidError, Problem
+from tests.support.machine import free_ports
 
 NO_SERVICE = "http://127.0.0.1:9"
 

@@ -4,11 +4,11 @@ import re
 
 import pytest
 from rich.console import Console
-from status_example import NOT_ORDINARY, PILOT, example_fleet
 
 from gcs.api.schemas import rest as schemas
 from gcs.cli.status import _columns
 from gcs.cli.status_table import COLUMNS, SORTED, board
+from tests.support.status_example import NOT_ORDINARY, PILOT, example_fleet
 
 HEAD = "vehicle phase mode height m speed m/s battery link age s"
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 import yaml
-from mbtiles import mbtiles
 
 from gcs.api.map_tiles import TILE_MOST_BYTES, TileFile, open_map
 from gcs.cli.replay import recorded_map
@@ -15,6 +14,7 @@ from gcs.cli.serve import open_ground
 from gcs.config.schema import parse
 from gcs.model.errors import ConfigError, InvalidError, UnknownError
 from gcs.service.map_settings import MapSettings
+from tests.support.mbtiles import mbtiles
 
 SMALLEST = """
 show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}

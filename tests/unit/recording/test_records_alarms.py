@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
-from records_moment import FULL, sample
 
 from gcs.model.errors import GcsError
 from gcs.recording.mcap_layout import status_message
 from gcs.recording.replay.alarms import recorded, replay_alarm
 from gcs.service.alarms import AlarmCause, AlarmSeverity
+from tests.support.records_moment import FULL, sample
 
 FILE = Path("flight.mcap")
 

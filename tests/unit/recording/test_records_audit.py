@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from records_moment import PLAN, sample
 
 from gcs.flight.command_log import CommandLog
 from gcs.links.address_book import Address
@@ -27,6 +26,7 @@ from gcs.recording.schema import VERSION
 from gcs.recording.session import Record
 from gcs.recording.sqlite_writer import Journal, Row
 from gcs.service import CALLER, Call, Outcome, SelectedShow
+from tests.support.records_moment import PLAN, sample
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
 CONFIG = '{"show_frame": {}}'

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from records_moment import ids_of, sample
 
 from gcs.cli.main import main
 from gcs.config import schema as configuration
@@ -25,6 +24,7 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import FlightFile
 from gcs.recording.standard import Standard
 from gcs.safety.separation import Floor
+from tests.support.records_moment import ids_of, sample
 
 CONFIG = configuration.load(configuration.find("demo"))
 FRAME = CONFIG.frame

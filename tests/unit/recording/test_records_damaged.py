@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from records_moment import ids_of, sample
 
 from gcs.cli.main import main
 from gcs.config import schema as configuration
@@ -21,6 +20,7 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.sample import Sample
 from gcs.safety.walls import Fence
+from tests.support.records_moment import ids_of, sample
 
 TICKS, EACH = 240, 20
 CONFIG = configuration.load(configuration.find("demo"))

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from records_moment import sample
 
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase
@@ -23,6 +22,7 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
+from tests.support.records_moment import sample
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
 

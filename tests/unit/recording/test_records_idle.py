@@ -6,7 +6,6 @@ from pathlib import Path
 
 import async_solipsism
 import pytest
-from records_moment import sample
 
 from gcs.config import schema as configuration
 from gcs.model.lifecycle import ShowPhase
@@ -18,6 +17,7 @@ from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.replay.marks import KEPT_S
 from gcs.recording.replay.service import Replay
 from gcs.recording.sqlite_writer import Journal
+from tests.support.records_moment import sample
 
 BEGAN_S = 1.7e9 + 100.0
 TAKES_OFF_S, LANDS_S, ENDS_S = 30.0, 40.0, 80.0

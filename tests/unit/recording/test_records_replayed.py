@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from records_moment import ids_of, sample
 
 from gcs.config import schema as configuration
 from gcs.flight.running_show import lights
@@ -19,6 +18,7 @@ from gcs.recording.sample import Sample
 from gcs.safety.walls import Fence
 from gcs.service import FleetView
 from gcs.shows import find, load
+from tests.support.records_moment import ids_of, sample
 
 CONFIG = configuration.load(configuration.find("demo"))
 SHOW = load(find("breathing-sphere"))

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from safety_world import BRAKING, SETTINGS, half_space, surroundings
 
 from gcs.model.errors import ShapeError
 from gcs.safety.constraints import NO_ROW, Constraints
 from gcs.safety.filter import filter_velocities
+from tests.support.safety_world import BRAKING, SETTINGS, half_space, surroundings
 
 
 def test_the_braking_speed_stops_within_the_gap() -> None:

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from safety_world import BOX, SETTINGS, surroundings
 
 from gcs.safety.filter import Limits, cap, filter_velocities
+from tests.support.safety_world import BOX, SETTINGS, surroundings
 
 
 def test_rows_not_finite_become_rest_and_long_ones_are_scaled() -> None:

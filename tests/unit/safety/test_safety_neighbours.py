@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from safety_world import FLOOR, SETTINGS, surroundings
 
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import filter_velocities
@@ -12,6 +11,7 @@ from gcs.safety.separation import (
     pairs_that_count,
     scaled_distance_m,
 )
+from tests.support.safety_world import FLOOR, SETTINGS, surroundings
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 60, 400])

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from safety_world import BRAKING, filtered, surroundings
+
+from tests.support.safety_world import BRAKING, filtered, surroundings
 
 
 def test_column_below_a_lost_vehicle_is_clear_at_every_height() -> None:

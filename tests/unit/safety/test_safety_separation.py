@@ -4,7 +4,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
 
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import Limits, filter_velocities
@@ -14,6 +13,7 @@ from gcs.safety.separation import (
     pairs_that_count,
     separation_constraints,
 )
+from tests.support.safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
 
 
 def test_pairs_on_pads_are_exempt_and_unknown_are_ignored() -> None:

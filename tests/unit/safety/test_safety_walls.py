@@ -4,11 +4,11 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from safety_world import BOX, BRAKING, FENCE, SETTINGS, filtered, surroundings
 
 from gcs.formation.obstacles import Ellipse
 from gcs.safety.filter import filter_velocities
 from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
+from tests.support.safety_world import BOX, BRAKING, FENCE, SETTINGS, filtered, surroundings
 
 
 def test_fence_brakes_descent_climb_and_departure() -> None:

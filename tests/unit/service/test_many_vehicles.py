@@ -6,7 +6,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from core_silent_link import SilentLink
 
 from gcs.config.schema import find, load, parse
 from gcs.flight.vehicle import Vehicle, VehicleStatus
@@ -15,6 +14,7 @@ from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints
 from gcs.service import Latest
+from tests.support.core_silent_link import SilentLink
 
 OURS = (frozenset[Mode](), frozenset({Mode.OFFBOARD}), frozenset({Mode.TAKEOFF, Mode.HOLD}))
 

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from show_files import BROKEN, loaded, problems, text_of
 
 from gcs.model.errors import ConfigError, ShowError
 from gcs.shows import find, load, parse, shipped
+from tests.support.show_files import BROKEN, loaded, problems, text_of
 
 FLOWN = {"battery-too-small", "orbit-never-reached", "tower-in-the-sphere"}
 """What only a flight shows: tests/flight/test_shows_checked.py."""

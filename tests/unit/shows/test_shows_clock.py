@@ -1,10 +1,10 @@
 """The show's own time: pauses cost nothing, seeking is for the ground."""
 
 import pytest
-from show_files import loaded
 
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.shows import ShowClock
+from tests.support.show_files import loaded
 
 CUES = (
     {"cue": "in", "at_s": 5, "radius_m": 9},
