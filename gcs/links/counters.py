@@ -41,8 +41,6 @@ class Counters:
     wrongly_signed: int = 0
     replayed: int = 0
     not_signed: int = 0  # our own, not sent: the checksum seed of the message is unknown
-    recorded: int = 0
-    not_recorded: int = 0  # the disk was full, missing or slow
     forwarded: int = 0
     not_forwarded: int = 0
     taken_from_others: int = 0  # frames of other ground stations, passed on to a vehicle

@@ -1,34 +1,27 @@
-"""Writes flight data into MCAP from a thread of its own.
+"""Writes flight data into MCAP.
 
-The disk never delays flight: samples wait in a bounded queue, and are counted when they must be dropped.
 Once a second a chunk is closed and written, completely or not at all, so that the file is readable up to
 its last second however the process ends. A disk error ends the file; when the disk works again, a new file
 begins.
 """
 
 import json
-import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from threading import Event, Lock, Thread
 from time import monotonic
 from typing import IO, Final, NamedTuple, cast
 
 from mcap.writer import Writer
 
+from gcs.links.disk_writer import DiskWriter
 from gcs.recording import mcap_layout as layout
 from gcs.recording.foxglove_scene import scene_message
 from gcs.recording.mcap_schemas import SCHEMAS
 from gcs.recording.sample import Sample
 
-log = logging.getLogger(__name__)
-
-WRITE_PERIOD_S: Final = 0.25
 CHUNK_S: Final = 1.0
-RETRY_S: Final = 1.0
-JOIN_S: Final = 5.0
 WAITING_MAX: Final = 400
 """Samples of 20 s: the longest delay of the disk without loss."""
 
@@ -46,106 +39,45 @@ class LogLine(NamedTuple):
     detail: str
 
 
-class FlightFile:
+class FlightFile(DiskWriter[tuple[Sample | LogLine, int]]):
     """`flight.mcap` in a folder, and `flight-2.mcap` and so on after a disk error."""
 
     def __init__(self, folder: Path, about: Mapping[str, str]) -> None:
         """Opens nothing yet. `about` becomes the file's metadata."""
+        super().__init__(folder, "ticks of flight data", WAITING_MAX)
         self._folder = folder
         self._about = dict(about)
-        self._lock = Lock()
-        self._waiting: list[tuple[Sample | LogLine, int]] = []
-        self._closed = Event()
-        self._thread: Thread | None = None
-        self._problem = ""
         self._file: _OpenFile | None = None
         self._number = 0
-        self.written = 0  # samples
-        self.dropped = 0
 
-    @property
-    def problem(self) -> str:
-        """Why nothing is being recorded, or how much was lost; empty while all was recorded."""
-        if self._problem:
-            return self._problem
-        if self._thread is not None and not self._thread.is_alive():
-            return f"flight data in {self._folder}: the writer has ended; the log says why"
-        return f"{self.dropped} ticks of flight data were not kept" if self.dropped else ""
-
-    def open(self) -> None:
-        """Begin to write, as soon as the disk allows."""
-        self._closed.clear()
-        self._thread = Thread(target=self._run, name="record/flight", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Write what is left. Blocks, but only for a limited time on a disk that hangs."""
-        if self._thread is not None:
-            self._closed.set()
-            self._thread.join(JOIN_S)
-            self._thread = None
-
-    @property
-    def waiting(self) -> int:
-        """Samples and events that the writer has not begun with."""
-        return len(self._waiting)
-
-    def put(self, what: Sample | LogLine) -> None:
+    def add(self, what: Sample | LogLine) -> None:
         """Queue a sample or event. Callable on any thread; takes a microsecond."""
-        with self._lock:
+        with self._changed:
             if isinstance(what, Sample):
                 self._number += 1  # dropped samples count as well, so that a reader detects them
-            if len(self._waiting) < WAITING_MAX:
-                self._waiting.append((what, self._number))
-            elif isinstance(what, Sample):
-                self.dropped += 1
+            self.put([(what, self._number)])
 
-    # on the thread
+    def _count(self, items: Sequence[tuple[Sample | LogLine, int]]) -> int:
+        return sum(isinstance(what, Sample) for what, _ in items)
 
-    def _run(self) -> None:
-        try:
-            while not self._closed.wait(RETRY_S if self._problem else WRITE_PERIOD_S):
-                self._write()
-            self._write()
-        finally:
-            self._end()
-
-    def _write(self) -> None:
-        with self._lock:
-            batch, self._waiting = self._waiting, []
-        samples = sum(isinstance(what, Sample) for what, _ in batch)
-        if not samples and self._file is None:
-            return
+    def _write(self, batch: Sequence[tuple[Sample | LogLine, int]]) -> None:
         try:
             if self._file is None:
+                if not self._count(batch):
+                    return
                 self._file = _OpenFile(_free_name(self._folder), self._about)
             for what, number in batch:
                 self._file.add(what, number)
             self._file.flush()
-        except OSError as error:
-            self._failed(error, samples)
-            return
-        self.written += samples
-        if self._problem:
-            log.warning("flight_data_go_on", extra={"file": str(self._file.path)})
-        self._problem = ""
-
-    def _failed(self, error: OSError, samples: int) -> None:
-        with self._lock:
-            self.dropped += samples
-        if not self._problem:
-            log.error("flight_data_failed", extra={"folder": str(self._folder), "cause": str(error)})
-        self._problem = f"flight data are not recorded in {self._folder}: {error}"
-        if self._file is not None:
-            self._file.abandon()
-            self._file = None
+        except OSError:
+            if self._file is not None:
+                self._file.abandon()
+                self._file = None
+            raise
 
     def _end(self) -> None:
         if self._file is not None:
-            try:
-                self._file.finish()
-            except OSError as error:
-                self._failed(error, 0)
+            self._file.finish()
             self._file = None
 
 
@@ -208,9 +140,11 @@ class _OpenFile:
 
     def finish(self) -> None:
         """Write the last chunk and the index. Raises: OSError."""
-        self._writer.finish()
-        self._output.flush()
-        self._output.close()
+        try:
+            self._writer.finish()
+            self._output.flush()
+        finally:
+            self._output.close()
 
     def abandon(self) -> None:
         """Leave the file as it is on the disk: whole chunks, and no index."""

@@ -91,7 +91,7 @@ class Record:
         """Record one tick, and the addresses of the links' vehicles."""
         self.audit.watch(sample)
         if self._flight is not None:
-            self._flight.put(sample)
+            self._flight.add(sample)
         if sample.fleet.time_s >= self._whereabouts_due_s:
             self._whereabouts_due_s = sample.fleet.time_s + WHEREABOUTS_S
             for link in links:
@@ -113,7 +113,7 @@ class _LogHandler(logging.Handler):
         self._audit.event(record.created, level, event, name, stated)
         if self._flight is not None:
             reported = " ".join(f"{key}={plain(value)}" for key, value in stated.items())
-            self._flight.put(LogLine(record.created, level, event, f"{name or ''} {reported}".strip()))
+            self._flight.add(LogLine(record.created, level, event, f"{name or ''} {reported}".strip()))
 
 
 def _new_folder(root: Path) -> tuple[str, Path]:

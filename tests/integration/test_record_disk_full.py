@@ -82,7 +82,7 @@ def fill_the_disk(root: Path, reported: Connection) -> None:
         def nothing_is_recorded() -> bool:
             nonlocal full
             full = record.problems
-            desired = ("nothing is recorded", "flight data are not recorded")
+            desired = ("rows of the audit are not recorded", "flight data are not recorded")
             return len(full) == 2 and all(
                 text in problem for text, problem in zip(desired, full, strict=True)
             )
@@ -90,7 +90,7 @@ def fill_the_disk(root: Path, reported: Connection) -> None:
         tick_until(nothing_is_recorded)
         refused = not asyncio.run(record.audit.kept())
         resource.setrlimit(resource.RLIMIT_FSIZE, (hardest, hardest))
-        tick_until(lambda: len(record.problems) == 1 and "were not kept" in record.problems[0])
+        tick_until(lambda: len(record.problems) == 1 and "were not recorded" in record.problems[0])
         last = book.open("stop", list(VEHICLES), {})
         reported.send((full, refused, asyncio.run(record.audit.kept()), last.id))
 
@@ -103,7 +103,7 @@ def test_full_disk_is_reported_and_recording_resumes_with_room(tmp_path: Path) -
     tell.close()
     full, refused, kept, last = hear.recv()
     process.join()
-    assert "nothing is recorded" in full[0]
+    assert "rows of the audit are not recorded" in full[0]
     assert "flight data are not recorded" in full[1]
     assert refused
     assert kept

@@ -89,7 +89,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = configuration.load(configuration.find("demo"))
     file = FlightFile(folder, layout.about("s1", config.model_dump_json(), {"d1": (1, "a"), "d2": (2, "a")}))
     for tick in range(round(SECONDS * 20)):
-        file.put(sample(tick / 20))
+        file.add(sample(tick / 20))
     file.open()
     file.close()
     journal = Journal(folder.parent / AUDIT)
@@ -220,7 +220,7 @@ def test_file_that_is_no_flight_record_is_refused(tmp_path: Path, capsys: pytest
     assert "--speed 0: above 0" in capsys.readouterr().err
     file = FlightFile(tmp_path, layout.about("s1", '{"show_frame": {}}', {}))
     file.open()
-    file.put(sample(0.0))
+    file.add(sample(0.0))
     file.close()
     assert main(["replay", str(tmp_path)]) == 2
     assert "its configuration has no show frame" in capsys.readouterr().err

@@ -39,7 +39,7 @@ def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: P
 
     def describe() -> bool:
         """Whatever else of the record fails: the frames are named, with the cause."""
-        cause_text = f": recording to {path.parent} fails: [Errno 27] File too large"
+        cause_text = f": frames are not recorded: {path.parent}: [Errno 27] File too large"
         return any(cause_text in alarm.text for alarm in client.alarms().alarms)
 
     wait_until("reported", SOON_S, describe)

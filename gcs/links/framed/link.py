@@ -116,7 +116,7 @@ class MavsdkLink(BaseLink):
             forward=forward,
         )
         self._rates_hz = dict(rates_hz or {})
-        recorder = None if record is None else Recorder(record, name, self._router.counters, clock)
+        recorder = None if record is None else Recorder(record, name, clock)
         super().__init__(name, vehicles, self._router, self._router.counters, recorder)
         self._signing = signing
         self._system_ids = tuple(vehicles.values())

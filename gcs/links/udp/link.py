@@ -104,7 +104,7 @@ class UdpLink(BaseLink, ABC):
             to send.
         """
         counters = Counters()
-        recorder = None if record is None else Recorder(record, name, counters, clock)
+        recorder = None if record is None else Recorder(record, name, clock)
         self._addresses = Addresses(name, tuple(vehicles.values()), counters, clock)
         super().__init__(name, vehicles, self._addresses, counters, recorder)
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(vehicles)}

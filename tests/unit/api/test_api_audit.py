@@ -56,4 +56,4 @@ def test_without_a_disk_commands_run_and_report_no_recording(
         answer = Api(service)("POST", "/api/v1/show/start")
         assert (answer.status_code, answer.headers["X-Recorded"]) == (202, "no")
         assert service.show == "preflight"
-        assert "nothing is recorded" in record.problems[0]
+        assert "rows of the audit are not recorded" in record.problems[0]

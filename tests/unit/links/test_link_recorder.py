@@ -10,13 +10,12 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.counters import Counters, Direction
+from gcs.links.counters import Direction
 from gcs.links.tlog import Recorder, record
 
 
-def a_recorder(folder: Path, name: str = "radio") -> tuple[Recorder, Counters]:
-    counters = Counters()
-    return Recorder(folder, name, counters, time.monotonic), counters
+def a_recorder(folder: Path, name: str = "radio") -> Recorder:
+    return Recorder(folder, name, time.monotonic)
 
 
 def frames(count: int) -> list[bytes]:
@@ -42,7 +41,7 @@ def test_record_is_a_time_and_a_frame() -> None:
 
 
 def test_pymavlink_reads_every_frame_in_order_with_its_time(tmp_path: Path) -> None:
-    recorder, counters = a_recorder(tmp_path)
+    recorder = a_recorder(tmp_path)
     recorder.open()
     began_s = time.time()
     for raw in frames(3000):
@@ -54,11 +53,11 @@ def test_pymavlink_reads_every_frame_in_order_with_its_time(tmp_path: Path) -> N
     times_s = [message._timestamp for message in messages]
     assert times_s == sorted(times_s)
     assert began_s - 1 < times_s[0] <= times_s[-1] < time.time() + 1
-    assert (counters.recorded, counters.not_recorded) == (3000, 0)
+    assert (recorder.written, recorder.dropped) == (3000, 0)
 
 
 def test_arrival_dated_back_keeps_the_order(tmp_path: Path) -> None:
-    recorder, _ = a_recorder(tmp_path)
+    recorder = a_recorder(tmp_path)
     recorder.open()
     now_s = time.monotonic()
     for age_s, raw in zip((0.0, 0.2, 0.1), frames(3), strict=True):
@@ -72,7 +71,7 @@ def test_arrival_dated_back_keeps_the_order(tmp_path: Path) -> None:
 
 def test_two_recordings_of_one_second_have_separate_files(tmp_path: Path) -> None:
     for _ in range(2):
-        recorder, _ = a_recorder(tmp_path / "new" / "folder", "radio/7 ü")
+        recorder = a_recorder(tmp_path / "new" / "folder", "radio/7 ü")
         recorder.open()
         recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
         recorder.close()
@@ -80,7 +79,7 @@ def test_two_recordings_of_one_second_have_separate_files(tmp_path: Path) -> Non
 
 
 def test_no_file_before_the_first_frame(tmp_path: Path) -> None:
-    recorder, _ = a_recorder(tmp_path)
+    recorder = a_recorder(tmp_path)
     recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
     recorder.open()
     recorder.close()
@@ -92,13 +91,13 @@ def test_unavailable_folder_is_reported_once_and_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "file").touch()
-    recorder, counters = a_recorder(tmp_path / "file")
+    recorder = a_recorder(tmp_path / "file")
     recorder.open()
     for raw in frames(5):
         recorder.record(0.0, Direction.SENT, raw, 3)
         recorder._write_once()
     recorder.close()
-    assert (counters.recorded, counters.not_recorded) == (0, 5)
+    assert (recorder.written, recorder.dropped) == (0, 5)
     assert [record.msg for record in caplog.records] == ["recording_failed"]
 
 
@@ -114,28 +113,30 @@ def files_end_at(size_bytes: int) -> Iterator[None]:
 
 
 def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(tmp_path: Path) -> None:
-    recorder, counters = a_recorder(tmp_path)
-    recorder._writer = threading.current_thread()  # its turns are taken here
+    recorder = a_recorder(tmp_path)
+    recorder._thread = threading.current_thread()  # its turns are taken here
     problems = []
     for index, raw in enumerate(frames(6)):
         recorder.record(float(index), Direction.SENT, raw, 3)
         with files_end_at(70 if index < 4 else 1000):  # two of them and a half
             recorder._write_once()
         problems.append(recorder.problem)
-    recorder._end_file()
-    assert [bool(problem) for problem in problems] == [False, False, True, True, False, False]
-    assert problems[2] == f"recording to {tmp_path} fails: [Errno 27] File too large"
+    recorder._end()
+    assert problems[:2] == ["", ""]
+    assert problems[2] == f"frames are not recorded: {tmp_path}: [Errno 27] File too large"
+    assert problems[3] == problems[2]
+    assert problems[4] == problems[5] == f"{tmp_path}: 2 frames were not recorded"
     assert recorder.path is not None
     assert [message.time_boot_ms for message in read(recorder.path)] == [0, 1, 4, 5]
-    assert (counters.recorded, counters.not_recorded) == (4, 2)
+    assert (recorder.written, recorder.dropped) == (4, 2)
 
 
 def test_frames_beyond_the_disk_rate_are_counted_and_dropped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("gcs.links.tlog._QUEUE_MAX_BYTES", 100)
-    recorder, counters = a_recorder(tmp_path)
-    recorder._writer = threading.current_thread()  # which never comes to writing
+    recorder = a_recorder(tmp_path)
+    recorder._thread = threading.current_thread()  # which never comes to writing
     for raw in frames(50):
         recorder.record(0.0, Direction.SENT, raw, 3)
-    assert counters.not_recorded > 40
+    assert recorder.dropped > 40

@@ -254,15 +254,15 @@ def test_failing_disk_is_reported_and_notes_are_written_later(
         assert not asyncio.run(record.audit.kept())
         assert time.monotonic() - began_s < 30.0  # not for ever: the disk fails
         soon(lambda: bool(record.problems))
-        assert "nothing is recorded" in record.problems[0]
+        assert "rows of the audit are not recorded" in record.problems[0]
         root.unlink()
         soon(lambda: not record.problems)
         book.open("stop", ["d1"], {})
         assert asyncio.run(record.audit.kept())
     assert [command.action for command in commands(root)] == ["start", "stop"]
-    assert [line.msg for line in caplog.records if line.name == "gcs.recording.sqlite_writer"] == [
-        "audit_failed",
-        "audit_goes_on",
+    assert [line.msg for line in caplog.records if line.name == "gcs.links.disk_writer"] == [
+        "recording_failed",
+        "recording_resumed",
     ]
 
 
@@ -270,8 +270,9 @@ def test_notes_beyond_the_buffer_of_a_bad_disk_are_counted(tmp_path: Path) -> No
     (tmp_path / "runs").touch()
     journal = Journal(tmp_path / "runs" / AUDIT)
     journal.open()
-    journal.put([Row("SELECT 1", ())] * 60_000)
+    for _ in range(60):
+        journal.put([Row("SELECT 1", ())] * 1_000)
     assert not asyncio.run(journal.kept())
     (tmp_path / "runs").unlink()
-    soon(lambda: "10000 rows were lost" in journal.problem)
+    soon(lambda: "10000 rows of the audit were not recorded" in journal.problem)
     journal.close()

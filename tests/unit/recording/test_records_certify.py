@@ -169,7 +169,7 @@ def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: 
     file.open()
     for tick in range(count):
         place_m = np.array([[0.0, 0.0, -20.0], [apart_m, 0.0, -20.0]])
-        file.put(
+        file.add(
             sample(
                 time_s=100.0 + tick * STEP_S,
                 position_m=place_m,

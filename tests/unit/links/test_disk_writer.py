@@ -1,0 +1,85 @@
+"""The disk never blocks a caller: a disk that hangs, fails for a while, or a defect in the writer."""
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+from gcs.links.disk_writer import DiskWriter
+
+
+class Disk(DiskWriter[int]):
+    PERIOD_S = 0.0
+    REPEATS = True
+
+    def __init__(self) -> None:
+        super().__init__(Path("disk"), "numbers", 5)
+        self.stored: list[int] = []
+        self.error: Exception | None = None
+        self.works = Event()
+        self.works.set()
+        self.begun = Event()
+
+    def _write(self, batch: Sequence[int]) -> None:
+        self.begun.set()
+        self.works.wait()
+        if self.error is not None:
+            raise self.error
+        self.stored += batch
+
+    def _end(self) -> None:
+        pass
+
+
+def soon(holds: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 120.0
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_a_disk_that_hangs_blocks_neither_put_nor_close(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs.links.disk_writer.JOIN_S", 0.05)
+    monkeypatch.setattr("gcs.links.disk_writer.WAIT_S", 0.05)
+    disk = Disk()
+    disk.works.clear()
+    disk.open()
+    disk.put([0])
+    disk.begun.wait()
+    for number in range(1, 8):
+        disk.put([number])
+    assert not asyncio.run(disk.kept())
+    assert (disk.waiting, disk.dropped) == (5, 2)
+    disk.close()
+    assert disk.stored == []
+    disk.works.set()
+    soon(lambda: disk.stored == list(range(6)))
+
+
+def test_repeated_batches_keep_their_order_and_answer_once_stored() -> None:
+    disk = Disk()
+    disk.error = OSError("no space")
+    disk.open()
+    disk.put([1, 2])
+    assert not asyncio.run(disk.kept())
+    soon(lambda: disk.problem == "numbers are not recorded: disk: no space")
+    disk.put([3])
+    disk.error = None
+    soon(lambda: not disk.problem)
+    assert asyncio.run(disk.kept())
+    disk.close()
+    assert (disk.stored, disk.written, disk.dropped) == ([1, 2, 3], 3, 0)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_defect_ends_the_thread_and_is_reported() -> None:
+    disk = Disk()
+    disk.error = KeyError("a defect")
+    disk.open()
+    disk.put([1])
+    soon(lambda: disk.problem == "disk: the thread that writes numbers has ended; the log says why")
+    assert not asyncio.run(disk.kept())
+    disk.close()
