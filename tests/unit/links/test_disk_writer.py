@@ -59,7 +59,7 @@ def test_a_disk_that_hangs_blocks_neither_put_nor_close(monkeypatch: pytest.Monk
     soon(lambda: disk.stored == list(range(6)))
 
 
-def test_repeated_batches_keep_their_order_and_answer_once_stored() -> None:
+def test_repeated_batches_keep_their_order_until_stored() -> None:
     disk = Disk()
     disk.error = OSError("no space")
     disk.open()
