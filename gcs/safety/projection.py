@@ -20,7 +20,16 @@ SETTLED_M_S = 1e-4
 """The sweeps end when none of them changes a velocity by more."""
 
 SWEEPS = 100
-"""Most sweeps over the active constraints. Shortening resolves what they leave."""
+"""Most plain sweeps over the active constraints. Shortening resolves what they leave."""
+
+RELAXATION = 1.9
+"""Factor of each push in the sweeps that follow. Below 2 they converge to the same point (projected SOR,
+Mangasarian 1977), and sooner where normals are nearly opposite: at a cosine of -0.999 by 5 % a sweep instead
+of 0.1 %.
+"""
+
+RELAXED_SWEEPS, RELAXED_VISITS = 300, 100_000
+"""Most of these sweeps, and of their visits of constraints."""
 
 ROUNDS = 4
 """Most rounds in which constraints broken by the sweeps become active."""
@@ -121,8 +130,10 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
         in_hand = row[:many], other[:many], along[:many], least_m_s[:many]
         for _ in range(min(SWEEPS, max(FEWEST, VISITS // many))):
             sweep += 1
-            if _sweep(velocity_m_s, force_m_s, moved_in, sweep, in_hand) < SETTLED_M_S:
+            if _sweep(velocity_m_s, force_m_s, moved_in, sweep, in_hand, 1.0) < SETTLED_M_S:
                 break
+        else:
+            sweep = _relaxed(velocity_m_s, force_m_s, moved_in, sweep, in_hand)
     return velocity_m_s
 
 
@@ -131,8 +142,31 @@ InHand: TypeAlias = tuple[Rows, Rows, Array, Array]
 
 
 @kernel
-def _sweep(
+def _relaxed(
     velocity_m_s: Array, force_m_s: Array, moved_in: NDArray[np.int64], sweep: int, in_hand: InHand
+) -> int:
+    """Continue with over-relaxed sweeps, and keep their result if they settle. Returns: the last sweep kept.
+
+    Contradictory constraints never settle, and over-relaxed velocities are then far off. The arguments are
+    those of `_sweep`.
+    """
+    faster_m_s, pushed_m_s, moved, last = velocity_m_s.copy(), force_m_s.copy(), moved_in.copy(), sweep
+    for _ in range(min(RELAXED_SWEEPS, RELAXED_VISITS // len(in_hand[0]))):
+        last += 1
+        if _sweep(faster_m_s, pushed_m_s, moved, last, in_hand, RELAXATION) < SETTLED_M_S:
+            velocity_m_s[:], force_m_s[:], moved_in[:] = faster_m_s, pushed_m_s, moved
+            return last
+    return sweep
+
+
+@kernel
+def _sweep(
+    velocity_m_s: Array,
+    force_m_s: Array,
+    moved_in: NDArray[np.int64],
+    sweep: int,
+    in_hand: InHand,
+    relaxation: float,
 ) -> float:
     """Push the rows of every constraint in turn, in place, until it just holds or is not needed.
 
@@ -140,15 +174,16 @@ def _sweep(
         velocity_m_s: (n, 3), changed.
         force_m_s: (k,) push of each constraint, changed.
         moved_in: (n,) the last sweep that moved each row, changed.
-        sweep: the number of this one; every other one goes backwards.
+        sweep: the number of this one; every other plain one goes backwards.
         in_hand: the active constraints.
+        relaxation: factor of each push; 1.0: a plain sweep.
 
     Returns: the largest change of a velocity.
     """
     row, other, normal, bound_m_s = in_hand
     largest_m_s = 0.0
     for place in range(len(row)):
-        k = place if sweep % 2 == 1 else len(row) - 1 - place
+        k = place if sweep % 2 == 1 or relaxation > 1.0 else len(row) - 1 - place
         i, j = row[k], other[k]
         if moved_in[i] < sweep - 1 and (j == NO_ROW or moved_in[j] < sweep - 1):
             continue
@@ -157,7 +192,7 @@ def _sweep(
         if j != NO_ROW:
             lack_m_s += x * velocity_m_s[j, 0] + y * velocity_m_s[j, 1] + z * velocity_m_s[j, 2]
             lack_m_s *= 0.5
-        push_m_s = max(lack_m_s, -force_m_s[k])
+        push_m_s = max(relaxation * lack_m_s, -force_m_s[k])
         if push_m_s == 0.0:
             continue
         force_m_s[k] += push_m_s

@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import SafetySettings, Surroundings
+from gcs.safety.projection import slack_m_s
+from gcs.safety.separation import separation_constraints
 from tests.support.law_fleets import vectors
 
 CALM = settings(deadline=None, derandomize=True)
@@ -65,4 +67,30 @@ def around(
         [f"d{i}" for i in range(n)],
         np.zeros(n),
         np.full(n, np.inf),
+    )
+
+
+def least_slack_m_s(velocity: Array, here: Surroundings, *, that_rest_keeps: bool = False) -> float:
+    """Distance of the velocities (n, 3) from breaking a separation constraint; negative: one is broken.
+
+    With `that_rest_keeps` only of constraints that vehicles at rest keep.
+    """
+    pairs = separation_constraints(
+        here.position_m,
+        here.velocity_m_s,
+        here.commanded,
+        here.airborne,
+        floor=SAFETY.floor,
+        braking=SAFETY.braking,
+        uncertainty_m=here.uncertainty_m,
+        course_m_s=np.zeros_like(velocity),
+        spare_m_s=np.full(len(velocity), 2.0 * FASTEST_M_S),
+    )
+    return min(
+        (
+            slack_m_s(velocity, i, j, pairs.normal, pairs.bound_m_s, k)
+            for k, (i, j) in enumerate(zip(pairs.first, pairs.second, strict=True))
+            if pairs.bound_m_s[k] <= 0.0 or not that_rest_keeps
+        ),
+        default=np.inf,
     )

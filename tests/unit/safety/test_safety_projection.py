@@ -137,3 +137,18 @@ def test_push_is_passed_on_by_a_vehicle_at_rest() -> None:
     desired = np.array([[0.0, 0.0, 0.0], [-1.5e-6, 0.0, 0.0], [-3e-6, 0.0, 0.0], [0.0, 0.0, 0.0]])
     found = project(desired, Constraints.joined(resting, *pushed))
     assert found[:, 0] == pytest.approx([5.0, 5.0, 5.0, 0.0], abs=1e-2)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_nearly_opposite_constraints_meet_at_their_corner(order: tuple[int, int]) -> None:
+    # row 0 must go with 1 m/s against x, hardly upwards, and may go with 0.7 m/s against x: it has to climb
+    narrow = half_space(0, NO_ROW, (-0.9892, 0.0, -0.1466), 1.0), half_space(0, NO_ROW, (1.0, 0.0, 0.0), -0.7)
+    found = project(np.array([[-1.0, 0.0, 0.0]]), Constraints.joined(*(narrow[k] for k in order)))
+    assert found == pytest.approx(np.array([[-0.7, 0.0, -(1.0 - 0.9892 * 0.7) / 0.1466]]), abs=2e-3)
+
+
+def test_contradictory_constraints_give_no_large_velocity() -> None:
+    both = Constraints.joined(
+        half_space(0, NO_ROW, (1.0, 0.0, 0.0), 1.0), half_space(0, NO_ROW, (-1.0, 0.0, 0.0), 0.0)
+    )
+    assert abs(project(np.zeros((1, 3)), both)[0, 0]) <= 1.0
