@@ -17,7 +17,7 @@ from tests.mutate.mutants import Change, Mutant, change
 
 COPIED = ("gcs", "sim", "api", "configs", "tests", "pyproject.toml")
 
-QUICK, THOROUGH = "tests/unit/safety/test_*.py", "tests/properties/test_filter_*.py"
+QUICK, THOROUGH = "tests/unit/safety/test_safety_*.py", "tests/properties/test_filter_*.py"
 """First what computes by hand, then, for what that lets pass, what always holds."""
 
 OWN = ("loss", "neighbours", "traffic")
@@ -109,7 +109,9 @@ def _run_tests(paths: list[str], at_most_s: int) -> None:
     without_shrinking = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
     hypothesis.settings.register_profile("mutate", max_examples=EXAMPLES, phases=without_shrinking)
     hypothesis.settings.load_profile("mutate")
-    plainly = ("-x", "-q", "--assert=plain", "--tb=short", "-p", "no:cacheprovider")
+    for name in [name for name in sys.modules if name.partition(".")[0] == "tests"]:
+        del sys.modules[name]  # the checkout's; the worker's copy has its own
+    plainly = ("-x", "-q", "--assert=plain", "--tb=short", "-p", "no:cacheprovider", "-p", "pytest_timeout")
     code = int(pytest.main([*plainly, "-o", "addopts=--strict-markers --import-mode=importlib", *paths]))
     sys.stdout.flush()
     os._exit(code)  # without taking down, object by object, what all of them share
