@@ -1,7 +1,8 @@
-"""Reports identifiers that the glossary has retired, and names of tests that are too long.
+"""Reports identifiers and words that the glossary has retired, and names of tests that are too long.
 
-`vocabulary.json` holds the table: `words` are retired as parts of identifiers, `names` as whole ones.
-Names of test functions are judged by their length alone; of documents, only code spans are judged.
+`vocabulary.json` holds the table: `words` are retired as parts of identifiers, `names` as whole ones, `prose`
+as words of every text. Names of test functions are judged by `prose` and their length alone. Of documents,
+`words` and `names` judge only code spans.
 `python -m tests.vocabulary` prints each place and exits with 1.
 """
 
@@ -11,6 +12,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 TABLE = json.loads(Path(__file__).with_name("vocabulary.json").read_text(encoding="utf-8"))
@@ -19,7 +21,9 @@ WORD = re.compile(r"[A-Za-z_]\w*")
 KEY = re.compile(r"[A-Za-z_][\w.-]*")
 SPAN = re.compile(r"`([^`\n]+)`")
 TEST_NAME_MAX = 60
+LONG_TEST_NAME = re.compile(rf"\bdef (test_\w{{{TEST_NAME_MAX - 4},}})")
 NO_CODE = re.compile(r"//[^\n]*|/\*.*?\*/|(?<=[\"'`])[^\"'`\n]* [^\"'`\n]*(?=[\"'`])", re.DOTALL)
+JUDGED = (".py", ".ts", ".css", ".md")
 HISTORY = (
     "CHANGELOG.md",
     "docs/decisions/",
@@ -29,16 +33,21 @@ HISTORY = (
 )
 
 
+@cache
+def replaced(name: str, table: str) -> str | None:
+    """`name` with its parts replaced that the table `words` or `prose` has; None without such parts."""
+    parts = [part.lower() for part in PART.findall(name)]
+    if TABLE[table].keys().isdisjoint(parts):
+        return None
+    return "_".join(TABLE[table].get(part, part) for part in parts)
+
+
+@cache
 def retired(name: str) -> str | None:
-    """What replaces `name`; None when it is not retired."""
+    """What replaces the identifier `name`; None when it is not retired."""
     if name in TABLE["allowed"] or name.startswith("test_"):
         return None
-    if name in TABLE["names"]:
-        return str(TABLE["names"][name])
-    parts = [part.lower() for part in PART.findall(name)]
-    if not any(part in TABLE["words"] for part in parts):
-        return None
-    return "_".join(TABLE["words"].get(part, part) for part in parts)
+    return str(TABLE["names"][name]) if name in TABLE["names"] else replaced(name, "words")
 
 
 def python_names(source: str) -> Iterator[tuple[int, str]]:
@@ -58,39 +67,39 @@ def python_names(source: str) -> Iterator[tuple[int, str]]:
             yield from ((node.lineno, part) for part in WORD.findall(node.value))
 
 
+def words_of(text: str) -> Iterator[tuple[int, str]]:
+    """Every word of a text with its line."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        yield from ((number, word) for word in WORD.findall(line))
+
+
 def other_names(path: str, source: str) -> Iterator[tuple[int, str]]:
     """Identifiers of TypeScript and styles without comments and sentences; code spans of documents."""
     if path.endswith(".md"):
-        text = "\n".join(" ".join(SPAN.findall(line)) for line in source.split("\n"))
-    else:
-        text = NO_CODE.sub(lambda found: "\n" * found[0].count("\n"), source)
-    for number, line in enumerate(text.split("\n"), start=1):
-        yield from ((number, name) for name in WORD.findall(line))
-
-
-def long_test_names(path: str, source: str) -> list[str]:
-    """One line for each test function of a Python file whose name exceeds `TEST_NAME_MAX` characters."""
-    if not path.endswith(".py"):
-        return []
-    return [
-        f"{path}:{node.lineno}: {node.name} has {length} characters, at most {TEST_NAME_MAX} are allowed: "
-        "put the sentence into the docstring"
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and node.name.startswith("test_")
-        and (length := len(node.name)) > TEST_NAME_MAX
-    ]
+        return words_of("\n".join(" ".join(SPAN.findall(line)) for line in source.split("\n")))
+    return words_of(NO_CODE.sub(lambda found: "\n" * found[0].count("\n"), source))
 
 
 def findings(path: str, source: str) -> list[str]:
-    """One line for each retired identifier and each long test name of a file."""
-    names = python_names(source) if path.endswith(".py") else other_names(path, source)
+    """One line for each retired identifier, retired word and long test name of a file."""
+    words = set(WORD.findall(source))
+    found: list[tuple[int, str, str | None]] = []
+    if any(map(retired, words)):  # only then is it worth parsing
+        names = python_names(source) if path.endswith(".py") else other_names(path, source)
+        found += [(line, name, retired(name)) for line, name in names]
+    if any(replaced(word, "prose") for word in words):
+        found += [(line, word, replaced(word, "prose")) for line, word in words_of(source)]
     old = [
         f"{path}:{line}: {name} is retired: say {new}"
-        for line, name in sorted(set(names))
-        if (new := retired(name)) is not None
+        for line, name, new in sorted({each for each in found if each[2] is not None})
     ]
-    return old + long_test_names(path, source)
+    if not path.endswith(".py"):
+        return old
+    return old + [
+        f"{path}:{source.count(chr(10), 0, name.start()) + 1}: {name[1]} has {len(name[1])} characters, "
+        f"at most {TEST_NAME_MAX} are allowed: put the sentence into the docstring"
+        for name in LONG_TEST_NAME.finditer(source)
+    ]
 
 
 def main() -> int:
@@ -99,9 +108,7 @@ def main() -> int:
     found = [
         line
         for path in tracked
-        if path.endswith((".py", ".ts", ".css", ".md"))
-        and not path.startswith(HISTORY)
-        and Path(path).is_file()
+        if path.endswith(JUDGED) and not path.startswith(HISTORY) and Path(path).is_file()
         for line in findings(path, Path(path).read_text(encoding="utf-8"))
     ]
     print("\n".join(found) if found else "no retired name, no long test name")  # noqa: T201 - its output
