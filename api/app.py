@@ -31,8 +31,7 @@ from gcs.api.routes import shows as show_routes
 from gcs.api.routes import stream
 from gcs.api.schemas import rest as schemas
 from gcs.api.security_headers import SecurityHeaders
-from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError
-from gcs.model.quoting import cut
+from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
 from gcs.service import Service
 
 STATUS: Final[dict[type[GcsError], HTTPStatus]] = {

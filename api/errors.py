@@ -10,7 +10,7 @@ from starlette.responses import Response
 
 from gcs.api.schemas import rest as schemas
 from gcs.api.security_headers import HEADERS
-from gcs.model.quoting import cut, quoted
+from gcs.model.errors import cut, quoted
 
 ERROR_HEADERS: Final = {**HEADERS, "Cache-Control": "no-store"}
 

@@ -21,7 +21,7 @@ from gcs.api.auth.audit import WHO_KEY
 from gcs.api.auth.authorization import Authorization, Call, Principal, Refusal, is_emergency, needed
 from gcs.api.auth.strict_json import find_problem
 from gcs.api.errors import error_response, invalid_response
-from gcs.model.quoting import cut
+from gcs.model.errors import cut
 from gcs.service import CALLER
 
 BODY_MAX_BYTES: Final = 64 * 1024

@@ -13,7 +13,7 @@ from starlette.datastructures import Headers
 
 from gcs.api.errors import echo
 from gcs.api.schemas import rest as schemas
-from gcs.model.quoting import cut
+from gcs.model.errors import cut
 
 DEPTH_MAX: Final = 32
 """Most nested objects and lists; the deepest valid request has 3."""

@@ -12,10 +12,9 @@ from gcs.api.schemas import rest as schemas
 from gcs.api.schemas import shows as show_schemas
 from gcs.model import plan
 from gcs.model.errors import InvalidError, RefusedError
-from gcs.model.fleet_counts import Counts
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import InterruptedFlight
-from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
+from gcs.model.lifecycle import AIRBORNE, Counts, ShowEvent, ShowPhase, advance_show
 from gcs.service import (
     CommandRecord,
     FleetView,

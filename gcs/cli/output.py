@@ -23,8 +23,8 @@ from gcs.model.errors import (
     InvalidError,
     LinkError,
     ShowError,
+    quoted,
 )
-from gcs.model.quoting import quoted
 
 JSON: Final = "--json"
 WRONG: Final = 2

@@ -8,8 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from gcs.config.yaml_source import Loc, Source
-from gcs.model.errors import ConfigError, FileError, Problem
-from gcs.model.quoting import cut, quoted
+from gcs.model.errors import ConfigError, FileError, Problem, cut, quoted
 
 LOCATED: Final = "located"
 KEYS_REPORTED: Final = 12

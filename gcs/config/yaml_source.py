@@ -13,8 +13,7 @@ import yaml
 from yaml.events import AliasEvent, Event, NodeEvent
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from gcs.model.errors import FileError, Problem
-from gcs.model.quoting import cut
+from gcs.model.errors import FileError, Problem, cut
 
 Loc: TypeAlias = Sequence[str | int]
 """Path to a value, as in pydantic: keys and indices."""

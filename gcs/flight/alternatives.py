@@ -7,8 +7,7 @@ from typing import Final
 from gcs.flight.control_refusal import why_never
 from gcs.flight.fleet import Fleet
 from gcs.model.errors import RefusedError
-from gcs.model.fleet_counts import Whereabouts
-from gcs.model.lifecycle import NEXT, Event, Phase
+from gcs.model.lifecycle import NEXT, Event, Phase, Whereabouts
 from gcs.model.state import VehicleId
 from gcs.service import ShowAction, VehicleAction
 

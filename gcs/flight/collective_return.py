@@ -9,10 +9,9 @@ import numpy as np
 from gcs.control import ControlSettings, ellipses_of
 from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
-from gcs.model.errors import ShapeError
+from gcs.model.errors import ShapeError, cut
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan
-from gcs.model.quoting import cut
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import CLEAR_M
 from gcs.planning.return_paths import AreFree, PathProgress, Planner, ReturnPaths, plan_return_paths

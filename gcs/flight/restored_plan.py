@@ -8,8 +8,7 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.show_player import ShowPlayer
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
-from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan
-from gcs.model.plan_json import plan_of
+from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, plan_of
 from gcs.planning.feasibility import check_formation, check_orbit, check_target, followed
 
 log = logging.getLogger(__name__)

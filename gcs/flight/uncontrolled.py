@@ -5,8 +5,7 @@ from typing import Final
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
-from gcs.model.fleet_counts import Whereabouts
-from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
+from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, Whereabouts
 from gcs.model.preflight_report import joined
 
 NAMED: Final = 6

@@ -56,7 +56,7 @@ class Interruption:
     written: Written | None
     plan: (
         Mapping[str, Any] | None
-    )  # as recorded, see `gcs.model.plan_json`; None: the flown plan is still in force
+    )  # as recorded, see `gcs.model.plan`; None: the flown plan is still in force
     stalled_s: float | None = None  # duration without setpoints; None: the service ended
 
     @property

@@ -10,7 +10,7 @@ from typing import Final
 from gcs.links.address_book import Address
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
-from gcs.model.plan_json import plan_json
+from gcs.model.plan import plan_json
 from gcs.model.state import Array, Mode, VehicleId
 from gcs.recording.interrupted_session import FOUND, PAD
 from gcs.recording.sample import Reported, Sample

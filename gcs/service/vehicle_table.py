@@ -7,8 +7,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.model.fleet_counts import Counts, counts_of
-from gcs.model.lifecycle import Phase
+from gcs.model.lifecycle import Counts, Phase, counts_of
 from gcs.model.state import Array, Landed, Mask, Mode, VehicleId, freeze
 
 

@@ -12,9 +12,8 @@ from gcs.config.yaml_source import Source
 from gcs.control import ControlSettings
 from gcs.formation.consensus import ConsensusSettings
 from gcs.formation.obstacles import AvoidanceSettings
-from gcs.model.errors import ConfigError
+from gcs.model.errors import ConfigError, quoted
 from gcs.model.plan import MAX_OBSTACLES, Direction
-from gcs.model.quoting import quoted
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.simulation.paper_law import ArticleParameters
 

@@ -6,9 +6,8 @@ from collections.abc import Awaitable, Callable
 import numpy as np
 import pytest
 
-from gcs.model.fleet_counts import Counts
 from gcs.model.interrupted_flight import Offer
-from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
+from gcs.model.lifecycle import FLOWN, Counts, Phase, ShowPhase
 from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause

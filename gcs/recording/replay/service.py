@@ -13,7 +13,7 @@ import numpy as np
 from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ShowPhase
-from gcs.model.plan_json import plan_of
+from gcs.model.plan import plan_of
 from gcs.model.state import Array, Landed
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from gcs.model.fleet_counts import Counts, Whereabouts, counts_of, whereabouts
-from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.lifecycle import AIRBORNE, Counts, Phase, Whereabouts, counts_of, whereabouts
 from gcs.model.state import Landed
 
 CONTROLLED, UNCONTROLLED, UNKNOWN, ON_GROUND, OFFLINE = Whereabouts
