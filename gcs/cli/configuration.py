@@ -8,7 +8,7 @@ from gcs.config import schema as configuration
 from gcs.config import yaml_files as documents
 from gcs.config.schema import Config
 from gcs.config.setting_errors import Misfit
-from gcs.config.yaml_source import Source
+from gcs.config.yaml_files import Source
 from gcs.links.endpoints.urls import Listen, TcpIn
 from gcs.model.errors import FileError, Problem
 

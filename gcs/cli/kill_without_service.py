@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from selectors import DefaultSelector
 from typing import Final
 
-from gcs.config.schema import Config, LinkSettings
+from gcs.config.schema import Config
+from gcs.config.sections import LinkSettings
 from gcs.links.address_book import Address
 from gcs.links.endpoints import Arrival, Endpoint, make
 from gcs.links.endpoints.udp import Udp

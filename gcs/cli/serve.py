@@ -20,7 +20,8 @@ from gcs.cli import eventloop, notify
 from gcs.cli.notify import Notifier
 from gcs.cli.output import Say
 from gcs.cli.record import make_record
-from gcs.config.schema import Config, LinkSettings
+from gcs.config.schema import Config
+from gcs.config.sections import LinkSettings
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.links import Link
 from gcs.links.endpoints import Listen

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from gcs.config.yaml_source import Loc, Source
+from gcs.config.yaml_files import Loc, Source
 from gcs.model.errors import ConfigError, FileError, Problem, cut, quoted
 
 LOCATED: Final = "located"

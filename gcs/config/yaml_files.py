@@ -1,11 +1,224 @@
-"""Finds and reads the project's YAML files of every kind."""
+"""Reads a YAML file: its values, and the line and column of each.
 
+Any operator can upload a show, so input is bounded: no anchors, aliases and merge keys (a few hundred bytes
+of them expand to gigabytes), no tags, and limited numbers of values and levels. Plain words are numbers and
+booleans as in YAML 1.2: `yes` and `12:30` are text, `1e3` is a number.
+"""
+
+import re
+from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
-from gcs.config.yaml_source import CHARACTERS_MAX
-from gcs.model.errors import ConfigError
+import yaml
+from yaml.events import AliasEvent, Event, NodeEvent
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from gcs.model.errors import ConfigError, FileError, Problem, cut
+
+Loc: TypeAlias = Sequence[str | int]
+"""Path to a value, as in pydantic: keys and indices."""
+
+CHARACTERS_MAX: Final = 1_000_000
+"""Most characters of a file; a long file has some tens of thousands."""
+
+VALUES_MAX: Final = 100_000
+DEPTH_MAX: Final = 32
+
+Mark: TypeAlias = yaml.error.Mark | Any  # or the C library's mark, which has the same attributes
+
+_STANDARD: Final = "tag:yaml.org,2002:"
+_TEXT, _NULL, _TRUTH, _WHOLE, _NUMBER = (
+    f"{_STANDARD}{kind}" for kind in ("str", "null", "bool", "int", "float")
+)
+_PLAIN: Final = {
+    _NULL: r"~|null|Null|NULL|",
+    _TRUTH: r"true|True|TRUE|false|False|FALSE",
+    _WHOLE: r"[-+]?[0-9]{1,40}|0o[0-7]{1,40}|0x[0-9a-fA-F]{1,40}",
+    _NUMBER: r"[-+]?(?:\.[0-9]{1,40}|[0-9]{1,40}(?:\.[0-9]{0,40})?)(?:[eE][-+]?[0-9]{1,5})?"
+    r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+}
+"""Meaning of plain words: the core schema of YAML 1.2."""
+
+
+class _Refused(Exception):  # noqa: N818  (it leaves this module as a FileError)
+    """YAML that is not accepted, and its location."""
+
+    def __init__(self, mark: Mark | None, text: str) -> None:
+        super().__init__(text)
+        self.mark = mark
+        self.text = text
+
+
+class _Loader(yaml.SafeLoader):
+    """Composes trees of bounded size, without anchors, aliases and tags."""
+
+    yaml_implicit_resolvers: Any = {}  # noqa: RUF012  (as in PyYAML; filled once, below)
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._values = 0
+        self._depth = 0
+        self.twice: list[tuple[str, Mark]] = []  # repeated keys of a mapping
+
+    def compose_node(self, parent: Node | None, index: Any) -> Node | None:
+        """As in SafeLoader, within bounds."""
+        event: Event = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, AliasEvent):
+            text = f"*{cut(str(event.anchor))}: aliases are not allowed: write the value out"
+            raise _Refused(event.start_mark, text)
+        if isinstance(event, NodeEvent) and event.anchor is not None:
+            text = f"&{cut(event.anchor)}: anchors are not allowed: write the value out where it is needed"
+            raise _Refused(event.start_mark, text)
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            raise _Refused(
+                event.start_mark,
+                f"{cut(str(tag).replace(_STANDARD, '!!'))}: tags are not allowed: leave it out",
+            )
+        self._values += 1
+        self._depth += 1
+        if self._values > VALUES_MAX:
+            raise _Refused(event.start_mark, f"more than {VALUES_MAX} values")
+        if self._depth > DEPTH_MAX:
+            raise _Refused(event.start_mark, f"nested deeper than {DEPTH_MAX} levels")
+        node: Node | None = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def compose_mapping_node(self, anchor: Any) -> MappingNode:
+        """As in SafeLoader, with text keys, each once."""
+        node: MappingNode = super().compose_mapping_node(anchor)
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, ScalarNode):
+                raise _Refused(key.start_mark, "a key must be a word, not a list or a section")
+            if key.value == "<<" and key.style is None:
+                raise _Refused(key.start_mark, "<<: merge keys are not allowed: write the keys out")
+            if key.value in seen:
+                self.twice.append((key.value, key.start_mark))
+            seen.add(key.value)
+        return node
+
+
+for _tag, _pattern in _PLAIN.items():
+    _Loader.add_implicit_resolver(_tag, re.compile(rf"^(?:{_pattern})\Z"), None)
+
+
+def _whole(text: str) -> int:
+    return int(text, 0) if text[:2] in {"0o", "0x"} else int(text)
+
+
+def _number(text: str) -> float:
+    return float(text.replace(".inf", "inf").replace(".nan", "nan")) if text[-1] in "fFnN" else float(text)
+
+
+_MEANING: Final[dict[str, Callable[[str], object]]] = {
+    _NULL: lambda _: None,
+    _TRUTH: lambda text: text.lower() == "true",
+    _WHOLE: _whole,
+    _NUMBER: lambda text: _number(text.lower()),
+}
+
+
+class Source:
+    """A YAML file: its values and their locations; lines and columns count from 1."""
+
+    def __init__(self, text: str, file: str) -> None:
+        """`file` names it in errors. Raises: FileError when `text` is not accepted YAML."""
+        self.file = file
+        if len(text) > CHARACTERS_MAX:
+            raise FileError(file, [Problem(1, None, f"{len(text)} characters: at most {CHARACTERS_MAX}")])
+        try:
+            loader = _Loader(text)
+            self._root: Node | None = loader.get_single_node()
+        except _Refused as error:
+            raise FileError(file, [_problem(error.mark, error.text)]) from None
+        except yaml.MarkedYAMLError as error:
+            words = f"not YAML: {cut(error.problem or error.context or 'it cannot be read')}"
+            raise FileError(file, [_problem(error.problem_mark or error.context_mark, words)]) from None
+        except yaml.reader.ReaderError as error:
+            line = text.count("\n", 0, error.position) + 1
+            words = f"not YAML: character U+{ord(text[error.position]):04X} is not allowed"
+            raise FileError(file, [Problem(line, None, words)]) from None
+        if loader.twice:
+            raise FileError(
+                file,
+                [
+                    Problem(mark.line + 1, None, f"key '{cut(key)}' is there twice")
+                    for key, mark in loader.twice
+                ],
+            )
+
+    def value(self) -> object:
+        """Return the file's content as dicts, lists, strings, numbers, booleans and None."""
+        return None if self._root is None else _plain_value(self._root)
+
+    def mapping(self, needed: str) -> dict[str, object]:
+        """Return the content as a dict. Raises: FileError, with `needed`, when it is not a mapping."""
+        stated = self.value()
+        if not isinstance(stated, dict):
+            raise FileError(self.file, [Problem(1, None, f"a mapping is needed, with {needed}")])
+        return stated
+
+    def line(self, *loc: str | int) -> int:
+        """Return the line of the key or list entry at `loc`.
+
+        For a missing value it is the line of its innermost existing parent. Parts that are not keys (pydantic
+        names the alternatives that it tried) are skipped.
+        """
+        return self._follow(loc)[1]
+
+    def keys(self, *loc: str | int) -> tuple[str | int, ...]:
+        """Return the parts of `loc` that are in the file."""
+        return self._follow(loc)[2]
+
+    def written(self, *loc: str | int) -> str | None:
+        """Return the value as written, shortened; None for a list, a section or a missing value."""
+        node, _, keys = self._follow(loc)
+        if not isinstance(node, ScalarNode) or not keys:
+            return None
+        if node.tag == _TEXT:
+            return f"'{cut(node.value)}'"
+        return cut(node.value) or "nothing"
+
+    def _follow(self, loc: Loc) -> tuple[Node | None, int, tuple[str | int, ...]]:
+        node, line, keys = self._root, 1, list[str | int]()
+        for part in loc:
+            found = _within(node, part)
+            if found is not None:
+                node, line = found
+                keys.append(part)
+        return node, line, tuple(keys)
+
+
+def _problem(mark: Mark | None, text: str) -> Problem:
+    if mark is None:
+        return Problem(1, None, text)
+    return Problem(mark.line + 1, None, f"column {mark.column + 1}: {text}")
+
+
+def _plain_value(node: Node) -> object:
+    """Convert a node, recursively: its depth is bounded."""
+    if isinstance(node, MappingNode):
+        return {key.value: _plain_value(value) for key, value in node.value}
+    if isinstance(node, SequenceNode):
+        return [_plain_value(entry) for entry in node.value]
+    meaning = _MEANING.get(node.tag)
+    return str(node.value) if meaning is None else meaning(node.value)
+
+
+def _within(node: Node | None, part: str | int) -> tuple[Node, int] | None:
+    """Return the value under a key or index of `node`, and its line; None: there is none."""
+    if isinstance(node, MappingNode):
+        for key, value in node.value:
+            if isinstance(key, ScalarNode) and key.value == str(part):
+                return value, key.start_mark.line + 1
+    if isinstance(node, SequenceNode) and isinstance(part, int) and part < len(node.value):
+        entry = node.value[part]
+        return entry, entry.start_mark.line + 1
+    return None
 
 
 class Kind(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gcs.config.schema import OperationSettings
+from gcs.config.sections import OperationSettings
 from gcs.flight.maneuver_tasks import Maneuver, ManeuverTasks
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Command, Verb

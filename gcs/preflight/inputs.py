@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.config.preflight import PreflightSettings
+from gcs.config.sections import PreflightSettings
 from gcs.estimation.position_uncertainty import Positioning
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 from gcs.safety.separation import Floor

@@ -11,7 +11,7 @@ from functools import cache
 from math import atan, ceil, degrees, inf, isfinite
 from typing import Final
 
-from gcs.config.schema import OperationSettings
+from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State

@@ -5,7 +5,7 @@ from math import hypot
 
 import numpy as np
 
-from gcs.config.schema import OperationSettings
+from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.model.frames import ShowFrame
 from gcs.shows.format import Show

@@ -18,7 +18,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
-from gcs.config.yaml_source import Source
+from gcs.config.yaml_files import Source
 from gcs.model.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from gcs.config import yaml_files as documents
 from gcs.config.setting_errors import Misfit, misfits
-from gcs.config.yaml_source import Loc, Source
+from gcs.config.yaml_files import Loc, Source
 from gcs.model.errors import FileError, Problem, ShowError
 from gcs.shows.format import Show
 from gcs.shows.timeline import Timeline

@@ -12,7 +12,7 @@ from math import hypot, inf
 
 import numpy as np
 
-from gcs.config.yaml_source import Loc
+from gcs.config.yaml_files import Loc
 from gcs.control import ControlSettings
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Plan

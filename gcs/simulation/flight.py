@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.config.schema import OperationSettings
+from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
 from gcs.flight.collective_return import return_planner
 from gcs.flight.fleet import BEHIND_M

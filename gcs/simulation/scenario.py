@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from gcs.config import yaml_files as documents
 from gcs.config.setting_errors import explained
-from gcs.config.yaml_source import Source
+from gcs.config.yaml_files import Source
 from gcs.control import ControlSettings
 from gcs.formation.consensus import ConsensusSettings
 from gcs.formation.obstacles import AvoidanceSettings

@@ -13,7 +13,7 @@ import pytest
 
 from gcs.cli import main
 from gcs.config.schema import parse as parse_config
-from gcs.config.yaml_source import DEPTH_MAX, Source
+from gcs.config.yaml_files import DEPTH_MAX, Source
 from gcs.model.errors import SHOWN_MAX, FileError, InvalidError, RefusedError, quoted
 from gcs.service.check_process import answered
 from gcs.shows import parse as parse_show

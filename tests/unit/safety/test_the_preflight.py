@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs.config.preflight import PreflightSettings
+from gcs.config.sections import PreflightSettings
 from gcs.estimation.position_uncertainty import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry

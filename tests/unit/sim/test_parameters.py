@@ -4,7 +4,7 @@ from math import inf, nan
 
 import pytest
 
-from gcs.config.schema import OperationSettings
+from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
