@@ -29,7 +29,7 @@ from gcs.api.routes import preflight as preflight_routes
 from gcs.api.routes import replay as replay_routes
 from gcs.api.routes import shows as show_routes
 from gcs.api.routes import stream
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
 from gcs.api.security_headers import SecurityHeaders
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
 from gcs.service import Service

@@ -7,8 +7,8 @@ from typing import Final
 
 from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import binary_frame as frames
-from gcs.api.schemas import status_from_service as convert_status
-from gcs.api.schemas.stream import Status
+from gcs.api.schemas import convert
+from gcs.api.schemas.fleet import Status
 from gcs.service import FleetView, Service
 
 STATUS_S: Final = 0.5
@@ -50,7 +50,7 @@ class Feed:
         view, events = self._service.view.value, self._service.events()
         reported = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
         why = self._service.shows.why_not_kept
-        return convert_status.status(view, self._service.frame, events, *reported, why)
+        return convert.status(view, self._service.frame, events, *reported, why)
 
     def frame(self) -> bytes:
         """Return the newest state as a binary frame."""
@@ -77,5 +77,5 @@ class Feed:
             list(rows.reasons),
             list(rows.limited_by),
             [None if home_m is None else home_m.tolist() for home_m in rows.homes_m],
-            convert_status.fixes(rows),
+            convert.fixes(rows),
         )

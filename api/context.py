@@ -13,7 +13,7 @@ from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.kill_confirmation import KillSwitch
 from gcs.api.console_feed import Feed
 from gcs.api.map_tiles import GroundMap
-from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import convert
 from gcs.model.errors import RefusedError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Plan

@@ -1,12 +1,13 @@
-"""Common parts of routes: documentation of errors and of the token, and refusal of unexpected bodies."""
+"""Common parts of routes: names in paths, documentation of errors and of the token, refusal of bodies."""
 
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from fastapi import Depends
+from fastapi import Depends, Path
 from fastapi.security import HTTPBearer
 from starlette.requests import Request
 
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas.requests import NAME_MAX
 from gcs.model.errors import InvalidError
 
 MEANING: Final = {
@@ -42,3 +43,9 @@ NO_BODY: Final = [Depends(_no_body)]
 READ: Final = errors(422)
 WRITE: Final = errors(400, 408, 413, 415, 422)
 COMMAND: Final = WRITE | errors(409, 503)
+
+VehicleId = Annotated[str, Path(max_length=NAME_MAX, examples=["d1"])]
+ObstacleId = Annotated[str, Path(max_length=NAME_MAX, examples=["tower"])]
+CommandId = Annotated[str, Path(max_length=NAME_MAX)]
+AlarmId = Annotated[str, Path(max_length=NAME_MAX)]
+"""Names in paths, bounded as in bodies."""

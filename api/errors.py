@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from starlette.responses import Response
 
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import requests
 from gcs.api.security_headers import HEADERS
 from gcs.model.errors import cut, quoted
 
@@ -71,7 +72,7 @@ def from_pydantic(error: dict[str, Any]) -> schemas.Problem:
     """Convert one error of pydantic."""
     kind, value = error["type"], error["input"]
     path = [str(part) for part in error["loc"][1:]]
-    if len(path) > 1 and path[0] in schemas.TARGET_FRAMES:  # the tag of the union, not a field
+    if len(path) > 1 and path[0] in requests.TARGET_FRAMES:  # the tag of the union, not a field
         path = path[1:]
     field = ".".join(path) or "body"
     allowed = KINDS.get(kind) or error["msg"].removeprefix("Input should be ")

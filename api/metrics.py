@@ -19,7 +19,7 @@ from starlette.responses import Response
 
 from gcs.api.context import ContextDep
 from gcs.api.error_docs import TOKEN
-from gcs.api.schemas.alarms_from_service import current
+from gcs.api.schemas.convert import current_alarms as current
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView, Histogram
 from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall

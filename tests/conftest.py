@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import convert
 from tests.support.browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 
 # The same examples in every run, and no clock that a busy machine would fail.

@@ -12,7 +12,7 @@ from typing import Any, Final
 from starlette.datastructures import Headers
 
 from gcs.api.errors import echo
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import cut
 
 DEPTH_MAX: Final = 32

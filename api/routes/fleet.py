@@ -10,11 +10,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
 from gcs.api.context import Context, ContextDep
-from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
-from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import rest as schemas
-from gcs.api.schemas.path_names import CommandId, ObstacleId, VehicleId
-from gcs.api.schemas.stream import Access, Status
+from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, CommandId, ObstacleId, VehicleId, errors
+from gcs.api.schemas import convert, requests
+from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas.fleet import Access, Status
 from gcs.model.errors import InvalidError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.plan import Obstacle
@@ -67,7 +66,7 @@ async def get_status(context: ContextDep) -> Response:
 async def get_access(connection: HTTPConnection, context: ContextDep) -> Access:
     """The name of the request's token, and its rights."""
     principal = context.authorization.principal(connection.headers)
-    return Access(who=principal.name, rights=sorted(principal.rights))
+    return Access(name=principal.name, rights=sorted(principal.rights))
 
 
 @api.get("/vehicles", tags=["fleet"], summary="Every vehicle")
@@ -148,7 +147,7 @@ GROUP_SUMMARY: Final = {
 
 def _group_command(action: VehicleAction) -> Callable[..., Awaitable[schemas.Command]]:
     async def command(
-        context: ContextDep, response: Response, body: schemas.GroupBody | None = None
+        context: ContextDep, response: Response, body: requests.GroupBody | None = None
     ) -> schemas.Command:
         given = None if body is None else body.vehicles
         return _accepted(response, convert.command(context.service.command_vehicles(action, given)))
@@ -190,10 +189,10 @@ async def get_show(context: ContextDep) -> schemas.Show:
     responses=COMMAND | errors(404),
 )
 async def start_show(
-    context: ContextDep, response: Response, body: schemas.StartBody | None = None
+    context: ContextDep, response: Response, body: requests.StartBody | None = None
 ) -> schemas.Command:
     """Starts the named vehicles or all online ones, now or later; a selected show needs its hash."""
-    given = body or schemas.StartBody()
+    given = body or requests.StartBody()
     record = context.service.command_show(
         ShowAction.START,
         given.vehicles,
@@ -270,7 +269,7 @@ async def get_formation(context: ContextDep) -> schemas.Formation:
 
 
 @api.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
-async def change_formation(body: schemas.FormationChange, context: ContextDep) -> schemas.Formation:
+async def change_formation(body: requests.FormationChange, context: ContextDep) -> schemas.Formation:
     """Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one."""
     desired = replace(context.plan.formation, **body.given())
     context.service.set_formation(desired)
@@ -286,7 +285,7 @@ async def get_target(context: ContextDep) -> schemas.Target:
 
 
 @api.put("/target", tags=["target"], summary="Set the target", responses=COMMAND)
-async def put_target(body: schemas.TargetPut, context: ContextDep) -> schemas.Target:
+async def put_target(body: requests.TargetPut, context: ContextDep) -> schemas.Target:
     """Position in the show frame or as latitude and longitude. An absent velocity is 0."""
     now_s = context.now_s()
     desired = convert.target_desired(body, context.frame, now_s)
@@ -302,7 +301,7 @@ async def get_orbit(context: ContextDep) -> schemas.Orbit:
 
 
 @api.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
-async def change_orbit(body: schemas.OrbitChange, context: ContextDep) -> schemas.Orbit:
+async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> schemas.Orbit:
     """Changes the given fields. The formation follows continuously."""
     desired = replace(context.plan.orbit, **body.given())
     context.service.set_orbit(desired)
@@ -317,7 +316,7 @@ async def get_yaw(context: ContextDep) -> schemas.Yaw:
 
 
 @api.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", responses=COMMAND)
-async def change_yaw(body: schemas.YawChange, context: ContextDep) -> schemas.Yaw:
+async def change_yaw(body: requests.YawChange, context: ContextDep) -> schemas.Yaw:
     """Changes the policy, the heading for the policy `fixed`, or both."""
     desired = convert.yaw_desired(body, context.plan.yaw, context.frame)
     context.service.set_yaw(desired)
@@ -355,7 +354,7 @@ async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.
     responses=COMMAND,
 )
 async def add_obstacle(
-    body: schemas.ObstaclePost, context: ContextDep, response: Response
+    body: requests.ObstaclePost, context: ContextDep, response: Response
 ) -> schemas.Obstacle:
     """Refused if its id is taken, or if it would contain an airborne vehicle or be too close ahead of one."""
     box = convert.obstacle_desired(body, body.id or context.new_obstacle_id(), context.now_s())
@@ -372,7 +371,7 @@ async def add_obstacle(
     responses=COMMAND | errors(404),
 )
 async def change_obstacle(
-    obstacle_id: ObstacleId, body: schemas.ObstaclePut, context: ContextDep
+    obstacle_id: ObstacleId, body: requests.ObstaclePut, context: ContextDep
 ) -> schemas.Obstacle:
     """Replaces the box of this id. Refused when it would contain a vehicle or be too close ahead of one."""
     if body.id and body.id != obstacle_id:

@@ -6,11 +6,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gcs.api.context import ContextDep
-from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
-from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import preflight as preflight_schemas
-from gcs.api.schemas import rest as schemas
-from gcs.api.schemas.path_names import VehicleId
+from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, VehicleId, errors
+from gcs.api.schemas import convert, reports, requests
+from gcs.api.schemas import fleet as schemas
 from gcs.model import preflight_report as checks
 
 router = APIRouter(dependencies=TOKEN)
@@ -21,8 +19,8 @@ Named = Annotated[
 ]
 
 
-def _check(one: checks.Check) -> preflight_schemas.Check:
-    return preflight_schemas.Check(
+def _check(one: checks.Check) -> reports.Check:
+    return reports.Check(
         name=one.name,
         state=one.state,
         value=one.value,
@@ -33,8 +31,8 @@ def _check(one: checks.Check) -> preflight_schemas.Check:
     )
 
 
-def _vehicle(one: checks.VehicleChecks) -> preflight_schemas.VehicleChecks:
-    return preflight_schemas.VehicleChecks(
+def _vehicle(one: checks.VehicleChecks) -> reports.VehicleChecks:
+    return reports.VehicleChecks(
         id=one.id,
         passes=not one.failed,
         flies=one.flies,
@@ -49,10 +47,10 @@ def _vehicle(one: checks.VehicleChecks) -> preflight_schemas.VehicleChecks:
     summary="Preflight report",
     responses=READ | errors(404, 409, 503),
 )
-async def get_preflight(context: ContextDep, vehicles: Named = None) -> preflight_schemas.Preflight:
+async def get_preflight(context: ContextDep, vehicles: Named = None) -> reports.Preflight:
     """Every check of every vehicle and of the fleet, at most once a second, and only on the ground."""
     report = context.service.preflight(vehicles)
-    return preflight_schemas.Preflight(
+    return reports.Preflight(
         passes=report.passes,
         unix_time_s=report.unix_time_s,
         show=report.show,
@@ -75,7 +73,7 @@ async def exclude_vehicle(
     vehicle_id: VehicleId,
     context: ContextDep,
     response: Response,
-    body: preflight_schemas.ExcludeBody | None = None,
+    body: requests.ExcludeBody | None = None,
 ) -> schemas.Command:
     """Only on the ground. The vehicle takes part in no start until it is included again."""
     reason = "" if body is None else body.reason

@@ -4,8 +4,8 @@ from fastapi import APIRouter
 
 from gcs.api.context import Context, ContextDep
 from gcs.api.error_docs import COMMAND, READ, TOKEN, errors
-from gcs.api.schemas import replay as replay_schemas
-from gcs.api.schemas import status_from_service as convert_status
+from gcs.api.schemas import convert, reports, requests
+from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError
 from gcs.service import Replaying
 
@@ -21,24 +21,24 @@ def _replaying(context: Context) -> Replaying:
 
 
 @router.get("/replay", summary="How the record is played", responses=READ | errors(409))
-async def get_replay(context: ContextDep) -> replay_schemas.Replay:
+async def get_replay(context: ContextDep) -> schemas.Replay:
     """Position and speed of the replay; `409` when the service controls vehicles."""
-    return convert_status.replay(_replaying(context).playback)
+    return convert.replay(_replaying(context).playback)
 
 
 @router.post("/replay", summary="Pause, continue, change speed or position", responses=COMMAND)
-async def change_replay(body: replay_schemas.ReplayChange, context: ContextDep) -> replay_schemas.Replay:
+async def change_replay(body: requests.ReplayChange, context: ContextDep) -> schemas.Replay:
     """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
-    return convert_status.replay(_replaying(context).change(**body.given()))
+    return convert.replay(_replaying(context).change(**body.given()))
 
 
 @router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
-async def get_replay_marks(context: ContextDep) -> replay_schemas.ReplayMarks:
+async def get_replay_marks(context: ContextDep) -> reports.ReplayMarks:
     """Phases, cues, events and idle times of the whole record, for a timeline; they never change."""
-    return convert_status.replay_marks(_replaying(context).marks)
+    return convert.replay_marks(_replaying(context).marks)
 
 
 @router.get("/replay/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))
-async def get_flight_report(context: ContextDep) -> replay_schemas.FlightReport:
+async def get_flight_report(context: ContextDep) -> reports.FlightReport:
     """Answers at once. The first call starts the analysis beside the replay; poll until it is done."""
-    return convert_status.flight_report(_replaying(context).make_flight_report())
+    return convert.flight_report(_replaying(context).make_flight_report())

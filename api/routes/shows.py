@@ -8,11 +8,10 @@ from starlette.requests import Request
 
 from gcs.api.context import ContextDep
 from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
-from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import rest as schemas
-from gcs.api.schemas import shows as show_schemas
+from gcs.api.schemas import convert, reports, requests
+from gcs.api.schemas import fleet as schemas
 
-Name = Annotated[str, Path(pattern=show_schemas.NAME_PATTERN, examples=["lighthouse"])]
+Name = Annotated[str, Path(pattern=requests.NAME_PATTERN, examples=["lighthouse"])]
 
 YAML_BODY: Final[dict[str, Any]] = {
     "requestBody": {
@@ -32,21 +31,23 @@ selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 
 
 @files.get("", summary="Every show file", responses=errors(409))
-async def list_shows(context: ContextDep) -> list[show_schemas.StoredShow]:
+async def list_shows(context: ContextDep) -> list[reports.StoredShow]:
     """All uploaded show files, by name."""
-    return [convert.stored_show(each) for each in await context.service.shows.list_shows()]
+    return [convert.as_schema(reports.StoredShow, each) for each in await context.service.shows.list_shows()]
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))
-async def get_show_file(name: Name, context: ContextDep) -> show_schemas.ShowText:
+async def get_show_file(name: Name, context: ContextDep) -> reports.ShowText:
     """The show file as it was uploaded."""
-    return show_schemas.ShowText(name=name, text=await context.service.shows.text(name))
+    return reports.ShowText(name=name, text=await context.service.shows.text(name))
 
 
 @files.put("/{name}", summary="Upload a show file", responses=COMMAND, openapi_extra=YAML_BODY)
-async def put_show_file(name: Name, request: Request, context: ContextDep) -> show_schemas.StoredShow:
+async def put_show_file(name: Name, request: Request, context: ContextDep) -> reports.StoredShow:
     """Stores the file, and replaces one of the same name. A selected or flying show does not change."""
-    return convert.stored_show(await context.service.shows.store(name, await request.body()))
+    return convert.as_schema(
+        reports.StoredShow, await context.service.shows.store(name, await request.body())
+    )
 
 
 @files.delete(
@@ -68,21 +69,21 @@ async def remove_show_file(name: Name, context: ContextDep) -> None:
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def check_show(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
+async def check_show(name: Name, context: ContextDep) -> reports.ShowCheck:
     """Flies the show in virtual time, in a process of the lowest priority; GET returns its progress."""
-    return convert.show_check(context.service.shows.check(name))
+    return convert.as_schema(reports.ShowCheck, context.service.shows.check(name))
 
 
 @files.get("/{name}/check", summary="Result of a show check", responses=READ | errors(404))
-async def get_show_check(name: Name, context: ContextDep) -> show_schemas.ShowCheck:
+async def get_show_check(name: Name, context: ContextDep) -> reports.ShowCheck:
     """The newest check of this show since the service started."""
-    return convert.show_check(context.service.shows.checked(name))
+    return convert.as_schema(reports.ShowCheck, context.service.shows.checked(name))
 
 
 @files.post("/{name}/select", summary="Select a show to fly next", responses=COMMAND | errors(404))
-async def select_show(name: Name, body: show_schemas.SelectBody, context: ContextDep) -> schemas.SelectedShow:
+async def select_show(name: Name, body: requests.SelectBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet."""
-    return convert.selected_show(context.service.select_show(name, body.hash))
+    return convert.as_schema(schemas.SelectedShow, context.service.select_show(name, body.hash))
 
 
 @selected.post(
@@ -98,6 +99,6 @@ async def deselect_show(context: ContextDep) -> None:
 
 
 @selected.post("/seek", summary="Start at a cue", responses=COMMAND | errors(404))
-async def seek_show(body: show_schemas.SeekBody, context: ContextDep) -> schemas.SelectedShow:
+async def seek_show(body: requests.SeekBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
-    return convert.selected_show(context.service.seek_show(body.cue))
+    return convert.as_schema(schemas.SelectedShow, context.service.seek_show(body.cue))

@@ -5,7 +5,7 @@ All values are little-endian. Unknown values are NaN.
 """
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> 
     data = bytearray(bytes_at + len(BYTES) * n)
     _fill_header(np.frombuffer(data, HEADER, 1), view, revision=revision, alive=alive)
     table = np.frombuffer(data, "<f4", len(FLOATS) * n, floats_at).reshape(-1, n)
-    _fill_floats(table, rows, frame, view.estimates)
+    fill_floats(table, rows, frame, view.estimates)
     _fill_bytes(np.frombuffer(data, np.uint8, len(BYTES) * n, bytes_at).reshape(-1, n), rows)
     return bytes(data)
 
@@ -116,9 +116,10 @@ def _or_nan(value: float | None) -> float:
     return np.nan if value is None else value
 
 
-def _fill_floats(
-    table: NDArray[np.float32], rows: VehicleTable, frame: ShowFrame, found: Estimates | None
+def fill_floats(
+    table: NDArray[np.floating[Any]], rows: VehicleTable, frame: ShowFrame, found: Estimates | None
 ) -> None:
+    """Fill a table of shape (len(FLOATS), n) with the columns of `FLOATS`; NaN: not known."""
     table[0:3] = (rows.position_m * UPWARDS).T
     table[3:6] = (rows.velocity_m_s * UPWARDS).T
     table[6] = (np.degrees(rows.yaw_rad) + frame.heading_deg) % 360.0

@@ -12,7 +12,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from gcs.api.schemas.alarms import Alarm
+    from gcs.api.schemas.fleet import Alarm
 
 STYLE: Final = {
     "emergency": "bold white on red",

@@ -221,7 +221,7 @@ class DemoScript:
         if fleet.center is None:
             raise CommandError("no formation flies")
         target = fleet.target
-        center_m = np.array([fleet.center.position.x_m, fleet.center.position.y_m], dtype=np.float64)
+        center_m = np.array([fleet.center.x_m, fleet.center.y_m], dtype=np.float64)
         target_m = np.array([target.x_m, target.y_m], dtype=np.float64)
         target_m_s = np.array([target.velocity_x_m_s, target.velocity_y_m_s])
         step_s = 0.05
@@ -248,9 +248,9 @@ class DemoScript:
     def _clear_of(self, box: Obstacle) -> bool:
         """Whether the formation has passed the box: all vehicles are beyond it, or more than 20 m away."""
         fleet = self._client.fleet()
-        if fleet.center is None or fleet.center.velocity is None:
+        if fleet.center is None or fleet.center.vx_m_s is None:
             return False
-        places = [(v.position.x_m, v.position.y_m) for v in fleet.vehicles if v.phase == "formation"]
+        places = [(v.x_m, v.y_m) for v in fleet.vehicles if v.phase == "formation"]
         offset_m = np.array(places, dtype=np.float64) - (box.x_m, box.y_m)
-        velocity = np.array([fleet.center.velocity.x_m_s, fleet.center.velocity.y_m_s], dtype=np.float64)
+        velocity = np.array([fleet.center.vx_m_s, fleet.center.vy_m_s], dtype=np.float64)
         return bool((offset_m @ velocity > 0.0).all() or (np.hypot(*offset_m.T) > 20.0).all())

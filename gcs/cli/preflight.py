@@ -15,7 +15,7 @@ from gcs.cli.remote import add_connection, connected
 from gcs.model.preflight_report import State
 
 if TYPE_CHECKING:
-    from gcs.api.schemas import preflight as preflight_schemas
+    from gcs.api.schemas import reports
 
 STYLE: Final = {State.PASS: "green", State.FAIL: "bold red", State.UNKNOWN: "bold yellow"}
 
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if report.passes else REFUSED
 
 
-def board(report: preflight_schemas.Preflight, *, everything: bool) -> RenderableType:
+def board(report: reports.Preflight, *, everything: bool) -> RenderableType:
     """Format the report: failed checks first, what was not checked, and every vehicle that does not fly."""
     table = Table(expand=True)
     for name in ("whose", "check", "state", "measured", "limit", "what is wrong, and what to do"):

@@ -21,15 +21,15 @@ from typing import TYPE_CHECKING, Any, Final
 from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
 from gcs.client import URL, Client
-from gcs.client.deferred import Deferred
+from gcs.client.http import Deferred
 from gcs.model.errors import GcsError, UnknownError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from gcs.api.schemas import rest as schemas
+    from gcs.api.schemas import fleet as schemas
 else:
-    schemas = Deferred("gcs.api.schemas.rest")
+    schemas = Deferred("gcs.api.schemas.fleet")
 
 CONFIRM_DOWN: Final = "confirm-down"
 LAND: Final = "land"
@@ -39,9 +39,9 @@ NOT_INCLUDED: Final = "not-included"
 
 OWNERS: Final = {
     "": "gcs.client.fleet_client:Client",
-    "shows": "gcs.client.shows:Shows",
-    "preflight": "gcs.client.preflight:Preflight",
-    "playback": "gcs.client.replay:Playback",
+    "shows": "gcs.client.call_groups:Shows",
+    "preflight": "gcs.client.call_groups:Preflight",
+    "playback": "gcs.client.call_groups:Playback",
 }
 
 

@@ -7,7 +7,7 @@ out, and reasons are below the table, one line for all vehicles with the same re
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import inf, sqrt
+from math import hypot, inf
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rich.console import Group, RenderableType
@@ -18,7 +18,7 @@ from gcs.cli.alarm_lines import alarm_lines
 from gcs.model.lifecycle import Phase
 
 if TYPE_CHECKING:
-    from gcs.api.schemas import rest as schemas
+    from gcs.api.schemas import fleet as schemas
 
 OLD_S: Final = 1.0
 POOR_LINK: Final = 0.8
@@ -49,12 +49,9 @@ class Column(NamedTuple):
 
 
 def _speed_m_s(each: schemas.Vehicle) -> float | None:
-    velocity = each.velocity
-    if velocity is None:
+    if each.vx_m_s is None or each.vy_m_s is None or each.vup_m_s is None:
         return None
-    parts = (velocity.x_m_s, velocity.y_m_s, velocity.up_m_s)
-    known = [part for part in parts if part is not None]
-    return sqrt(sum(part**2 for part in known)) if len(known) == len(parts) else None
+    return hypot(each.vx_m_s, each.vy_m_s, each.vup_m_s)
 
 
 def _why(each: schemas.Vehicle) -> str:
@@ -69,11 +66,11 @@ COLUMNS: Final = {
     "vehicle": Column("vehicle", lambda each: Text(each.id), is_number=False),
     "phase": Column("phase", lambda each: Text(each.phase, STYLE.get(each.phase, "")), is_number=False),
     "mode": Column("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
-    "height": Column("height m", lambda each: Text(number(each.position.height_m))),
+    "height": Column("height m", lambda each: Text(number(each.height_m))),
     "speed": Column("speed m/s", lambda each: Text(number(_speed_m_s(each)))),
     "battery": Column(
         "battery",
-        lambda each: _warned(percent(each.battery_remaining), _below(each.battery_remaining, LOW_BATTERY)),
+        lambda each: _warned(percent(each.battery), _below(each.battery, LOW_BATTERY)),
     ),
     "link": Column(
         "link", lambda each: _warned(percent(each.link_quality), _below(each.link_quality or 0.0, POOR_LINK))
@@ -116,10 +113,10 @@ def _sorted(vehicles: Sequence[schemas.Vehicle], by: str | None) -> Sequence[sch
     key: dict[str, Callable[[schemas.Vehicle], float | str]] = {
         "vehicle": lambda each: each.id,
         "phase": lambda each: each.phase,
-        "battery": lambda each: -inf if each.battery_remaining is None else each.battery_remaining,
+        "battery": lambda each: -inf if each.battery is None else each.battery,
         "link": lambda each: -inf if each.link_quality is None else each.link_quality,
         "age": lambda each: -inf if each.position_age_s is None else -each.position_age_s,
-        "height": lambda each: -inf if each.position.height_m is None else each.position.height_m,
+        "height": lambda each: -inf if each.height_m is None else each.height_m,
         "speed": lambda each: -(_speed_m_s(each) or inf),
     }
     return vehicles if by is None else sorted(vehicles, key=key[by])

@@ -15,34 +15,26 @@ A refused call raises the same error that the service raised.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
-from urllib.parse import quote
 
-from gcs.client.deferred import Deferred
-from gcs.client.http import Exchange
-from gcs.client.preflight import Preflight
-from gcs.client.replay import Playback
-from gcs.client.shows import Shows
-from gcs.model.errors import CommandError, LinkError
+from gcs.client.call_groups import Playback, Preflight, Shows
+from gcs.client.http import Deferred, Exchange, given, part
+from gcs.model.errors import CommandError
 
 if TYPE_CHECKING:
     import pydantic
     from pydantic import BaseModel
 
-    from gcs.api.schemas import alarms as alarm_schemas
-    from gcs.api.schemas import kill as kill_schemas
-    from gcs.api.schemas import rest as schemas
-    from gcs.api.schemas import stream as stream_schemas
-    from gcs.api.schemas.recovery import InterruptedFlight
+    from gcs.api.schemas import fleet as schemas
+    from gcs.api.schemas.fleet import InterruptedFlight
 else:
     pydantic = Deferred("pydantic")
-    schemas = Deferred("gcs.api.schemas.rest")
-    alarm_schemas = Deferred("gcs.api.schemas.alarms")
-    kill_schemas = Deferred("gcs.api.schemas.kill")
-    stream_schemas = Deferred("gcs.api.schemas.stream")
+    schemas = Deferred("gcs.api.schemas.fleet")
+    schemas = Deferred("gcs.api.schemas.fleet")
+    schemas = Deferred("gcs.api.schemas.fleet")
+    schemas = Deferred("gcs.api.schemas.fleet")
 
 M = TypeVar("M", bound="BaseModel")
 
@@ -86,9 +78,9 @@ class Client:
         Raises: ConfigError for an invalid certificate file.
         """
         self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
-        self.shows = Shows(self)
-        self.preflight = Preflight(self)
-        self.playback = Playback(self)
+        self.shows = Shows(self._exchange)
+        self.preflight = Preflight(self._exchange)
+        self.playback = Playback(self._exchange)
 
     def __enter__(self) -> Self:
         return self
@@ -103,38 +95,38 @@ class Client:
 
     def health(self) -> schemas.Health:
         """Get the health of control. Raises: LinkError with the reason when control is not alive."""
-        return self.one(lambda: schemas.Health, "GET", "/healthz")
+        return self._exchange.one(lambda: schemas.Health, "GET", "/healthz")
 
     def readiness(self) -> schemas.Readiness:
         """Get the readiness. Raises: LinkError with the reason when no vehicle can be commanded."""
-        return self.one(lambda: schemas.Readiness, "GET", "/readyz")
+        return self._exchange.one(lambda: schemas.Readiness, "GET", "/readyz")
 
     def metrics(self) -> str:
         """Get every metric, in the text format of Prometheus."""
-        return self.call("GET", "/metrics").decode()
+        return self._exchange.call("GET", "/metrics").decode()
 
     def fleet(self) -> schemas.Fleet:
         """Get the whole state at one instant."""
-        return self.one(lambda: schemas.Fleet, "GET", "/api/v1/fleet")
+        return self._exchange.one(lambda: schemas.Fleet, "GET", "/api/v1/fleet")
 
-    def status(self) -> stream_schemas.Status:
+    def status(self) -> schemas.Status:
         """Get the data that changes seldom: fence, take-off positions, cues, events."""
-        return self.one(lambda: stream_schemas.Status, "GET", "/api/v1/status")
+        return self._exchange.one(lambda: schemas.Status, "GET", "/api/v1/status")
 
-    def access(self) -> stream_schemas.Access:
+    def access(self) -> schemas.Access:
         """Get the name of the token and its rights."""
-        return self.one(lambda: stream_schemas.Access, "GET", "/api/v1/access")
+        return self._exchange.one(lambda: schemas.Access, "GET", "/api/v1/access")
 
     def vehicles(self) -> list[schemas.Vehicle]:
-        return self.many(lambda: schemas.Vehicle, "/api/v1/vehicles")
+        return self._exchange.many(lambda: schemas.Vehicle, "/api/v1/vehicles")
 
     def vehicle(self, vehicle_id: str) -> schemas.Vehicle:
-        return self.one(lambda: schemas.Vehicle, "GET", f"/api/v1/vehicles/{_part(vehicle_id)}")
+        return self._exchange.one(lambda: schemas.Vehicle, "GET", f"/api/v1/vehicles/{part(vehicle_id)}")
 
     def command(self, vehicle_id: str, action: str) -> schemas.Command:
         """Command one vehicle: hold, join, return, land, take-control or confirm-down."""
-        path = f"/api/v1/vehicles/{_part(vehicle_id)}/{_part(action)}"
-        return self.one(lambda: schemas.Command, "POST", path, urgent=action in URGENT)
+        path = f"/api/v1/vehicles/{part(vehicle_id)}/{part(action)}"
+        return self._exchange.one(lambda: schemas.Command, "POST", path, urgent=action in URGENT)
 
     def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> schemas.Command:
         """Command several vehicles at once: hold, join, return, land or take-control.
@@ -142,21 +134,27 @@ class Client:
         `vehicles` None: all to which the command can apply. The result lists vehicles that the command does
         not reach as `not-included`, with the reason.
         """
-        path, body = f"/api/v1/fleet/{_part(action)}", _given(vehicles=vehicles)
-        return self.one(lambda: schemas.Command, "POST", path, body or None, urgent=action in URGENT)
+        path, body = f"/api/v1/fleet/{part(action)}", given(vehicles=vehicles)
+        return self._exchange.one(
+            lambda: schemas.Command, "POST", path, body or None, urgent=action in URGENT
+        )
 
-    def arm_kill(self, vehicles: list[str] | None = None) -> kill_schemas.KillArmed:
+    def arm_kill(self, vehicles: list[str] | None = None) -> schemas.KillArmed:
         """Do the first step of a kill: get a code and its vehicles. None: all that are not offline."""
-        body = _given(vehicles=vehicles)
-        return self.one(lambda: kill_schemas.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True)
+        body = given(vehicles=vehicles)
+        return self._exchange.one(
+            lambda: schemas.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True
+        )
 
     def confirm_kill(self, code: str) -> schemas.Command:
         """Do the second step: the motors of the code's vehicles stop, even in the air."""
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True)
+        return self._exchange.one(
+            lambda: schemas.Command, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True
+        )
 
     def show(self) -> schemas.Show:
         """Get the show's phase, and the commands that it accepts now."""
-        return self.one(lambda: schemas.Show, "GET", "/api/v1/show")
+        return self._exchange.one(lambda: schemas.Show, "GET", "/api/v1/show")
 
     def start(
         self,
@@ -166,57 +164,57 @@ class Client:
         at_unix_time_s: float | None = None,
     ) -> schemas.Command:
         """Start with `vehicles` or all online ones, now or later. A selected show needs its hash."""
-        body = _given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/start", body or None)
+        body = given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
+        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/start", body or None)
 
     def stop(self) -> schemas.Command:
         """Return all vehicles home and land them."""
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/stop", urgent=True)
+        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/stop", urgent=True)
 
     def pause(self) -> schemas.Command:
         """Stop all vehicles where they are."""
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/pause", urgent=True)
+        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/pause", urgent=True)
 
     def resume(self) -> schemas.Command:
         """Continue after a pause."""
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/resume")
+        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/resume")
 
     def abort(self) -> schemas.Command:
         """Descend at once, each vehicle to a landing site of its own."""
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/abort", urgent=True)
+        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/abort", urgent=True)
 
     def take_over(self) -> schemas.Command:
         """Continue an interrupted flight: its vehicles join the formation, which holds until `resume`."""
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/take-over")
+        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/take-over")
 
     def bring_home(self) -> schemas.Command:
         """Return the vehicles of an interrupted flight to their take-off positions."""
-        return self.one(lambda: schemas.Command, "POST", "/api/v1/show/bring-home", urgent=True)
+        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/bring-home", urgent=True)
 
     def interrupted(self) -> InterruptedFlight | None:
         """Get an unsettled interrupted flight, and what can be commanded for it; None: there is none."""
         return self.fleet().interrupted
 
-    def alarms(self) -> alarm_schemas.AlarmList:
+    def alarms(self) -> schemas.AlarmList:
         """Get all alarms and the overall severity."""
-        return self.one(lambda: alarm_schemas.AlarmList, "GET", "/api/v1/alarms")
+        return self._exchange.one(lambda: schemas.AlarmList, "GET", "/api/v1/alarms")
 
-    def acknowledge(self, alarm_id: str) -> alarm_schemas.Alarm:
+    def acknowledge(self, alarm_id: str) -> schemas.Alarm:
         """Acknowledge an alarm. Raises: UnknownError that names the listed alarms."""
-        path = f"/api/v1/alarms/{_part(alarm_id)}/acknowledge"
-        return self.one(lambda: alarm_schemas.Alarm, "POST", path, urgent=True)
+        path = f"/api/v1/alarms/{part(alarm_id)}/acknowledge"
+        return self._exchange.one(lambda: schemas.Alarm, "POST", path, urgent=True)
 
-    def acknowledge_all(self) -> list[alarm_schemas.Alarm]:
+    def acknowledge_all(self) -> list[schemas.Alarm]:
         """Acknowledge all alarms. Returns: those that were not acknowledged before."""
-        return self.many(lambda: alarm_schemas.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
+        return self._exchange.many(lambda: schemas.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
 
     def commands(self) -> list[schemas.Command]:
         """Get the last commands, the newest first."""
-        return self.many(lambda: schemas.Command, "/api/v1/commands")
+        return self._exchange.many(lambda: schemas.Command, "/api/v1/commands")
 
     def command_record(self, command_id: str) -> schemas.Command:
         """Get a command and its outcomes so far."""
-        return self.one(lambda: schemas.Command, "GET", f"/api/v1/commands/{_part(command_id)}")
+        return self._exchange.one(lambda: schemas.Command, "GET", f"/api/v1/commands/{part(command_id)}")
 
     def wait_for(self, command_id: str, timeout_s: float) -> schemas.Command:
         """Wait until a command is done or has failed; its `outcome` says which.
@@ -236,25 +234,25 @@ class Client:
 
     def formation(self) -> schemas.Formation:
         """Get radius and height, desired and commanded now."""
-        return self.one(lambda: schemas.Formation, "GET", "/api/v1/formation")
+        return self._exchange.one(lambda: schemas.Formation, "GET", "/api/v1/formation")
 
     def change_formation(
         self, *, radius_m: float | None = None, height_m: float | None = None
     ) -> schemas.Formation:
         """Change the given fields."""
-        body = _given(radius_m=radius_m, height_m=height_m)
-        return self.one(lambda: schemas.Formation, "PATCH", "/api/v1/formation", body)
+        body = given(radius_m=radius_m, height_m=height_m)
+        return self._exchange.one(lambda: schemas.Formation, "PATCH", "/api/v1/formation", body)
 
     def target(self) -> schemas.Target:
         """Get the target's position and velocity now."""
-        return self.one(lambda: schemas.Target, "GET", "/api/v1/target")
+        return self._exchange.one(lambda: schemas.Target, "GET", "/api/v1/target")
 
     def set_target(
         self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
     ) -> schemas.Target:
         """Set the target's position and velocity, in the show frame."""
         body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
-        return self.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
+        return self._exchange.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
     def set_target_geodetic(
         self,
@@ -271,11 +269,11 @@ class Client:
             "velocity_north_m_s": velocity_north_m_s,
             "velocity_east_m_s": velocity_east_m_s,
         }
-        return self.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
+        return self._exchange.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
     def orbit(self) -> schemas.Orbit:
         """Get the orbit of the formation around the target."""
-        return self.one(lambda: schemas.Orbit, "GET", "/api/v1/orbit")
+        return self._exchange.one(lambda: schemas.Orbit, "GET", "/api/v1/orbit")
 
     def change_orbit(
         self,
@@ -285,24 +283,24 @@ class Client:
         direction: str | None = None,
     ) -> schemas.Orbit:
         """Change the given fields."""
-        body = _given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
-        return self.one(lambda: schemas.Orbit, "PATCH", "/api/v1/orbit", body)
+        body = given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
+        return self._exchange.one(lambda: schemas.Orbit, "PATCH", "/api/v1/orbit", body)
 
     def yaw(self) -> schemas.Yaw:
         """Get the vehicles' yaw policy and heading."""
-        return self.one(lambda: schemas.Yaw, "GET", "/api/v1/yaw")
+        return self._exchange.one(lambda: schemas.Yaw, "GET", "/api/v1/yaw")
 
     def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> schemas.Yaw:
         """Change the given fields."""
-        return self.one(
-            lambda: schemas.Yaw, "PATCH", "/api/v1/yaw", _given(policy=policy, heading_deg=heading_deg)
+        return self._exchange.one(
+            lambda: schemas.Yaw, "PATCH", "/api/v1/yaw", given(policy=policy, heading_deg=heading_deg)
         )
 
     def obstacles(self) -> list[schemas.Obstacle]:
-        return self.many(lambda: schemas.Obstacle, "/api/v1/obstacles")
+        return self._exchange.many(lambda: schemas.Obstacle, "/api/v1/obstacles")
 
     def obstacle(self, obstacle_id: str) -> schemas.Obstacle:
-        return self.one(lambda: schemas.Obstacle, "GET", f"/api/v1/obstacles/{_part(obstacle_id)}")
+        return self._exchange.one(lambda: schemas.Obstacle, "GET", f"/api/v1/obstacles/{part(obstacle_id)}")
 
     def add_obstacle(
         self,
@@ -317,9 +315,9 @@ class Client:
         obstacle_id: str | None = None,
     ) -> schemas.Obstacle:
         """Add a box; without an id the service assigns one."""
-        box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
-        body = box | _moving(velocity_x_m_s, velocity_y_m_s) | _given(id=obstacle_id)
-        return self.one(lambda: schemas.Obstacle, "POST", "/api/v1/obstacles", body)
+        box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m, velocity_x_m_s, velocity_y_m_s)
+        body = box | given(id=obstacle_id)
+        return self._exchange.one(lambda: schemas.Obstacle, "POST", "/api/v1/obstacles", body)
 
     def change_obstacle(
         self,
@@ -334,58 +332,23 @@ class Client:
         velocity_y_m_s: float = 0.0,
     ) -> schemas.Obstacle:
         """Replace the box of this id."""
-        box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m)
-        body = box | _moving(velocity_x_m_s, velocity_y_m_s)
-        return self.one(lambda: schemas.Obstacle, "PUT", f"/api/v1/obstacles/{_part(obstacle_id)}", body)
+        body = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m, velocity_x_m_s, velocity_y_m_s)
+        return self._exchange.one(
+            lambda: schemas.Obstacle, "PUT", f"/api/v1/obstacles/{part(obstacle_id)}", body
+        )
 
     def remove_obstacle(self, obstacle_id: str) -> None:
-        self.call("DELETE", f"/api/v1/obstacles/{_part(obstacle_id)}")
-
-    def one(
-        self,
-        model: Callable[[], type[M]],
-        method: str,
-        path: str,
-        body: dict[str, Any] | bytes | None = None,
-        *,
-        urgent: bool = False,
-    ) -> M:
-        """Call a path and parse the answer. `model` is called after the answer has arrived."""
-        answer = self.call(method, path, body, urgent=urgent)
-        try:
-            return model().model_validate_json(answer)
-        except pydantic.ValidationError as error:
-            raise LinkError(f"{path} answered what this client does not understand") from error
-
-    def many(
-        self, model: Callable[[], type[M]], path: str, method: str = "GET", *, urgent: bool = False
-    ) -> list[M]:
-        """Call a path and parse the answer as a list."""
-        answer = self.call(method, path, urgent=urgent)
-        try:
-            kind = model()
-            return pydantic.TypeAdapter(list[kind]).validate_json(answer)  # type: ignore[valid-type]
-        except pydantic.ValidationError as error:
-            raise LinkError(f"{path} answered what this client does not understand") from error
-
-    def call(
-        self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False
-    ) -> bytes:
-        """Call a path and return the answer's body. `body` is sent as JSON, or as it is for a show file."""
-        return self._exchange.call(method, path, body, urgent=urgent)
-
-
-def _part(name: str) -> str:
-    """Quote a name as one part of a path."""
-    return quote(name, safe="")
-
-
-def _given(**fields: object) -> dict[str, Any]:
-    return {name: value for name, value in fields.items() if value is not None}
+        self._exchange.call("DELETE", f"/api/v1/obstacles/{part(obstacle_id)}")
 
 
 def _box(
-    x_m: float, y_m: float, half_length_x_m: float, half_length_y_m: float, height_m: float
+    x_m: float,
+    y_m: float,
+    half_length_x_m: float,
+    half_length_y_m: float,
+    height_m: float,
+    velocity_x_m_s: float,
+    velocity_y_m_s: float,
 ) -> dict[str, Any]:
     return {
         "x_m": x_m,
@@ -393,8 +356,6 @@ def _box(
         "half_length_x_m": half_length_x_m,
         "half_length_y_m": half_length_y_m,
         "height_m": height_m,
+        "velocity_x_m_s": velocity_x_m_s,
+        "velocity_y_m_s": velocity_y_m_s,
     }
-
-
-def _moving(velocity_x_m_s: float, velocity_y_m_s: float) -> dict[str, Any]:
-    return {"velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}

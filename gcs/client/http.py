@@ -1,9 +1,14 @@
 """HTTP requests of the client, which raise the errors that the service raised."""
 
+from __future__ import annotations
+
 import json
 import ssl
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+from urllib.parse import quote
 
 import httpx
 
@@ -16,6 +21,29 @@ from gcs.model.errors import (
     RefusedError,
     UnknownError,
 )
+
+
+class Deferred:
+    """Proxy of a module, which is imported at the first access to one of its names.
+
+    For type checkers, import the module itself under `TYPE_CHECKING`.
+    """
+
+    __slots__ = ("_name",)
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self._name), name)
+
+
+if TYPE_CHECKING:
+    import pydantic
+else:
+    pydantic = Deferred("pydantic")
+
+M = TypeVar("M", bound="pydantic.BaseModel")
 
 CONNECT_S: Final = 2.0
 """Longest time to connect; after it an emergency call tries the other listener."""
@@ -30,6 +58,16 @@ RAISED: Final[dict[int, type[GcsError]]] = {
 }
 
 
+def part(name: str) -> str:
+    """Quote a name as one part of a path."""
+    return quote(name, safe="")
+
+
+def given(**fields: object) -> dict[str, Any]:
+    """Return the fields that are not None."""
+    return {name: value for name, value in fields.items() if value is not None}
+
+
 class Exchange:
     """Connections to one service: the main listener, and the emergency listener if its URL is known."""
 
@@ -41,7 +79,7 @@ class Exchange:
         trusted = _trusted(ca_file)
         timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
 
-        def way(to: str) -> httpx.Client:
+        def client(to: str) -> httpx.Client:
             # proxies of the environment do not apply: the station is on this machine or the field's network
             try:
                 return httpx.Client(
@@ -50,13 +88,40 @@ class Exchange:
             except (httpx.InvalidURL, UnicodeError) as error:
                 raise ConfigError(f"{to}: no URL, or no token: {error}") from None
 
-        self._http = way(url)
-        self._lane = None if emergency_url is None else way(emergency_url)
+        self._http = client(url)
+        self._lane = None if emergency_url is None else client(emergency_url)
 
     def close(self) -> None:
         self._http.close()
         if self._lane is not None:
             self._lane.close()
+
+    def one(
+        self,
+        model: Callable[[], type[M]],
+        method: str,
+        path: str,
+        body: dict[str, Any] | bytes | None = None,
+        *,
+        urgent: bool = False,
+    ) -> M:
+        """Call a path and parse the answer. `model` is called after the answer has arrived."""
+        answer = self.call(method, path, body, urgent=urgent)
+        try:
+            return model().model_validate_json(answer)
+        except pydantic.ValidationError as error:
+            raise LinkError(f"{path} answered what this client does not understand") from error
+
+    def many(
+        self, model: Callable[[], type[M]], path: str, method: str = "GET", *, urgent: bool = False
+    ) -> list[M]:
+        """Call a path and parse the answer as a list."""
+        answer = self.call(method, path, urgent=urgent)
+        try:
+            kind = model()
+            return pydantic.TypeAdapter(list[kind]).validate_json(answer)  # type: ignore[valid-type]
+        except pydantic.ValidationError as error:
+            raise LinkError(f"{path} answered what this client does not understand") from error
 
     def call(
         self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False

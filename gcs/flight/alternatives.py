@@ -7,8 +7,8 @@ from typing import Final
 from gcs.flight.control_refusal import why_never
 from gcs.flight.fleet import Fleet
 from gcs.model.errors import RefusedError
-from gcs.model.lifecycle import NEXT, Event, Phase, Whereabouts
-from gcs.model.state import VehicleId
+from gcs.model.lifecycle import NEXT, Event, Phase
+from gcs.model.state import VehicleId, Whereabouts
 from gcs.service import ShowAction, VehicleAction
 
 SAFER: Final = (

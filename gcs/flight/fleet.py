@@ -27,20 +27,21 @@ from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Command, Link, ParameterValue
 from gcs.model.errors import UnknownError
-from gcs.model.lifecycle import (
-    AIRBORNE,
-    GROUNDED,
-    ON_THE_GROUND,
-    Phase,
-    ShowEvent,
-    ShowPhase,
-    Whereabouts,
-    advance_show,
-    whereabouts,
-)
+from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
-from gcs.model.state import Array, FleetState, Landed, Mask, Mode, Telemetry, Traits, VehicleId
+from gcs.model.state import (
+    Array,
+    FleetState,
+    Landed,
+    Mask,
+    Mode,
+    Telemetry,
+    Traits,
+    VehicleId,
+    Whereabouts,
+    whereabouts,
+)
 from gcs.planning.landing_sites import STOP_S, swept_segments_m
 
 log = logging.getLogger(__name__)

@@ -5,8 +5,9 @@ from typing import Final
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
-from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, Whereabouts
+from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
 from gcs.model.preflight_report import joined
+from gcs.model.state import Whereabouts
 
 NAMED: Final = 6
 """Up to this many vehicles are named; of more, only the number is given."""

@@ -8,9 +8,9 @@ from typing import Any
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.errors import Problem
 from gcs.model.interrupted_flight import InterruptedFlight
-from gcs.model.lifecycle import Counts, ShowPhase
+from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
-from gcs.model.state import VehicleId
+from gcs.model.state import Counts, VehicleId
 from gcs.service.alarms import Alarm
 from gcs.service.vehicle_table import VehicleTable, VehicleView
 

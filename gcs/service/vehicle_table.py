@@ -7,8 +7,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.model.lifecycle import Counts, Phase, counts_of
-from gcs.model.state import Array, Landed, Mask, Mode, VehicleId, freeze
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Array, Counts, Landed, Mask, Mode, VehicleId, counts_of, freeze
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gcs.model.interrupted_flight import Offer
-from gcs.model.lifecycle import FLOWN, Counts, Phase, ShowPhase
-from gcs.model.state import Array
+from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
+from gcs.model.state import Array, Counts
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.modes import Mode as PilotMode

@@ -204,7 +204,7 @@ def test_token_is_required_and_revoking_it_ends_the_stream(tmp_path: Path) -> No
             async with console_of(port, subprotocols=offered) as viewer, httpx.AsyncClient() as http:
                 url, header = f"http://127.0.0.1:{port}/api/v1/access", {"Authorization": f"Bearer {token}"}
                 assert (await http.get(url)).status_code == 401
-                assert (await http.get(url, headers=header)).json() == {"who": "screen", "rights": ["watch"]}
+                assert (await http.get(url, headers=header)).json() == {"name": "screen", "rights": ["watch"]}
                 await next_of(viewer, bytes)
                 revoke_token(file, "screen")
                 with pytest.raises(websockets.ConnectionClosed):
@@ -218,7 +218,7 @@ def test_without_tokens_every_local_caller_may_do_everything() -> None:
     async def main(_: FakeService, port: int) -> None:
         async with httpx.AsyncClient() as http:
             reported = (await http.get(f"http://127.0.0.1:{port}/api/v1/access")).json()
-        assert reported == {"who": "local", "rights": ["emergency", "operate", "watch"]}
+        assert reported == {"name": "local", "rights": ["emergency", "operate", "watch"]}
 
     run(main)
 

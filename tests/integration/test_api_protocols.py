@@ -14,7 +14,7 @@ from gcs.api import server
 from gcs.api.auth.authorization import TELL_BURST, TELL_PER_S, Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
 from gcs.service.access import Denied, Role
 from tests.support.api_fake_service import FakeService
 from tests.support.api_station import run, served

@@ -23,9 +23,7 @@ from gcs.cli import status
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
 from gcs.client import Client
-from gcs.client.preflight import Preflight
-from gcs.client.replay import Playback
-from gcs.client.shows import Shows
+from gcs.client.call_groups import Playback, Preflight, Shows
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase

@@ -119,11 +119,11 @@ def test_stream_replays_in_recorded_time_and_refuses_commands(recorded: Path) ->
         assert fleet.severity == "warning"
         d1, d2 = fleet.vehicles
         assert (d1.phase, d1.mode, d1.limited_by, d2.phase) == ("formation", "offboard", "limits", "lost")
-        assert d1.battery_remaining == pytest.approx(0.8)
-        assert d2.battery_remaining is None
-        assert d1.setpoint is not None
-        assert d2.setpoint is None
-        assert d1.position.latitude_deg == pytest.approx(47.3977, abs=0.01)
+        assert d1.battery == pytest.approx(0.8)
+        assert d2.battery is None
+        assert d1.setpoint_x_m_s is not None
+        assert d2.setpoint_x_m_s is None
+        assert d1.latitude_deg == pytest.approx(47.3977, abs=0.01)
         assert fleet.show.selected is not None
         assert (fleet.show.selected.name, fleet.show.selected.cue) == ("small", "walk")
         assert fleet.show.start_unix_time_s == pytest.approx(1.7e9 + 60.0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
 from gcs.cli.demo_report import Commanded
 from gcs.client import Client
 from gcs.model.errors import GcsError, RefusedError
@@ -125,11 +125,11 @@ class SitlFlight:
 
     def _pass_obstacle(self) -> None:
         center = self._client.fleet().center
-        if center is None or center.velocity is None:
+        if center is None or center.vx_m_s is None:
             raise ServiceError("no formation flies")
-        course = np.array([center.velocity.x_m_s, center.velocity.y_m_s], dtype=np.float64)
+        course = np.array([center.vx_m_s, center.vy_m_s], dtype=np.float64)
         course /= max(float(np.linalg.norm(course)), 1e-3)
-        here_m = np.array([center.position.x_m, center.position.y_m], dtype=np.float64)
+        here_m = np.array([center.x_m, center.y_m], dtype=np.float64)
         for ahead_m in (28.0, 32.0, 36.0, 40.0):
             x_m, y_m = (here_m + ahead_m * course).round(1).tolist()
             box = Obstacle("mast", x_m, y_m, 1.5, 1.5, 45.0)
@@ -281,7 +281,7 @@ class SitlFlight:
     def _sample(self, fleet: schemas.Fleet) -> None:
         if fleet.center is None or fleet.formation.radius_now_m is None:
             return  # no formation flies
-        at, radius_m = fleet.center.position, fleet.formation.radius_now_m
+        at, radius_m = fleet.center, fleet.formation.radius_now_m
         center = (at.x_m or 0.0, at.y_m or 0.0, -(at.height_m or 0.0))
         target = (fleet.target.x_m or 0.0, fleet.target.y_m or 0.0)
         self.account.rows.append((fleet.time_s, *center, radius_m, *target))

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
 from gcs.model.state import Mode
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
@@ -13,15 +13,17 @@ NOT_ORDINARY: dict[str, dict[str, Any]] = {
     "d7": {"phase": "hold", "mode": Mode.HOLD.value, "reason": "its own failsafe: no setpoint for 1.2 s"},
     "d8": {"phase": "hold", "mode": Mode.HOLD.value, "reason": "its own failsafe: no setpoint for 1.2 s"},
     "d11": {"limited_by": "separation from d12"},
-    "d14": {"phase": "return", "mode": Mode.RETURN.value, "battery_remaining": 0.19, "reason": "flies home"},
+    "d14": {"phase": "return", "mode": Mode.RETURN.value, "battery": 0.19, "reason": "flies home"},
     "d17": {
         "phase": "lost",
         "mode": Mode.OFFBOARD.value,
         "reason": "no telemetry for 4.2 s; it was in the air",
         "position_age_s": 4.2,
-        "battery_remaining": None,
+        "battery": None,
         "link_quality": 0.0,
-        "velocity": None,
+        "vx_m_s": None,
+        "vy_m_s": None,
+        "vup_m_s": None,
     },
 }
 
@@ -33,12 +35,12 @@ def example_fleet(count: int = 20, name: str = "d{}") -> schemas.Fleet:
     service.tick()
     answered: dict[str, Any] = Api(service)("GET", "/api/v1/fleet").json()
     for index, vehicle in enumerate(answered["vehicles"]):
-        vehicle.update({"limited_by": "", "battery_remaining": 0.82 - 0.005 * index, "position_age_s": 0.1})
+        vehicle.update({"limited_by": "", "battery": 0.82 - 0.005 * index, "position_age_s": 0.1})
         vehicle.update(
             {"reason": "flies with the formation", "link_quality": 0.99, "id": name.format(index + 1)}
         )
-        vehicle["position"]["height_m"] = 24.0 + 0.7 * (index % 7)
-        vehicle["velocity"] = {"x_m_s": 1.2, "y_m_s": 0.6, "up_m_s": 0.0}
+        vehicle["height_m"] = 24.0 + 0.7 * (index % 7)
+        vehicle.update({"vx_m_s": 1.2, "vy_m_s": 0.6, "vup_m_s": 0.0})
         vehicle.update(NOT_ORDINARY.get(f"d{index + 1}", {}))
     answered["counts"] = {
         "airborne": 19,

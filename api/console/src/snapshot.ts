@@ -6,7 +6,7 @@ type Schemas = components["schemas"];
 
 /** Content of the stream's text messages: state that changes seldom. */
 export type Status = Schemas["Status"];
-export type StatusVehicle = Schemas["StatusVehicle"];
+export type VehicleRecord = Schemas["VehicleRecord"];
 export type LogEvent = Schemas["LogEvent"];
 export type Command = Schemas["Command"];
 export type PreflightReport = Schemas["Preflight"];

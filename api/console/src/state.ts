@@ -10,7 +10,7 @@ export * from "./snapshot";
 export type Right = "watch" | "operate" | "emergency";
 
 export interface Access {
-  who: string;
+  name: string;
   rights: ReadonlySet<Right>;
 }
 

@@ -24,7 +24,7 @@ function after(messages: readonly Message[], state: State = initial(0)): State {
 
 function flying(rights: readonly Right[] = ["watch", "emergency", "operate"], change: Parameters<typeof status>[0] = {}): State {
   return after([
-    { kind: "access", access: { who: "anna", rights: new Set(rights) } },
+    { kind: "access", access: { name: "anna", rights: new Set(rights) } },
     { kind: "status", status: status({ vehicles: names, ...change }) },
     { kind: "frame", frame: frame({ vehicles: FLEET }, 100) },
   ]);

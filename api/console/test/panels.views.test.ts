@@ -90,7 +90,7 @@ describe("take off", () => {
     const state = initial(0);
     const show = { ...status().show, phase: "idle" as const, possible: ["start" as const] };
     return {
-      ...state, page_ms: 1000, access: { who: "anna", rights: new Set(["watch", "operate", "emergency"]) },
+      ...state, page_ms: 1000, access: { name: "anna", rights: new Set(["watch", "operate", "emergency"]) },
       connection: { kind: "live", since_ms: 0, reason: "" }, frame: frame({ vehicles: [{ phase: "standby" }] }, 900),
       status: status({ show, counts: GROUNDED }), preflight: found, panels: { ...state.panels, drafts, preflightRead_ms: 900, ...panels },
     };

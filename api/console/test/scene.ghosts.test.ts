@@ -17,7 +17,7 @@ const TOWER: Obstacle = {
 function stateWith(change: Partial<State> = {}, rights: Right[] = ["operate"]): State {
   return {
     ...initial(0), status: status({ obstacles: [TOWER] }), frame: frame({ center_m: [0, 0, 20], radius_m: 10 }),
-    access: { who: "local", rights: new Set(rights) }, ...change,
+    access: { name: "local", rights: new Set(rights) }, ...change,
   };
 }
 

@@ -1,7 +1,7 @@
 import pytest
 
 from gcs.api.auth.authorization import needed
-from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import convert
 from gcs.service.access import RIGHTS, Right, Role
 from gcs.service.alarms import AlarmCause, Condition
 from tests.support.api_fake_service import FakeService

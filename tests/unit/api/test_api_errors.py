@@ -5,7 +5,7 @@ from typing import Any
 import httpx
 import pytest
 
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import LinkError, ShapeError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CommandRecord, ShowAction

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs.api.schemas import binary_frame as frames
-from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import convert
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
@@ -136,6 +136,16 @@ def test_estimates_are_in_the_header_and_for_each_vehicle() -> None:
     unknown = header_of_nothing()
     assert unknown["battery_least_row"] == frames.NO_ROW
     assert np.isnan(unknown["battery_least"])
+
+
+def test_json_vehicles_have_the_numbers_of_a_frame() -> None:
+    service = FakeService()
+    service.fly()
+    _, columns = encoded(service)
+    vehicles = convert.vehicles(service.view.value, FRAME)
+    for name in frames.FLOATS:
+        numbers = np.array([getattr(each, name) for each in vehicles], dtype=np.float32)  # None: NaN
+        np.testing.assert_allclose(numbers, columns[name], rtol=1e-6, err_msg=name)
 
 
 def header_of_nothing() -> Any:

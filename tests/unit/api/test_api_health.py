@@ -6,7 +6,7 @@ import pytest
 
 from gcs.api.auth.authorization import Authorization
 from gcs.api.context import VIEWERS_MAX, Context
-from gcs.api.schemas import from_service as convert
+from gcs.api.schemas import convert
 from gcs.model.errors import RefusedError
 from tests.support.api_fake_service import FRAME, FakeService
 from tests.support.api_harness import Api

@@ -82,7 +82,7 @@ def test_every_number_names_its_unit(document: Any) -> None:
     }
     # shares of 1, what was wrong, and of a replay
     assert without == {
-        "battery_remaining",
+        "battery",
         "battery_least",
         "battery_median",
         "battery_need",

@@ -5,19 +5,19 @@ from urllib.parse import quote
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import requests
 from tests.support.api_harness import Api
 
 NAMES = st.sampled_from(
     sorted(
         {
-            *schemas.FormationChange.model_fields,
-            *schemas.OrbitChange.model_fields,
-            *schemas.YawChange.model_fields,
-            *schemas.ShowTarget.model_fields,
-            *schemas.GeodeticTarget.model_fields,
-            *schemas.ObstaclePost.model_fields,
-            *schemas.StartBody.model_fields,
+            *requests.FormationChange.model_fields,
+            *requests.OrbitChange.model_fields,
+            *requests.YawChange.model_fields,
+            *requests.ShowTarget.model_fields,
+            *requests.GeodeticTarget.model_fields,
+            *requests.ObstaclePost.model_fields,
+            *requests.StartBody.model_fields,
             "hash",
             "cue",
             "\ud800",

@@ -4,8 +4,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from gcs.api.schemas import from_service as convert
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import convert
+from gcs.api.schemas import fleet as schemas
 from gcs.cli.status_table import board
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, YawPolicy
@@ -40,9 +40,9 @@ def test_fleet_snapshot_is_of_one_instant(api: Api) -> None:
         "radius_now_m": 9.0,
         "height_now_m": 20.0,
     }
-    assert fleet["center"]["position"]["height_m"] == 20.0
-    assert fleet["center"]["position"]["altitude_amsl_m"] == pytest.approx(508.0, abs=0.01)
-    assert fleet["center"]["velocity"] == {"x_m_s": 0.5, "y_m_s": 0.0, "up_m_s": 0.0}
+    assert fleet["center"]["height_m"] == 20.0
+    assert fleet["center"]["altitude_amsl_m"] == pytest.approx(508.0, abs=0.01)
+    assert [fleet["center"][name] for name in ("vx_m_s", "vy_m_s", "vup_m_s")] == [0.5, 0.0, 0.0]
     assert [each["id"] for each in fleet["vehicles"]] == ["d1", "d2", "d3"]
     assert fleet["tick"]["rate_hz"] == 20.0
     assert fleet["origin"]["heading_deg"] == 90.0
@@ -72,17 +72,17 @@ def test_unknown_value_is_null_and_never_nan(api: Api) -> None:
     assert "Infinity" not in answer.text
     assert answer.json()["tick"]["duration_p50_ms"] is None
     lost = answer.json()["vehicles"][0]
-    assert (lost["velocity"], lost["heading_deg"], lost["heartbeat_age_s"]) == (None, None, None)
-    assert set(lost["position"].values()) == {None}
+    assert (lost["vx_m_s"], lost["heading_deg"], lost["heartbeat_age_s"]) == (None, None, None)
+    assert {lost[name] for name in ("x_m", "y_m", "height_m", "latitude_deg", "altitude_amsl_m")} == {None}
     assert answer.json()["center"] is None
 
 
 def test_heights_are_positive_up_and_headings_from_north(api: Api) -> None:
     api.service.fly()
     vehicle = api("GET", "/api/v1/vehicles/d2").json()
-    assert vehicle["position"]["height_m"] == 20.0
-    assert vehicle["velocity"]["up_m_s"] == -0.3
-    assert vehicle["setpoint"] == {"x_m_s": 1.0, "y_m_s": 0.0, "up_m_s": 1.0}
+    assert vehicle["height_m"] == 20.0
+    assert vehicle["vup_m_s"] == -0.3
+    assert [vehicle[f"setpoint_{axis}_m_s"] for axis in ("x", "y", "up")] == [1.0, 0.0, 1.0]
     assert vehicle["heading_deg"] == 90.0  # yaw 0 is the show's heading, which is east here
     assert vehicle["landed"] == "in_air"
 

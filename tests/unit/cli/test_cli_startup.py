@@ -21,7 +21,7 @@ from gcs.simulation.scenario import ROWS
 NO_SERVICE = "http://127.0.0.1:9"
 
 HEAVY = ("numpy", "numba", "scipy", "matplotlib", "fastapi", "starlette", "uvicorn", "pymavlink", "mavsdk")
-MODELS = ("pydantic", "gcs.api.schemas.rest", "gcs.service", "gcs.config.schema", "yaml", "sqlite3")
+MODELS = ("pydantic", "gcs.api.schemas.fleet", "gcs.service", "gcs.config.schema", "yaml", "sqlite3")
 
 LOADED = """
 import sys

@@ -5,7 +5,7 @@ import re
 import pytest
 from rich.console import Console
 
-from gcs.api.schemas import rest as schemas
+from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import _columns
 from gcs.cli.status_table import COLUMNS, SORTED, board
 from tests.support.status_example import NOT_ORDINARY, PILOT, example_fleet

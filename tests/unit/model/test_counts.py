@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from gcs.model.lifecycle import AIRBORNE, Counts, Phase, Whereabouts, counts_of, whereabouts
-from gcs.model.state import Landed
+from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.state import Counts, Landed, Whereabouts, counts_of, whereabouts
 
 CONTROLLED, UNCONTROLLED, UNKNOWN, ON_GROUND, OFFLINE = Whereabouts
 

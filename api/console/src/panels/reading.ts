@@ -46,8 +46,8 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
       ask("commands", service.loadOrders);
     }
     if (left !== "shows") showsFor = null;
-    else if (showsFor !== `${state.access.who} ${status.began_unix_time_s}`) {
-      showsFor = `${state.access.who} ${status.began_unix_time_s}`;
+    else if (showsFor !== `${state.access.name} ${status.began_unix_time_s}`) {
+      showsFor = `${state.access.name} ${status.began_unix_time_s}`;
       ask("shows", service.loadShows);
     }
   };

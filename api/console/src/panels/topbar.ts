@@ -109,7 +109,7 @@ function who(state: State): TemplateResult {
   return html`<div class="who" data-testid="who" title=${access ? [...access.rights].join(", ") : ""}>
     ${icon("pilot")}
     <span class="gauge-words">
-      <strong>${access?.who ?? "–"}</strong>
+      <strong>${access?.name ?? "–"}</strong>
       <small>${right ? texts.bar.roles[right] : "–"}</small>
     </span>
   </div>`;

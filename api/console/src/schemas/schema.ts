@@ -1098,16 +1098,16 @@ export interface components {
          */
         Access: {
             /**
+             * Name
+             * @description The token's name; `local` without any.
+             * @example local
+             */
+            name: string;
+            /**
              * Rights
              * @description watch: read; emergency: also pause, land, kill; operate: all.
              */
             rights: components["schemas"]["Right"][];
-            /**
-             * Who
-             * @description The token's name; `local` without any.
-             * @example local
-             */
-            who: string;
         };
         /**
          * Alarm
@@ -1195,8 +1195,24 @@ export interface components {
          * @description The formation's centre as commanded now.
          */
         Center: {
-            position: components["schemas"]["Position"];
-            velocity: components["schemas"]["VelocityOut"] | null;
+            /** Altitude Amsl M */
+            altitude_amsl_m: number | null;
+            /** Height M */
+            height_m: number | null;
+            /** Latitude Deg */
+            latitude_deg: number | null;
+            /** Longitude Deg */
+            longitude_deg: number | null;
+            /** Vup M S */
+            vup_m_s: number | null;
+            /** Vx M S */
+            vx_m_s: number | null;
+            /** Vy M S */
+            vy_m_s: number | null;
+            /** X M */
+            x_m: number | null;
+            /** Y M */
+            y_m: number | null;
         };
         /**
          * Check
@@ -1482,11 +1498,11 @@ export interface components {
             control_alive: boolean;
             /**
              * Control Reason
-             * @description Why it is not alive, empty when it is.
+             * @description Why control is not alive, empty when it is.
              */
             control_reason: string;
             counts: components["schemas"]["Counts"];
-            /** @description null in a replay. */
+            /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
             /**
              * Filter Interventions
@@ -1498,7 +1514,10 @@ export interface components {
             interrupted: components["schemas"]["InterruptedFlight"] | null;
             /** Minimum Separation M */
             minimum_separation_m: number | null;
-            /** Obstacles */
+            /**
+             * Obstacles
+             * @description Positions of the obstacles at `time_s`.
+             */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
             origin: components["schemas"]["Origin"];
@@ -1507,6 +1526,7 @@ export interface components {
             /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
+            /** @description Position of the target at `time_s`. */
             target: components["schemas"]["Target"];
             tick: components["schemas"]["Tick"];
             /**
@@ -2002,24 +2022,6 @@ export interface components {
             phase: components["schemas"]["ShowPhase"];
             /** Until S */
             until_s: number;
-        };
-        /**
-         * Position
-         * @description A position in both frames, as far as known.
-         */
-        Position: {
-            /** Altitude Amsl M */
-            altitude_amsl_m: number | null;
-            /** Height M */
-            height_m: number | null;
-            /** Latitude Deg */
-            latitude_deg: number | null;
-            /** Longitude Deg */
-            longitude_deg: number | null;
-            /** X M */
-            x_m: number | null;
-            /** Y M */
-            y_m: number | null;
         };
         /**
          * Preflight
@@ -2605,7 +2607,7 @@ export interface components {
              */
             control_reason: string;
             counts: components["schemas"]["Counts"];
-            /** @description Estimates at `time_s`; frames carry the present ones. null in a replay. */
+            /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
             /**
              * Events
@@ -2660,38 +2662,12 @@ export interface components {
             timeline: components["schemas"]["CueTime"][];
             /** Unix Time S */
             unix_time_s: number;
-            /** Vehicles */
-            vehicles: components["schemas"]["StatusVehicle"][];
+            /**
+             * Vehicles
+             * @description In the order of the rows of a frame's columns.
+             */
+            vehicles: components["schemas"]["VehicleRecord"][];
             yaw: components["schemas"]["Yaw"];
-        };
-        /**
-         * StatusVehicle
-         * @description Data of one vehicle that changes seldom. Its index in the list is its row in the frames' columns.
-         */
-        StatusVehicle: {
-            /**
-             * Fix Type
-             * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
-             */
-            fix_type: number | null;
-            /** @description null: it has not taken off. */
-            home: components["schemas"]["Home"] | null;
-            /** Id */
-            id: string;
-            /**
-             * Limited By
-             * @description Why the safety filter limits the vehicle; empty: it does not.
-             */
-            limited_by: string;
-            /** Link */
-            link: string;
-            /**
-             * Reason
-             * @description Why it is in its phase.
-             */
-            reason: string;
-            /** System Id */
-            system_id: number;
         };
         /**
          * StoredShow
@@ -2750,25 +2726,39 @@ export interface components {
         };
         /**
          * Vehicle
-         * @description One vehicle, as the service estimates it.
+         * @description One vehicle, as the service estimates it. Its numbers have the names of a frame's columns.
          */
         Vehicle: {
+            /** Altitude Amsl M */
+            altitude_amsl_m: number | null;
             /** Armed */
             armed: boolean;
             /**
-             * Battery Remaining
+             * Battery
              * @description Remaining share of the battery, 0 to 1.
              */
-            battery_remaining: number | null;
+            battery: number | null;
             /**
              * Empty S
              * @description Time until the battery is empty; null: not known yet.
              */
             empty_s: number | null;
-            /** Heading Deg */
+            /**
+             * Fix Type
+             * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
+             */
+            fix_type: number | null;
+            /**
+             * Heading Deg
+             * @description 0 up to, without, 360.
+             */
             heading_deg: number | null;
             /** Heartbeat Age S */
             heartbeat_age_s: number | null;
+            /** Height M */
+            height_m: number | null;
+            /** @description null: it has not taken off. */
+            home: components["schemas"]["Home"] | null;
             /** Id */
             id: string;
             /**
@@ -2777,6 +2767,8 @@ export interface components {
              * @example on_ground
              */
             landed: string;
+            /** Latitude Deg */
+            latitude_deg: number | null;
             /**
              * Light
              * @description Colour of the vehicle in the show now; null: it flies in no show.
@@ -2785,7 +2777,7 @@ export interface components {
             light: string | null;
             /**
              * Limited By
-             * @description Why the safety filter limited the vehicle; empty: it did not.
+             * @description Why the safety filter limits the vehicle; empty: it does not.
              */
             limited_by: string;
             /** Link */
@@ -2795,6 +2787,8 @@ export interface components {
              * @description Share of the requested positions that arrive, 0 to 1; null in a replay.
              */
             link_quality: number | null;
+            /** Longitude Deg */
+            longitude_deg: number | null;
             /**
              * Low S
              * @description Time until the battery reaches the low-battery threshold, 0 below it; null: unknown.
@@ -2802,23 +2796,41 @@ export interface components {
             low_s: number | null;
             mode: components["schemas"]["Mode"];
             phase: components["schemas"]["Phase"];
-            position: components["schemas"]["Position"];
             /** Position Age S */
             position_age_s: number | null;
-            /**
-             * Position Uncertainty M
-             * @description Horizontal position uncertainty: as configured, more for a poor fix or after a jump.
-             */
-            position_uncertainty_m: number;
             /** Ready */
             ready: boolean;
-            /** Reason */
+            /**
+             * Reason
+             * @description Why it is in its phase.
+             */
             reason: string;
-            /** @description Sent in the last tick; null: not commanded. */
-            setpoint: components["schemas"]["VelocityOut"] | null;
+            /** Setpoint Up M S */
+            setpoint_up_m_s: number | null;
+            /**
+             * Setpoint X M S
+             * @description Sent in the last tick; null: not commanded.
+             */
+            setpoint_x_m_s: number | null;
+            /** Setpoint Y M S */
+            setpoint_y_m_s: number | null;
             /** System Id */
             system_id: number;
-            velocity: components["schemas"]["VelocityOut"] | null;
+            /**
+             * Uncertainty M
+             * @description Horizontal position uncertainty: as configured, more for a poor fix or after a jump.
+             */
+            uncertainty_m: number | null;
+            /** Vup M S */
+            vup_m_s: number | null;
+            /** Vx M S */
+            vx_m_s: number | null;
+            /** Vy M S */
+            vy_m_s: number | null;
+            /** X M */
+            x_m: number | null;
+            /** Y M */
+            y_m: number | null;
         };
         /**
          * VehicleChecks
@@ -2843,16 +2855,33 @@ export interface components {
             reason: string;
         };
         /**
-         * VelocityOut
-         * @description A velocity in the show frame, positive up.
+         * VehicleRecord
+         * @description Data of one vehicle that changes seldom.
          */
-        VelocityOut: {
-            /** Up M S */
-            up_m_s: number | null;
-            /** X M S */
-            x_m_s: number | null;
-            /** Y M S */
-            y_m_s: number | null;
+        VehicleRecord: {
+            /**
+             * Fix Type
+             * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
+             */
+            fix_type: number | null;
+            /** @description null: it has not taken off. */
+            home: components["schemas"]["Home"] | null;
+            /** Id */
+            id: string;
+            /**
+             * Limited By
+             * @description Why the safety filter limits the vehicle; empty: it does not.
+             */
+            limited_by: string;
+            /** Link */
+            link: string;
+            /**
+             * Reason
+             * @description Why it is in its phase.
+             */
+            reason: string;
+            /** System Id */
+            system_id: number;
         };
         /**
          * VerticalOverlap

@@ -116,8 +116,8 @@ async function ask(token: string): Promise<Access | "denied" | "unreachable"> {
     const response = await fetch("/api/v1/access", { headers, signal: AbortSignal.timeout(3000) });
     if (response.status === 401 || response.status === 403) return "denied";
     if (!response.ok) return "unreachable";
-    const { who, rights } = (await response.json()) as components["schemas"]["Access"];
-    return { who, rights: new Set(rights) };
+    const { name, rights } = (await response.json()) as components["schemas"]["Access"];
+    return { name, rights: new Set(rights) };
   } catch (error) {
     if (error instanceof TypeError || error instanceof DOMException || error instanceof SyntaxError) return "unreachable";
     throw error;

@@ -1,0 +1,450 @@
+"""Converts between the service's types and the API's schemas, in both directions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import degrees, hypot, isfinite, pi, radians
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from pydantic import BaseModel
+
+from gcs.api.map_tiles import GroundMap
+from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import reports, requests
+from gcs.api.schemas.binary_frame import FLOATS, fill_floats
+from gcs.model import plan
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.frames import ShowFrame
+from gcs.model.interrupted_flight import InterruptedFlight
+from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
+from gcs.model.state import Array
+from gcs.service import CommandRecord, FleetView, Playback, ReplayMarks, ReportState, ShowAction
+from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
+from gcs.service.event_log import LogEvent
+from gcs.service.vehicle_table import VehicleTable
+
+M = TypeVar("M", bound=BaseModel)
+
+ALWAYS_IN_THE_AIR: Final = frozenset({ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT})
+"""Commands that are accepted whenever a vehicle is airborne."""
+
+VIEW_AGE_MAX_S: Final = 1.0
+"""Oldest valid state: PX4 leaves OFFBOARD after 1.0 s without setpoints (COM_OF_LOSS_T)."""
+
+
+def as_schema(model: type[M], value: object) -> M:
+    """Convert an object of the service whose attributes have the schema's names, nested ones included.
+
+    JSON says `..._unix_time_s` where the service says `..._unix_s`.
+    """
+    names = {name: name.replace("_unix_time_s", "_unix_s") for name in model.model_fields}
+    given = {name: getattr(value, attribute) for name, attribute in names.items()}
+    return model.model_validate(given, from_attributes=True)
+
+
+# Health
+
+
+def health_problem(view: FleetView, now_s: float) -> str:
+    """Why control is not alive at `now_s` (loop clock); empty when it is.
+
+    A replay has no control loop that could stop; its only problem is an old state.
+    """
+    age_s = now_s - view.time_s
+    replays = view.playback is not None
+    if not abs(age_s) <= VIEW_AGE_MAX_S:  # NaN is unhealthy as well
+        stands = "the replay does not go on" if replays else "the control loop does not run"
+        return f"the newest state is {age_s:.1f} s old: {stands}"
+    if not (view.control_alive or replays):
+        return "the control loop has completed no tick within the deadman's time: no setpoints are sent"
+    return ""
+
+
+def readiness_problem(view: FleetView, now_s: float) -> str:
+    """Why no vehicle can be commanded at `now_s`; empty when at least one can."""
+    problem = health_problem(view, now_s)
+    if problem:
+        return problem
+    if not any(each.ready or each.phase in AIRBORNE for each in view.vehicles):
+        count, first = len(view.vehicles), view.vehicles[0]
+        return f"no vehicle of {count} is ready or flies; {first.id} is {first.phase}: {first.reason}"
+    return ""
+
+
+def readiness(view: FleetView) -> schemas.Readiness:
+    """Numbers of vehicles that are ready and airborne."""
+    return schemas.Readiness(
+        ready=True,
+        vehicles_ready=sum(each.ready for each in view.vehicles),
+        vehicles_airborne=view.counts.airborne,
+        vehicles=len(view.vehicles),
+    )
+
+
+# Alarms
+
+
+def current_alarms(view: FleetView, problem: str) -> tuple[Alarm, ...]:
+    """Return the alarms of a state, first the alarm that control has stopped, which a state cannot contain.
+
+    `problem` is the result of `health_problem`. A replay has no control that could stop.
+    """
+    if not problem or view.playback is not None:
+        return view.alarms
+    cause = AlarmCause.CONTROL_STOPPED
+    row = CAUSES[cause]
+    text = f"{row.headline}: {problem}."
+    times = (view.unix_time_s, view.unix_time_s)
+    return (Alarm(cause.value, row.severity, cause, text, row.advice, (), *times), *view.alarms)
+
+
+def alarm(reported: Alarm) -> schemas.Alarm:
+    return as_schema(schemas.Alarm, reported)
+
+
+def alarms(view: FleetView, problem: str) -> list[schemas.Alarm]:
+    """All alarms of a state, the most severe first."""
+    return [alarm(each) for each in current_alarms(view, problem)]
+
+
+def severity(view: FleetView, problem: str) -> OverallSeverity:
+    """The overall severity: that of the worst alarm that lasts."""
+    return overall(current_alarms(view, problem))
+
+
+# Vehicles
+
+
+def records(rows: VehicleTable) -> list[schemas.VehicleRecord]:
+    """Data of each vehicle that changes seldom."""
+    return _models(schemas.VehicleRecord, _record_columns(rows))
+
+
+def vehicles(view: FleetView, frame: ShowFrame) -> list[schemas.Vehicle]:
+    """Each vehicle, with the numbers of a frame in double precision."""
+    rows = view.rows
+    floats = np.empty((len(FLOATS), len(rows.ids)))
+    fill_floats(floats, rows, frame, view.estimates)
+    columns: dict[str, Sequence[object]] = {
+        **_record_columns(rows),
+        **dict(zip(FLOATS, floats.tolist(), strict=True)),
+        "phase": rows.phases,
+        "mode": rows.modes,
+        "armed": rows.armed,
+        "landed": [landed.name.lower() for landed in rows.landed],
+        "ready": rows.ready,
+        "latitude_deg": rows.latitude_deg.tolist(),
+        "longitude_deg": rows.longitude_deg.tolist(),
+        "altitude_amsl_m": rows.altitude_amsl_m.tolist(),
+        "light": [
+            "#{:02x}{:02x}{:02x}".format(*colour) if lit else None
+            for colour, lit in zip(rows.colour.tolist(), rows.lit, strict=True)
+        ],
+    }
+    return _models(schemas.Vehicle, columns)
+
+
+def fixes(rows: VehicleTable) -> list[int | None]:
+    """GPS_FIX_TYPE of each vehicle; None: not known."""
+    return [int(fix) if isfinite(fix) else None for fix in rows.fix_type.tolist()]
+
+
+def _record_columns(rows: VehicleTable) -> dict[str, Sequence[object]]:
+    return {
+        "id": rows.ids,
+        "system_id": rows.system_ids,
+        "link": rows.links,
+        "reason": rows.reasons,
+        "limited_by": rows.limited_by,
+        "home": [_home(place_m) for place_m in rows.homes_m],
+        "fix_type": fixes(rows),
+    }
+
+
+def _models(model: type[M], columns: Mapping[str, Sequence[object]]) -> list[M]:
+    return [
+        model.model_validate(dict(zip(columns, row, strict=True)))
+        for row in zip(*columns.values(), strict=True)
+    ]
+
+
+def _home(place_m: Array | None) -> schemas.Home | None:
+    if place_m is None:
+        return None
+    x_m, y_m, z_m = place_m.tolist()
+    return schemas.Home(x_m=x_m, y_m=y_m, height_m=_above(z_m))
+
+
+def _above(down_m: float) -> float:
+    return 0.0 - down_m  # not -down_m: that makes -0.0
+
+
+def heading_deg(yaw_rad: float, frame: ShowFrame) -> float:
+    """Convert a yaw in the show frame to degrees clockwise from north, in [0, 360)."""
+    heading = (degrees(yaw_rad) + frame.heading_deg) % 360.0
+    return 0.0 if heading == 360.0 else heading  # a tiny negative angle rounds up to 360
+
+
+def yaw_rad(heading: float, frame: ShowFrame) -> float:
+    """Convert degrees clockwise from north to a yaw in the show frame, in [-pi, pi)."""
+    return (radians(heading - frame.heading_deg) + pi) % (2 * pi) - pi
+
+
+# The whole state
+
+
+def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schemas.Fleet:
+    """Convert the whole state; `problem` is the result of `health_problem`, `access` `Authorization.text`."""
+    return schemas.Fleet(
+        **_summary(view, frame, problem, access),
+        control_alive=not problem,
+        center=center(view, frame),
+        minimum_separation_m=view.minimum_separation_m,
+        setpoints_sent=view.setpoints_sent,
+        filter_interventions=view.interventions,
+        tick=as_schema(schemas.Tick, view.tick),
+        vehicles=vehicles(view, frame),
+    )
+
+
+def fleet_json(view: FleetView, frame: ShowFrame, problem: str, access: str) -> str:
+    """The whole state as JSON text."""
+    return fleet(view, frame, problem, access).model_dump_json()
+
+
+def status(
+    view: FleetView,
+    frame: ShowFrame,
+    events: Sequence[LogEvent],
+    began_unix_s: float,
+    revision: int,
+    problem: str,
+    access: str,
+    ground: GroundMap | None,
+    shows_refused: str,
+) -> schemas.Status:
+    """Make the status message.
+
+    `problem` is the result of `health_problem`, `access` is `Authorization.text`, and `shows_refused` is
+    `why_not_kept` of the shows.
+    """
+    timeline = () if view.selected is None else view.selected.timeline
+    envelope = view.flight_envelope
+    return schemas.Status(
+        **_summary(view, frame, problem, access),
+        revision=revision,
+        began_unix_time_s=began_unix_s,
+        timeline=[schemas.CueTime(cue=cue, at_s=at_s) for cue, at_s in timeline],
+        shows_refused=shows_refused,
+        map=None if ground is None else as_schema(schemas.Map, ground),
+        fence=as_schema(schemas.Fence, envelope),
+        separation=schemas.Separation(
+            horizontal_m=envelope.floor_horizontal_m,
+            vertical_m=envelope.floor_vertical_m,
+            margin_m=envelope.margin_m,
+        ),
+        limits=sorted(set(view.rows.limited_by) - {""}),
+        replay=None if view.playback is None else replay(view.playback),
+        events=[as_schema(schemas.LogEvent, each) for each in events],
+        vehicles=records(view.rows),
+    )
+
+
+def _summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dict[str, Any]:
+    """Fields of `FleetSummary`."""
+    desired = view.plan
+    return {
+        "time_s": view.time_s,
+        "unix_time_s": view.unix_time_s,
+        "control_reason": problem,
+        "show": show(view),
+        "counts": as_schema(schemas.Counts, view.counts),
+        "origin": as_schema(schemas.Origin, frame),
+        "formation": formation(desired.formation, view),
+        "target": target(desired.target, view.target_m, frame),
+        "orbit": orbit(desired.orbit),
+        "yaw": yaw(desired.yaw, frame),
+        "obstacles": [obstacle(box, view.time_s) for box in desired.obstacles],
+        "interrupted": None if view.interrupted is None else interrupted(view.interrupted),
+        "severity": severity(view, problem),
+        "alarms": alarms(view, problem),
+        "estimates": estimates(view),
+        "access": access,
+    }
+
+
+def estimates(view: FleetView) -> schemas.Estimates | None:
+    found, ids = view.estimates, view.rows.ids
+    if found is None:
+        return None
+    return schemas.Estimates(
+        battery_least=found.battery_least,
+        battery_least_vehicle=None if found.battery_least_row is None else ids[found.battery_least_row],
+        battery_median=found.battery_median,
+        low_s=None if found.low_row is None else float(found.low_s[found.low_row]),
+        low_vehicle=None if found.low_row is None else ids[found.low_row],
+        empty_s=min(filter(isfinite, found.empty_s.tolist()), default=None),
+        assembled_s=found.assembled_s,
+        home_s=found.home_s,
+    )
+
+
+def show(view: FleetView) -> schemas.Show:
+    flies = view.counts.airborne > 0
+    possible = [
+        action
+        for action in ShowAction
+        if _possible(view.show, action) or (flies and action in ALWAYS_IN_THE_AIR)
+    ]
+    return schemas.Show(
+        phase=view.show,
+        reason=view.reason,
+        possible=possible,
+        selected=None if view.selected is None else as_schema(schemas.SelectedShow, view.selected),
+        start_unix_time_s=view.start_unix_time_s,
+        countdown_s=view.countdown_s,
+    )
+
+
+def _possible(phase: ShowPhase, action: ShowAction) -> bool:
+    try:
+        advance_show(phase, ShowEvent(action.value))
+    except RefusedError:
+        return False
+    return True
+
+
+def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
+    """Convert the desired formation, with the radius and height commanded now."""
+    return schemas.Formation(
+        radius_m=desired.radius_m,
+        height_m=desired.height_m,
+        radius_now_m=view.radius_m,
+        height_now_m=None if view.center_m is None else _above(view.center_m[2]),
+    )
+
+
+def center(view: FleetView, frame: ShowFrame) -> schemas.Center | None:
+    """Convert the formation's centre; None while no formation flies."""
+    if view.center_m is None:
+        return None
+    latitude_deg, longitude_deg, altitude_amsl_m = frame.geodetic(np.array([view.center_m]))
+    velocity_m_s = view.center_velocity_m_s
+    return schemas.Center(
+        x_m=view.center_m[0],
+        y_m=view.center_m[1],
+        height_m=_above(view.center_m[2]),
+        latitude_deg=float(latitude_deg[0]),
+        longitude_deg=float(longitude_deg[0]),
+        altitude_amsl_m=float(altitude_amsl_m[0]),
+        vx_m_s=None if velocity_m_s is None else velocity_m_s[0],
+        vy_m_s=None if velocity_m_s is None else velocity_m_s[1],
+        vup_m_s=None if velocity_m_s is None else _above(velocity_m_s[2]),
+    )
+
+
+def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFrame) -> schemas.Target:
+    """Convert the target into both frames; `position_m` is its position now, show frame."""
+    latitude_deg, longitude_deg, _ = frame.geodetic(np.array([[*position_m, 0.0]]))
+    ned_m_s = frame.into_ned(np.array([[desired.velocity_x_m_s, desired.velocity_y_m_s, 0.0]]))
+    return schemas.Target(
+        x_m=position_m[0],
+        y_m=position_m[1],
+        velocity_x_m_s=desired.velocity_x_m_s,
+        velocity_y_m_s=desired.velocity_y_m_s,
+        latitude_deg=float(latitude_deg[0]),
+        longitude_deg=float(longitude_deg[0]),
+        velocity_north_m_s=float(ned_m_s[0, 0]),
+        velocity_east_m_s=float(ned_m_s[0, 1]),
+    )
+
+
+def orbit(desired: plan.Orbit) -> schemas.Orbit:
+    return as_schema(schemas.Orbit, desired)
+
+
+def yaw(desired: plan.Yaw, frame: ShowFrame) -> schemas.Yaw:
+    return schemas.Yaw(policy=desired.policy, heading_deg=heading_deg(desired.fixed_rad, frame))
+
+
+def obstacle(box: plan.Obstacle, now_s: float) -> schemas.Obstacle:
+    """Convert an obstacle, at its position at `now_s`."""
+    x_m, y_m = box.position_m(now_s)
+    return as_schema(schemas.Obstacle, replace(box, x_m=x_m, y_m=y_m))
+
+
+def interrupted(found: InterruptedFlight) -> schemas.InterruptedFlight:
+    """Convert an interrupted flight."""
+    return schemas.InterruptedFlight(
+        session=found.session,
+        unix_time_s=found.unix_time_s,
+        cause=found.cause,
+        show=found.show,
+        selected=None if found.written is None else as_schema(schemas.WrittenShow, found.written),
+        vehicles={one.id: as_schema(schemas.Remaining, one) for one in found.vehicles},
+        offers=list(found.offers),
+        problems=list(found.problems),
+    )
+
+
+def command(record: CommandRecord) -> schemas.Command:
+    return schemas.Command(
+        id=record.id,
+        action=record.action,
+        by=record.by,
+        accepted_unix_time_s=record.accepted_time_s,
+        outcome=record.outcome,
+        vehicles={name: as_schema(schemas.CommandPart, part) for name, part in record.outcomes.items()},
+    )
+
+
+def replay(playback: Playback) -> schemas.Replay:
+    return as_schema(schemas.Replay, playback)
+
+
+def replay_marks(marks: ReplayMarks) -> reports.ReplayMarks:
+    return as_schema(reports.ReplayMarks, marks)
+
+
+def flight_report(found: ReportState) -> reports.FlightReport:
+    return as_schema(reports.FlightReport, found)
+
+
+# Requests
+
+
+def target_desired(
+    body: requests.ShowTarget | requests.GeodeticTarget, frame: ShowFrame, now_s: float
+) -> plan.Target:
+    """Convert a requested target into the show frame, at `now_s`.
+
+    Raises: InvalidError when a geodetic position is too far away for a flat frame.
+    """
+    if isinstance(body, requests.ShowTarget):
+        return plan.Target(**body.model_dump(), time_s=now_s)
+    place_m = frame.position_m(
+        np.array([body.latitude_deg]),
+        np.array([body.longitude_deg]),
+        np.array([frame.altitude_amsl_m]),
+    )
+    velocity_m_s = frame.from_ned(np.array([[body.velocity_north_m_s, body.velocity_east_m_s, 0.0]]))
+    x_m, y_m = float(place_m[0, 0]), float(place_m[0, 1])
+    # z is included: the opposite side of the globe is straight below the origin.
+    if not hypot(x_m, y_m, float(place_m[0, 2])) <= requests.LENGTH_MAX_M:
+        allowed = f"within {requests.LENGTH_MAX_M / 1000:.0f} km of the show's origin"
+        raise InvalidError(
+            "latitude_deg, longitude_deg", f"{body.latitude_deg}, {body.longitude_deg}", allowed
+        )
+    return plan.Target(x_m, y_m, float(velocity_m_s[0, 0]), float(velocity_m_s[0, 1]), now_s)
+
+
+def yaw_desired(body: requests.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
+    """Return the yaw after a requested change."""
+    given = body.given()
+    fixed_rad = yaw_rad(given["heading_deg"], frame) if "heading_deg" in given else current.fixed_rad
+    return replace(current, policy=given.get("policy", current.policy), fixed_rad=fixed_rad)
+
+
+def obstacle_desired(body: requests.Box, obstacle_id: str, now_s: float) -> plan.Obstacle:
+    """Convert a requested box, at its position at `now_s`."""
+    return plan.Obstacle(id=obstacle_id, **body.model_dump(exclude={"id"}), time_s=now_s)
