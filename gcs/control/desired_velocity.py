@@ -1,8 +1,9 @@
 """Velocities that the law and the goals require of every vehicle, before the safety filter."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import hypot
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,16 @@ from numpy.typing import NDArray
 from gcs.control.center import Lead
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
-from gcs.formation.law import begun, directions_from, goal_velocity, slot_velocity, symmetry_offsets
-from gcs.formation.neighbours import Sight, sighted_velocity
-from gcs.formation.orbit import Center
+from gcs.formation.law import (
+    begun,
+    directions_from,
+    goal_velocity,
+    slot_velocity,
+    spin_velocity,
+    turned,
+)
 from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
-from gcs.formation.spin import spin_velocity, turned
 from gcs.formation.steering import avoid_all
 from gcs.model.state import Array
 
@@ -27,6 +32,11 @@ class Spread:
     place: Array  # (n, 3) as in Memory
     change: Array  # (n, 3) as in Memory
     velocity_m_s: Array  # (m, 3) of the m vehicles in formation
+    knows_center: bool = True  # False: the vehicles do not know the commanded centre's motion beforehand
+
+
+Law: TypeAlias = Callable[[TickInputs, Lead, Memory], Spread]
+"""The law of the vehicles in formation."""
 
 
 def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
@@ -37,10 +47,6 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
         return Spread(np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m), nothing)
     position_m = now.of_formed(now.position_m)
     direction, distance_m = directions_from(position_m, center.position_m)
-    if now.tasks.sight is not None:
-        seen = now.tasks.sight.only(now.formed)
-        own_m_s = _among_neighbours(now, lead, center, seen, position_m, direction)
-        return Spread(np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m), own_m_s)
     places, changes = now.of_formed(memory.place), now.of_formed(memory.change)
     joining = np.flatnonzero(np.isnan(places[:, 0]))
     if len(joining):
@@ -63,23 +69,6 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
         now.of_formed(now.traits.speed_max_m_s),
     )
     return Spread(now.for_all(places, np.nan), now.for_all(changes, 0.0), velocity_m_s)
-
-
-def _among_neighbours(
-    now: TickInputs, lead: Lead, center: Center, sight: Sight, position_m: Array, direction: Array
-) -> Array:
-    """(m, 3) velocities of the m vehicles in formation, each from its own limited sight."""
-    law = now.settings.law
-    return sighted_velocity(
-        position_m,
-        symmetry_offsets(direction, now.fleet.ids, now.rows),
-        now.fleet.time_s - lead.engaged_time_s[now.rows],
-        sight,
-        center,
-        radius_m=lead.radius_m,
-        speed_max_m_s=law.speed_m_s,
-        settings=law.neighbours,
-    )
 
 
 def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:

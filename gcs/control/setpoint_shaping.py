@@ -30,11 +30,14 @@ class ShapedSetpoints:
 
 
 def shape_setpoints(
-    now: TickInputs, allowed_m_s: Array, center: Center | None, memory: Memory
+    now: TickInputs, allowed_m_s: Array, center: Center | None, memory: Memory, *, knows_center: bool
 ) -> ShapedSetpoints:
-    """Apply inner loop, lead and trim to the velocities (n, 3) that the safety filter allows."""
+    """Apply inner loop, lead and trim to the velocities (n, 3) that the safety filter allows.
+
+    With `knows_center` the vehicles in formation know the centre's motion beforehand.
+    """
     settings, limits = now.settings, now.settings.safety.limits
-    base_m_s, lead_m_s2 = _known_beforehand(now, center)
+    base_m_s, lead_m_s2 = _known_beforehand(now, center if knows_center else None)
     requested_m_s = compensate(
         allowed_m_s,
         now.velocity_m_s,
@@ -70,8 +73,7 @@ def shape_setpoints(
 
 def _known_beforehand(now: TickInputs, center: Center | None) -> tuple[Array, Array]:
     """(n, 3) velocity and acceleration that the vehicles in formation share with the centre."""
-    believing = now.tasks.sight is not None and now.tasks.sight.belief is not None
-    if center is None or believing:  # neighbours do not send accelerations
+    if center is None:
         return np.zeros_like(now.position_m), np.zeros_like(now.position_m)
     return shared(now.formed, center.velocity_m_s), shared(now.formed, center.acceleration_m_s2)
 

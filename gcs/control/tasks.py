@@ -6,7 +6,6 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.formation.neighbours import Sight
 from gcs.model.state import Array, Mask, freeze
 
 
@@ -32,7 +31,6 @@ class Tasks:
     follows_planned_path: Mask | None = (
         None  # (n,) follows a path planned for the whole fleet: no rules of the road
     )
-    sight: Sight | None = None  # (n) what each vehicle's own law sees; None: all vehicles
 
     def __post_init__(self) -> None:
         n = len(self.task)
@@ -42,13 +40,13 @@ class Tasks:
     @staticmethod
     def of_formation(count: int, *, center_moves: bool) -> "Tasks":
         """All `count` vehicles are airborne and in formation, and none was lost."""
-        nobody = np.zeros(count, dtype=np.bool_)
+        none = np.zeros(count, dtype=np.bool_)
         return Tasks(
             np.full(count, Task.FORMATION, dtype=np.int8),
             np.full((count, 3), np.nan),
             np.ones(count, dtype=np.bool_),
-            nobody,
+            none,
             np.zeros((0, 2, 3)),
             center_moves=center_moves,
-            follows_planned_path=nobody,
+            follows_planned_path=none,
         )

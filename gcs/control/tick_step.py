@@ -7,17 +7,16 @@ from math import radians
 import numpy as np
 
 from gcs.control.center import move_center
-from gcs.control.desired_velocity import desired_velocity, spread
+from gcs.control.desired_velocity import Law, desired_velocity, spread
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import Memory
 from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.control.settings import ControlSettings
 from gcs.control.tasks import Task, Tasks
-from gcs.formation.kernels import warm_up as formation_warm_up
+from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
-from gcs.formation.yaw import begun_yaw, desired_yaw_rad, turn_towards
-from gcs.model.plan import Formation, Orbit, Plan
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.kernels import warm_up as safety_warm_up
@@ -43,7 +42,13 @@ class Tick:
 
 
 def tick(
-    fleet: FleetState, tasks: Tasks, plan: Plan, traits: Traits, memory: Memory, settings: ControlSettings
+    fleet: FleetState,
+    tasks: Tasks,
+    plan: Plan,
+    traits: Traits,
+    memory: Memory,
+    settings: ControlSettings,
+    law: Law = spread,
 ) -> Tick:
     """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
 
@@ -54,18 +59,19 @@ def tick(
         traits: in what the vehicles differ.
         memory: of the previous tick.
         settings: gains and limits.
+        law: of the vehicles in formation.
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
     now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
     lead = move_center(now, memory)
-    places = spread(now, lead, memory)
+    places = law(now, lead, memory)
     desired_m_s = _in_traffic(now, desired_velocity(now, lead, places.velocity_m_s))
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
     )
     allowed_m_s, limited_by = filter_velocities(possible_m_s, _surroundings(now), settings.safety)
-    answered = shape_setpoints(now, allowed_m_s, lead.center, memory)
+    shaped = shape_setpoints(now, allowed_m_s, lead.center, memory, knows_center=places.knows_center)
     yaw_rad, held_rad = _yaw(now, memory)
     remembered = Memory(
         time_s=fleet.time_s,
@@ -77,12 +83,12 @@ def tick(
         engaged_time_s=lead.engaged_time_s,
         place=places.place,
         change=places.change,
-        trim_m_s=answered.trim_m_s,
-        expected_m_s=answered.expected_m_s,
-        pace=answered.pace,
+        trim_m_s=shaped.trim_m_s,
+        expected_m_s=shaped.expected_m_s,
+        pace=shaped.pace,
         sides=lead.sides,
     )
-    setpoints = _setpoints(now, answered.setpoint_m_s, yaw_rad)
+    setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
     return Tick(setpoints, remembered, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
 
 
@@ -151,19 +157,15 @@ def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoint
 def warm_up() -> None:
     """Compile or load every kernel that a tick uses, so that nothing is compiled in flight."""
     safety_warm_up()
-    formation_warm_up()
-    n = 3
-    place_m = np.array([[0.0, 0.0, -20.0], [4.0, 0.0, -20.0], [0.0, 4.0, -20.0]])
-    fleet = FleetState(0.05, ("a", "b", "c"), place_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
-    tasks = Tasks(
-        np.full(n, Task.FORMATION, dtype=np.int8),
-        np.full((n, 3), np.nan),
-        np.ones(n, dtype=bool),
-        np.zeros(n, dtype=bool),
-        np.zeros((0, 2, 3)),
-        center_moves=True,
+    n, tower = 5, Obstacle("tower", 10.0, 0.0, 5.0, 5.0, 30.0)
+    place_m = np.array(
+        [[0.0, 0.0, -20.0], [4.0, 0.0, -20.0], [0.0, 4.0, -20.0], [8.0, 8.0, -9.0], [9.0, 0.0, -9.0]]
     )
+    fleet = FleetState(0.05, tuple("abcde"), place_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+    tasks = replace(Tasks.of_formation(n, center_moves=True), goal_m=place_m[::-1].copy())
+    tasks.task[3:] = Task.GOAL
     plan, traits, settings = Plan(Formation(10.0, 20.0), Orbit(15.0, 2.0)), Traits.alike(n), ControlSettings()
     under_way = Center(np.array([0.0, 0.0, -20.0]), np.array([2.0, 0.0, 0.0]), np.zeros(3))
     memory = replace(Memory.fresh(n, 0.0), center=under_way, radius_m=10.0)
-    tick(fleet, tasks, plan, traits, memory, settings)
+    for obstacles in ((), (tower,)):
+        tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings)

@@ -1,8 +1,8 @@
-"""The flown law: the centre's motion, and each vehicle's motion to its slot on the sphere.
+"""The flown law: the centre's motion, each vehicle's motion to its slot on the sphere, spin and yaw.
 
 No slot is assigned: the slots start in the vehicles' own directions, are moved on by their mutual repulsion,
 and are kept from tick to tick. Gains are rates (1/s), independent of N and R. The article's terms are in
-`sphere`, `repulsion`, `orbit` and `steering`; docs/decisions/0001 derives the gains.
+`repulsion`, `orbit` and `steering`; docs/decisions/0001 derives the gains.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from gcs.formation.neighbours import NeighboursSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.formation.orbit import Center, followed_target, orbit_velocity, within_ground_speed
-from gcs.formation.sphere import TINY
+from gcs.model.frames import wrap_rad
 from gcs.model.jit import kernel
-from gcs.model.plan import Plan
+from gcs.model.plan import Plan, Yaw, YawPolicy
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array, VehicleId
+from gcs.model.state import TINY, Array, Mask, VehicleId
 
 KEPT_OFFSETS = 32_768
 """Number of vehicles of which the symmetry offset is cached."""
@@ -41,7 +40,6 @@ class LawSettings(Settings):
     center_acceleration_max_m_s2: Positive = 1.0
     climb_max_m_s: Positive = 1.0  # of the centre, up and down
     avoidance: AvoidanceSettings = AvoidanceSettings()
-    neighbours: NeighboursSettings = NeighboursSettings()
 
 
 @lru_cache(maxsize=KEPT_OFFSETS)
@@ -192,3 +190,80 @@ def goal_velocity(position_m: Array, goal_m: Array, *, settings: LawSettings) ->
     size_m_s = np.linalg.norm(desired_m_s, axis=1, keepdims=True)
     velocity: Array = desired_m_s * np.minimum(1.0, settings.speed_m_s / np.maximum(size_m_s, TINY))
     return velocity
+
+
+def turned(vectors: Array, angle_rad: float) -> Array:
+    """(n, 3) vectors of the show frame, turned about the vertical: clockwise from above (x towards y)."""
+    c, s = cos(angle_rad), sin(angle_rad)
+    x, y, z = vectors.T
+    return np.column_stack([c * x - s * y, s * x + c * y, z])
+
+
+def spin_velocity(offset_m: Array, rate_rad_s: float, lead_s: float) -> Array:
+    """(n, 3) velocities in m/s of points at (n, 3) from the centre that rotate with it.
+
+    Args:
+        offset_m: from the centre, show frame.
+        rate_rad_s: positive is clockwise from above.
+        lead_s: lead of the rotation: vehicles respond late, and one that turns late drifts outwards.
+    """
+    ahead_m = turned(offset_m, rate_rad_s * lead_s)
+    return np.column_stack([-rate_rad_s * ahead_m[:, 1], rate_rad_s * ahead_m[:, 0], np.zeros(len(ahead_m))])
+
+
+OVERHEAD_M = 2.0
+"""Closer to the target than this, horizontally, its bearing means nothing: yaw is kept."""
+
+
+def desired_yaw_rad(yaw: Yaw, held_rad: Array, position_m: Array, target_m: Array) -> Array:
+    """The yaw each vehicle should have.
+
+    Args:
+        yaw: the policy.
+        held_rad: (n,) yaw at engagement, or the last commanded.
+        position_m: (n, 3), show frame.
+        target_m: (2,), show frame.
+
+    Returns: (n,) from the show's x axis towards y, within [-pi, pi).
+    """
+    if yaw.policy is YawPolicy.FIXED:
+        return wrap_rad(np.full(len(position_m), yaw.fixed_rad))
+    if yaw.policy is YawPolicy.HELD:
+        return wrap_rad(held_rad)
+    offset_m = target_m - position_m[:, :2]
+    facing_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0])
+    overhead = np.hypot(offset_m[:, 0], offset_m[:, 1]) < OVERHEAD_M
+    return wrap_rad(np.where(overhead, held_rad, facing_rad))
+
+
+@kernel
+def begun_yaw(commanded: Mask, yaw_rad: Array, held_rad: Array, measured_rad: Array) -> tuple[Array, Array]:
+    """Yaw at the start of this tick and at engagement, of the commanded vehicles.
+
+    Args:
+        commanded: (n,).
+        yaw_rad: (n,) commanded by the previous tick, NaN where not commanded.
+        held_rad: (n,) at engagement, NaN where not commanded.
+        measured_rad: (n,).
+
+    Returns: (n,) yaw so far and (n,) yaw at engagement; NaN where not commanded. A vehicle that was not
+        commanded before starts from its measured yaw.
+    """
+    so_far_rad, engaged_rad = np.full(len(yaw_rad), np.nan), np.full(len(yaw_rad), np.nan)
+    for i in range(len(yaw_rad)):
+        if commanded[i]:
+            fresh = not np.isfinite(yaw_rad[i])
+            so_far_rad[i] = measured_rad[i] if fresh else yaw_rad[i]
+            engaged_rad[i] = measured_rad[i] if fresh else held_rad[i]
+    return so_far_rad, engaged_rad
+
+
+@kernel
+def turn_towards(yaw_rad: Array, desired_rad: Array, rate_max_rad_s: float, dt_s: float) -> Array:
+    """Turn from `yaw_rad` (n,) to `desired_rad` (n,) the short way round, no faster than the rate."""
+    turned_rad, most_rad = np.empty_like(yaw_rad), rate_max_rad_s * dt_s
+    for i in range(len(yaw_rad)):
+        step_rad = (desired_rad[i] - yaw_rad[i] + np.pi) % (2.0 * np.pi) - np.pi
+        later_rad = yaw_rad[i] + min(max(step_rad, -most_rad), most_rad)
+        turned_rad[i] = (later_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return turned_rad

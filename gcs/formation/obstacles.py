@@ -10,11 +10,10 @@ from math import sqrt
 
 import numpy as np
 
-from gcs.formation.sphere import TINY
 from gcs.model.jit import kernel
 from gcs.model.plan import Obstacle
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 
 
 class AvoidanceSettings(Settings):

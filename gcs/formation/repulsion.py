@@ -6,7 +6,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.formation.sphere import TINY
 from gcs.model.jit import kernel, kernel_in_any_order
 from gcs.model.state import Array
 
@@ -37,27 +36,6 @@ MUTUAL_FROM = 2_000
 """Larger fleets sum both pushes of a pair at once. Below this size that costs more than it saves."""
 
 Flat: TypeAlias = NDArray[np.float32]
-
-
-def repulsion_force(position_m: Array, charge: Array, *, gain: float) -> Array:
-    """Push the vehicles apart like charges, exactly as the article writes it.
-
-    Args:
-        position_m: (n, 3).
-        charge: (n,) q_n.
-        gain: k_r.
-
-    Returns: (n, 3) forces ``k_r q_n sum_i q_i r_ni / |r_ni|^3``; equal and opposite for each pair. Vehicles
-        in the same place do not push each other: there is no direction to push in.
-
-    Source: article, section 2.2.
-    """
-    offset_m = position_m[:, None, :] - position_m[None, :, :]
-    distance_m = np.sqrt((offset_m**2).sum(axis=2))
-    strength = np.zeros_like(distance_m)
-    np.divide(charge[:, None] * charge[None, :], distance_m**3, out=strength, where=distance_m > TINY)
-    force: Array = gain * (offset_m * strength[:, :, None]).sum(axis=1)
-    return force
 
 
 @kernel

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from gcs.formation.sphere import TINY
 from gcs.model.jit import kernel
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 
 
 def scale_to_limits(

@@ -6,9 +6,8 @@ from typing import Final
 import numpy as np
 import scipy  # loads its parts on first use: 30 MB that a flight does not need
 
-from gcs.formation.sphere import TINY
 from gcs.model.errors import InvalidError
-from gcs.model.state import Array
+from gcs.model.state import TINY, Array
 
 NEAREST_FACTOR: Final = 3.1
 """Smallest nearest-neighbour distance of the best configurations times sqrt(N) / R, N = 4 to 128."""

@@ -20,6 +20,9 @@ Mask: TypeAlias = NDArray[np.bool_]
 Bits: TypeAlias = NDArray[np.int64]
 VehicleId: TypeAlias = str
 
+TINY = 1e-9
+"""A shorter vector has no direction."""
+
 
 class Mode(StrEnum):
     """Flight mode as the autopilot's heartbeat reports it; OTHER is any mode this station never commands."""

@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.control import ControlSettings
-from gcs.formation.law import begun, directions_from
+from gcs.formation.law import begun, directions_from, turned
 from gcs.formation.repulsion import sweep
-from gcs.formation.spin import turned
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Plan
 from gcs.model.state import Array, VehicleId

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
-from gcs.formation.sphere import TINY
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import NO_ROW, Braking, Constraints
 from gcs.safety.neighbours import Rows
 from gcs.safety.projection import any_broken, nearest, shortened, tightest

@@ -6,10 +6,9 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gcs.formation.sphere import TINY
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 from gcs.safety.neighbours import Rows, near_pairs
 
 STANDING_M_S = 0.2

@@ -8,12 +8,12 @@ import numpy as np
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
+from gcs.control.desired_velocity import Law, spread
 from gcs.flight.collective_return import return_planner
 from gcs.flight.fleet import BEHIND_M
-from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
-from gcs.model.state import Array, FleetState, Mask, Traits
+from gcs.model.state import Array, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.return_paths import (
     WELL_IN_PLACE_M,
@@ -25,10 +25,10 @@ from gcs.planning.return_paths import (
 )
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
-from gcs.simulation.neighbour_links import Neighbourhood
+from gcs.simulation.article import fly_article
+from gcs.simulation.neighbours import Neighbourhood, NeighboursLaw
 from gcs.simulation.obstacle_metrics import THROUGH_M, approaching
 from gcs.simulation.pair_metrics import closest_m
-from gcs.simulation.paper_controller import fly_article
 from gcs.simulation.random_obstacles import draw_world
 from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.simulation.trace import NOWHERE, Record
@@ -89,13 +89,9 @@ class SimulatedFlight:
         """Whether the flight is over."""
         return False
 
-    def sight(self) -> Sight | None:
-        """What each vehicle's own law knows; None: everything that the ground station receives."""
-        return None
-
-    def decide(self, fleet: FleetState, tasks: Tasks) -> Tick:
-        """Compute the tick, as for real vehicles."""
-        return tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings)
+    def law(self) -> Law:
+        """The law of the vehicles in formation, in this tick."""
+        return spread
 
     def _tick(self) -> None:
         fleet = self.world.hear()
@@ -107,10 +103,10 @@ class SimulatedFlight:
             np.zeros((0, 2, 3)),
             center_moves=self.center_moves,
             follows_planned_path=self._follows_planned_path(),
-            sight=self.sight(),
         )
+        law = self.law()
         began_s = time.thread_time()
-        decided = self.decide(fleet, tasks)
+        decided = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, law)
         took_s = time.thread_time() - began_s
         self.memory = decided.memory
         self._keep(decided, took_s)
@@ -258,13 +254,14 @@ class FormationRun(SimulatedFlight):
         if flight.ending != "none" and now_s >= flight.ending_s:
             self._end()
 
-    def sight(self) -> Sight | None:
-        """The received messages of neighbours, if the scenario has a radio."""
-        if self._neighbourhood is None:
-            return None
-        return self._neighbourhood.exchange(
+    def law(self) -> Law:
+        """Each vehicle's own law with its neighbours' messages, if the scenario has a radio."""
+        if self._neighbourhood is None or self.flight.radio is None:
+            return super().law()
+        sight = self._neighbourhood.exchange(
             self.time_s, *self.world.estimate(), self.world.in_air & self.present, self.memory.center
         )
+        return NeighboursLaw(sight, self.flight.radio.law)
 
     def _move_target(self) -> None:
         now_s, dt_s = self.time_s, self.world.tick_s

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
+from gcs.simulation.article import article_figures
 from gcs.simulation.obstacle_metrics import (
     last_passing_tick,
     penetrations_and_clearance_m,
@@ -15,7 +16,6 @@ from gcs.simulation.obstacle_metrics import (
     through,
 )
 from gcs.simulation.pair_metrics import energy_and_nearest
-from gcs.simulation.paper_controller import article_figures
 from gcs.simulation.reference_shapes import best, best_figures
 from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
 from gcs.simulation.trace import Record

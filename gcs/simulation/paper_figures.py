@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
-from gcs.simulation.paper_controller import TETRAHEDRON_EDGE
+from gcs.simulation.article import TETRAHEDRON_EDGE
 from gcs.simulation.scenario import ArticleFlight
 from gcs.simulation.trace import Record
 

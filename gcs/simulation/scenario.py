@@ -10,12 +10,10 @@ from gcs.config import yaml_files as documents
 from gcs.config.setting_errors import explained
 from gcs.config.yaml_files import Source
 from gcs.control import ControlSettings
-from gcs.formation.consensus import ConsensusSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import ConfigError, quoted
 from gcs.model.plan import MAX_OBSTACLES, Direction
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.simulation.paper_law import ArticleParameters
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
@@ -123,6 +121,23 @@ class RandomObstacles(Settings):
     beyond_m: Positive = 5.0  # free around the sphere at the target
 
 
+class ConsensusSettings(Settings):
+    """Weight of a vehicle's own sighting against its neighbours' messages."""
+
+    sighting_rate_per_s: Positive = (
+        0.1  # pull of the own sighting; that of the neighbours is about 3 per second
+    )
+
+
+class NeighboursSettings(Settings):
+    """Rates of vehicles that see only their neighbours; docs/decisions/0001 has those of the flown law."""
+
+    sphere_rate_per_s: Positive = 0.8  # at which the distance from the sphere decays
+    spreading_rate_per_s: Positive = 0.8  # at which a vehicle goes to its place among its neighbours
+    symmetry_speed_m_s: NotNegative = 0.3  # of the offset that breaks symmetries when a vehicle joins
+    symmetry_decay_s: Positive = 4.0  # after which a third of it is left
+
+
 class Radio(Settings):
     """Each vehicle's law knows only its neighbours' messages: their positions and estimates of the centre."""
 
@@ -134,6 +149,7 @@ class Radio(Settings):
     sighting_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # of the vehicles observe the centre
     sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, constant for each vehicle
     consensus: ConsensusSettings = ConsensusSettings()
+    law: NeighboursSettings = NeighboursSettings()
 
 
 class FormationFlight(Settings):
@@ -172,6 +188,16 @@ class GoalFlight(Settings):
     spacing_m: Positive = 6.0  # least distance between positions
     lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
+
+
+class ArticleParameters(Settings):
+    """Section 5 of the article: M, k, k_s, k_r, r_d."""
+
+    mass_kg: Positive = 10.0
+    damping_n_s_m: Positive = 1.0
+    sphere_gain: Positive = 5.0
+    repulsion_gain: Positive = 0.2
+    radius_m: Positive = 2.0
 
 
 class ArticleFlight(Settings):

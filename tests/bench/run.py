@@ -22,8 +22,9 @@ from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.dynamics import PointMasses, Response, step
 from gcs.simulation import scenario as scenarios
+from gcs.simulation.article import formation_force, step_virtual
 from gcs.simulation.flight import fly
-from gcs.simulation.paper_law import ArticleParameters, formation_force, step_virtual
+from gcs.simulation.scenario import ArticleParameters
 
 WARM_UPS = 3
 LONGEST_S = 6.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gcs.simulation import scenario as scenarios
+from gcs.simulation.article import article_figures
 from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly
 from gcs.simulation.metrics import report
-from gcs.simulation.paper_controller import article_figures
 from gcs.simulation.plot import draw
 from gcs.simulation.scenario import ArticleFlight
 from gcs.simulation.trace import Record

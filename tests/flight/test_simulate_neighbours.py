@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.model.state import Array
 from gcs.simulation import scenario as scenarios
@@ -11,7 +10,7 @@ from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly
 from gcs.simulation.initial_states import lattice
 from gcs.simulation.metrics import report
-from gcs.simulation.neighbour_links import Neighbourhood, range_m
+from gcs.simulation.neighbours import Neighbourhood, Sight, range_m
 from gcs.simulation.scenario import Radio
 
 TICK_S = 0.05

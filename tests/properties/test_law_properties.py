@@ -9,15 +9,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
-from gcs.formation.law import LawSettings, directions_from, goal_velocity, slot_velocity
+from gcs.formation.law import LawSettings, directions_from, goal_velocity, slot_velocity, turn_towards
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import Center, advance_center, orbit_velocity, within_ground_speed
-from gcs.formation.repulsion import repulsion_force, sweep
+from gcs.formation.repulsion import sweep
 from gcs.formation.response import limit_change, scale_to_limits, shrink_relative
-from gcs.formation.sphere import sphere_velocity
 from gcs.formation.steering import LEFT, RIGHT, avoid_all
 from gcs.formation.thomson import energy
-from gcs.formation.yaw import turn_towards
 from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
@@ -25,6 +23,8 @@ from gcs.planning.feasibility import check_formation, check_orbit, smallest_form
 from gcs.planning.landing_sites import CLEAR_M, distinct_sites_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
+from gcs.simulation.article import repulsion_force
+from gcs.simulation.neighbours import sphere_velocity
 from tests.support.law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 
 CALM = settings(deadline=None, derandomize=True, max_examples=60)

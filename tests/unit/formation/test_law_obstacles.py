@@ -1,14 +1,12 @@
 """Ellipses, tangents and avoidance (article, section 4, corrected)."""
 
 from math import cos, inf, pi, sin, sqrt
-from typing import Any
 
 import numpy as np
 import pytest
 
-from gcs.formation.kernels import warm_up
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
-from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, contacts_m, push, steer, tangent
+from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, tangent
 from gcs.formation.way import Way, steer_center, way_ahead
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
@@ -365,14 +363,3 @@ def test_obstacles_out_of_reach_cost_and_change_nothing() -> None:
     assert avoid_all(place, desired, ellipses, {}, slides, AVOIDANCE).tolist() == expected.tolist()
     far = {name: e for name, e in ellipses.items() if name not in near}
     assert avoid_all(place, desired, far, {}, slides, AVOIDANCE) is desired
-
-
-def test_after_the_warm_up_nothing_is_compiled() -> None:
-    warm_up()
-    kernels: list[Any] = [steer, push, contacts_m]
-    known = [len(each.signatures) for each in kernels]
-    place, desired = np.array([[-8.0, 0.0, -5.0]]), np.array([[2.0, 0.0, 0.0]])
-    place.setflags(write=False)  # as in FleetState
-    avoid_all(place, desired, {"r": ROUND}, {}, np.array([1.0]), AVOIDANCE)
-    led(place[0], desired[0], {"r": ROUND})
-    assert [len(each.signatures) for each in kernels] == known

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.formation.spin import spin_velocity, turned
+from gcs.formation.law import spin_velocity, turned
 
 
 def test_positive_is_x_to_y_clockwise_from_above() -> None:

@@ -8,7 +8,6 @@ from multiprocessing import get_context
 import numpy as np
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick, warm_up
-from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.state import Array, FleetState, Traits
@@ -40,7 +39,7 @@ def crowd(count: int, seed: int) -> tuple[Array, Array]:
     return position_m, random.normal(0.0, 1.5, (count, 3))
 
 
-def tasks_of(count: int, *, sight: Sight | None, segments_m: Array) -> Tasks:
+def tasks_of(count: int, *, segments_m: Array) -> Tasks:
     """Most in formation, some to goals, one that nobody commands, one on its way down."""
     task = np.full(count, Task.FORMATION, dtype=np.int8)
     task[count // 2 :] = Task.GOAL
@@ -49,17 +48,16 @@ def tasks_of(count: int, *, sight: Sight | None, segments_m: Array) -> Tasks:
     descending[-2] = True
     goal_m = crowd(count, 5)[0]
     airborne = np.ones(count, dtype=bool)
-    return Tasks(task, goal_m, airborne, descending, segments_m, center_moves=True, sight=sight)
+    return Tasks(task, goal_m, airborne, descending, segments_m, center_moves=True)
 
 
-def fly(count: int, *, sees_all: bool, towers: tuple[Obstacle, ...], yaw: YawPolicy, delay_s: float) -> None:
+def fly(count: int, *, towers: tuple[Obstacle, ...], yaw: YawPolicy, delay_s: float) -> None:
     """Half a second of everything that a tick can be asked to do."""
     settings = ControlSettings()
     settings = settings.model_copy(
         update={"safety": settings.safety.model_copy(update={"link_delay_s": delay_s})}
     )
     plan = Plan(Formation(10.0, 25.0), Orbit(15.0, 2.0), Target(5.0, 5.0, 0.5, 0.0), towers, Yaw(yaw, 1.0))
-    sight = None if sees_all else Sight(np.zeros((count, 2, 3)), np.ones((count, 2)), 30.0)
     center = Center(np.array([0.0, 0.0, -25.0]), np.array([2.0, 0.0, 0.0]), np.zeros(3))
     memory = replace(Memory.fresh(count, 0.0), center=center, radius_m=10.0)
     for index in range(1, 11):
@@ -68,7 +66,7 @@ def fly(count: int, *, sees_all: bool, towers: tuple[Obstacle, ...], yaw: YawPol
             position_m[0] = np.nan
         none, ids = np.zeros(count), tuple(f"d{i}" for i in range(count))
         fleet = FleetState(0.05 * index, ids, position_m, velocity_m_s, none, none.copy())
-        tasks = tasks_of(count, sight=sight, segments_m=ROAD if index % 2 else np.zeros((0, 2, 3)))
+        tasks = tasks_of(count, segments_m=ROAD if index % 2 else np.zeros((0, 2, 3)))
         if index > 7:
             tasks = replace(tasks, task=np.full(count, Task.FORMATION, dtype=np.int8))
         memory = tick(fleet, tasks, plan, Traits.alike(count, 0.1), memory, settings).memory
@@ -102,9 +100,9 @@ def compiled_in_the_air() -> list[str]:
     warm_up()
     before = signatures()
     for count in (8, 260):
-        fly(count, sees_all=True, towers=(), yaw=YawPolicy.HELD, delay_s=0.0)
-        fly(count, sees_all=True, towers=TOWERS, yaw=YawPolicy.TARGET, delay_s=0.2)
-        fly(count, sees_all=False, towers=TOWERS, yaw=YawPolicy.FIXED, delay_s=0.0)
+        fly(count, towers=(), yaw=YawPolicy.HELD, delay_s=0.0)
+        fly(count, towers=TOWERS, yaw=YawPolicy.TARGET, delay_s=0.2)
+        fly(count, towers=TOWERS, yaw=YawPolicy.FIXED, delay_s=0.0)
     two_head_on()
     return [name for name, many in signatures().items() if many != before.get(name, 0)]
 

@@ -7,19 +7,19 @@ import pytest
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import Center
-from gcs.formation.repulsion import repulsion_force
-from gcs.formation.sphere import sphere_force
 from gcs.formation.thomson import energy, nearest_m
 from gcs.model.state import Array
-from gcs.simulation.paper_law import (
+from gcs.simulation.article import (
     ANSWER_S,
-    ArticleParameters,
     avoiding_force,
     feed_forward_force,
     formation_force,
+    repulsion_force,
+    sphere_force,
     step_center,
     step_virtual,
 )
+from gcs.simulation.scenario import ArticleParameters
 
 SECTION_5 = ArticleParameters()
 DT_S = 0.02

@@ -3,21 +3,22 @@
 import numpy as np
 import pytest
 
-from gcs.formation.consensus import Belief, ConsensusSettings, NeighbourMessages, agree
 from gcs.model.state import Array, Mask
+from gcs.simulation.neighbours import Belief, NeighbourMessages, agree
+from gcs.simulation.scenario import ConsensusSettings
 
 DT_S = 0.05
 SETTINGS = ConsensusSettings()
 
 
-def received_by(belief: Belief, hears: Mask) -> NeighbourMessages:
-    """(n, n) True where the row hears the column: everybody a column, NaN where it is not heard.
+def received_by(belief: Belief, receives: Mask) -> NeighbourMessages:
+    """(n, n) True where the row receives the column: all_others a column, NaN where it is not heard.
 
     Brought forward, as a receiver does with what was said a round ago.
     """
-    n = len(hears)
-    silent = np.where(hears, 0.0, np.nan)[:, :, None]
-    degree = hears.sum(axis=1).astype(float)
+    n = len(receives)
+    silent = np.where(receives, 0.0, np.nan)[:, :, None]
+    degree = receives.sum(axis=1).astype(float)
     forward_m = belief.center_m + DT_S * belief.velocity_m_s
     center, velocity = (np.tile(part, (n, 1, 1)) + silent for part in (forward_m, belief.velocity_m_s))
     return NeighbourMessages(center, velocity, np.tile(degree, (n, 1)))
@@ -34,25 +35,25 @@ def at(*x_m: float) -> Array:
 
 def test_round_uses_metropolis_weights_and_its_own_sighting() -> None:
     # in a row 0 - 1 - 2 the middle has two neighbours: every weight is 1/3
-    hears = np.array([[False, True, False], [True, False, True], [False, True, False]])
+    receives = np.array([[False, True, False], [True, False, True], [False, True, False]])
     belief = Belief(at(0.0, 3.0, 9.0), np.zeros((3, 3)))
     blind = Belief.nothing(3)
-    once = agree(belief, received_by(belief, hears), blind, DT_S, SETTINGS)
+    once = agree(belief, received_by(belief, receives), blind, DT_S, SETTINGS)
     assert once.center_m == pytest.approx(at(1.0, 4.0, 7.0))
     sighting = Belief(at(0.0, 13.0, 9.0), np.zeros((3, 3)))
     lean = 1.0 - np.exp(-SETTINGS.sighting_rate_per_s * DT_S)
-    leaning = agree(belief, received_by(belief, hears), sighting, DT_S, SETTINGS)
+    leaning = agree(belief, received_by(belief, receives), sighting, DT_S, SETTINGS)
     assert leaning.center_m == pytest.approx(at(1.0, 4.0 + 10.0 * lean, 7.0))
 
 
 def test_unknown_belief_takes_own_sighting_or_neighbour_mean() -> None:
-    hears = np.array([[False, False, False], [True, False, False], [False, False, False]])
+    receives = np.array([[False, False, False], [True, False, False], [False, False, False]])
     nothing = np.full(3, np.nan)
     known = Belief(
         np.array([[4.0, 0.0, 0.0], nothing, nothing]), np.array([[1.0, 0.0, 0.0], nothing, nothing])
     )
     seen = Belief(np.array([nothing, nothing, [7.0, 0.0, 0.0]]), np.array([nothing, nothing, np.zeros(3)]))
-    later = agree(known, received_by(known, hears), seen, DT_S, SETTINGS)
+    later = agree(known, received_by(known, receives), seen, DT_S, SETTINGS)
     assert later.center_m == pytest.approx(at(4.0 + DT_S, 4.0 + DT_S, 7.0))
     lonely = agree(
         Belief.nothing(1),
@@ -70,8 +71,8 @@ def test_all_agree_on_the_mean_sighting_despite_lost_messages() -> None:
     seen = Belief(random.normal(0.0, 1.0, (n, 3)), np.zeros((n, 3)))
     belief = seen
     for _ in range(2000):
-        hears = ring(n) & (random.random((n, n)) >= 0.1)
-        belief = agree(belief, received_by(belief, hears), seen, DT_S, SETTINGS)
+        receives = ring(n) & (random.random((n, n)) >= 0.1)
+        belief = agree(belief, received_by(belief, receives), seen, DT_S, SETTINGS)
     assert np.ptp(belief.center_m, axis=0).max() < 0.15 * np.ptp(seen.center_m, axis=0).max()
     assert belief.center_m.mean(axis=0) == pytest.approx(seen.center_m.mean(axis=0), abs=0.05)
 

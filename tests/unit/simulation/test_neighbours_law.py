@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from gcs.formation.consensus import Belief
 from gcs.formation.law import LawSettings
-from gcs.formation.neighbours import AHEAD, Sight, sighted_velocity, step_aside
 from gcs.formation.orbit import Center
 from gcs.formation.thomson import energy, nearest_m
 from gcs.model.state import Array
+from gcs.simulation.neighbours import AHEAD, Belief, Sight, sighted_velocity, step_aside
+from gcs.simulation.scenario import NeighboursSettings
 
 LAW = LawSettings()
 RADIUS_M = 10.0
 ORIGIN = np.zeros(3)
 
 
-def everybody(position_m: Array) -> Array:
-    """(n, n - 1, 3) inboxes in which everybody is."""
+def all_others(position_m: Array) -> Array:
+    """(n, n - 1, 3) inboxes in which all_others is."""
     n = len(position_m)
     rows = np.array([[j for j in range(n) if j != i] for i in range(n)])
     inbox_m: Array = position_m[rows]
@@ -24,7 +24,7 @@ def everybody(position_m: Array) -> Array:
 
 
 def aside_of(position_m: Array, range_m: float, center_m: Array = ORIGIN) -> Array:
-    inbox_m = everybody(position_m)
+    inbox_m = all_others(position_m)
     center = np.tile(center_m, (len(position_m), 1))
     return step_aside(position_m, center, inbox_m, np.ones(inbox_m.shape[:2]), range_m)
 
@@ -39,7 +39,7 @@ def velocity_of(position_m: Array, sight: Sight, engaged_s: float = 1e6) -> Arra
         Center.at_rest(ORIGIN),
         radius_m=RADIUS_M,
         speed_max_m_s=LAW.speed_m_s,
-        settings=LAW.neighbours,
+        settings=NeighboursSettings(),
     )
 
 
@@ -93,12 +93,12 @@ def test_a_dozen_neighbours_are_as_even_as_all(count: int) -> None:
 
 def test_velocity_is_the_step_at_the_law_rate_within_its_bound() -> None:
     place = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(3.0), np.sin(3.0), 0.0]])
-    sight = Sight(everybody(place), np.ones((2, 1)), 2.0 * RADIUS_M)
+    sight = Sight(all_others(place), np.ones((2, 1)), 2.0 * RADIUS_M)
     aside = aside_of(place, 2.0 * RADIUS_M)
-    desired = LAW.neighbours.spreading_rate_per_s * AHEAD * RADIUS_M * aside
+    desired = NeighboursSettings().spreading_rate_per_s * AHEAD * RADIUS_M * aside
     assert velocity_of(place, sight) == pytest.approx(desired, abs=1e-9)
     close = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(1.0), np.sin(1.0), 0.0]])
-    sight = Sight(everybody(close), np.ones((2, 1)), 2.0 * RADIUS_M)
+    sight = Sight(all_others(close), np.ones((2, 1)), 2.0 * RADIUS_M)
     assert np.linalg.norm(velocity_of(close, sight), axis=1) == pytest.approx(LAW.speed_m_s)
 
 
@@ -112,7 +112,7 @@ def test_each_flies_about_its_believed_centre_or_rests() -> None:
 
 def test_row_depends_only_on_the_inbox_of_its_vehicle() -> None:
     place = RADIUS_M * random_directions(6, 4)
-    whole = velocity_of(place, Sight(everybody(place), np.ones((6, 5)), 15.0))
+    whole = velocity_of(place, Sight(all_others(place), np.ones((6, 5)), 15.0))
     rows = np.array([False, True, False, False, True, False])
-    part = velocity_of(place[rows], Sight(everybody(place), np.ones((6, 5)), 15.0).only(rows))
+    part = velocity_of(place[rows], Sight(all_others(place), np.ones((6, 5)), 15.0).only(rows))
     assert part == pytest.approx(whole[rows])
