@@ -11,10 +11,9 @@ from gcs.cli.progress import Report, part_of, share_of
 from gcs.cli.record import session_folder
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
-from gcs.recording.analysis.flight_report import EXIT_CODES, FlightReport, make_flight_report
-from gcs.recording.analysis.trajectories import Trajectories, estimated, true
-from gcs.recording.mcap_reader import FlightData
-from gcs.recording.standard import Standard
+from gcs.recording.flight_report import EXIT_CODES, FlightReport, make_flight_report
+from gcs.recording.mcap_reader import FlightData, Standard
+from gcs.recording.trajectories import Trajectories, estimated, true
 
 MEANING: Final = {
     "kept": "all of the flight was judged, and no limit was broken",

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from gcs.recording.analysis.flight_report import (
+from gcs.recording.flight_report import (
     SMOOTHED_S,
     TOLERATED,
     TOLERATED_M_S,

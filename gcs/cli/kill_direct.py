@@ -16,8 +16,8 @@ from gcs.cli.output import REFUSED, note
 from gcs.config.schema import Config
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, InvalidError, RefusedError, UnknownError
-from gcs.recording.last_known import KnownVehicle, LastKnown, last_known
-from gcs.recording.offline_audit import OfflineAudit
+from gcs.recording.audit import OfflineAudit
+from gcs.recording.audit_reader import KnownVehicle, LastKnown, last_known
 from gcs.service import Outcome
 
 CODE_S: Final = 30.0

@@ -22,7 +22,7 @@ from gcs.mavlink.framing import COMMAND_ACK, HEARTBEAT, Frame, heartbeat, kill_f
 from gcs.mavlink.signing import Judgement
 from gcs.model.errors import LinkError
 from gcs.model.state import VehicleId
-from gcs.recording.last_known import KnownVehicle
+from gcs.recording.audit_reader import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome
 
 WITHIN_S: Final = 5.0

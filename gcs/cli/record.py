@@ -5,9 +5,7 @@ from pathlib import Path
 
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
-from gcs.recording.exclusions import exclusions
-from gcs.recording.interrupted_session import interruption
-from gcs.recording.last_known import AUDIT, last_known
+from gcs.recording.audit_reader import AUDIT, exclusions, interruption, last_known
 from gcs.recording.session import Record
 
 log = logging.getLogger(__name__)

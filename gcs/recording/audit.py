@@ -5,19 +5,21 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 from gcs.links.address_book import Address
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import plan_json
 from gcs.model.state import Array, Mode, VehicleId
-from gcs.recording.interrupted_session import FOUND, PAD
+from gcs.recording.audit_database import Journal, Row, Value
+from gcs.recording.audit_reader import FOUND, PAD, LastKnown, audit_file
 from gcs.recording.sample import Reported, Sample
-from gcs.recording.sqlite_writer import Journal, Row, Value
-from gcs.service import Call, CommandRecord, Outcome
+from gcs.service import Call, CommandRecord, Outcome, VehicleOutcome
 
 BODY_MAX: Final = 4096
+
+KILLED_OFFLINE: Final = "motors stopped by gcs kill, without the service"
 
 CLOCK_S: Final = 1.0
 """Interval at which the time of a written show is recorded."""
@@ -191,3 +193,46 @@ class Audit:
 
 def _differing(new: Sequence[object], old: Sequence[object]) -> set[int]:
     return {row for row, (one, other) in enumerate(zip(new, old, strict=True)) if one != other}
+
+
+class OfflineAudit:
+    """Rows for the newest session. A disk error is reported by `problem`, and stops nothing."""
+
+    def __init__(self, root: Path, known: LastKnown, who: str) -> None:
+        """Writes nothing before it is entered."""
+        vehicles = {one.id: (one.system_id, one.link) for one in known.vehicles.values()}
+        self._known = known
+        self._who = who
+        self._journal = Journal(audit_file(root))
+        self._audit = Audit(self._journal, "" if known.session is None else known.session.id, vehicles)
+        self.problem = ""
+
+    def __enter__(self) -> Self:
+        """Begin to write, as soon as the disk allows."""
+        self._journal.open()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Write what is left."""
+        self._journal.close()
+        self.problem = self._journal.problem
+
+    def opened(self, action: str, vehicles: Sequence[VehicleId]) -> str:
+        """Record a command. Returns: its id, distinct from those of every service."""
+        now_s = time.time()
+        parts = {name: VehicleOutcome(Outcome.PENDING) for name in vehicles}
+        command = CommandRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._who)
+        self._audit.opened(command, self._who)
+        return command.id
+
+    def closed(self, command_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:
+        """Record the outcome of one vehicle's part."""
+        self._audit.closed(command_id, vehicle_id, part.outcome, part.reason)
+
+    def killed(self, vehicle_id: VehicleId) -> None:
+        """Record that its motors are off, for the next start of the service."""
+        was = self._known.vehicles[vehicle_id].phase
+        detail = {"was": was, "phase": Phase.KILLED.value, "reason": KILLED_OFFLINE}
+        self._audit.event(time.time(), "warning", "vehicle_phase", vehicle_id, detail)
+        sql = "UPDATE vehicles SET unix_s = ?, phase = ?, reason = ?, armed = 0 WHERE id = ?"
+        self._journal.put([Row(sql, (time.time(), Phase.KILLED.value, KILLED_OFFLINE, vehicle_id))])

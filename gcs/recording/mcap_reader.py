@@ -5,7 +5,7 @@ from base64 import b64decode
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
 from pathlib import Path
@@ -15,13 +15,16 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from gcs.model.errors import GcsError
+from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Mode, VehicleId
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_recovery import DAMAGED, Damage, messages, opened, records
 from gcs.recording.mcap_writer import CHUNK_S, STATUS_S
+from gcs.safety.filter import SafetySettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,3 +272,38 @@ def _together(first: Damage, second: Damage) -> Damage:
 
 def _plain(error: Exception) -> str:
     return f"{error}" or type(error).__name__
+
+
+@dataclass(frozen=True, slots=True)
+class Standard:
+    """The limits that applied at one time."""
+
+    frame: ShowFrame
+    safety: SafetySettings
+    acceleration_max_m_s2: float
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any], source: str) -> "Standard":
+        """Read a recorded configuration. Raises: GcsError naming `source` and what is wrong."""
+        try:
+            control = config["control"]
+            return cls(
+                ShowFrame(**config["show_frame"]),
+                SafetySettings.model_validate(control["safety"]),
+                float(control["acceleration_max_m_s2"]),
+            )
+        except (KeyError, TypeError, ValueError, ValidationError, GcsError) as error:
+            raise GcsError(f"{source}: its configuration does not say what holds: {error}") from None
+
+    def under(self, limits: Mapping[str, Any] | None) -> "Standard":
+        """Return these under recorded limits, such as a written show's. Raises: GcsError if invalid."""
+        if not limits:
+            return self  # an older file: as far as known, the configuration's applied
+        try:
+            return replace(
+                self,
+                safety=SafetySettings.model_validate(limits["safety"]),
+                acceleration_max_m_s2=float(limits["acceleration_max_m_s2"]),
+            )
+        except (KeyError, TypeError, ValueError, ValidationError) as error:
+            raise GcsError(f"the limits that were recorded are none: {error}") from None

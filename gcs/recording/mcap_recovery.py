@@ -11,30 +11,13 @@ from dataclasses import dataclass
 from io import BytesIO
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    MessageIndex,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
-from mcap.stream_reader import CRCValidationError, breakup_chunk
+from mcap.records import Chunk, DataEnd, Footer, McapRecord
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 RECORD_MAX_BYTES: Final = 64 << 20
@@ -51,22 +34,6 @@ DAMAGED: Final = (
 """Exceptions that readers raise where a file is damaged."""
 
 _FRAME: Final = struct.Struct("<BQ")  # of every record: its type, and how many bytes follow
-_READERS: Final[dict[int, Any]] = {
-    Opcode.HEADER: Header,
-    Opcode.FOOTER: Footer,
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.CHUNK: Chunk,
-    Opcode.MESSAGE_INDEX: MessageIndex,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
-    Opcode.STATISTICS: Statistics,
-    Opcode.METADATA: Metadata,
-    Opcode.METADATA_INDEX: MetadataIndex,
-    Opcode.SUMMARY_OFFSET: SummaryOffset,
-    Opcode.DATA_END: DataEnd,
-}
 _CHUNK: Final = struct.Struct("<BQQQQII4sQ")  # a chunk up to its data, compressed as in our files
 _CHUNK_FORM: Final = b"\x04\x00\x00\x00zstd"
 _FORM_AT: Final = _FRAME.size + 28
@@ -164,16 +131,16 @@ def _record(data: mmap, at: int) -> tuple[McapRecord, int]:
     if at + _FRAME.size > len(data):
         raise McapError("it ends without its footer")
     kind, length = _FRAME.unpack_from(data, at)
-    reader = _READERS.get(kind)
-    if reader is None:
-        raise McapError(f"a record of an unknown kind, 0x{kind:02x}")
     end = at + _FRAME.size + length
     if length > RECORD_MAX_BYTES or end > len(data):
         raise McapError(f"a record of {length} bytes, {len(data) - at - _FRAME.size} are left")
-    body = BytesIO(data[at + _FRAME.size : end])
-    record: McapRecord = reader.read(ReadDataStream(body))
-    if body.tell() != length:
-        raise McapError(f"a record of {length} bytes that says {body.tell()}")
+    if Opcode(kind) is Opcode.MESSAGE:
+        raise McapError("a message outside of a chunk")
+    # a length of 0, because the reader skips what a record has beyond its fields
+    body = BytesIO(_FRAME.pack(kind, 0) + data[at + _FRAME.size : end])
+    record = next(StreamReader(body, skip_magic=True, emit_chunks=True).records)
+    if body.tell() != _FRAME.size + length:
+        raise McapError(f"a record of {length} bytes with fields of {body.tell() - _FRAME.size}")
     return record, end
 
 

@@ -14,10 +14,10 @@ from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
 from gcs.recording import mcap_layout as layout
 from gcs.recording.audit import Audit
-from gcs.recording.last_known import AUDIT
+from gcs.recording.audit_database import Journal
+from gcs.recording.audit_reader import AUDIT
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
-from gcs.recording.sqlite_writer import Journal
 from gcs.service.event_log import details, received, vehicle_of
 from gcs.service.event_texts import plain
 

@@ -10,7 +10,7 @@ from gcs.config.schema import Config
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport
-from gcs.recording.last_known import commands
+from gcs.recording.audit_reader import commands
 from gcs.recording.session import Record
 from gcs.service import CALLER, Outcome, ShowAction
 from tests.support.virtual_show import Show, alarm_texts, fly, refused, show_config

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import ShowPhase
-from gcs.recording.last_known import commands, events
+from gcs.recording.audit_reader import commands, events
 from gcs.recording.session import Record
 from gcs.service import ShowAction
 from tests.support.reaction_stories import carried_out, reacts

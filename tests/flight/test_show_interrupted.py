@@ -17,8 +17,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode, VehicleId
 from gcs.preflight.parameters import requirements, settings_of
-from gcs.recording.exclusions import exclusions
-from gcs.recording.interrupted_session import interruption
+from gcs.recording.audit_reader import exclusions, interruption
 from gcs.recording.session import Record
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause

@@ -10,7 +10,7 @@ from gcs.cli.main import main
 from gcs.links.address_book import Address
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.recording import mcap_layout as layout
-from gcs.recording.last_known import commands, events, last_known
+from gcs.recording.audit_reader import commands, events, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction

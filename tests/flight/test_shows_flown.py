@@ -9,8 +9,7 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Obstacle, Orbit, Target
-from gcs.recording import last_known
-from gcs.recording.last_known import events
+from gcs.recording.audit_reader import events, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import CommandRecord, Outcome, SelectedShow, ShowAction

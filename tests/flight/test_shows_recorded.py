@@ -9,7 +9,7 @@ import pytest
 from gcs.cli.main import main
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording import mcap_layout as layout
-from gcs.recording.last_known import last_known
+from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common as dialect
 from gcs.cli.kill_without_service import direct_kill
 from gcs.config.schema import Config, find, load
 from gcs.model.errors import ConfigError
-from gcs.recording.last_known import KnownVehicle
+from gcs.recording.audit_reader import KnownVehicle
 from gcs.service import Outcome, VehicleOutcome
 from tests.support.machine import free_ports
 

@@ -14,7 +14,7 @@ from gcs.flight.command_log import CommandLog
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
-from gcs.recording.last_known import commands, last_known
+from gcs.recording.audit_reader import commands, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.replay.service import NOTHING_COUNTED
 from gcs.recording.sample import Sample

@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from gcs.flight.command_log import CommandLog
-from gcs.recording.last_known import commands, last_known
+from gcs.recording.audit_reader import commands, last_known
 from gcs.recording.session import Record
 from gcs.service import Outcome
 

@@ -21,12 +21,11 @@ from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
 from gcs.recording import mcap_layout as layout
 from gcs.recording.audit import Audit
-from gcs.recording.interrupted_session import PAD
-from gcs.recording.last_known import AUDIT
+from gcs.recording.audit_database import Journal
+from gcs.recording.audit_reader import AUDIT, PAD
 from gcs.recording.mcap_writer import FlightFile
 from gcs.recording.replay.service import NOTHING_COUNTED
 from gcs.recording.sample import Sample
-from gcs.recording.sqlite_writer import Journal
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
 from tests.support.replays import replay

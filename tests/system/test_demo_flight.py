@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.cli.main import main
-from gcs.recording.last_known import commands
+from gcs.recording.audit_reader import commands
 from tests.support.machine import free_ports
 
 

@@ -17,7 +17,7 @@ from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer
-from gcs.recording.last_known import commands, last_known
+from gcs.recording.audit_reader import commands, last_known
 from tests.support.ground import (
     SOON_S,
     Supervised,

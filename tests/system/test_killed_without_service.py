@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.config.schema import Config
-from gcs.recording.interrupted_session import interruption
-from gcs.recording.last_known import commands, last_known
+from gcs.recording.audit_reader import commands, interruption, last_known
 from tests.support.ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from tests.support.machine import free_ports
 

@@ -13,7 +13,7 @@ from pymavlink import mavutil
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
-from gcs.recording.last_known import commands, last_known
+from gcs.recording.audit_reader import commands, last_known
 from gcs.recording.mcap_reader import FlightData
 from tests.support.ground import (
     PATIENT_S,

@@ -10,8 +10,7 @@ import numpy as np
 
 from gcs.model.errors import GcsError
 from gcs.model.state import Array, VehicleId
-from gcs.recording.interrupted_session import PAD
-from gcs.recording.last_known import AUDIT, rows
+from gcs.recording.audit_reader import AUDIT, PAD, rows
 from gcs.recording.replay.marks import Event, marks_of
 from gcs.service.event_log import KEPT, LogEvent, severity
 from gcs.service.event_texts import words

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from gcs.model.errors import GcsError
-from gcs.recording.analysis.flight_report import EXIT_CODES
+from gcs.recording.flight_report import EXIT_CODES
 from gcs.service import CheckState, ReportState
 from gcs.service.check_process import LOWER, answered
 

@@ -16,13 +16,12 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import plan_of
 from gcs.model.state import Array, Landed
 from gcs.recording import mcap_layout as layout
-from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample
+from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample, Standard
 from gcs.recording.replay.alarms import recorded, replay_alarm
 from gcs.recording.replay.history import EventHistory
 from gcs.recording.replay.playhead import Playhead
 from gcs.recording.replay.read_only_service import ReadOnlyService
 from gcs.recording.replay.report_task import ReportTask
-from gcs.recording.standard import Standard
 from gcs.service import (
     FleetView,
     Histogram,

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from gcs.recording.last_known import calls
+from gcs.recording.audit_reader import calls
 from gcs.recording.session import Record
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api

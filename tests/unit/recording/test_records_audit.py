@@ -19,12 +19,9 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Mode
-from gcs.recording import last_known
-from gcs.recording.exclusions import exclusions
-from gcs.recording.last_known import AUDIT, calls, commands, events
-from gcs.recording.schema import VERSION
+from gcs.recording.audit_database import VERSION, Journal, Row
+from gcs.recording.audit_reader import AUDIT, calls, commands, events, exclusions, last_known
 from gcs.recording.session import Record
-from gcs.recording.sqlite_writer import Journal, Row
 from gcs.service import CALLER, Call, Outcome, SelectedShow
 from tests.support.records_moment import PLAN, sample
 

@@ -17,12 +17,10 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
 from gcs.recording import mcap_layout as layout
-from gcs.recording.analysis.flight_report import make_flight_report
-from gcs.recording.analysis.pair_distances import nearest_approaches
-from gcs.recording.analysis.trajectories import estimated, true
-from gcs.recording.mcap_reader import FlightData
+from gcs.recording.flight_report import make_flight_report, nearest_approaches
+from gcs.recording.mcap_reader import FlightData, Standard
 from gcs.recording.mcap_writer import FlightFile
-from gcs.recording.standard import Standard
+from gcs.recording.trajectories import estimated, true
 from gcs.safety.separation import Floor
 from tests.support.records_moment import ids_of, sample
 
@@ -298,7 +296,7 @@ def test_progress_covers_the_whole_flight(tmp_path: Path) -> None:
 def test_flight_judged_in_pieces_equals_one_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = truth(tmp_path / "truth-1.jsonl", moves(-6, 0, -9, (3, 0, 0)), moves(6, 1, -9, (-3, 0, 0)))
     whole = judged(file, "--config", "demo")
-    monkeypatch.setattr("gcs.recording.analysis.flight_report.PAIRS_AT_ONCE", 28)
+    monkeypatch.setattr("gcs.recording.flight_report.PAIRS_AT_ONCE", 28)
     assert judged(file, "--config", "demo") == whole
 
 

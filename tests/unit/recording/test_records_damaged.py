@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 
 from gcs.cli.main import main
 from gcs.config import schema as configuration
@@ -115,6 +116,16 @@ def test_flipped_byte_with_loss_is_never_kept(file: Path, capsys: pytest.Capture
         else:
             assert (code, bool(complaint)) == (2, True), at
     assert codes.count(3) > 20
+
+
+@pytest.mark.parametrize("kind", [kind for kind in range(20) if kind != Opcode.CHUNK])
+def test_a_chunk_that_seems_another_record_is_damage(file: Path, kind: int) -> None:
+    data, (_, at) = bytearray(file.read_bytes()), FlightData(file).index.chunks[5]
+    data[at] = kind
+    file.write_bytes(data)
+    recorded = FlightData(file)
+    assert len(list(recorded.ticks())) == TICKS - EACH
+    assert f"bytes {at} to" in recorded.cut
 
 
 def test_damaged_chunk_is_skipped_and_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,12 +11,12 @@ from gcs.config import schema as configuration
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording import mcap_layout as layout
 from gcs.recording.audit import Audit
-from gcs.recording.last_known import AUDIT
+from gcs.recording.audit_database import Journal
+from gcs.recording.audit_reader import AUDIT
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.replay.marks import KEPT_S
 from gcs.recording.replay.service import Replay
-from gcs.recording.sqlite_writer import Journal
 from tests.support.records_moment import sample
 
 BEGAN_S = 1.7e9 + 100.0

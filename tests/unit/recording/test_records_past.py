@@ -7,10 +7,9 @@ import pytest
 
 from gcs.model.errors import GcsError
 from gcs.recording.audit import Audit
-from gcs.recording.interrupted_session import PAD
-from gcs.recording.last_known import AUDIT
+from gcs.recording.audit_database import Journal
+from gcs.recording.audit_reader import AUDIT, PAD
 from gcs.recording.replay.history import EventHistory
-from gcs.recording.sqlite_writer import Journal
 from gcs.service.event_log import KEPT, Severity
 
 

@@ -1,22 +1,27 @@
-"""The audit's tables in SQLite, and how a file is opened: to write, or to read only.
+"""The audit's tables in SQLite, how a file is opened, and the journal that writes rows in the background.
 
 `application_id` identifies the program, `user_version` the layout. A file of another program or of an unknown
 version is refused, and left as it is.
 """
 
 import sqlite3
-from contextlib import ExitStack, closing
+from collections.abc import Sequence
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple, TypeAlias
 
+from gcs.links.disk_writer import DiskWriter
 from gcs.model.errors import GcsError
 
 APPLICATION_ID: Final = 0x46474353  # "FGCS"
 VERSION: Final = 1
 BUSY_S: Final = 1.0
+ROWS_MAX: Final = 50_000
+
+Value: TypeAlias = str | int | float | None
 
 SCHEMA: Final = """
-CREATE TABLE sessions (            -- one for each time that the service ran
+CREATE TABLE sessions (            -- one for each run of the service
   id TEXT PRIMARY KEY,             -- UTC date and time, and a number
   began_unix_s REAL NOT NULL,
   ended_unix_s REAL,               -- NULL: it runs, or did not end properly
@@ -40,7 +45,7 @@ CREATE TABLE commands (
   action TEXT NOT NULL,
   PRIMARY KEY (session, id)
 ) WITHOUT ROWID;
-CREATE TABLE outcomes (            -- one row for each change, the first when the order is accepted
+CREATE TABLE outcomes (            -- one row for each change, the first when the command is accepted
   session TEXT NOT NULL,
   command_id TEXT NOT NULL,
   vehicle TEXT NOT NULL,
@@ -49,7 +54,7 @@ CREATE TABLE outcomes (            -- one row for each change, the first when th
   reason TEXT NOT NULL
 );
 CREATE INDEX outcomes_of ON outcomes (session, command_id);
-CREATE TABLE events (              -- what the service's log says, and changes of mode, arming and plan
+CREATE TABLE events (              -- lines of the service's log, and changes of mode, arming and plan
   session TEXT NOT NULL,
   unix_s REAL NOT NULL,
   level TEXT NOT NULL,
@@ -63,7 +68,7 @@ CREATE TABLE vehicles (            -- the last known of each; NULL: never known
   unix_s REAL NOT NULL,
   system_id INTEGER NOT NULL,
   link TEXT NOT NULL,
-  host TEXT,                       -- where it spoke from: an address and a port, or a serial port and 0
+  host TEXT,                       -- of its newest frame: an address and a port, or a serial port and 0
   port INTEGER,
   phase TEXT,
   reason TEXT,
@@ -149,3 +154,45 @@ def _number(connection: sqlite3.Connection, path: Path, name: str) -> int:
         raise  # busy, or a disk error
     except sqlite3.DatabaseError as error:
         raise GcsError(f"{path}: not an audit of this program: {error}") from None
+
+
+class Row(NamedTuple):
+    """One statement and its values."""
+
+    sql: str
+    values: Sequence[Value]
+
+
+class Journal(DiskWriter[Row]):
+    """One file. Rows that the disk does not accept are kept, and written once it does."""
+
+    PERIOD_S = 0.0
+    REPEATS = True
+
+    def __init__(self, path: Path) -> None:
+        """Opens nothing yet."""
+        super().__init__(path, "rows of the audit", ROWS_MAX)
+        self._path = path
+        self._connection: sqlite3.Connection | None = None
+
+    def _write(self, batch: Sequence[Row]) -> None:
+        """Write all rows in one transaction, or none."""
+        try:
+            if self._connection is None:
+                self._connection = open_to_write(self._path)
+            self._connection.execute("BEGIN IMMEDIATE")
+            for row in batch:
+                self._connection.execute(row.sql, row.values)
+            self._connection.execute("COMMIT")
+        except (sqlite3.IntegrityError, sqlite3.ProgrammingError):
+            raise  # a bug: it ends the thread
+        except sqlite3.DatabaseError as error:
+            self._end()
+            raise OSError(str(error)) from error
+
+    def _end(self) -> None:
+        """Close the file, and roll back what was not committed."""
+        if self._connection is not None:
+            with suppress(sqlite3.Error):
+                self._connection.close()
+            self._connection = None

@@ -1,1 +1,0 @@
-"""Trajectories, pair distances and the flight report of a recorded flight."""

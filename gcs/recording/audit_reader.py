@@ -1,0 +1,279 @@
+"""Reads the audit after a restart or without a service: last known state, exclusions, interrupted flight."""
+
+import json
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from sqlite3 import DatabaseError, Row
+from typing import Any, Final
+
+from gcs.model.errors import GcsError
+from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, triple
+from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.preflight_report import Exclusion
+from gcs.model.state import VehicleId
+from gcs.recording.audit_database import open_to_read
+
+AUDIT: Final = "audit.sqlite"
+"""Name of the audit file in the folder configured under `record`."""
+
+EXCLUDED, INCLUDED, PAD, PHASE = "excluded", "included", "pad", "vehicle_phase"  # events
+FOUND, OVER = "interrupted", "interruption_over"
+
+IN_THE_AIR: Final = AIRBORNE | {Phase.LOST}
+ABOUT_TO_FLY: Final = frozenset({ShowPhase.PREFLIGHT, ShowPhase.ARMING})
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """One run of the service."""
+
+    id: str
+    began_unix_s: float
+    ended_unix_s: float | None  # None: it runs, or was killed
+    folder: Path  # its flight data
+    config: Mapping[str, Any]  # as `gcs.config.schema.Config.model_validate` takes it
+
+
+@dataclass(frozen=True, slots=True)
+class KnownVehicle:
+    """The last known state of one vehicle. None: never known."""
+
+    id: VehicleId
+    session: str  # the newest that recorded it
+    unix_s: float
+    system_id: int
+    link: str
+    host: str | None  # an address and a port, or a serial port and 0
+    port: int | None
+    phase: str | None
+    reason: str | None
+    mode: str | None
+    armed: bool | None
+    home_m: tuple[float, float, float] | None  # show frame of its session's configuration
+
+
+@dataclass(frozen=True, slots=True)
+class KnownShow:
+    """The last known state of the show."""
+
+    session: str
+    unix_s: float
+    phase: str
+    reason: str
+    plan: Mapping[str, Any]  # formation, orbit, target ...; `time_s` is of a clock that has ended
+
+
+@dataclass(frozen=True, slots=True)
+class LastKnown:
+    """All that is needed to find the vehicles and to continue their show."""
+
+    session: Session | None  # the newest
+    show: KnownShow | None
+    vehicles: Mapping[VehicleId, KnownVehicle]
+
+
+@dataclass(frozen=True, slots=True)
+class PastCommand:
+    """An accepted command, with its last outcome for each vehicle: (outcome, reason)."""
+
+    session: str
+    id: str
+    accepted_unix_s: float
+    who: str
+    action: str
+    outcomes: Mapping[VehicleId, tuple[str, str]]
+
+
+def audit_file(path: Path) -> Path:
+    """Return the audit's file: the path itself, or the one in a folder."""
+    return path / AUDIT if path.is_dir() else path
+
+
+def last_known(path: Path) -> LastKnown:
+    """Read the last known state, also while the service runs or after it was killed.
+
+    Args:
+        path: the audit, or its folder.
+
+    Raises: GcsError when there is none, or the file is damaged or of another program.
+    """
+    sessions = rows(path, "SELECT * FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1")
+    shows = rows(path, "SELECT * FROM show")
+    vehicles = rows(path, "SELECT * FROM vehicles ORDER BY id")
+    return LastKnown(
+        _session(sessions[0]) if sessions else None,
+        _show(shows[0]) if shows else None,
+        {row["id"]: _vehicle(row) for row in vehicles},
+    )
+
+
+def commands(path: Path) -> list[PastCommand]:
+    """Return every accepted command, oldest first. Raises: GcsError."""
+    outcomes: dict[tuple[str, str], dict[VehicleId, tuple[str, str]]] = {}
+    for row in rows(path, "SELECT * FROM outcomes ORDER BY rowid"):
+        parts = outcomes.setdefault((row["session"], row["command_id"]), {})
+        parts[row["vehicle"]] = (row["outcome"], row["reason"])
+    return [
+        PastCommand(**dict(row), outcomes=outcomes.get((row["session"], row["id"]), {}))
+        for row in rows(path, "SELECT * FROM commands ORDER BY accepted_unix_s, session, length(id), id")
+    ]
+
+
+def calls(path: Path) -> list[dict[str, Any]]:
+    """Return every recorded call of the API, oldest first. Raises: GcsError."""
+    return [dict(row) for row in rows(path, "SELECT * FROM calls ORDER BY rowid")]
+
+
+def events(path: Path) -> list[dict[str, Any]]:
+    """Return every event, oldest first, with its parsed `detail`. Raises: GcsError."""
+    found = rows(path, "SELECT * FROM events ORDER BY rowid")
+    return [{**dict(row), "detail": json.loads(row["detail"])} for row in found]
+
+
+def rows(path: Path, sql: str, *values: str) -> list[Row]:
+    """Return the rows of a query. Raises: GcsError."""
+    file = audit_file(path)
+    with closing(open_to_read(file)) as connection:
+        try:
+            return connection.execute(sql, values).fetchall()
+        except DatabaseError as error:
+            raise GcsError(f"{file}: cannot be read: {error}") from None
+
+
+def _session(row: Row) -> Session:
+    return Session(
+        row["id"], row["began_unix_s"], row["ended_unix_s"], Path(row["folder"]), json.loads(row["config"])
+    )
+
+
+def _show(row: Row) -> KnownShow:
+    return KnownShow(row["session"], row["unix_s"], row["phase"], row["reason"], json.loads(row["plan"]))
+
+
+def _vehicle(row: Row) -> KnownVehicle:
+    values = dict(row)
+    home_m = tuple(values.pop(name) for name in ("home_x_m", "home_y_m", "home_z_m"))
+    armed = values.pop("armed")
+    known = None if None in home_m else home_m
+    return KnownVehicle(**values, armed=None if armed is None else bool(armed), home_m=known)
+
+
+def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
+    """Excluded vehicles, by which operator, why and since when. To be called before a new session begins.
+
+    Raises: GcsError when there is a record, and it cannot be read.
+    """
+    if not audit_file(root).is_file():
+        return {}
+    sql = f"SELECT * FROM events WHERE event IN ('{EXCLUDED}', '{INCLUDED}') ORDER BY rowid"  # noqa: S608
+    out: dict[VehicleId, Exclusion] = {}
+    for row in rows(root, sql):
+        out.pop(row["vehicle"], None)
+        if row["event"] == EXCLUDED:
+            try:
+                detail = json.loads(row["detail"])
+                out[row["vehicle"]] = Exclusion(detail["by"], detail["reason"], float(row["unix_s"]))
+            except (KeyError, TypeError, ValueError) as error:
+                reason = f"the exclusion of {row['vehicle']} cannot be read: {error!r}"
+                raise GcsError(f"{root}: {reason}") from None
+    return out
+
+
+def interruption(root: Path) -> Interruption | None:
+    """Return the interrupted flight, None if there is none. To be called before a new session begins.
+
+    Raises: GcsError when there is a record, and it cannot be read.
+    """
+    if not audit_file(root).is_file():
+        return None
+    try:
+        return _newest(root)
+    except (KeyError, TypeError, ValueError) as error:
+        raise GcsError(f"{root}: the record of the last session is invalid: {error!r}") from None
+
+
+def _newest(root: Path) -> Interruption | None:
+    known = last_known(root)
+    session = known.session
+    if session is None:
+        return None
+    names = ", ".join(f"'{name}'" for name in (PHASE, PAD, FOUND, OVER))
+    sql = f"SELECT event, vehicle, detail FROM events WHERE session = ? AND event IN ({names}) ORDER BY rowid"  # noqa: S608
+    reported = [
+        (row["event"], row["vehicle"], json.loads(row["detail"])) for row in rows(root, sql, session.id)
+    ]
+    found = _unsettled((event, detail) for event, _, detail in reported)
+    phases = {vehicle: detail for event, vehicle, detail in reported if event == PHASE}
+    pads = {vehicle: triple(detail["pad_m"]) for event, vehicle, detail in reported if event == PAD}
+    own = known.show if known.show is not None and known.show.session == session.id else None
+    if session.ended_unix_s is not None:
+        own, phases = None, {}
+    show = ShowPhase.IDLE if own is None else ShowPhase(own.phase)
+    if found is not None and dict(found.frame) != dict(session.config["show_frame"]):
+        found = _without_pads(found)  # its positions have no meaning in this frame
+    vehicles = _in_the_air(known, phases, pads, found, show)
+    if show in ON_THE_GROUND and show is not ShowPhase.COUNTDOWN and not vehicles:
+        return None
+    if show is ShowPhase.UNCONTROLLED and found is not None:
+        show = found.show  # what was flown before control was lost
+    if own is None or (show in ON_THE_GROUND and found is not None):
+        if found is None:
+            return None
+        return replace(found, vehicles=vehicles)
+    sql = "SELECT max(unix_s) AS unix_s FROM events WHERE session = ?"
+    newest_s = rows(root, sql, session.id)[0]["unix_s"]
+    return Interruption(
+        session=session.id,
+        unix_s=max(own.unix_s, newest_s or 0.0),
+        show=show,
+        reason=own.reason,
+        frame=session.config["show_frame"],
+        vehicles=vehicles,
+        written=_written(own),
+        plan=own.plan,
+    )
+
+
+def _unsettled(reported: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruption | None:
+    """Return the newest interruption that was not settled: a stall may follow a restart."""
+    found = None
+    for event, detail in reported:
+        if event == FOUND:
+            found = Interruption.from_json(detail)
+        elif event == OVER:
+            found = None
+    return found
+
+
+def _without_pads(found: Interruption) -> Interruption:
+    return replace(found, vehicles={name: replace(one, pad_m=None) for name, one in found.vehicles.items()})
+
+
+def _in_the_air(
+    known: LastKnown,
+    phases: Mapping[VehicleId, Mapping[str, Any]],
+    pads: Mapping[VehicleId, Triple | None],
+    found: Interruption | None,
+    show: ShowPhase,
+) -> dict[VehicleId, Before]:
+    """Vehicles in the air, or about to take off, by the newest session, else by the one before it."""
+    vehicles: dict[VehicleId, Before] = {}
+    earlier = {} if found is None else found.vehicles
+    for name, vehicle in known.vehicles.items():
+        reported = phases.get(name, {"phase": Phase.OFFLINE, "reason": ""})
+        phase, before = Phase(reported["phase"]), earlier.get(name)
+        if phase in IN_THE_AIR or (phase is Phase.STANDBY and show in ABOUT_TO_FLY and name in pads):
+            pad_m = pads.get(name, None if before is None else before.pad_m)
+            vehicles[name] = Before(vehicle.system_id, phase, str(reported["reason"]), pad_m)
+        elif before is not None and phase in {Phase.OFFLINE, Phase.PILOT}:
+            vehicles[name] = before
+    return vehicles
+
+
+def _written(show: KnownShow) -> Written | None:
+    raw: Mapping[str, Any] | None = show.plan.get("written")
+    if raw is None:
+        return None
+    return Written(raw["name"], raw["hash"], raw["cue"], float(raw["clock_s"]), dict(raw["parts"]))
