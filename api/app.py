@@ -21,14 +21,9 @@ from gcs.api.context import Context
 from gcs.api.errors import echo, error_response, from_pydantic, invalid_response
 from gcs.api.map_tiles import GroundMap
 from gcs.api.methods import Methods, allowed
-from gcs.api.routes import alarms as alarm_routes
-from gcs.api.routes import fleet as routes
-from gcs.api.routes import kill as kill_routes
-from gcs.api.routes import map as map_routes
-from gcs.api.routes import preflight as preflight_routes
+from gcs.api.routes import commands, fleet, plan, stream
 from gcs.api.routes import replay as replay_routes
 from gcs.api.routes import shows as show_routes
-from gcs.api.routes import stream
 from gcs.api.schemas import fleet as schemas
 from gcs.api.security_headers import SecurityHeaders
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
@@ -92,17 +87,19 @@ def routed(*, asks_for_tokens: bool = True) -> FastAPI:
         asks_for_tokens: whether the document demands a token for calls that need a right.
     """
     app = _Described(asks_for_tokens)
-    app.include_router(routes.health)
+    app.include_router(fleet.health)
     app.include_router(metrics.router)
-    app.include_router(routes.api, prefix="/api/v1")
-    app.include_router(alarm_routes.router, prefix="/api/v1")
-    app.include_router(preflight_routes.router, prefix="/api/v1")
-    app.include_router(kill_routes.kill, prefix="/api/v1")
-    app.include_router(show_routes.selected, prefix="/api/v1")
-    app.include_router(show_routes.files, prefix="/api/v1")
-    app.include_router(replay_routes.router, prefix="/api/v1")
-    app.include_router(map_routes.router, prefix="/api/v1")
-    app.include_router(stream.router, prefix="/api/v1")
+    routers = (
+        fleet.api,
+        commands.router,
+        plan.router,
+        show_routes.selected,
+        show_routes.files,
+        replay_routes.router,
+        stream.router,
+    )
+    for router in routers:
+        app.include_router(router, prefix="/api/v1")
     return app
 
 

@@ -47,7 +47,7 @@ class Feed:
 
     def newest(self) -> Status:
         """Make the status of the newest state."""
-        view, events = self._service.view.value, self._service.events()
+        view, events = self._service.view.value, self._service.events.newest()
         reported = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
         why = self._service.shows.why_not_kept
         return convert.status(view, self._service.frame, events, *reported, why)
@@ -65,7 +65,7 @@ class Feed:
         return self._frame
 
     def _tells(self) -> object:
-        view, events = self._service.view.value, self._service.events()
+        view, events = self._service.view.value, self._service.events.newest()
         rows, selected, playback = view.rows, view.selected, view.playback
         return (
             self._problem(),

@@ -24,11 +24,7 @@ VIEWERS_MAX: Final = 32
 
 
 class Context:
-    """The service as requests see it.
-
-    The service shows a changed plan after its next tick. Until then the context keeps the accepted plan, so
-    that a second change starts from the first one, and a client reads what it has just written.
-    """
+    """The service as requests see it."""
 
     def __init__(
         self, service: Service, authorization: Authorization, ground: GroundMap | None = None
@@ -39,8 +35,6 @@ class Context:
         self.kill_switch = KillSwitch()
         self.feed = Feed(service, authorization.text, self.health_problem, ground)
         self.emergency_port: int | None = None  # of the emergency listener, once it listens
-        self._accepted = service.view.value.plan
-        self._accepted_during = service.view.value
         self._text = ""
         self._text_of: tuple[FleetView, str] | None = None
         self._viewers = 0
@@ -57,12 +51,8 @@ class Context:
 
     @property
     def plan(self) -> Plan:
-        """The plan with every change that was accepted so far."""
-        return self._accepted if self._accepted_during is self.view else self.view.plan
-
-    def accepted(self, plan: Plan) -> None:
-        """Remember `plan`, which the service has just accepted, until the next state shows it."""
-        self._accepted, self._accepted_during = plan, self.view
+        """The plan as of now: a client reads what it has just written."""
+        return self.service.plan.current
 
     def now_s(self) -> float:
         """Time of the event loop, the clock of the service."""

@@ -1,23 +1,21 @@
-"""Routes of health, fleet, show, commands, formation, target and obstacles. They only translate."""
+"""Routes of health, the state of the fleet, alarms, preflight and map tiles. They only translate."""
 
-from collections.abc import Awaitable, Callable
-from dataclasses import replace
+import sqlite3
 from http import HTTPStatus
-from typing import Final
+from typing import Annotated
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Response
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
-from gcs.api.context import Context, ContextDep
-from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, CommandId, ObstacleId, VehicleId, errors
-from gcs.api.schemas import convert, requests
+from gcs.api.context import ContextDep
+from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, AlarmId, VehicleId, errors
+from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas.fleet import Access, Status
-from gcs.model.errors import InvalidError, UnknownError
-from gcs.model.interrupted_flight import Offer
-from gcs.model.plan import Obstacle
-from gcs.service import ShowAction, VehicleAction
+from gcs.api.schemas.fleet import Access, Alarm, AlarmList, Status
+from gcs.model import preflight_report as checks
+from gcs.model.errors import RefusedError, UnknownError
+from gcs.service.alarms import AlarmCause
 
 health = APIRouter(tags=["health"])
 api = APIRouter(dependencies=TOKEN)
@@ -85,316 +83,107 @@ async def get_vehicle(vehicle_id: VehicleId, context: ContextDep) -> schemas.Veh
     raise UnknownError(f"there is no vehicle {vehicle_id!r}; there are {known}")
 
 
-VEHICLE_SUMMARY: Final = {
-    VehicleAction.HOLD: "Leave the formation and hold position",
-    VehicleAction.JOIN: "Back from hold into the formation",
-    VehicleAction.RETURN: "Come home and land",
-    VehicleAction.LAND: "Land where it is",
-    VehicleAction.TAKE_CONTROL: "Take control of a vehicle in the air, into hold",
-    VehicleAction.CONFIRM_DOWN: "Say that a lost vehicle was seen on the ground",
-}
-
-SHOW_SUMMARY: Final = {
-    ShowAction.STOP: "Come home and land",
-    ShowAction.PAUSE: "Stand still where they are",
-    ShowAction.RESUME: "Go on after a pause",
-    ShowAction.ABORT: "Filtered descent to distinct places, now",
-}
+# Alarms
 
 
-def _accepted(response: Response, command: schemas.Command) -> schemas.Command:
-    response.headers["Location"] = f"/api/v1/commands/{command.id}"
-    return command
-
-
-def _vehicle_command(action: VehicleAction) -> Callable[..., Awaitable[schemas.Command]]:
-    async def command(vehicle_id: VehicleId, context: ContextDep, response: Response) -> schemas.Command:
-        return _accepted(response, convert.command(context.service.command_vehicle(vehicle_id, action)))
-
-    return command
-
-
-def _show_command(action: ShowAction) -> Callable[..., Awaitable[schemas.Command]]:
-    async def command(context: ContextDep, response: Response) -> schemas.Command:
-        return _accepted(response, convert.command(context.service.command_show(action)))
-
-    return command
-
-
-for _vehicle_action, _summary in VEHICLE_SUMMARY.items():
-    api.add_api_route(
-        f"/vehicles/{{vehicle_id}}/{_vehicle_action}",
-        _vehicle_command(_vehicle_action),
-        methods=["POST"],
-        name=f"{_vehicle_action.value.replace('-', '_')}_vehicle",
-        summary=_summary,
-        description="Accepted as a command; `409` when the vehicle's phase forbids it.",
-        status_code=HTTPStatus.ACCEPTED,
-        tags=["fleet"],
-        dependencies=NO_BODY,
-        responses=COMMAND | errors(404),
-    )
-
-
-GROUP_SUMMARY: Final = {
-    VehicleAction.HOLD: "Several leave the formation and hold position",
-    VehicleAction.JOIN: "Several come back from hold into the formation",
-    VehicleAction.RETURN: "Several come home and land",
-    VehicleAction.LAND: "Several land where they are",
-    VehicleAction.TAKE_CONTROL: "Take control of several in the air, into hold",
-}
-
-
-def _group_command(action: VehicleAction) -> Callable[..., Awaitable[schemas.Command]]:
-    async def command(
-        context: ContextDep, response: Response, body: requests.GroupBody | None = None
-    ) -> schemas.Command:
-        given = None if body is None else body.vehicles
-        return _accepted(response, convert.command(context.service.command_vehicles(action, given)))
-
-    return command
-
-
-for _group_action, _summary in GROUP_SUMMARY.items():
-    api.add_api_route(
-        f"/fleet/{_group_action}",
-        _group_command(_group_action),
-        methods=["POST"],
-        name=f"{_group_action.value.replace('-', '_')}_fleet",
-        summary=_summary,
-        description=(
-            "One command for the vehicles named, or for all that it can apply to. Those that it does not"
-            " reach are named in the answer as `not-included`, with the reason; `409` when it reaches none."
-        ),
-        status_code=HTTPStatus.ACCEPTED,
-        tags=["fleet"],
-        responses=COMMAND | errors(404),
-    )
-
-
-# Show
-
-
-@api.get("/show", tags=["show"], summary="Phase of the show")
-async def get_show(context: ContextDep) -> schemas.Show:
-    """The show's phase, and the commands that it accepts now."""
-    return convert.show(context.view)
+@api.get("/alarms", tags=["alarms"], summary="Alarms and the overall severity")
+async def list_alarms(context: ContextDep) -> AlarmList:
+    """Every alarm, the most severe first, and the overall severity."""
+    view, problem = context.view, context.health_problem()
+    alarms, severity = convert.alarms(view, problem), convert.severity(view, problem)
+    return AlarmList(severity=severity, alarms=alarms)
 
 
 @api.post(
-    "/show/start",
-    tags=["show"],
-    summary="Check, take off, assemble and fly",
-    status_code=HTTPStatus.ACCEPTED,
-    responses=COMMAND | errors(404),
-)
-async def start_show(
-    context: ContextDep, response: Response, body: requests.StartBody | None = None
-) -> schemas.Command:
-    """Starts the named vehicles or all online ones, now or later; a selected show needs its hash."""
-    given = body or requests.StartBody()
-    record = context.service.command_show(
-        ShowAction.START,
-        given.vehicles,
-        show_hash=given.show_hash,
-        at_unix_time_s=given.at_unix_time_s,
-    )
-    return _accepted(response, convert.command(record))
-
-
-for _show_action, _summary in SHOW_SUMMARY.items():
-    api.add_api_route(
-        f"/show/{_show_action}",
-        _show_command(_show_action),
-        methods=["POST"],
-        name=f"{_show_action.value}_show",
-        summary=_summary,
-        description="Accepted as a command; `409` when the show's phase forbids it.",
-        status_code=HTTPStatus.ACCEPTED,
-        tags=["show"],
-        dependencies=NO_BODY,
-        responses=COMMAND,
-    )
-
-
-OFFER_SUMMARY: Final = {
-    Offer.TAKE_OVER: "Go on with a flight that was cut off: into the formation, which stands until resume",
-    Offer.BRING_HOME: "Bring a flight that was cut off home to where it took off",
-}
-
-
-def _offer_command(offer: Offer) -> Callable[..., Awaitable[schemas.Command]]:
-    async def command(context: ContextDep, response: Response) -> schemas.Command:
-        return _accepted(response, convert.command(context.service.settle(offer)))
-
-    return command
-
-
-for _offer, _summary in OFFER_SUMMARY.items():
-    api.add_api_route(
-        f"/show/{_offer}",
-        _offer_command(_offer),
-        methods=["POST"],
-        name=f"{_offer.value.replace('-', '_')}_show",
-        summary=_summary,
-        description="Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.",
-        status_code=HTTPStatus.ACCEPTED,
-        tags=["show"],
-        dependencies=NO_BODY,
-        responses=COMMAND,
-    )
-
-
-@api.get("/commands", tags=["show"], summary="The last commands")
-async def list_commands(context: ContextDep) -> list[schemas.Command]:
-    """The commands that the service remembers, the newest first."""
-    return [convert.command(record) for record in context.service.commands()]
-
-
-@api.get(
-    "/commands/{command_id}", tags=["show"], summary="Outcome of a command", responses=READ | errors(404)
-)
-async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Command:
-    """An accepted command and its outcome for each vehicle."""
-    return convert.command(context.service.command_record(command_id))
-
-
-# Formation, target, orbit, yaw
-
-
-@api.get("/formation", tags=["formation"], summary="Radius and height, desired and now")
-async def get_formation(context: ContextDep) -> schemas.Formation:
-    """The desired formation, and the radius and height that are commanded now."""
-    return convert.formation(context.plan.formation, context.view)
-
-
-@api.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
-async def change_formation(body: requests.FormationChange, context: ContextDep) -> schemas.Formation:
-    """Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one."""
-    desired = replace(context.plan.formation, **body.given())
-    context.service.set_formation(desired)
-    context.accepted(replace(context.plan, formation=desired))
-    return convert.formation(desired, context.view)
-
-
-@api.get("/target", tags=["target"], summary="Position and velocity of the target now")
-async def get_target(context: ContextDep) -> schemas.Target:
-    """The target's position and velocity, in both frames; it keeps moving with that velocity."""
-    target = context.plan.target
-    return convert.target(target, target.position_m(context.now_s()), context.frame)
-
-
-@api.put("/target", tags=["target"], summary="Set the target", responses=COMMAND)
-async def put_target(body: requests.TargetPut, context: ContextDep) -> schemas.Target:
-    """Position in the show frame or as latitude and longitude. An absent velocity is 0."""
-    now_s = context.now_s()
-    desired = convert.target_desired(body, context.frame, now_s)
-    context.service.set_target(desired)
-    context.accepted(replace(context.plan, target=desired))
-    return convert.target(desired, desired.position_m(now_s), context.frame)
-
-
-@api.get("/orbit", tags=["target"], summary="Orbit of the formation around the target")
-async def get_orbit(context: ContextDep) -> schemas.Orbit:
-    """Radius, speed and direction of the orbit around the target."""
-    return convert.orbit(context.plan.orbit)
-
-
-@api.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
-async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> schemas.Orbit:
-    """Changes the given fields. The formation follows continuously."""
-    desired = replace(context.plan.orbit, **body.given())
-    context.service.set_orbit(desired)
-    context.accepted(replace(context.plan, orbit=desired))
-    return convert.orbit(desired)
-
-
-@api.get("/yaw", tags=["formation"], summary="Heading of the vehicles")
-async def get_yaw(context: ContextDep) -> schemas.Yaw:
-    """The policy, and the heading for the policy `fixed`."""
-    return convert.yaw(context.plan.yaw, context.frame)
-
-
-@api.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", responses=COMMAND)
-async def change_yaw(body: requests.YawChange, context: ContextDep) -> schemas.Yaw:
-    """Changes the policy, the heading for the policy `fixed`, or both."""
-    desired = convert.yaw_desired(body, context.plan.yaw, context.frame)
-    context.service.set_yaw(desired)
-    context.accepted(replace(context.plan, yaw=desired))
-    return convert.yaw(desired, context.frame)
-
-
-# Obstacles
-
-
-def _box(context: Context, obstacle_id: str) -> Obstacle:
-    for box in context.plan.obstacles:
-        if box.id == obstacle_id:
-            return box
-    raise UnknownError(f"there is no obstacle {obstacle_id!r}")
-
-
-@api.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
-async def list_obstacles(context: ContextDep) -> list[schemas.Obstacle]:
-    """All boxes that the vehicles avoid."""
-    return [convert.obstacle(box, context.now_s()) for box in context.plan.obstacles]
-
-
-@api.get("/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404))
-async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.Obstacle:
-    """One box that the vehicles avoid."""
-    return convert.obstacle(_box(context, obstacle_id), context.now_s())
-
-
-@api.post(
-    "/obstacles",
-    tags=["obstacles"],
-    summary="Add an obstacle",
-    status_code=HTTPStatus.CREATED,
+    "/alarms/acknowledge",
+    tags=["alarms"],
+    summary="Acknowledge every alarm",
+    dependencies=NO_BODY,
     responses=COMMAND,
 )
-async def add_obstacle(
-    body: requests.ObstaclePost, context: ContextDep, response: Response
-) -> schemas.Obstacle:
-    """Refused if its id is taken, or if it would contain an airborne vehicle or be too close ahead of one."""
-    box = convert.obstacle_desired(body, body.id or context.new_obstacle_id(), context.now_s())
-    context.service.add_obstacle(box)
-    context.accepted(replace(context.plan, obstacles=(*context.plan.obstacles, box)))
-    response.headers["Location"] = f"/api/v1/obstacles/{box.id}"
-    return convert.obstacle(box, box.time_s)
+async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
+    """Returns the alarms that were not acknowledged before. Ended alarms are removed from the list."""
+    return [convert.alarm(each) for each in context.service.alarms.acknowledge_all()]
 
 
-@api.put(
-    "/obstacles/{obstacle_id}",
-    tags=["obstacles"],
-    summary="Move or resize an obstacle",
-    responses=COMMAND | errors(404),
-)
-async def change_obstacle(
-    obstacle_id: ObstacleId, body: requests.ObstaclePut, context: ContextDep
-) -> schemas.Obstacle:
-    """Replaces the box of this id. Refused when it would contain a vehicle or be too close ahead of one."""
-    if body.id and body.id != obstacle_id:
-        raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
-    box = convert.obstacle_desired(body, obstacle_id, context.now_s())
-    context.service.change_obstacle(box)
-    others = context.plan.obstacles
-    context.accepted(
-        replace(context.plan, obstacles=tuple(box if each.id == obstacle_id else each for each in others))
-    )
-    return convert.obstacle(box, box.time_s)
-
-
-@api.delete(
-    "/obstacles/{obstacle_id}",
-    tags=["obstacles"],
-    summary="Remove an obstacle",
-    status_code=HTTPStatus.NO_CONTENT,
+@api.post(
+    "/alarms/{alarm_id}/acknowledge",
+    tags=["alarms"],
+    summary="Acknowledge one alarm",
     dependencies=NO_BODY,
     responses=COMMAND | errors(404),
 )
-async def remove_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> None:
-    """Removes a box."""
-    context.service.remove_obstacle(obstacle_id)
-    left = tuple(box for box in context.plan.obstacles if box.id != obstacle_id)
-    context.accepted(replace(context.plan, obstacles=left))
+async def acknowledge_alarm(alarm_id: AlarmId, context: ContextDep) -> Alarm:
+    """The alarm stays listed while its cause lasts, with name and time of the first acknowledgement."""
+    if alarm_id == AlarmCause.CONTROL_STOPPED.value:
+        raise RefusedError("control-stopped is not acknowledged: it stays on top until control runs again")
+    return convert.alarm(context.service.alarms.acknowledge(alarm_id))
+
+
+# Preflight
+
+Named = Annotated[
+    list[str] | None,
+    Query(max_length=1000, description="Vehicles that shall fly; absent: every vehicle that is online."),
+]
+
+
+def _check(one: checks.Check) -> reports.Check:
+    return reports.Check(
+        name=one.name,
+        state=one.state,
+        value=one.value,
+        unit=one.unit,
+        limit=one.limit,
+        problem=one.problem,
+        to_do=one.to_do,
+    )
+
+
+def _vehicle(one: checks.VehicleChecks) -> reports.VehicleChecks:
+    return reports.VehicleChecks(
+        id=one.id,
+        passes=not one.failed,
+        flies=one.flies,
+        reason=one.reason,
+        checks=[_check(check) for check in one.checks],
+    )
+
+
+@api.get(
+    "/preflight",
+    tags=["preflight"],
+    summary="Preflight report",
+    responses=READ | errors(404, 409, 503),
+)
+async def get_preflight(context: ContextDep, vehicles: Named = None) -> reports.Preflight:
+    """Every check of every vehicle and of the fleet, at most once a second, and only on the ground."""
+    report = context.service.preflight.report(vehicles)
+    return reports.Preflight(
+        passes=report.passes,
+        unix_time_s=report.unix_time_s,
+        show=report.show,
+        show_hash=report.show_hash,
+        fleet=[_check(check) for check in report.fleet],
+        vehicles=[_vehicle(vehicle) for vehicle in report.vehicles],
+        not_flying={vehicle.id: vehicle.reason for vehicle in report.vehicles if not vehicle.flies},
+        not_checked=list(report.not_checked),
+    )
+
+
+# Map
+
+TILE_HEADERS = {"Cache-Control": "private, max-age=3600", "X-Content-Type-Options": "nosniff"}
+
+
+@api.get("/map/{z}/{x}/{y}", include_in_schema=False)
+async def get_tile(z: int, x: int, y: int, context: ContextDep) -> Response:
+    """One tile as an image. Rows count from the north."""
+    ground = context.ground
+    if ground is None or ground.file is None:
+        raise UnknownError("no map is served here: map.tiles of the configuration names an .mbtiles file")
+    try:
+        picture = await ground.file.read(z, x, y)
+    except sqlite3.Error as error:
+        raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"the map cannot be read: {error}") from None
+    return Response(picture, media_type=ground.file.media_type, headers=TILE_HEADERS)

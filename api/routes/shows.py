@@ -30,6 +30,12 @@ files = APIRouter(prefix="/shows", tags=["shows"], dependencies=TOKEN)
 selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 
 
+@selected.get("", summary="Phase of the show")
+async def get_show(context: ContextDep) -> schemas.Show:
+    """The show's phase, and the commands that it accepts now."""
+    return convert.show(context.view)
+
+
 @files.get("", summary="Every show file", responses=errors(409))
 async def list_shows(context: ContextDep) -> list[reports.StoredShow]:
     """All uploaded show files, by name."""
@@ -83,7 +89,7 @@ async def get_show_check(name: Name, context: ContextDep) -> reports.ShowCheck:
 @files.post("/{name}/select", summary="Select a show to fly next", responses=COMMAND | errors(404))
 async def select_show(name: Name, body: requests.SelectBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet."""
-    return convert.as_schema(schemas.SelectedShow, context.service.select_show(name, body.hash))
+    return convert.as_schema(schemas.SelectedShow, context.service.player.select(name, body.hash))
 
 
 @selected.post(
@@ -95,10 +101,10 @@ async def select_show(name: Name, body: requests.SelectBody, context: ContextDep
 )
 async def deselect_show(context: ContextDep) -> None:
     """Only on the ground. Manual control: formation, target and orbit follow the operator's commands."""
-    context.service.deselect_show()
+    context.service.player.deselect()
 
 
 @selected.post("/seek", summary="Start at a cue", responses=COMMAND | errors(404))
 async def seek_show(body: requests.SeekBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
-    return convert.as_schema(schemas.SelectedShow, context.service.seek_show(body.cue))
+    return convert.as_schema(schemas.SelectedShow, context.service.player.seek(body.cue))

@@ -220,7 +220,7 @@ async def serve(config: Config, say: Say, notifier: Notifier) -> None:
         if not _anybody_up(orchestrator.view.value):
             return
         try:
-            orchestrator.command_show(ShowAction.STOP)
+            orchestrator.commands.command_show(ShowAction.STOP)
         except RefusedError as refused:
             say("stop_refused", f"{refused}")  # still wait until no vehicle is airborne
         say(

@@ -1,60 +1,40 @@
-"""Executes fleet-wide commands and advances the show automatically."""
+"""Executes fleet-wide commands, of operators and of failsafes."""
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from typing import Final
 
 from gcs.flight.collective_return import CollectiveReturn
-from gcs.flight.command_log import CommandLog
-from gcs.flight.control_refusal import why_never
-from gcs.flight.failsafe_monitor import FailsafeMonitor
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_assignment import landing_sites_m
-from gcs.flight.maneuver_tasks import Done
-from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.parameter_reader import ParameterReader
-from gcs.flight.participants import Participants
+from gcs.flight.maneuvers import Done, Maneuvers
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.recovery import Recovery
+from gcs.flight.refusals import why_never, with_alternative
 from gcs.flight.show_player import ShowPlayer
-from gcs.flight.start import Countdown, Starting
-from gcs.flight.telemetry_monitor import TelemetryMonitor
-from gcs.flight.ticker import TickClock
-from gcs.flight.uncontrolled import follow
+from gcs.flight.start import Starting
 from gcs.flight.vehicle import Vehicle
-from gcs.flight.vehicle_commands import VehicleCommands
-from gcs.model.errors import CommandError, InvalidError, RefusedError
+from gcs.flight.vehicle_commands import VehicleCommands, landing_sites_m
+from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
-from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import Array, VehicleId
-from gcs.service import ActiveFailsafe, CommandRecord, Outcome, ShowAction, VehicleAction
-
-log = logging.getLogger(__name__)
-
-REJOINED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED})
-"""Phases of the show in which a vehicle that was lost rejoins the formation automatically."""
-
-OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
-"""Phases in which the show leads no vehicle."""
+from gcs.service import CommandRecord, Outcome, ShowAction
+from gcs.service.commands import CommandLog
 
 STOPS_WITHIN_S = 0.8
 """On pause, each vehicle's goal is the position that its velocity reaches in this time."""
 
 
-class Commander:
-    """Turns fleet-wide commands into maneuvers, and advances the show automatically."""
+class Commander(VehicleCommands):
+    """Turns fleet-wide commands into maneuvers. Implements `gcs.service.Commands`."""
 
     def __init__(
         self,
         flight: Fleet,
         maneuvers: Maneuvers,
         book: CommandLog,
-        parameter_reader: ParameterReader,
         show_player: ShowPlayer,
+        preflight_gate: PreflightGate,
         unix_s: Callable[[], float],
-        clock: TickClock,
         planning: Executor,
         found: Interruption | None = None,
     ) -> None:
@@ -62,129 +42,31 @@ class Commander:
 
         `found` is a flight that was interrupted before this service began.
         """
-        self._flight = flight
+        super().__init__(flight, maneuvers, book)
         self._planning = planning
-        self._maneuvers = maneuvers
-        self._book = book
-        self._participants = Participants(flight, book, unix_s)
-        self._preflight_gate = PreflightGate(
-            flight, parameter_reader, show_player, self._participants, unix_s
-        )
-        self._starting = Starting(flight, maneuvers, book, self._preflight_gate, show_player, unix_s)
-        self._vehicle_commands = VehicleCommands(flight, maneuvers, book)
-        self._collective_return: CollectiveReturn | None = None
         self._commanded: ShowEvent | None = None  # newest command to all, if vehicles may be awaited
+        self.collective_return: CollectiveReturn | None = None  # the newest
+        self.starting = Starting(flight, maneuvers, book, preflight_gate, show_player, unix_s)
         self.recovery = Recovery(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
-        self._telemetry_monitor = TelemetryMonitor(flight, maneuvers, parameter_reader, self._come_back)
-        self._failsafe_monitor = FailsafeMonitor(flight, show_player, clock, unix_s, self, maneuvers.running)
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""
-        if self._collective_return is not None:
-            self._collective_return.give_up()
+        if self.collective_return is not None:
+            self.collective_return.give_up()
 
     @property
     def home_left_s(self) -> float | None:
         """Planned time until the last collective return is over, in s; None: there is none."""
-        return None if self._collective_return is None else self._collective_return.left_s
+        return None if self.collective_return is None else self.collective_return.left_s
 
     @property
     def return_problem(self) -> str:
         """Why the vehicles return without a common plan; empty where no planner has failed."""
-        if self._collective_return is None or self._flight.show is not ShowPhase.RETURNING:
+        if self.collective_return is None or self._flight.show is not ShowPhase.RETURNING:
             return ""
-        return self._collective_return.problem
-
-    # once a tick
-
-    def stalled(self, gap_s: float) -> None:
-        """Note that no tick came for `gap_s`, longer than any setpoint lives: control may have been lost."""
-        self.recovery.stalled(gap_s)
-        self._telemetry_monitor.resume()
-
-    def watch(self) -> None:
-        """Let the telemetry change phases, and end maneuvers that no longer apply."""
-        self._telemetry_monitor.look()
-
-    async def _come_back(self, vehicle: Vehicle) -> None:
-        """Take control through HOLD, then join the formation, return or land, as the other vehicles do.
-
-        For a vehicle that was lost, or that holds because its link lost setpoints. A command to return or
-        land still applies to it, also when all other vehicles have landed and the show is over. It joins
-        automatically only if it was in formation.
-        """
-        flight, rejoins = self._flight, vehicle.rejoins
-        if vehicle.phase is Phase.PILOT:
-            await self._maneuvers.take_control(vehicle)
-        else:
-            await self._maneuvers.hold(vehicle)
-        if flight.show in OVER and flight.came_down_by is not None:
-            reason = f"{vehicle.id}, which was lost, is received again and comes down as commanded"
-            goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
-            flight.move_show(ShowEvent.TAKEN_ON, reason)
-            flight.move_show(goes_on, reason)
-        show = flight.show
-        if show is ShowPhase.RETURNING and vehicle.home_m is not None:
-            await self._maneuvers.come_home(vehicle)
-        elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            await self._maneuvers.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
-        elif rejoins and show in REJOINED:
-            await self._rejoin(vehicle)
-
-    async def _rejoin(self, vehicle: Vehicle) -> None:
-        """Return it to the formation that it was lost from, if there still is room for it."""
-        try:
-            self._vehicle_commands.check_room([vehicle])
-            await self._maneuvers.join(vehicle)
-        except (CommandError, RefusedError) as error:
-            vehicle.reason = f"back, and holds: {error}"
-            raise
-        log.info("rejoined", extra={"vehicle": vehicle.id})
-
-    def advance(self) -> None:
-        """Advance the show: all have taken off, all are assembled, all have landed."""
-        flight = self._flight
-        self._telemetry_monitor.inspect()
-        self._failsafe_monitor.look()
-        self._starting.count_down()
-        if self._collective_return is not None:
-            self._collective_return.advance()
-        self.recovery.advance()
-        led = (*flight.airborne, *self.waiting, *flight.in_phase(Phase.PILOT))
-        busy = [vehicle for vehicle in led if self._maneuvers.running(vehicle)]
-        follow(flight, busy=bool(busy))
-        if flight.show is ShowPhase.ARMING:
-            # vehicles that come down again do not delay the others
-            if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
-                self._all_have_taken_off()
-        elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
-            flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
-        elif flight.show_run is not None and flight.show_run.is_over(flight.fleet.time_s):
-            reason = f"show {flight.show_run.name!r} is over: all vehicles return home"
-            self._stop(reason, reclaim=False)
-        self.recovery.note_setpoints()
-
-    def _all_have_taken_off(self) -> None:
-        """Continue with the vehicles that are airborne, if any."""
-        flight = self._flight
-        holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
-        if flight.in_phase(Phase.FORMATION):
-            flight.move_show(ShowEvent.ALL_UP, "all airborne")
-        elif holding:
-            flight.move_show(ShowEvent.TAKEN_ON, f"no vehicle in formation; waiting for commands: {holding}")
-        elif not flight.airborne:
-            flight.move_show(ShowEvent.ALL_DOWN, "no vehicle took off")
+        return self.collective_return.problem
 
     # automatically
-
-    @property
-    def failsafes(self) -> tuple[ActiveFailsafe, ...]:
-        """Failsafes whose causes last, most severe first."""
-        return self._failsafe_monitor.active
-
-    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> CommandRecord:
-        """Give several vehicles one command: hold, return or land."""
-        return self._vehicle_commands.command_some(vehicles, action)
 
     def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
         """Pause, stop or abort automatically; vehicles that already come down continue.
@@ -198,6 +80,10 @@ class Commander:
             return self._stop(reason, spared, reclaim=False)
         return self._abort(reason, spared, reclaim=False)
 
+    def end_show(self, reason: str) -> CommandRecord:
+        """Return all vehicles automatically at the end of the show."""
+        return self._stop(reason, reclaim=False)
+
     def note_re_formed(self) -> CommandRecord:
         """Record that the remaining vehicles close a gap; nothing is sent."""
         return self._done("re-form", self._not_ours())
@@ -206,33 +92,9 @@ class Commander:
         """Record that the target is held: the vehicles follow a target at rest."""
         return self._done("hold-target")
 
-    # before take-off
-
-    def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """Report what a start would find. Raises: UnknownError, RefusedError."""
-        return self._preflight_gate.report(vehicles)
-
-    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
-        """Take a vehicle out of the show. Raises: UnknownError, RefusedError, InvalidError."""
-        self._need_no_countdown()
-        return self._participants.exclude(vehicle_id, reason)
-
-    def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        """Include an excluded vehicle again. Raises: UnknownError, RefusedError."""
-        self._need_no_countdown()
-        return self._participants.include(vehicle_id)
-
-    def _need_no_countdown(self) -> None:
-        if self.countdown is not None:
-            raise RefusedError("a start is being counted down: stop cancels it")
-
     # commands
 
-    @property
-    def countdown(self) -> Countdown | None:
-        """The start that is scheduled for a clock time."""
-        return self._starting.countdown
-
+    @with_alternative
     def command_show(
         self,
         action: ShowAction,
@@ -253,24 +115,10 @@ class Commander:
             ShowAction.ABORT: self._abort,
         }
         if action is ShowAction.START:
-            return self._starting.begin(vehicles, show_hash, at_unix_time_s)
-        if self.countdown is not None and action in {ShowAction.STOP, ShowAction.ABORT}:
-            return self._starting.call_off(action)
+            return self.starting.begin(vehicles, show_hash, at_unix_time_s)
+        if self.starting.countdown is not None and action in {ShowAction.STOP, ShowAction.ABORT}:
+            return self.starting.call_off(action)
         return commands[action]()
-
-    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        """Execute a command to one vehicle. Raises: RefusedError, UnknownError."""
-        return self._vehicle_commands.command(vehicle_id, action)
-
-    def command_vehicles(
-        self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
-    ) -> CommandRecord:
-        """Execute a command to several vehicles. Raises: RefusedError, UnknownError, InvalidError."""
-        return self._vehicle_commands.command_group(action, vehicles)
-
-    def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Stop the motors of these vehicles. Raises: RefusedError, UnknownError."""
-        return self._vehicle_commands.kill(vehicle_ids)
 
     def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
         """Airborne vehicles outside control that a command reaches, and first takes control of.
@@ -298,7 +146,7 @@ class Commander:
         """Return all vehicles except `spared`; those on the ground stay there."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
-        waiting, later = self.waiting, self._expected(reclaim=reclaim)
+        waiting, later = self._maneuvers.waiting, self._expected(reclaim=reclaim)
         self._lead(ShowEvent.STOP, reason, [*flying, *waiting])
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
         record = self._book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
@@ -377,7 +225,7 @@ class Commander:
         homeless_m = landing_sites_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in (*flying, *later) if v.home_m is not None and not v.comes_down_alone]
         self.close()
-        self._collective_return = collective_return = CollectiveReturn(self._flight, together, self._planning)
+        self.collective_return = collective_return = CollectiveReturn(self._flight, together, self._planning)
         for vehicle in flying:
             self._send_one_home(record, vehicle, collective_return, homeless_m)
         return collective_return
@@ -416,7 +264,7 @@ class Commander:
         advance_show(flight.show, ShowEvent.PAUSE)
         taking_over = self.recovery.taking_over  # the take-over ends paused: the pause closes with it
         back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
-        waiting = self.waiting
+        waiting = self._maneuvers.waiting
         later = [one for one in self._expected(reclaim=reclaim) if one not in taking_over]
         self._stop_on_the_way()
         self._lead(ShowEvent.PAUSE, reason, flight.airborne)
@@ -494,7 +342,7 @@ class Commander:
         """Land all vehicles except `spared` through the safety filter, lowest first, on distinct places."""
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in self._flight.airborne if v not in spared), *back]
-        waiting, later = self.waiting, self._expected(reclaim=reclaim)
+        waiting, later = self._maneuvers.waiting, self._expected(reclaim=reclaim)
         self._lead(ShowEvent.ABORT, reason, [*flying, *waiting])
         places_m = landing_sites_m(
             self._flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
@@ -520,9 +368,3 @@ class Commander:
         for vehicle in waiting:
             self._maneuvers.start(vehicle, self._maneuvers.stay_down, self._book.closer(record, vehicle.id))
         return record
-
-    @property
-    def waiting(self) -> list[Vehicle]:
-        """Vehicles on the ground that are about to take off."""
-        on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
-        return [vehicle for vehicle in on_ground if self._maneuvers.running(vehicle)]

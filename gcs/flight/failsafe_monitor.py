@@ -3,13 +3,14 @@
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
+from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.ticker import TickClock
@@ -19,7 +20,7 @@ from gcs.service import ActiveFailsafe, CommandRecord, ShowAction, VehicleAction
 
 log = logging.getLogger(__name__)
 
-EVERYBODY_LOOKED_AT_S = 1.0
+ALL_CHECKED_S = 1.0
 """All phases are checked this often although telemetry is calm: a killed vehicle may still send telemetry."""
 
 SHOW_COMMAND: Final = {
@@ -53,26 +54,6 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 """Phases in which a show can be paused, and closes its gaps."""
 
 
-class FailsafeCommands(Protocol):
-    """The commands that failsafes may give, see `gcs.flight.commander`."""
-
-    def execute_failsafe(self, vehicles: Sequence[Vehicle], action: VehicleAction) -> CommandRecord:
-        """Give several vehicles one command."""
-        ...
-
-    def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
-        """Pause, stop or abort the show."""
-        ...
-
-    def note_re_formed(self) -> CommandRecord:
-        """Record that the remaining vehicles close a gap."""
-        ...
-
-    def note_target_held(self) -> CommandRecord:
-        """Record that the target is held."""
-        ...
-
-
 class FailsafeMonitor:
     """The failsafes of one flight. Changed on the event loop only."""
 
@@ -82,7 +63,7 @@ class FailsafeMonitor:
         show_player: ShowPlayer,
         clock: TickClock,
         unix_s: Callable[[], float],
-        commands: FailsafeCommands,
+        commander: Commander,
         is_busy: Callable[[Vehicle], bool],
     ) -> None:
         """`is_busy` returns whether a vehicle executes a maneuver."""
@@ -90,7 +71,7 @@ class FailsafeMonitor:
         self._show_player = show_player
         self._clock = clock
         self._unix_s = unix_s
-        self._commands = commands
+        self._commander = commander
         self._is_busy = is_busy
         self._settings = flight.config.failsafes
         self._known = Known.nothing(len(flight.vehicles), flight.fleet.time_s, self._settings)
@@ -111,7 +92,7 @@ class FailsafeMonitor:
         now_s = seen.time_s
         self._mind_pause(now_s)
         calm = is_calm(on, known, seen, self._settings, weather)
-        if calm and not self.active and now_s - self._looked_s < EVERYBODY_LOOKED_AT_S:
+        if calm and not self.active and now_s - self._looked_s < ALL_CHECKED_S:
             return
         self._looked_s = now_s
         roles = self._roles(now_s)
@@ -154,12 +135,12 @@ class FailsafeMonitor:
             if vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilot_in_control)
         }
         self._lost_before = lost if self._flight.show in ON_THE_GROUND else self._lost_before & lost
-        news = lost - self._lost_before
+        newly_lost = lost - self._lost_before
         since_s = self._paused_since_s
         return Roles(
             np.array([phase in AIRBORNE for phase in phases]),
             np.array([phase is Phase.FORMATION for phase in phases]),
-            np.array([vehicle.id in news for vehicle in vehicles]),
+            np.array([vehicle.id in newly_lost for vehicle in vehicles]),
             0.0 if since_s is None else now_s - since_s,
         )
 
@@ -207,11 +188,11 @@ class FailsafeMonitor:
 
     def _of_show(self, request: FailsafeRequest) -> CommandRecord:
         if request.action is Action.RE_FORM:
-            return self._commands.note_re_formed()
+            return self._commander.note_re_formed()
         if request.action is Action.HOLD_TARGET:
             self._show_player.hold_target()
-            return self._commands.note_target_held()
-        return self._commands.execute_show_failsafe(
+            return self._commander.note_target_held()
+        return self._commander.execute_show_failsafe(
             SHOW_COMMAND[request.action], f"{request.cause}: {request.reason}"
         )
 
@@ -225,7 +206,7 @@ class FailsafeMonitor:
         if able:
             request = replace(request, rows=tuple(able))
             vehicles = [self._flight.at_row(row) for row in able]
-            self._note(request, self._commands.execute_failsafe(vehicles, VEHICLE_COMMAND[request.action]))
+            self._note(request, self._commander.command_some(vehicles, VEHICLE_COMMAND[request.action]))
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
         """Remember and log that the request was commanded."""

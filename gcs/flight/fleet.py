@@ -26,7 +26,7 @@ from gcs.flight.running_show import ShowRun
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Command, Link, ParameterValue
-from gcs.model.errors import UnknownError
+from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
@@ -167,9 +167,9 @@ class Fleet:
         self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
         self._ticked = asyncio.Event()
-        self.fleet = self.hear(now_s)
+        self.fleet = self.receive(now_s)
 
-    def hear(self, now_s: float) -> FleetState:
+    def receive(self, now_s: float) -> FleetState:
         """Read the newest telemetry of all links."""
         parts = [link.snapshot() for link in self.links]
         self.telemetry = Newest(parts, self.telemetry.places)
@@ -352,6 +352,11 @@ class Fleet:
         except KeyError:
             known = ", ".join(self.vehicles)
             raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
+
+    def need_no_countdown(self) -> None:
+        """Check that no start is scheduled. Raises: RefusedError."""
+        if self.show is ShowPhase.COUNTDOWN:
+            raise RefusedError("a start is being counted down: stop cancels it")
 
     def move_show(self, event: ShowEvent, reason: str) -> None:
         """Move the show to its next phase. Raises: RefusedError when the transition is not allowed."""

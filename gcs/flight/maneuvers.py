@@ -1,26 +1,30 @@
-"""The maneuvers of one vehicle, step by step: take off, join, return, land.
+"""The maneuvers of one vehicle, step by step, as tasks of the control group: take off, join, return, land.
 
 A refused command ends the maneuver and leaves the vehicle in its phase.
 """
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine
 from math import inf
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
-from gcs.config.sections import OperationSettings
-from gcs.flight.maneuver_tasks import Maneuver, ManeuverTasks
+from gcs.flight.collective_return import CollectiveReturn
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
-from gcs.model.lifecycle import FLOWN, Event, Phase
+from gcs.model.lifecycle import FLOWN, Event, Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Mode
 from gcs.planning.return_paths import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over
+from gcs.service import Outcome
 
 log = logging.getLogger(__name__)
+
+Maneuver: TypeAlias = Callable[[Vehicle], Coroutine[None, None, None]]
+Done: TypeAlias = Callable[[Outcome, str], None]
 
 MODES_OF = {
     Verb.TAKEOFF: frozenset({Mode.TAKEOFF, Mode.HOLD}),  # PX4 changes to HOLD by itself at the top
@@ -47,74 +51,67 @@ WAY_S = 90.0
 """The same limit for returns along planned paths, on which some vehicles wait for others."""
 
 
-class Surroundings(Protocol):
-    """What maneuvers need of the running flight."""
+class ManeuverTasks:
+    """Starts, replaces and ends maneuvers."""
 
-    @property
-    def fleet(self) -> FleetState:
-        """Newest state."""
-        ...
+    def __init__(self, group: asyncio.TaskGroup) -> None:
+        """`group` is the control group."""
+        self._group = group
+        self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
 
-    async def ticked(self) -> None:
-        """Return after the next tick."""
-        ...
+    def running(self, vehicle: Vehicle) -> bool:
+        """Whether the vehicle executes a maneuver."""
+        running = self._running.get(vehicle.id)
+        return running is not None and not running[0].done()
 
-    async def execute(self, command: Command) -> None:
-        """Send a command to the vehicle's link. Raises: CommandError."""
-        ...
+    def stop(self, vehicle: Vehicle, reason: str) -> None:
+        """End the vehicle's maneuver, if any; its outcome is FAILED with that reason."""
+        running = self._running.pop(vehicle.id, None)
+        vehicle.entering_offboard = False
+        if running is not None and not running[0].done():
+            task, done = running
+            task.cancel()
+            done(Outcome.FAILED, reason)  # here: a task cancelled before its first step reports nothing
 
-    @property
-    def vehicles(self) -> Mapping[str, Vehicle]:
-        """All vehicles of the fleet, by id."""
-        ...
+    def start(self, vehicle: Vehicle, maneuver: Maneuver, done: Done) -> None:
+        """Start `maneuver` in place of any other; `done` is called once with the outcome."""
+        self.stop(vehicle, "replaced by another command")
+        task = self._group.create_task(self._run(vehicle, maneuver, done), name=f"maneuver/{vehicle.id}")
+        self._running[vehicle.id] = task, done
+        task.add_done_callback(lambda ended: self._forget(vehicle, ended))
 
-    def mode(self, vehicle: Vehicle) -> Mode:
-        """Return the mode in the newest heartbeat."""
-        ...
+    def _forget(self, vehicle: Vehicle, ended: asyncio.Task[None]) -> None:
+        running = self._running.get(vehicle.id)
+        if running is not None and running[0] is ended:
+            del self._running[vehicle.id]
 
-    def may_descend(self, vehicle: Vehicle) -> bool:
-        """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
-        ...
-
-
-class CollectiveReturn(Protocol):
-    """What maneuvers need of a collective return, see `gcs.flight.collective_return`."""
-
-    @property
-    def is_planned(self) -> bool:
-        """Whether the paths are found."""
-        ...
-
-    def stopping(self, vehicle: Vehicle) -> None:
-        """Note that a vehicle is under control and stops."""
-        ...
-
-    def takes_part(self, vehicle: Vehicle) -> bool:
-        """Whether the vehicle is in the plan, or still may be."""
-        ...
-
-    def goal_m(self, vehicle: Vehicle) -> Array | None:
-        """(3,) Goal at this time, show frame."""
-        ...
-
-    def has_path(self, vehicle: Vehicle) -> bool:
-        """Whether the planner found a path without conflicts for it."""
-        ...
-
-    def is_over(self, vehicle: Vehicle) -> bool:
-        """Whether its path has led it above its start."""
-        ...
+    async def _run(self, vehicle: Vehicle, maneuver: Maneuver, done: Done) -> None:
+        outcome, reason = Outcome.DONE, ""
+        try:
+            await maneuver(vehicle)
+        except (CommandError, RefusedError) as error:
+            outcome, reason = Outcome.FAILED, str(error)
+            log.warning("command_failed", extra={"vehicle": vehicle.id, "reason": reason})
+        # Not reached when `stop` cancels: it has done both, and the vehicle may execute its next maneuver.
+        vehicle.entering_offboard = False
+        done(outcome, reason)
 
 
 class Maneuvers(ManeuverTasks):
     """The maneuvers, and which vehicle executes which."""
 
-    def __init__(self, group: asyncio.TaskGroup, around: Surroundings, settings: OperationSettings) -> None:
+    def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:
         super().__init__(group)
-        self._around = around
-        self._settings = settings
+        self._flight = flight
+        self._settings = flight.config.operation
         self._next_turn_s = -inf  # time of the next take-off
         self._up: tuple[FleetState, bool] | None = None  # for one tick: see `_all_up`
+
+    @property
+    def waiting(self) -> list[Vehicle]:
+        """Vehicles on the ground that are about to take off."""
+        on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
+        return [vehicle for vehicle in on_ground if self.running(vehicle)]
 
     # maneuvers
 
@@ -244,9 +241,9 @@ class Maneuvers(ManeuverTasks):
                 return
             here_m = self._position_m(vehicle)
             vehicle.goal_m = np.array([place_m[0], place_m[1], here_m[2]])
-            await self._around.ticked()  # until then all vehicles commanded together have begun, and count
+            await self._flight.ticked()  # until then all vehicles commanded together have begun, and count
             await self._until(
-                vehicle, lambda: self._above(vehicle, place_m) and self._around.may_descend(vehicle)
+                vehicle, lambda: self._above(vehicle, place_m) and self._flight.may_descend(vehicle)
             )
             await self._descend_slowly(vehicle, place_m)
 
@@ -291,7 +288,7 @@ class Maneuvers(ManeuverTasks):
     # parts of maneuvers
 
     def _position_m(self, vehicle: Vehicle) -> Array:
-        position_m: Array = self._around.fleet.position_m[vehicle.row]
+        position_m: Array = self._flight.fleet.position_m[vehicle.row]
         return position_m
 
     def _height_m(self, vehicle: Vehicle, place_m: Array) -> float:
@@ -299,13 +296,13 @@ class Maneuvers(ManeuverTasks):
 
     def _all_up(self) -> bool:
         """Whether no vehicle climbs any more, or waits on the ground for its turn."""
-        fleet = self._around.fleet
+        fleet = self._flight.fleet
         if self._up is None or self._up[0] is not fleet:  # every waiting vehicle asks in every tick
             self._up = (
                 fleet,
                 not any(
                     vehicle.phase in {Phase.STANDBY, Phase.TAKEOFF} and self.running(vehicle)
-                    for vehicle in self._around.vehicles.values()
+                    for vehicle in self._flight.vehicles.values()
                 ),
             )
         return self._up[1]
@@ -315,7 +312,7 @@ class Maneuvers(ManeuverTasks):
         if vehicle.home_m is None:
             return False
         share = self._height_m(vehicle, vehicle.home_m) / self._settings.takeoff_height_m
-        return share > UP_SHARE or (share > ENDED_SHARE and self._around.mode(vehicle) is Mode.HOLD)
+        return share > UP_SHARE or (share > ENDED_SHARE and self._flight.mode(vehicle) is Mode.HOLD)
 
     def _above(self, vehicle: Vehicle, place_m: Array, within_m: float = IN_PLACE_M) -> bool:
         return bool(is_above(self._position_m(vehicle)[None], place_m[None], within_m)[0])
@@ -338,7 +335,7 @@ class Maneuvers(ManeuverTasks):
                 vehicle.reason = f"{vehicle.phase} for more than {patience_s:g} s: something is in its way"
                 log.warning("no_progress", extra={"vehicle": vehicle.id, "phase": vehicle.phase.value})
                 since_s = loop.time()
-            await self._around.ticked()
+            await self._flight.ticked()
 
     async def _engage(self, vehicle: Vehicle) -> None:
         """Send setpoints at rest first, then command OFFBOARD: PX4 refuses it without them."""
@@ -346,7 +343,7 @@ class Maneuvers(ManeuverTasks):
         vehicle.entering_offboard = True
         await asyncio.sleep(SETPOINTS_FIRST_S)
         for left in reversed(range(ENGAGE_TRIES)):
-            await self._around.ticked()  # after a pause of this service setpoints must flow again first
+            await self._flight.ticked()  # after a pause of this service setpoints must flow again first
             try:
                 await self._command(vehicle, Verb.OFFBOARD)
             except CommandError:
@@ -361,7 +358,7 @@ class Maneuvers(ManeuverTasks):
 
         Returns: False when the autopilot has landed it instead.
         """
-        obeys = vehicle.modes == MODES_OF[Verb.OFFBOARD] and self._around.mode(vehicle) is Mode.OFFBOARD
+        obeys = vehicle.modes == MODES_OF[Verb.OFFBOARD] and self._flight.mode(vehicle) is Mode.OFFBOARD
         if vehicle.phase is Phase.HOLD or not obeys:
             try:
                 await self._engage(vehicle)
@@ -401,7 +398,7 @@ class Maneuvers(ManeuverTasks):
             vehicle.handed_over = True
             break
         while vehicle.phase is Phase.LANDING:
-            await self._around.ticked()
+            await self._flight.ticked()
         if vehicle.phase is not Phase.STANDBY:
             raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
 
@@ -409,6 +406,6 @@ class Maneuvers(ManeuverTasks):
         """Execute a command, while both the old and the new mode count as commanded."""
         obeyed = MODES_OF.get(verb, frozenset())
         vehicle.modes = vehicle.modes | obeyed
-        await self._around.execute(Command(vehicle.id, verb, height_m))
+        await self._flight.execute(Command(vehicle.id, verb, height_m))
         if obeyed:
             vehicle.modes = obeyed

@@ -9,20 +9,25 @@ import numpy as np
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.parameter_reader import ParameterReader
-from gcs.flight.participants import Participants
+from gcs.flight.refusals import with_alternative
 from gcs.flight.running_show import ShowRun
 from gcs.flight.show_player import ShowPlayer
-from gcs.model.errors import GcsError, RefusedError
-from gcs.model.lifecycle import ON_THE_GROUND
-from gcs.model.preflight_report import Check, PreflightReport, State, VehicleChecks, describe
+from gcs.model.errors import GcsError, InvalidError, RefusedError
+from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
+from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks, describe
 from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.planning.vertical_overlap import column_m, most_overlapping
 from gcs.planning.vertical_overlap import describe as describe_columns
 from gcs.preflight import Pattern, PreflightInputs, own_checks, room_to_wander, spacing, standing
+from gcs.service import CALLER, CommandRecord, Outcome
+from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
+
+REASON_MAX = 200
+"""Longest reason of an exclusion, in characters."""
 
 AGAIN_S = 1.0
 """Shortest interval between two reports: a report is expensive for large fleets."""
@@ -60,37 +65,38 @@ class _Kept(NamedTuple):
     """The newest report, and the request that it answers."""
 
     time_s: float
-    asked: tuple[VehicleId, ...] | None
+    meant: tuple[VehicleId, ...] | None
     show: ShowRun | None
     out: frozenset[VehicleId]
     report: PreflightReport
 
-    def answers(self, asked: tuple[VehicleId, ...] | None, flight: Fleet) -> bool:
+    def answers(self, meant: tuple[VehicleId, ...] | None, flight: Fleet) -> bool:
         """Whether the report still answers this request."""
         same = self.show is flight.show_run and self.out == frozenset(flight.excluded)
-        return same and self.asked == asked and flight.fleet.time_s - self.time_s < AGAIN_S
+        return same and self.meant == meant and flight.fleet.time_s - self.time_s < AGAIN_S
 
 
 class PreflightGate:
-    """Runs all checks before a start."""
+    """Runs all checks before a start, and excludes vehicles from it. Implements `gcs.service.Preflight`."""
 
     def __init__(
         self,
         flight: Fleet,
         parameter_reader: ParameterReader,
         show_player: ShowPlayer,
-        participants: Participants,
+        book: CommandLog,
         unix_s: Callable[[], float],
     ) -> None:
         self._flight = flight
         self._parameter_reader = parameter_reader
         self._show_player = show_player
-        self._participants = participants
+        self._book = book
         self._unix_s = unix_s
         self._last: _Kept | None = None
         self._roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
 
-    def report(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
+    @with_alternative
+    def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
         """Report what a start of these vehicles would find: made within the last second, on the ground.
 
         In the air it is the report from before take-off.
@@ -98,30 +104,30 @@ class PreflightGate:
         Raises: UnknownError; RefusedError when there is none.
         """
         flight = self._flight
-        for name in desired or ():
+        for name in vehicles or ():
             flight.vehicle(name)
         if flight.show not in ON_THE_GROUND or flight.airborne:
             if self._last is None:
                 raise RefusedError(f"preflight is for the ground, and the show is {flight.show}")
             return self._last.report
-        asked = None if desired is None else tuple(desired)
+        meant = None if vehicles is None else tuple(vehicles)
         kept = self._last
-        if kept is None or not kept.answers(asked, flight):
-            kept = self._last = self._kept(asked, self._made(asked))
+        if kept is None or not kept.answers(meant, flight):
+            kept = self._last = self._kept(meant, self._made(meant))
         return kept.report
 
-    def _kept(self, asked: tuple[VehicleId, ...] | None, report: PreflightReport) -> "_Kept":
+    def _kept(self, meant: tuple[VehicleId, ...] | None, report: PreflightReport) -> "_Kept":
         flight = self._flight
-        return _Kept(flight.fleet.time_s, asked, flight.show_run, frozenset(flight.excluded), report)
+        return _Kept(flight.fleet.time_s, meant, flight.show_run, frozenset(flight.excluded), report)
 
     def _made(self, desired: tuple[VehicleId, ...] | None) -> PreflightReport:
         flight, show = self._flight, self._flight.show_run
         fleet: list[Check] = []
         try:
-            chosen, left_out = self._participants.choose(desired)
-            fleet.append(_everybody(chosen))
+            chosen, left_out = self._choose(desired)
+            fleet.append(_all_vehicles(chosen))
         except GcsError as error:
-            chosen, left_out = self._participants.could(desired)
+            chosen, left_out = self._could(desired)
             fleet.append(_refused("vehicles", error, ON_GROUND))
         if show is not None:
             fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, desired)))
@@ -156,7 +162,7 @@ class PreflightGate:
 
         Raises: RefusedError, InvalidError, UnknownError with all reasons against the start.
         """
-        chosen, left_out = self._participants.choose(desired)
+        chosen, left_out = self._choose(desired)
         self._need_show(chosen, show_hash, desired)
         looked = self._look(chosen)
         text = describe(
@@ -167,7 +173,7 @@ class PreflightGate:
         )
         if text:
             raise RefusedError(text)
-        fleet = [_everybody(chosen)]
+        fleet = [_all_vehicles(chosen)]
         if show_hash is not None:
             fleet.append(Check("show", State.PASS, limit=AS_CHECKED))
         fleet += looked.together
@@ -221,12 +227,12 @@ class PreflightGate:
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
         near = spacing(inputs, vehicles)
-        asked = self._flight.config.operation.require_parameters
+        meant = self._flight.config.operation.require_parameters
         return {
             name: [
                 *own_checks(inputs, name),
                 *near[name],
-                *(self._parameter_reader.checks(name) if asked else ()),
+                *(self._parameter_reader.checks(name) if meant else ()),
             ]
             for name in vehicles
         }
@@ -326,8 +332,90 @@ class PreflightGate:
             for pair in pairs
         ]
 
+    # participants
 
-def _everybody(chosen: Sequence[VehicleId]) -> Check:
+    def _choose(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+        """Return the vehicles that fly, and why the others do not. Raises: UnknownError, RefusedError."""
+        flight = self._flight
+        for name in desired or ():
+            flight.vehicle(name)
+        chosen, left_out = self._could(desired)
+        meant = set(flight.vehicles if desired is None else desired) - set(chosen)
+        for name, vehicle in flight.vehicles.items():
+            if name not in meant:
+                continue
+            exclusion = flight.excluded.get(name)
+            if exclusion is not None and desired is not None:
+                raise RefusedError(f"{name} was {exclusion}; include it first")
+            if exclusion is None and (desired is not None or vehicle.phase is not Phase.OFFLINE):
+                raise RefusedError(
+                    f"{name} is {vehicle.phase}: {vehicle.reason.removesuffix('.')}; only standby can start"
+                )
+        if not chosen:
+            raise RefusedError("no vehicle is online")
+        return chosen, left_out
+
+    def _could(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+        """Return the desired vehicles that could fly, and why the others do not; raises nothing."""
+        chosen: list[VehicleId] = []
+        left_out: dict[VehicleId, str] = {}
+        meant = None if desired is None else frozenset(desired)
+        for name, vehicle in self._flight.vehicles.items():
+            if name in self._flight.excluded:
+                left_out[name] = str(self._flight.excluded[name])
+            elif meant is not None and name not in meant:
+                left_out[name] = "not chosen"
+            elif vehicle.phase is Phase.STANDBY:
+                chosen.append(name)
+            else:
+                left_out[name] = f"{vehicle.phase}: {vehicle.reason}"
+        return chosen, left_out
+
+    @with_alternative
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
+        """Take a vehicle out of the show, until it is included again.
+
+        Raises: UnknownError, InvalidError; RefusedError unless all vehicles are on the ground.
+        """
+        if len(reason) > REASON_MAX:
+            raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
+        self._flight.need_no_countdown()
+        self._need_ground(vehicle_id)
+        exclusion = Exclusion(CALLER.get(), reason, self._unix_s())
+        self._flight.excluded[vehicle_id] = exclusion
+        log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
+        return self._noted("exclude", vehicle_id, str(exclusion))
+
+    @with_alternative
+    def include(self, vehicle_id: VehicleId) -> CommandRecord:
+        """Include an excluded vehicle again.
+
+        Raises: UnknownError; RefusedError if it is not excluded, or unless all vehicles are on the ground.
+        """
+        self._flight.need_no_countdown()
+        self._need_ground(vehicle_id)
+        if self._flight.excluded.pop(vehicle_id, None) is None:
+            raise RefusedError(f"{vehicle_id} was not taken out of the show")
+        log.info("included", extra={"vehicle": vehicle_id, "by": CALLER.get()})
+        return self._noted("include", vehicle_id, "")
+
+    def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> CommandRecord:
+        record = self._book.open(action, [vehicle_id], {})
+        self._book.close(record.id, vehicle_id, Outcome.DONE, reason)
+        return self._book.get(record.id)
+
+    def _need_ground(self, vehicle_id: VehicleId) -> None:
+        vehicle, flight = self._flight.vehicle(vehicle_id), self._flight
+        if flight.show not in ON_THE_GROUND or flight.airborne:
+            raise RefusedError(
+                f"vehicles can be excluded or included only on the ground (the show is {flight.show})"
+            )
+        if vehicle.phase not in GROUNDED:
+            because = vehicle.reason.removesuffix(".")
+            raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {because}; it is not on the ground")
+
+
+def _all_vehicles(chosen: Sequence[VehicleId]) -> Check:
     return Check("vehicles", State.PASS, len(chosen), "vehicles", ON_GROUND)
 
 

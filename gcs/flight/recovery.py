@@ -14,14 +14,17 @@ from typing import Final
 
 import numpy as np
 
-from gcs.flight.awaited_vehicles import REPLACED, AwaitedVehicles, Missed, Reached
-from gcs.flight.command_log import CommandLog
-from gcs.flight.control_refusal import why_never, why_not_touching_down, why_not_without_heartbeat
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.restored_plan import RestoredPlan
+from gcs.flight.plan_editor import RestoredPlan
+from gcs.flight.refusals import (
+    why_never,
+    why_not_touching_down,
+    why_not_without_heartbeat,
+    with_alternative,
+)
 from gcs.flight.show_player import ShowPlayer
-from gcs.flight.stall_recovery import Stall, StallRecovery
+from gcs.flight.stall_recovery import REPLACED, AwaitedVehicles, Missed, Reached, Stall, StallRecovery
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import (
@@ -37,6 +40,7 @@ from gcs.model.interrupted_flight import (
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome
+from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +60,7 @@ class _Batch:
 
 
 class Recovery:
-    """Tracks an interrupted flight until every vehicle is accounted for. Changed on the event loop only."""
+    """Tracks an interrupted flight until all its vehicles are accounted for: `gcs.service.Recovery`."""
 
     def __init__(
         self,
@@ -94,8 +98,12 @@ class Recovery:
                 if before.pad_m is not None:
                     vehicles[name].home_m = np.array(before.pad_m)
             self._no_plan = self._plans.why_not(found)
-        reported = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
-        log.warning("found_interrupted", extra=reported)
+
+    def log_found(self) -> None:
+        """Log the flight that was interrupted before this service began, if there is one."""
+        if (found := self._found) is not None:
+            reported = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
+            log.warning("found_interrupted", extra=reported)
 
     # stall
 
@@ -280,6 +288,7 @@ class Recovery:
 
     # commands
 
+    @with_alternative
     def settle(self, offer: Offer) -> CommandRecord:
         """Execute an offer. Raises: RefusedError when it is not offered."""
         found, shown = self._found, self.view()

@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import nan
 
 from gcs.flight.fleet import Fleet
+from gcs.flight.refusals import with_alternative
 from gcs.flight.running_show import ShowRun
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
@@ -23,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 class ShowPlayer:
-    """Selects shows, and has the selected show decide the plan."""
+    """Selects shows, and has the selected show decide the plan. Implements `gcs.service.Player`."""
 
     def __init__(self, flight: Fleet, show_library: ShowLibrary) -> None:
         self._flight = flight
@@ -36,11 +37,13 @@ class ShowPlayer:
 
     # on the ground
 
+    @with_alternative
     def select(self, name: str, show_hash: str) -> SelectedShow:
         """Select a checked show to fly next.
 
         Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
         """
+        self._flight.need_no_countdown()
         self._need_ground("select a show")
         timeline = self._fitting(name, self._show_library.cleared(name, show_hash))
         return self._take(ShowRun(name, timeline, figures=self._show_library.checked(name).figures or {}))
@@ -104,9 +107,11 @@ class ShowPlayer:
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})
         return show_run.view(flight.fleet.time_s)
 
+    @with_alternative
     def deselect(self) -> None:
         """Select no show: the panels decide the plan. Raises: RefusedError in the air."""
         flight = self._flight
+        flight.need_no_countdown()
         self._need_ground("deselect the show")
         if flight.show_run is None:
             return
@@ -115,9 +120,11 @@ class ShowPlayer:
         target = replace(self._reported.target, time_s=flight.fleet.time_s)
         flight.plan = replace(self._reported, target=target, obstacles=own, yaw=yaw)
 
+    @with_alternative
     def seek(self, cue: str) -> SelectedShow:
         """Start the show at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
         flight = self._flight
+        flight.need_no_countdown()
         show_run = self._selected("seek")
         grounded = flight.show in ON_THE_GROUND and not flight.airborne
         show_run.clock = show_run.clock.seek(show_run.timeline, cue, grounded=grounded)
@@ -277,7 +284,7 @@ class ShowPlayer:
         self._reported_s = live.time_s
         self._held = show_run.live = Target(*live.position_m(now_s), time_s=now_s)
 
-    def tell_target(self, target: Target) -> None:
+    def set_target(self, target: Target) -> None:
         """Set a target, without a show or for a live cue. Raises: RefusedError, InvalidError."""
         flight, show_run = self._flight, self._flight.show_run
         if show_run is not None and not show_run.is_live(target.time_s):

@@ -1,6 +1,7 @@
-"""Assembles the newest state of the whole flight for display and clients."""
+"""Assembles what leaves a tick: the view for displays and clients, and the sample for the record."""
 
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -8,11 +9,12 @@ from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates
 from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import ShowRun
+from gcs.flight.running_show import ShowRun, lights
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
+from gcs.recording.sample import Sample
 from gcs.safety.filter import SafetySettings
 from gcs.service import ActiveFailsafe, FleetView, TickView
 from gcs.service.alarms import Alarm
@@ -131,4 +133,58 @@ def _rows(
         colour=colour,
         lit=lit,
         homes_m=[vehicle.home_m for vehicle in vehicles],
+    )
+
+
+def record_sample(
+    flight: Fleet,
+    tick: Tick,
+    *,
+    timing: TickView,
+    control_alive: bool,
+    alarms: tuple[Alarm, ...],
+    unix_time_s: float,
+    start_unix_time_s: float | None,
+) -> Sample:
+    """Return what one tick estimated, desired and sent; rows as in `flight.fleet`."""
+    fleet, newest, vehicles = flight.fleet, flight.newest(), flight.vehicles.values()
+    parts = flight.telemetry.parts
+    center = tick.memory.center
+    show_run = flight.show_run
+    selected = None if show_run is None else show_run.view(fleet.time_s)
+    colours = None
+    if show_run is not None and selected is not None:
+        # the parts are replaced, never changed
+        colours = partial(lights, show_run.timeline, show_run.parts, fleet.ids, selected.clock_s)
+    return Sample(
+        unix_time_s=unix_time_s,
+        fleet=fleet,
+        setpoints=tick.setpoints,
+        uncertainty_m=flight.traits.uncertainty_m,
+        heartbeat_age_s=fleet.time_s - newest.beat_s,
+        battery_remaining=flight.in_rows([part.battery_remaining for part in parts]),
+        phases=[vehicle.phase for vehicle in vehicles],
+        reasons=[vehicle.reason for vehicle in vehicles],
+        modes=newest.mode,
+        armed=newest.armed,
+        landed=newest.landed,
+        ready=flight.ordered([part.ready for part in parts]),
+        homes=[vehicle.home_m for vehicle in vehicles],
+        limited_by={fleet.ids[row]: why for row, why in enumerate(tick.limited_by) if why},
+        show=flight.show,
+        reason=flight.reason,
+        plan=flight.plan,
+        selected=selected,
+        start_unix_time_s=start_unix_time_s,
+        center_m=None if center is None else tuple3(center.position_m),
+        center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
+        radius_m=None if center is None else tick.memory.radius_m,
+        minimum_separation_m=finite(tick.minimum_separation_m),
+        timing=timing,
+        control_alive=control_alive,
+        setpoints_sent=sum(link.setpoints_sent for link in flight.links),
+        alarms=alarms,
+        parts={} if show_run is None else show_run.parts,
+        control=flight.control,
+        colours=colours,
     )

@@ -1,19 +1,21 @@
 """A start, immediate or scheduled: the checks before it, and the order of take-offs."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Final
 
-from gcs.flight.command_log import CommandLog
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import Cleared, PreflightGate
 from gcs.flight.show_player import ShowPlayer
-from gcs.flight.uncontrolled import reason, uncontrolled
+from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
-from gcs.model.lifecycle import ShowEvent, advance_show
-from gcs.model.state import VehicleId
+from gcs.model.lifecycle import Phase, ShowEvent, advance_show
+from gcs.model.preflight_report import joined
+from gcs.model.state import VehicleId, Whereabouts
 from gcs.service import CommandRecord, Outcome, ShowAction
+from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -22,6 +24,32 @@ AHEAD_MAX_S = 24 * 3600.0
 
 LATE_MAX_S = 2.0
 """A start missed by more (suspended computer, or changed clock) is not made up for."""
+
+NAMED: Final = 6
+"""Up to this many vehicles are named; of more, only the number is given."""
+
+
+def uncontrolled(flight: Fleet) -> list[Vehicle]:
+    """Airborne vehicles under the control of a pilot or of their own autopilot."""
+    vehicles = flight.in_phase(Phase.PILOT, Phase.KILLED)
+    return [one for one in vehicles if flight.whereabouts(one) is Whereabouts.UNCONTROLLED]
+
+
+def uncontrolled_reason(vehicles: Collection[Vehicle]) -> str:
+    """Return how many of these are airborne and why outside control, grouped by reason."""
+    by_reason: dict[str, list[str]] = {}
+    for vehicle in vehicles:
+        by_reason.setdefault(vehicle.reason, []).append(vehicle.id)
+    count = f"{len(vehicles)} {'vehicle' if len(vehicles) == 1 else 'vehicles'} airborne"
+    if len(by_reason) == 1:
+        (only,) = by_reason
+        return f"{count}, not under this station's control: {only}"
+    parts = [f"{_named(ids)}: {why.removesuffix('.')}" for why, ids in by_reason.items()]
+    return f"{count}, not under this station's control: {'; '.join(parts)}"
+
+
+def _named(ids: list[str]) -> str:
+    return joined(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +90,7 @@ class Starting:
         Raises: RefusedError, UnknownError, InvalidError.
         """
         if others := uncontrolled(self._flight):
-            raise RefusedError(f"a start needs all vehicles on the ground: {reason(others)}")
+            raise RefusedError(f"a start needs all vehicles on the ground: {uncontrolled_reason(others)}")
         event = ShowEvent.START if at_unix_s is None else ShowEvent.SCHEDULE
         advance_show(self._flight.show, event)
         if at_unix_s is not None:
@@ -130,7 +158,7 @@ class Starting:
         if self._flight.airborne:
             raise RefusedError("a vehicle is in the air already")
         if others := uncontrolled(self._flight):
-            raise RefusedError(reason(others))
+            raise RefusedError(uncontrolled_reason(others))
         if late_s > LATE_MAX_S:
             raise RefusedError(f"its time was missed by {late_s:.1f} s: this machine, or its clock, stood")
         return self._preflight_gate.need(countdown.show_hash, countdown.chosen)

@@ -8,8 +8,7 @@ import numpy as np
 from gcs.estimation.signs_of_life import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Columns, Fleet
-from gcs.flight.maneuver_tasks import Maneuver
-from gcs.flight.maneuvers import Maneuvers
+from gcs.flight.maneuvers import Maneuver, Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.vehicle import Explanation, Vehicle, VehicleStatus
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase

@@ -1,22 +1,24 @@
-"""Executes commands to single vehicles and groups."""
+"""Executes commands to single vehicles and groups, and chooses where they land."""
 
 import logging
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from gcs.flight.command_log import CommandLog
-from gcs.flight.control_refusal import why_never, why_not_unasked
+import numpy as np
+
+from gcs.control import ellipses_of
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_assignment import landing_sites_m
-from gcs.flight.maneuver_tasks import Maneuver
-from gcs.flight.maneuvers import Maneuvers
+from gcs.flight.maneuvers import Maneuver, Maneuvers
+from gcs.flight.refusals import instead, why_never, why_not_unasked, with_alternative
 from gcs.flight.vehicle import Vehicle, require_phase
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, InvalidError, RefusedError
-from gcs.model.lifecycle import FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
-from gcs.model.state import VehicleId
+from gcs.model.lifecycle import AIRBORNE, FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
+from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_formation
+from gcs.planning.landing_sites import distinct_sites_m
 from gcs.service import CommandRecord, Outcome, VehicleAction
+from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -30,17 +32,51 @@ EVENT_OF = {
 }
 
 
+def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+    """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
+    if not vehicles:
+        return {}
+    desired_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
+    coming_down = {vehicle.id for vehicle in vehicles}
+    taken_m = [
+        place_m[:2]
+        for vehicle in flight.vehicles.values()
+        if vehicle.id not in coming_down
+        for place_m in (
+            vehicle.home_m,
+            flight.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
+            vehicle.goal_m if vehicle.phase is Phase.LANDING else None,
+        )
+        if place_m is not None
+    ]
+    places_m = distinct_sites_m(
+        desired_m,
+        np.array(taken_m).reshape(-1, 2),
+        flight.config.operation.landing_site_spacing_m,
+        ellipses_of(flight.plan, flight.control, flight.fleet.time_s),
+    )
+    ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
+    return {
+        vehicle.id: np.array([place_m[0], place_m[1], z_m])
+        for vehicle, place_m, z_m in zip(vehicles, places_m, ground_z_m, strict=True)
+    }
+
+
 class VehicleCommands:
-    """Turns commands to vehicles into maneuvers."""
+    """Turns commands to vehicles into maneuvers; the base of `Commander`."""
 
     def __init__(self, flight: Fleet, maneuvers: Maneuvers, book: CommandLog) -> None:
         self._flight = flight
         self._maneuvers = maneuvers
         self._book = book
 
-    def command(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
+    def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Execute a command to one vehicle. Raises: RefusedError, UnknownError."""
         vehicle = self._flight.vehicle(vehicle_id)
+        with instead(self._flight, vehicle_id):
+            return self._command(vehicle, action)
+
+    def _command(self, vehicle: Vehicle, action: VehicleAction) -> CommandRecord:
         self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
@@ -79,18 +115,21 @@ class VehicleCommands:
         if action is VehicleAction.TAKE_CONTROL and (why := why_never(self._flight, vehicle)):
             raise RefusedError(f"control of {name} is not taken: {why}")
 
-    def command_group(self, action: VehicleAction, names: Sequence[VehicleId] | None) -> CommandRecord:
+    @with_alternative
+    def command_vehicles(
+        self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
+    ) -> CommandRecord:
         """Execute one command for several vehicles; None: for all that it can apply to.
 
         Raises: UnknownError, InvalidError; RefusedError when it reaches none of them.
         """
         if action is VehicleAction.CONFIRM_DOWN:
             raise InvalidError("action", action.value, "hold, join, return, land or take-control")
-        if names is None:
-            asked = [v for v in self._flight.vehicles.values() if v.phase not in GROUNDED]
+        if vehicles is None:
+            meant = [v for v in self._flight.vehicles.values() if v.phase not in GROUNDED]
         else:
-            asked = [self._flight.vehicle(name) for name in dict.fromkeys(names)]
-        chosen, left_out = self._reached(action, asked, named=names is not None)
+            meant = [self._flight.vehicle(name) for name in dict.fromkeys(vehicles)]
+        chosen, left_out = self._reached(action, meant, named=vehicles is not None)
         if not chosen:
             reasons = "; ".join(left_out.values()) or "no vehicle is airborne"
             raise RefusedError(f"{action} reaches no vehicle: {reasons}")
@@ -105,12 +144,12 @@ class VehicleCommands:
         return self.command_some(chosen, action, left_out)
 
     def _reached(
-        self, action: VehicleAction, asked: Sequence[Vehicle], *, named: bool
+        self, action: VehicleAction, meant: Sequence[Vehicle], *, named: bool
     ) -> tuple[list[Vehicle], dict[VehicleId, str]]:
         """Return the vehicles that a command reaches, and why it does not reach the others."""
         chosen: list[Vehicle] = []
         left_out: dict[VehicleId, str] = {}
-        for vehicle in asked:
+        for vehicle in meant:
             try:
                 self._require(vehicle, action)
             except RefusedError as error:
@@ -159,6 +198,7 @@ class VehicleCommands:
             named = ", ".join(vehicle.id for vehicle in joining)
             raise RefusedError(f"{named} cannot join: {error}") from None
 
+    @with_alternative
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Stop motors. The phases change at once: nothing else is sent from then on.
 

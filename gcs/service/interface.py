@@ -1,4 +1,4 @@
-"""Protocols of the service port, and an audit that records nothing."""
+"""The service port: one small protocol for each role, and an audit that records nothing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from typing import Protocol
 
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import Offer
-from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.service.alarms import Alarm
@@ -119,37 +119,8 @@ class Replaying(Protocol):
         ...
 
 
-class Service(Protocol):
-    """The service port that the API uses.
-
-    Every call returns at once. Raises: InvalidError (never valid), RefusedError (not now), UnknownError (no
-    such object); then nothing has changed.
-    """
-
-    @property
-    def view(self) -> Latest[FleetView]:
-        """Newest state, set once a tick."""
-        ...
-
-    @property
-    def frame(self) -> ShowFrame:
-        """Position and heading of the show's origin."""
-        ...
-
-    @property
-    def audit(self) -> Audit:
-        """The audit record: notes calls, and delays an answer until they are stored."""
-        ...
-
-    @property
-    def shows(self) -> Shows:
-        """The show files that can be selected."""
-        ...
-
-    @property
-    def replaying(self) -> Replaying | None:
-        """Controls of the replay; None: this service is no replay."""
-        ...
+class Commands(Protocol):
+    """Commands to the show and its vehicles. Raises: InvalidError, RefusedError, UnknownError."""
 
     def command_show(
         self,
@@ -167,18 +138,6 @@ class Service(Protocol):
             show_hash: for START only: of the selected show; None where none is selected.
             at_unix_time_s: for START only: when they take off; None: now.
         """
-        ...
-
-    def select_show(self, name: str, show_hash: str) -> SelectedShow:
-        """Select a checked show to fly next; on the ground only. `show_hash` is the check's."""
-        ...
-
-    def deselect_show(self) -> None:
-        """Select no show: the panels decide the plan; on the ground only. No effect without a show."""
-        ...
-
-    def seek_show(self, cue: str) -> SelectedShow:
-        """Start the selected show at a cue; on the ground only."""
         ...
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
@@ -199,7 +158,51 @@ class Service(Protocol):
         """
         ...
 
-    def preflight(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+    def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
+        """Stop the motors of these vehicles immediately; the record names those that cannot be reached."""
+        ...
+
+
+class CommandRecords(Protocol):
+    """The newest commands and their outcomes."""
+
+    def get(self, command_id: str) -> CommandRecord:
+        """Return an accepted command with its newest outcomes. Raises: UnknownError."""
+        ...
+
+    def newest(self) -> Sequence[CommandRecord]:
+        """The newest commands, newest first."""
+        ...
+
+
+class Recovery(Protocol):
+    """Settles an interrupted flight."""
+
+    def settle(self, offer: Offer) -> CommandRecord:
+        """Continue an interrupted flight or return its vehicles, as offered. Raises: RefusedError."""
+        ...
+
+
+class Player(Protocol):
+    """Selects the show to fly next; on the ground only. Raises: RefusedError, UnknownError."""
+
+    def select(self, name: str, show_hash: str) -> SelectedShow:
+        """Select a checked show. `show_hash` is the check's."""
+        ...
+
+    def deselect(self) -> None:
+        """Select no show: the panels decide the plan. No effect without a show."""
+        ...
+
+    def seek(self, cue: str) -> SelectedShow:
+        """Start the selected show at a cue."""
+        ...
+
+
+class Preflight(Protocol):
+    """Checks before a start, and the vehicles that take part. Raises: RefusedError, UnknownError."""
+
+    def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
         """Report what a start of these, or of all, would find: every check, vehicle by vehicle."""
         ...
 
@@ -211,32 +214,36 @@ class Service(Protocol):
         """Include an excluded vehicle again."""
         ...
 
-    def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Stop the motors of these vehicles immediately; the record names those that cannot be reached."""
+
+class Alarms(Protocol):
+    """Acknowledges alarms."""
+
+    def acknowledge(self, alarm_id: str) -> Alarm:
+        """Mark an alarm as acknowledged by the caller; it stays listed while its cause lasts.
+
+        Raises: UnknownError.
+        """
         ...
 
-    def acknowledge_alarm(self, alarm_id: str) -> Alarm:
-        """Mark an alarm as acknowledged by the caller; it stays listed while its cause lasts."""
-        ...
-
-    def acknowledge_alarms(self) -> Sequence[Alarm]:
+    def acknowledge_all(self) -> Sequence[Alarm]:
         """Acknowledge all alarms; returns those that were not acknowledged before."""
         ...
 
-    def settle(self, offer: Offer) -> CommandRecord:
-        """Continue an interrupted flight or return its vehicles, as offered."""
-        ...
 
-    def command_record(self, command_id: str) -> CommandRecord:
-        """Return an accepted command with its newest outcomes."""
-        ...
+class Events(Protocol):
+    """The service's log in words."""
 
-    def commands(self) -> Sequence[CommandRecord]:
-        """The newest commands, newest first."""
-        ...
-
-    def events(self) -> Sequence[LogEvent]:
+    def newest(self) -> Sequence[LogEvent]:
         """The newest events, newest last."""
+        ...
+
+
+class PlanChanges(Protocol):
+    """The plan, and its changes by operators. Raises: InvalidError, RefusedError, UnknownError."""
+
+    @property
+    def current(self) -> Plan:
+        """The plan as of now: an accepted change is in it at once, before the next tick."""
         ...
 
     def set_formation(self, formation: Formation) -> None:
@@ -266,3 +273,56 @@ class Service(Protocol):
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Remove an obstacle."""
         ...
+
+
+class Service(Protocol):
+    """The service port that the API uses: the newest state, and one object for each role.
+
+    Every call returns at once. Raises: InvalidError (never valid), RefusedError (not now), UnknownError (no
+    such object); then nothing has changed.
+    """
+
+    @property
+    def view(self) -> Latest[FleetView]:
+        """Newest state, set once a tick."""
+        ...
+
+    @property
+    def frame(self) -> ShowFrame:
+        """Position and heading of the show's origin."""
+        ...
+
+    @property
+    def replaying(self) -> Replaying | None:
+        """Controls of the replay; None: this service is no replay."""
+        ...
+
+    @property
+    def audit(self) -> Audit: ...
+
+    @property
+    def plan(self) -> PlanChanges: ...
+
+    @property
+    def commands(self) -> Commands: ...
+
+    @property
+    def command_log(self) -> CommandRecords: ...
+
+    @property
+    def recovery(self) -> Recovery: ...
+
+    @property
+    def shows(self) -> Shows: ...
+
+    @property
+    def player(self) -> Player: ...
+
+    @property
+    def preflight(self) -> Preflight: ...
+
+    @property
+    def alarms(self) -> Alarms: ...
+
+    @property
+    def events(self) -> Events: ...

@@ -115,7 +115,7 @@ async def measure(config: Config) -> tuple[Passing, TickView]:
     view = orchestrator.view
     control = asyncio.create_task(orchestrator.run())
     await reached("ready", lambda: all(vehicle.ready for vehicle in view.value.vehicles))
-    orchestrator.command_show(ShowAction.START)
+    orchestrator.commands.command_show(ShowAction.START)
     await reached("running", lambda: view.value.show is ShowPhase.RUNNING)
     passing = Passing()
     stop = link.observe(passing.see)

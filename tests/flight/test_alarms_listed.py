@@ -65,7 +65,7 @@ def late(show: Show) -> None:
 
 
 TROUBLES: Final[Mapping[AlarmCause, FaultInjector]] = {
-    AlarmCause.KILLED: FaultInjector(lambda show: show.service.kill(["d2"])),
+    AlarmCause.KILLED: FaultInjector(lambda show: show.service.commands.kill(["d2"])),
     AlarmCause.VEHICLE_LOST: FaultInjector(
         lambda show: show.link.silence("d3"), lambda show: show.vehicle("d3").phase is Phase.LOST
     ),
@@ -181,14 +181,14 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
         assert alarm.text.startswith("Vehicle d3 lost: ")
         assert alarm.text.endswith(". Formation closes the gap.")
         assert alarm.command_id is not None
-        acknowledged = show.service.acknowledge_alarm(alarm.id)
+        acknowledged = show.service.alarms.acknowledge(alarm.id)
         assert acknowledged.acknowledged_by == "service"
         await show.wait(5.0)
         by = {seen.acknowledged_by for seen in show.view.alarms}
         assert by == {"service"}
         show.link.restore("d3")
         await show.until(lambda: not show.view.alarms, 15.0)
-        texts = [event.text for event in show.service.events()]
+        texts = [event.text for event in show.service.events.newest()]
         assert any(text.startswith("warning: Vehicle d3 lost") for text in texts)
         assert any(text.startswith("acknowledged by service: Vehicle d3 lost") for text in texts)
         assert any(text.startswith("over: Vehicle d3 lost") for text in texts)
@@ -199,7 +199,7 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
 def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        command = show.service.kill(["d2"])
+        command = show.service.commands.kill(["d2"])
         await show.until(lambda: listed(show, AlarmCause.KILLED) is not None, WITHIN_S)
         alarm = show.view.alarms[0]
         assert (alarm.severity, alarm.vehicles) == (AlarmSeverity.EMERGENCY, ("d2",))
@@ -211,7 +211,7 @@ def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
         await show.show(ShowAction.STOP)
         await show.wait(20.0)
         assert show.view.alarms[0].cause is AlarmCause.KILLED
-        show.service.acknowledge_alarms()
+        show.service.alarms.acknowledge_all()
         await show.command("d2", VehicleAction.CONFIRM_DOWN)
         await show.until(lambda: listed(show, AlarmCause.KILLED) is None, WITHIN_S)
 

@@ -25,10 +25,10 @@ def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action
         await show.start()
         show.link.pilot("d1", PilotMode.LAND)
         await show.phase("d1", Phase.PILOT)
-        show.service.command_vehicle("d1", VehicleAction.TAKE_CONTROL)
+        show.service.commands.command_vehicle("d1", VehicleAction.TAKE_CONTROL)
         if after_s:
             await show.wait(after_s)
-        record = await show.settled(show.service.command_show(action), 150.0)
+        record = await show.settled(show.service.commands.command_show(action), 150.0)
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}, record.outcomes
         assert {seen.phase for seen in show.view.vehicles} == {Phase.STANDBY}
         await show.reach(ShowPhase.LANDED)
@@ -43,10 +43,10 @@ def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> 
         await show.wait(1.0)
         stall(show, 4.0)
         await show.wait(1.0)
-        take_over = show.service.settle(Offer.TAKE_OVER)
+        take_over = show.service.recovery.settle(Offer.TAKE_OVER)
         if after_s:
             await show.wait(after_s)
-        pause = await show.settled(show.service.command_show(ShowAction.PAUSE))
+        pause = await show.settled(show.service.commands.command_show(ShowAction.PAUSE))
         take_over = await show.settled(take_over)
         assert {part.outcome for part in take_over.outcomes.values()} == {Outcome.DONE}
         assert Outcome.FAILED not in {part.outcome for part in pause.outcomes.values()}
@@ -61,12 +61,12 @@ def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
         await show.start()
         stall(show, 4.0)
         await show.wait(1.0)
-        await show.settled(show.service.command_show(ShowAction.PAUSE))
+        await show.settled(show.service.commands.command_show(ShowAction.PAUSE))
         assert {seen.phase for seen in show.view.vehicles} == {Phase.HOLD}
-        turned_down = await refused(show, lambda: show.service.command_show(ShowAction.RESUME))
+        turned_down = await refused(show, lambda: show.service.commands.command_show(ShowAction.RESUME))
         assert "no vehicle is in formation: use take-over" in turned_down.text
         assert turned_down.text.endswith("accepted instead: stop")
-        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         await show.show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
 
@@ -80,16 +80,16 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
 
     async def go_on(show: Show) -> None:
         await found(show)
-        show.service.add_obstacle(NEW)
-        show.service.set_formation(changed)
-        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        show.service.plan.add_obstacle(NEW)
+        show.service.plan.set_formation(changed)
+        await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {box.id for box in show.view.plan.obstacles} == {"box", "new"}
         assert show.view.plan.formation == changed
 
     async def move(show: Show) -> None:
         await found(show)
-        show.service.add_obstacle(Obstacle("box", 80.0, 60.0, 1.0, 1.0, 5.0))
-        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        show.service.plan.add_obstacle(Obstacle("box", 80.0, 60.0, 1.0, 1.0, 5.0))
+        await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         ((box, at_m),) = [(one.id, (one.x_m, one.y_m)) for one in show.view.plan.obstacles]
         assert (box, at_m) == ("box", (80.0, 60.0)), "the newest command counts"
 
@@ -101,7 +101,7 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
 def test_recorded_obstacles_stand_on_the_way_down(tmp_path: Path, command: str) -> None:
     async def go_on(show: Show) -> None:
         await found(show)
-        show.service.add_obstacle(NEW)
+        show.service.plan.add_obstacle(NEW)
         commanded: Callable[[Show], CommandRecord] = COMMANDS[command]
         record = commanded(show)
         assert set(record.outcomes) == set(ALL)

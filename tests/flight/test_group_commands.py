@@ -12,7 +12,7 @@ from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show
 def test_group_command_names_vehicles_it_does_not_reach() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        command = show.service.command_vehicles
+        command = show.service.commands.command_vehicles
         await show.settled(command(VehicleAction.HOLD, ["d1", "d2"]))
         assert [show.vehicle(name).phase for name in show.config.ids] == [
             *(Phase.HOLD, Phase.HOLD),
@@ -47,11 +47,11 @@ def test_take_control_of_all_skips_pilots_unless_named() -> None:
         await show.phase("d2", Phase.PILOT)
         assert (show.view.counts.controlled, show.view.counts.uncontrolled) == (1, 2)
         assert show.view.show is ShowPhase.RUNNING, "it flies on with those under control"
-        record = await show.settled(show.service.command_vehicles(VehicleAction.TAKE_CONTROL))
+        record = await show.settled(show.service.commands.command_vehicles(VehicleAction.TAKE_CONTROL))
         assert record.outcomes["d2"].outcome is Outcome.DONE
         assert "take-control d1 names it" in record.outcomes["d1"].reason
         assert [show.vehicle(name).phase for name in ("d1", "d2")] == [Phase.PILOT, Phase.HOLD]
-        await show.settled(show.service.command_vehicles(VehicleAction.TAKE_CONTROL, ["d1"]))
+        await show.settled(show.service.commands.command_vehicles(VehicleAction.TAKE_CONTROL, ["d1"]))
         assert show.vehicle("d1").phase is Phase.HOLD
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)

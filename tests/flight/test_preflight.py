@@ -31,8 +31,10 @@ class Refused(NamedTuple):
 
 async def start_refused(show: Show, show_hash: str) -> Refused:
     """Look, and start all the same."""
-    report = show.service.preflight()
-    refusal = await refused(show, lambda: show.service.command_show(ShowAction.START, show_hash=show_hash))
+    report = show.service.preflight.report()
+    refusal = await refused(
+        show, lambda: show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
+    )
     assert refusal.kind is RefusedError
     assert show.view.show is ShowPhase.IDLE
     assert not any(pilot.commander.armed for pilot in show.fleet.autopilots)
@@ -64,7 +66,7 @@ def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await show.standby()
         show_hash = select(show)
-        report = show.service.preflight()
+        report = show.service.preflight.report()
         assert failing(report) == {}
         assert report.passes
         assert (report.show, report.show_hash) == (NAME, show_hash)
@@ -75,9 +77,9 @@ def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
         assert report.not_checked == (
             "loss of the ground station: operation.require_safe_setpoint_loss is false",
         )
-        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
-        flown_by = show.service.preflight()
+        flown_by = show.service.preflight.report()
         assert flown_by.passes
         assert flown_by.unix_time_s < show.unix() - 5.0, "in the air nothing is looked at again"
 
@@ -169,7 +171,7 @@ def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, na
     async def story(show: Show) -> Refused:
         await show.standby()
         show_hash = select(show)
-        assert show.service.preflight().passes
+        assert show.service.preflight.report().passes
         fault(show)
         await show.wait(RECEIVED_S)
         if name == "d2 own fence":
@@ -189,7 +191,7 @@ def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path)
         await show.standby()
         show.befall("d2", "battery", remaining=0.3)
         await show.wait(RECEIVED_S)
-        assert show.service.preflight().passes, "without a show a quarter is enough"
+        assert show.service.preflight.report().passes, "without a show a quarter is enough"
         show_hash = select(show)
         found = await start_refused(show, show_hash)
         need = show.service.shows.checked(NAME).figures["battery_need"]  # type: ignore[index]
@@ -204,7 +206,7 @@ def test_equal_clock_offsets_show_that_this_clock_is_wrong(tmp_path: Path) -> No
     async def story(show: Show) -> None:
         await show.standby()
         show.unix.ahead_s += 30.0
-        found = failing(show.service.preflight())
+        found = failing(show.service.preflight.report())
         assert set(found) == {f"d{number} clock" for number in range(1, 5)}
         assert found["d1 clock"].value == pytest.approx(-30.0, abs=0.5)
         assert "set this machine's clock (NTP) if all differ alike" in found["d1 clock"].to_do
@@ -216,14 +218,14 @@ def test_show_at_a_clock_time_is_called_off_by_a_failed_check(tmp_path: Path) ->
     async def story(show: Show) -> None:
         await show.standby()
         show_hash = select(show)
-        record = show.service.command_show(
+        record = show.service.commands.command_show(
             ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + 15.0
         )
-        assert (await refused(show, lambda: show.service.exclude("d2", ""))).kind is RefusedError
+        assert (await refused(show, lambda: show.service.preflight.exclude("d2", ""))).kind is RefusedError
         show.befall("d2", "fix", type="none")
         await show.until(lambda: show.view.show is ShowPhase.IDLE, 20.0)
         assert "its receiver's fix is none" in show.view.reason
-        assert show.service.command_record(record.id).outcome is Outcome.FAILED
+        assert show.service.command_log.get(record.id).outcome is Outcome.FAILED
 
     fly_show(story, config(tmp_path))
 
@@ -237,29 +239,29 @@ def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> 
         await show.wait(RECEIVED_S)
         await start_refused(show, show_hash)
         CALLER.set("anna")
-        record = service.exclude("d2", "a cracked propeller")
+        record = service.preflight.exclude("d2", "a cracked propeller")
         assert (record.action, record.by, record.outcome) == ("exclude", "anna", Outcome.DONE)
         why = "taken out of the show by anna: a cracked propeller"
-        report = service.preflight()
+        report = service.preflight.report()
         assert failing(report) == {}
         assert {vehicle.id: vehicle.reason for vehicle in report.vehicles if not vehicle.flies} == {"d2": why}
         await show.wait(0.2)
         assert f"Vehicle d2 not flying: {why}." in alarm_texts(show)
-        started = service.command_show(ShowAction.START, show_hash=show_hash)
+        started = service.commands.command_show(ShowAction.START, show_hash=show_hash)
         assert (started.outcomes["d2"].outcome, started.outcomes["d2"].reason) == (Outcome.NOT_INCLUDED, why)
         await show.reach(ShowPhase.RUNNING)
         assert f"Vehicle d2 not flying: {why}." in alarm_texts(show)
         assert show.vehicle("d2").phase is Phase.STANDBY
         assert not show.link.autopilot("d2").commander.armed
-        for change in (lambda: service.exclude("d1", ""), lambda: service.include("d2")):
+        for change in (lambda: service.preflight.exclude("d1", ""), lambda: service.preflight.include("d2")):
             refusal = await refused(show, change)
             assert "excluded or included only on the ground" in refusal.text
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
-        service.include("d2")
+        service.preflight.include("d2")
         await show.wait(0.2)
         assert not any("d2" in text for text in alarm_texts(show))
-        assert "d2 battery" in failing(service.preflight()), "who is in again is judged again"
+        assert "d2 battery" in failing(service.preflight.report()), "who is in again is judged again"
 
     asked = config(tmp_path)
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(asked.ids)}
@@ -275,18 +277,18 @@ def test_bad_exclusions_change_nothing(tmp_path: Path) -> None:
         service = show.service
         await show.standby()
         bad: list[tuple[Callable[[], object], type[GcsError], str]] = [
-            (lambda: service.exclude("d9", ""), UnknownError, "there is no vehicle d9"),
-            (lambda: service.include("d9"), UnknownError, "there is no vehicle d9"),
-            (lambda: service.include("d2"), RefusedError, "d2 was not taken out"),
-            (lambda: service.exclude("d2", "x" * 201), InvalidError, "at most 200 characters"),
-            (lambda: service.preflight(["d1", "d9"]), UnknownError, "there is no vehicle d9"),
+            (lambda: service.preflight.exclude("d9", ""), UnknownError, "there is no vehicle d9"),
+            (lambda: service.preflight.include("d9"), UnknownError, "there is no vehicle d9"),
+            (lambda: service.preflight.include("d2"), RefusedError, "d2 was not taken out"),
+            (lambda: service.preflight.exclude("d2", "x" * 201), InvalidError, "at most 200 characters"),
+            (lambda: service.preflight.report(["d1", "d9"]), UnknownError, "there is no vehicle d9"),
         ]
         for request, kind, says in bad:
             refusal = await refused(show, request)
             assert (refusal.kind, says in refusal.text) == (kind, True)
-        assert all(vehicle.flies for vehicle in service.preflight().vehicles)
-        service.exclude("d2", "")
-        start = lambda: service.command_show(ShowAction.START, ["d1", "d2"])  # noqa: E731
+        assert all(vehicle.flies for vehicle in service.preflight.report().vehicles)
+        service.preflight.exclude("d2", "")
+        start = lambda: service.commands.command_show(ShowAction.START, ["d1", "d2"])  # noqa: E731
         assert "include it first" in (await refused(show, start)).text
 
     fly(story, show_config(3))
@@ -296,7 +298,7 @@ def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
     async def story(show: Show) -> None:
         show.link.silence("d4")
         await show.standby()
-        show.service.command_show(ShowAction.START, ["d1", "d2"])
+        show.service.commands.command_show(ShowAction.START, ["d1", "d2"])
         show.fleet.state.unhealthy_sensors[1] = 0x1
         await show.reach(ShowPhase.RUNNING)
         (text,) = alarm_texts(show)
@@ -320,7 +322,7 @@ def placed(**places: tuple[float, float]) -> Config:
 def test_without_a_written_show_configured_pads_count() -> None:
     async def story(show: Show) -> PreflightReport:
         await show.standby()
-        return show.service.preflight()
+        return show.service.preflight.report()
 
     settings: dict[str, Any] = {"grid_columns": 1, "noise_scale": 0.2}  # at 0, 4 and 8 m north
     good = fly(story, placed(d1=(0, 0), d2=(4, 0), d3=(8, 0)), **settings)
@@ -337,14 +339,14 @@ def test_without_a_written_show_configured_pads_count() -> None:
 def test_on_the_ground_a_report_is_made_at_most_once_a_second(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await show.standby()
-        first = show.service.preflight()
+        first = show.service.preflight.report()
         await show.wait(0.5)
-        assert show.service.preflight() is first
-        assert show.service.preflight(["d1"]) is not first, "another question"
+        assert show.service.preflight.report() is first
+        assert show.service.preflight.report(["d1"]) is not first, "another question"
         show_hash = select(show)
-        assert show.service.preflight().show_hash == show_hash, "another show"
-        second = show.service.preflight()
+        assert show.service.preflight.report().show_hash == show_hash, "another show"
+        second = show.service.preflight.report()
         await show.wait(1.1)
-        assert show.service.preflight() is not second
+        assert show.service.preflight.report() is not second
 
     fly_show(story, config(tmp_path))

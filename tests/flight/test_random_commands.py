@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.flight.control_refusal import A_PERSON_FLIES
+from gcs.flight.refusals import A_PERSON_FLIES
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.modes import Mode as PilotMode
@@ -79,7 +79,7 @@ async def play(show: Show, chance: random.Random, story: list[str]) -> None:
 
 
 def _command(action: ShowAction, show: Show) -> object:
-    return show.service.command_show(action)
+    return show.service.commands.command_show(action)
 
 
 async def all_come_down(show: Show, story: list[str]) -> None:
@@ -91,9 +91,9 @@ async def all_come_down(show: Show, story: list[str]) -> None:
         if show.vehicle(name).mode in A_PERSON_FLIES:
             show.befall(name, "none")
     if taken:
-        show.service.command_vehicles(VehicleAction.TAKE_CONTROL, taken)
+        show.service.commands.command_vehicles(VehicleAction.TAKE_CONTROL, taken)
     if show.view.counts.airborne:
-        record = await show.settled(show.service.command_show(ShowAction.STOP), 200.0)
+        record = await show.settled(show.service.commands.command_show(ShowAction.STOP), 200.0)
         reported = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
         assert {outcome for outcome, _ in reported.values()} <= {Outcome.DONE}, (reported, story)
     await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE}, 60.0)

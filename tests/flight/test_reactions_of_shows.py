@@ -42,10 +42,10 @@ def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
         await show.wait(10.0)
         assert show.view.show is ShowPhase.PAUSED, "no vehicle flies on by itself"
         assert [command.action for command in by_itself(show)[1:]] == ["pause"]
-        show.service.command_show(ShowAction.RESUME)
+        show.service.commands.command_show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
         assert off_sphere_m(show, *show.config.ids) < 1.5
-        show.service.command_show(ShowAction.STOP)
+        show.service.commands.command_show(ShowAction.STOP)
         await home(show)
 
     fly(story)
@@ -77,7 +77,7 @@ def test_flyable_wind_triggers_nothing() -> None:
         await show.wait(30.0)
         assert show.view.failsafes == ()
         assert show.view.show is ShowPhase.RUNNING
-        show.service.command_show(ShowAction.STOP)
+        show.service.commands.command_show(ShowAction.STOP)
         await home(show)
 
     fly(story, show_config(4, orbit={"radius_m": 12.0, "speed_m_s": 2.0}))
@@ -114,7 +114,7 @@ def test_losses_of_an_earlier_show_do_not_count() -> None:
         await show.reach(ShowPhase.LANDED, 120.0)
         await show.wait(7.0)
         assert show.view.failsafes == (), "it is over; an alarm names the lost vehicles"
-        show.service.command_show(ShowAction.START, ("d1", "d3"))
+        show.service.commands.command_show(ShowAction.START, ("d1", "d3"))
         await show.reach(ShowPhase.RUNNING)
         await show.wait(5.0)
         assert show.view.show is ShowPhase.RUNNING
@@ -129,11 +129,11 @@ def test_losses_of_an_earlier_show_do_not_count() -> None:
 def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = written_show.select(show)
-        show.service.seek_show("guest")
+        show.service.player.seek("guest")
         await show.standby()
-        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
-        show.service.set_target(Target(11.0, 1.0, 0.5, 0.0))
+        show.service.plan.set_target(Target(11.0, 1.0, 0.5, 0.0))
         reported_s = show.now_s
         reported = await reacts(show, Cause.TARGET_STALE, 8.0)
         assert (reported.action, reported.vehicles) == ("hold-target", ())
@@ -146,11 +146,11 @@ def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
         assert np.allclose(stands_m, (13.5, 1.0), atol=0.2)
         await show.wait(2.0)
         assert show.view.target_m == stands_m
-        show.service.set_target(Target(*stands_m, -0.5, 0.0))
+        show.service.plan.set_target(Target(*stands_m, -0.5, 0.0))
         await show.until(lambda: failsafe(show, Cause.TARGET_STALE) is None, 8.0)
         assert show.view.target_m[0] < stands_m[0]
         assert show.track.between(reported_s).hardest_change_m_s() < 1.5, "without a jump"
-        show.service.command_show(ShowAction.STOP)
+        show.service.commands.command_show(ShowAction.STOP)
         await home(show)
 
     written_show.fly(story, written_show.config(tmp_path, failsafes={"clear_s": 1.0}))
@@ -159,7 +159,7 @@ def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
 def test_target_reported_once_without_a_show_goes_on() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        show.service.set_target(Target(3.0, 1.0, 0.3, 0.0))
+        show.service.plan.set_target(Target(3.0, 1.0, 0.3, 0.0))
         await show.wait(20.0)
         assert show.view.failsafes == ()
         assert show.view.plan.target.speed_m_s == 0.3

@@ -59,7 +59,7 @@ def test_vehicle_lost_pauses_the_show_where_that_is_set() -> None:
         show.link.silence("d2")
         await show.reach(ShowPhase.PAUSED)
         assert "vehicle lost" in show.view.reason
-        show.service.command_show(ShowAction.RESUME)
+        show.service.commands.command_show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
         await show.wait(10.0)
         assert show.view.show is ShowPhase.RUNNING, "the operator's later order counts"
@@ -129,7 +129,7 @@ def test_low_battery_overruled_acts_again_only_when_critical() -> None:
         await show.wait(12.0)
         assert show.vehicle("d2").phase is Phase.FORMATION
         assert failsafe(show, Cause.LOW_BATTERY) is not None, "and it is still told"
-        assert show.service.command_record(str(reported.command_id)).outcome is Outcome.FAILED
+        assert show.service.command_log.get(str(reported.command_id)).outcome is Outcome.FAILED
         show.befall("d2", "battery", remaining=0.08)
         await show.phase("d2", Phase.LANDING)
         await show.phase("d2", Phase.STANDBY)
@@ -174,7 +174,7 @@ def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
 def test_low_battery_during_the_climb_lands_straight_down() -> None:
     async def story(show: Show) -> None:
         await show.standby()
-        show.service.command_show(ShowAction.START)
+        show.service.commands.command_show(ShowAction.START)
         await show.phase("d2", Phase.TAKEOFF)
         show.befall("d2", "battery", remaining=0.18)
         command = await carried_out(show, await reacts(show, Cause.LOW_BATTERY))

@@ -25,11 +25,11 @@ GROUP = sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN})
 
 
 def show_command(action: ShowAction) -> Command:
-    return lambda show: show.service.command_show(action)
+    return lambda show: show.service.commands.command_show(action)
 
 
 def vehicle_command(name: str, action: VehicleAction) -> Command:
-    return lambda show: show.service.command_vehicle(name, action)
+    return lambda show: show.service.commands.command_vehicle(name, action)
 
 
 def commands() -> Iterator[tuple[str, Command]]:
@@ -38,22 +38,22 @@ def commands() -> Iterator[tuple[str, Command]]:
         yield led.value, show_command(led)
     yield (
         "start later",
-        lambda show: show.service.command_show(ShowAction.START, at_unix_time_s=show.unix() + 60.0),
+        lambda show: show.service.commands.command_show(ShowAction.START, at_unix_time_s=show.unix() + 60.0),
     )
     for offer in Offer:
-        yield offer.value, lambda show, offer=offer: show.service.settle(offer)  # type: ignore[misc]
+        yield offer.value, lambda show, offer=offer: show.service.recovery.settle(offer)  # type: ignore[misc]
     for name in ("d1", "d2", "d3"):
         for action in VehicleAction:
             yield f"{action} {name}", vehicle_command(name, action)
     for action in GROUP:
         yield (
             f"{action} --all",
-            lambda show, action=action: show.service.command_vehicles(action),  # type: ignore[misc]
+            lambda show, action=action: show.service.commands.command_vehicles(action),  # type: ignore[misc]
         )
-    yield "exclude d3", lambda show: show.service.exclude("d3", "a test")
-    yield "include d3", lambda show: show.service.include("d3")
-    yield "preflight", lambda show: show.service.preflight()
-    yield "seek", lambda show: show.service.seek_show("a cue")
+    yield "exclude d3", lambda show: show.service.preflight.exclude("d3", "a test")
+    yield "include d3", lambda show: show.service.preflight.include("d3")
+    yield "preflight", lambda show: show.service.preflight.report()
+    yield "seek", lambda show: show.service.player.seek("a cue")
 
 
 async def taking_off(show: Show) -> None:
@@ -120,9 +120,9 @@ def refusal_of(show: Show, text: str, command: Command) -> str:
         action, name = found.groups()
         try:
             if name is None:
-                show.service.command_show(ShowAction(action))
+                show.service.commands.command_show(ShowAction(action))
             else:
-                show.service.command_vehicle(name, VehicleAction(action))
+                show.service.commands.command_vehicle(name, VehicleAction(action))
         except GcsError as worse:
             return f"{text}: {error}; but {worse!r}"
         return f"{text}: refused properly"
@@ -157,7 +157,7 @@ def test_pause_stop_and_abort_accepted_while_airborne(
         flying = {seen.id for seen in show.view.vehicles if seen.phase is not Phase.STANDBY}
 
         def accepted(action: ShowAction) -> str:
-            record = show.service.command_show(action)
+            record = show.service.commands.command_show(action)
             missed = flying - set(record.outcomes)
             unexplained = [name for name, part in record.outcomes.items() if not explained(part)]
             return f"{sorted(missed)} {unexplained}"

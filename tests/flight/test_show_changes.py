@@ -39,23 +39,23 @@ async def refusals(show: Show) -> dict[str, Refusal]:
     home_m = show.track.samples[0].true_m[2]
     pad = Obstacle("pad", float(home_m[0]), float(home_m[1]), 0.5, 0.5, 1.0)
     requests = {
-        "too small": lambda: service.set_formation(Formation(2.0, HEIGHT_M)),
-        "too low": lambda: service.set_formation(Formation(LARGER_M, 10.0)),
-        "too high": lambda: service.set_formation(Formation(LARGER_M, 95.0)),
-        "orbit too fast": lambda: service.set_orbit(Orbit(10.0, 9.0)),
-        "orbit too tight": lambda: service.set_orbit(Orbit(1.0, 3.0)),
-        "target too fast": lambda: service.set_target(Target(0.0, 0.0, 9.0, 0.0)),
-        "target too far": lambda: service.set_target(Target(400.0, 0.0)),
-        "on a vehicle": lambda: service.add_obstacle(over),
-        "on a pad": lambda: service.add_obstacle(pad),
-        "taken id": lambda: service.add_obstacle(BOX),
-        "moved onto a pad": lambda: service.change_obstacle(Obstacle("mast", pad.x_m, pad.y_m, 1, 1, 1)),
-        "no such obstacle": lambda: service.remove_obstacle("tree"),
-        "changed, not there": lambda: service.change_obstacle(over),
-        "resume": lambda: service.command_show(ShowAction.RESUME),
-        "start": lambda: service.command_show(ShowAction.START),
-        "chosen stop": lambda: service.command_show(ShowAction.STOP, ["d1"]),
-        "unknown order": lambda: service.command_record("o999"),
+        "too small": lambda: service.plan.set_formation(Formation(2.0, HEIGHT_M)),
+        "too low": lambda: service.plan.set_formation(Formation(LARGER_M, 10.0)),
+        "too high": lambda: service.plan.set_formation(Formation(LARGER_M, 95.0)),
+        "orbit too fast": lambda: service.plan.set_orbit(Orbit(10.0, 9.0)),
+        "orbit too tight": lambda: service.plan.set_orbit(Orbit(1.0, 3.0)),
+        "target too fast": lambda: service.plan.set_target(Target(0.0, 0.0, 9.0, 0.0)),
+        "target too far": lambda: service.plan.set_target(Target(400.0, 0.0)),
+        "on a vehicle": lambda: service.plan.add_obstacle(over),
+        "on a pad": lambda: service.plan.add_obstacle(pad),
+        "taken id": lambda: service.plan.add_obstacle(BOX),
+        "moved onto a pad": lambda: service.plan.change_obstacle(Obstacle("mast", pad.x_m, pad.y_m, 1, 1, 1)),
+        "no such obstacle": lambda: service.plan.remove_obstacle("tree"),
+        "changed, not there": lambda: service.plan.change_obstacle(over),
+        "resume": lambda: service.commands.command_show(ShowAction.RESUME),
+        "start": lambda: service.commands.command_show(ShowAction.START),
+        "chosen stop": lambda: service.commands.command_show(ShowAction.STOP, ["d1"]),
+        "unknown order": lambda: service.command_log.get("o999"),
     }
     return {name: await refused(show, request) for name, request in requests.items()}
 
@@ -70,31 +70,31 @@ async def story(show: Show) -> Flight:
         return show.track.between(began_s)
 
     await show.start()
-    service.set_orbit(Orbit(5.0, 2.0))
+    service.plan.set_orbit(Orbit(5.0, 2.0))
     await show.wait(8.0)
-    service.command_show(ShowAction.PAUSE)
+    service.commands.command_show(ShowAction.PAUSE)
     paused = await after(6.0)
     began_s = show.now_s
-    service.command_show(ShowAction.RESUME)
+    service.commands.command_show(ShowAction.RESUME)
     re_formed_s = await show.reach(ShowPhase.RUNNING)
     await show.wait(3.0)
     resumed = show.track.between(began_s)
-    service.set_orbit(Orbit(0.0, 2.0))
-    service.set_formation(Formation(LARGER_M, HEIGHT_M))
+    service.plan.set_orbit(Orbit(0.0, 2.0))
+    service.plan.set_formation(Formation(LARGER_M, HEIGHT_M))
     larger = await after(9.0)
     plans["larger"] = show.view.plan
-    service.set_formation(Formation(LARGER_M, HIGHER_M))
+    service.plan.set_formation(Formation(LARGER_M, HIGHER_M))
     higher = await after(9.0)
-    service.set_yaw(Yaw(YawPolicy.TARGET))
-    service.add_obstacle(BOX)
-    service.set_target(Target(31.0, 1.0))
+    service.plan.set_yaw(Yaw(YawPolicy.TARGET))
+    service.plan.add_obstacle(BOX)
+    service.plan.set_target(Target(31.0, 1.0))
     past = await after(30.0)  # the sphere goes past the mast in a wide arc
     inside_m = np.array([show.ellipse("mast").distance_m(sample.true_m) for sample in past.samples])
     plans["mast"] = show.view.plan
     turned_down = await refusals(show)
-    service.remove_obstacle("mast")
-    service.set_orbit(Orbit(6.0, 2.0, Direction.CLOCKWISE))
-    service.set_target(Target(31.0, 1.0, 0.5, 0.0))
+    service.plan.remove_obstacle("mast")
+    service.plan.set_orbit(Orbit(6.0, 2.0, Direction.CLOCKWISE))
+    service.plan.set_target(Target(31.0, 1.0, 0.5, 0.0))
     orbiting = await after(15.0)
     plans["end"] = show.view.plan
     return Flight(
@@ -228,9 +228,9 @@ def test_infeasible_changes_are_refused_with_what_fits(
 
 async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
     await show.start()
-    refusal = await refused(show, lambda: show.service.set_formation(Formation(1.0, HEIGHT_M)))
+    refusal = await refused(show, lambda: show.service.plan.set_formation(Formation(1.0, HEIGHT_M)))
     reported_m = float(refusal.text.split("at least ")[1].split(" m")[0])
-    show.service.set_formation(Formation(reported_m, HEIGHT_M))
+    show.service.plan.set_formation(Formation(reported_m, HEIGHT_M))
     await show.wait(10.0)
     return refusal, (reported_m, show.floor_violations())
 

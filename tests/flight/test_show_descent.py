@@ -39,7 +39,7 @@ async def ordered(show: Show, action: ShowAction, started: CommandRecord) -> Des
         show.track,
         show.track.between(began_s),
         record,
-        show.service.command_record(started.id),
+        show.service.command_log.get(started.id),
         show.floor_violations(),
         arm_commands,
     )
@@ -95,7 +95,7 @@ async def abort_over_a_crate(show: Show) -> Descent:
     started = await show.start()
     await show.wait(12.0)
     x_m, y_m, _ = show.true_m[int(np.argmax(show.true_m[:, 2]))].tolist()
-    show.service.add_obstacle(Obstacle("crate", x_m, y_m, 1.0, 1.0, 1.0))
+    show.service.plan.add_obstacle(Obstacle("crate", x_m, y_m, 1.0, 1.0, 1.0))
     return await ordered(show, ShowAction.ABORT, started)
 
 
@@ -124,7 +124,7 @@ def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:
 
 async def abort_on_the_way_up(show: Show) -> Descent:
     await show.standby()
-    started = show.service.command_show(ShowAction.START)
+    started = show.service.commands.command_show(ShowAction.START)
     await show.phase("d2", Phase.TAKEOFF)
     await show.wait(2.2)
     return await ordered(show, ShowAction.ABORT, started)
@@ -132,7 +132,7 @@ async def abort_on_the_way_up(show: Show) -> Descent:
 
 async def stop_on_the_way_up(show: Show) -> Descent:
     await show.standby()
-    started = show.service.command_show(ShowAction.START)
+    started = show.service.commands.command_show(ShowAction.START)
     await show.phase("d1", Phase.HOLD)
     return await ordered(show, ShowAction.STOP, started)
 
@@ -181,7 +181,7 @@ def test_stop_or_abort_during_the_climb_reaches_all(how: str, request: pytest.Fi
 
 async def abort_at_once(show: Show) -> Descent:
     await show.standby()
-    started = show.service.command_show(ShowAction.START)
+    started = show.service.commands.command_show(ShowAction.START)
     return await ordered(show, ShowAction.ABORT, started)  # before any errand has made its first step
 
 
@@ -202,19 +202,19 @@ class Mixed(NamedTuple):
 async def stop_while_some_come_down_already(show: Show) -> Mixed:
     """One touches down by its autopilot, one is half-way home by an order of its own; then all shall stop."""
     await show.start()
-    show.service.command_vehicle("d1", VehicleAction.LAND)
-    landing = show.service.command_vehicle("d1", VehicleAction.LAND)
+    show.service.commands.command_vehicle("d1", VehicleAction.LAND)
+    landing = show.service.commands.command_vehicle("d1", VehicleAction.LAND)
     await show.until(lambda: show.link.autopilot("d1").commander.mode.name == "LAND")
     await show.wait(1.2)
     landing_at_m = show.true_m[0, :2].copy()
-    show.service.command_vehicle("d2", VehicleAction.RETURN)
+    show.service.commands.command_vehicle("d2", VehicleAction.RETURN)
     await show.phase("d2", Phase.RETURN)
     await show.wait(1.0)
     with pytest.raises(Exception, match="touches it down") as refusal:
-        show.service.command_vehicle("d1", VehicleAction.RETURN)
+        show.service.commands.command_vehicle("d1", VehicleAction.RETURN)
     stopped = await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
-    assert show.service.command_record(landing.id).outcome is not Outcome.PENDING
+    assert show.service.command_log.get(landing.id).outcome is not Outcome.PENDING
     return Mixed(show.track, stopped, landing_at_m, str(refusal.value))
 
 

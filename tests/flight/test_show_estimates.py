@@ -28,13 +28,13 @@ class Flight(NamedTuple):
 
 async def out_and_home(show: Show) -> Flight:
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.RUNNING, 200.0)
     assembled_s = show.now_s
-    show.service.set_orbit(Orbit(radius_m=6.0, speed_m_s=2.0))
+    show.service.plan.set_orbit(Orbit(radius_m=6.0, speed_m_s=2.0))
     await show.wait(60.0)
     stop_s = show.now_s
-    show.service.command_show(ShowAction.STOP)
+    show.service.commands.command_show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED, 200.0)
     landed_s = show.now_s
     await show.wait(3.0)

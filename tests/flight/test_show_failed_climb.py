@@ -46,7 +46,7 @@ async def climbing(show: Show, vehicle_id: VehicleId) -> None:
 async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: bool) -> Failed:
     """d2 suffers `fault` before its turn, or while it climbs; the other two fly."""
     await show.standby()
-    record = show.service.command_show(ShowAction.START)
+    record = show.service.commands.command_show(ShowAction.START)
     if in_the_air:
         await climbing(show, "d2")
     fault(show)
@@ -86,7 +86,7 @@ def test_failed_climb_lands_on_its_pad_and_the_others_fly(
 async def stuck_in_the_air(show: Show) -> tuple[list[Phase], str, bool]:
     """d2 hangs a metre above its pad, and refuses even to land."""
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     await climbing(show, "d2")
     hangs(show)
     show.link.refusing.add(("d2", Verb.LAND))
@@ -109,7 +109,7 @@ def test_vehicle_that_refuses_landing_delays_no_other() -> None:
 async def hold_refused_by_one_that_climbs(show: Show) -> tuple[Outcome, Phase]:
     """An operator's order to hold ends what d2 was led through, and is refused."""
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     await climbing(show, "d2")
     show.link.refusing.add(("d2", Verb.HOLD))
     held = await show.command("d2", VehicleAction.HOLD)
@@ -123,7 +123,7 @@ def test_climb_without_a_maneuver_delays_no_other() -> None:
 
 async def one_alone(show: Show) -> tuple[list[ShowPhase], CommandRecord]:
     await show.standby()
-    record = show.service.command_show(ShowAction.START)
+    record = show.service.commands.command_show(ShowAction.START)
     await climbing(show, "d1")
     show.link.refusing.add(("d1", Verb.HOLD))
     await show.reach(ShowPhase.LANDED)
@@ -146,11 +146,11 @@ class Nobody(NamedTuple):
 async def nobody_can_join(show: Show) -> Nobody:
     """All are up, and every autopilot refuses OFFBOARD; then all are ordered home."""
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     show.link.refusing |= {(name, Verb.OFFBOARD) for name in show.config.ids}
     await show.reach(ShowPhase.PAUSED)
     reason = show.view.reason
-    await show.settled(show.service.command_show(ShowAction.STOP))
+    await show.settled(show.service.commands.command_show(ShowAction.STOP))
     await show.reach(ShowPhase.LANDED)
     return Nobody(show.track.show_phases(), reason, show.track.samples[-1].armed)
 

@@ -36,7 +36,7 @@ async def two_flights(show: Show) -> Flight:
     started = await show.start()
     await show.wait(5.0)
     running_s = (show.now_s - 2.0, show.now_s)
-    show.service.set_orbit(Orbit(radius_m=ORBIT_M, speed_m_s=2.0))
+    show.service.plan.set_orbit(Orbit(radius_m=ORBIT_M, speed_m_s=2.0))
     await show.wait(15.0)
     orbiting_s = (show.now_s - 4.0, show.now_s)
     stop_s = show.now_s
@@ -50,7 +50,7 @@ async def two_flights(show: Show) -> Flight:
     second_start = await show.start()
     return Flight(
         first,
-        show.service.command_record(started.id),
+        show.service.command_log.get(started.id),
         stopped,
         running_s,
         orbiting_s,
@@ -58,7 +58,7 @@ async def two_flights(show: Show) -> Flight:
         violations,
         sent,
         commands,
-        show.service.command_record(second_start.id),
+        show.service.command_log.get(second_start.id),
         show.track.between(again_s),
     )
 

@@ -34,7 +34,7 @@ async def whole_return(show: Show) -> Return:
     await show.start()
     await show.wait(4.0)
     stop_s = show.now_s
-    record = show.service.command_show(ShowAction.STOP)
+    record = show.service.commands.command_show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED, 120.0)
     command = await show.settled(record)
     return Return(show.track, stop_s, show.now_s, command, start_m, show.floor_violations())
@@ -72,13 +72,13 @@ def test_holding_and_stopped_vehicles_during_the_return() -> None:
     async def story(show: Show) -> None:
         await show.start()
         await show.command("d1", VehicleAction.HOLD)
-        record = show.service.command_show(ShowAction.STOP)
+        record = show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: show.vehicle("d2").reason == "on its way home")
         assert show.vehicle("d1").reason == "on its way home"
         await show.command("d2", VehicleAction.HOLD)
-        again = show.service.command_show(ShowAction.STOP)
+        again = show.service.commands.command_show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED, 120.0)
-        assert show.service.command_record(record.id).outcomes["d2"].outcome is Outcome.FAILED
+        assert show.service.command_log.get(record.id).outcomes["d2"].outcome is Outcome.FAILED
         assert {part.outcome for part in (await show.settled(again)).outcomes.values()} == {Outcome.DONE}
         assert show.floor_violations() == 0
 
@@ -100,7 +100,7 @@ class Slowly(AtOnce):
 def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
     async def story(show: Show) -> tuple[Track, Track, int]:
         await show.start()
-        show.service.command_show(ShowAction.STOP)
+        show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: all(seen.phase is Phase.RETURN for seen in show.view.vehicles))
         await show.wait(STOPPING_S)
         began_s = show.now_s
@@ -120,12 +120,12 @@ def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
 def test_vehicle_stopped_during_planning_is_not_waited_for() -> None:
     async def story(show: Show) -> int:
         await show.start()
-        show.service.command_show(ShowAction.STOP)
+        show.service.commands.command_show(ShowAction.STOP)
         await show.wait(STOPPING_S)
         await show.command("d1", VehicleAction.HOLD)
         await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY, 60.0)
         assert show.vehicle("d1").phase is Phase.HOLD
-        again = show.service.command_show(ShowAction.STOP)
+        again = show.service.commands.command_show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED, 120.0)
         assert (await show.settled(again)).outcomes["d1"].outcome is Outcome.DONE
         return show.floor_violations()
@@ -154,12 +154,12 @@ def test_a_planner_that_fails_leaves_the_fleet_under_control(error: Exception) -
     async def story(show: Show) -> Track:
         await show.start()
         stop_s = show.now_s
-        record = show.service.command_show(ShowAction.STOP)
+        record = show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: bool(show.view.alarms), STOPPING_S + 2.0)
         (alarm,) = show.view.alarms
         assert alarm.cause is AlarmCause.RETURN_UNPLANNED
         assert type(error).__name__ in alarm.text
-        assert any("without a common plan" in event.text for event in show.service.events())
+        assert any("without a common plan" in event.text for event in show.service.events.newest())
         await show.reach(ShowPhase.LANDED, 120.0)
         assert (await show.settled(record)).outcome is Outcome.DONE
         assert not [alarm for alarm in show.view.alarms if alarm.lasts]

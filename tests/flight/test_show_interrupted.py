@@ -120,8 +120,8 @@ def sessions(
 
 
 async def fly_for_a_while(show: Show) -> None:
-    show.service.set_formation(Formation(radius_m=7.0, height_m=15.0))
-    show.service.add_obstacle(BOX)
+    show.service.plan.set_formation(Formation(radius_m=7.0, height_m=15.0))
+    show.service.plan.add_obstacle(BOX)
     await show.start()
     await show.wait(3.0)
 
@@ -157,17 +157,17 @@ def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
         await show.standby()
         CALLER.set("anna")
         for name, reason in (("d1", "a guess"), ("d2", "unclear"), ("d2", "a cracked propeller")):
-            show.service.exclude(name, reason)
-        show.service.include("d1")
+            show.service.preflight.exclude(name, reason)
+        show.service.preflight.include("d1")
         await show.wait(0.2)
 
     async def take_in(show: Show) -> None:
         await show.standby()
         assert why in alarm_texts(show)
         assert not any("d1" in text for text in alarm_texts(show))
-        by_name = lambda: show.service.command_show(ShowAction.START, ["d1", "d2"])  # noqa: E731
+        by_name = lambda: show.service.commands.command_show(ShowAction.START, ["d1", "d2"])  # noqa: E731
         assert "include it first" in (await refused(show, by_name)).text
-        show.service.include("d2")
+        show.service.preflight.include("d2")
         await show.wait(0.2)
 
     async def all_fly(show: Show) -> None:
@@ -180,7 +180,7 @@ def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
 def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
     async def go_on(show: Show) -> None:
         await found(show)
-        record = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         assert show.view.show is ShowPhase.PAUSED
         assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
@@ -192,7 +192,7 @@ def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
         await show.show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
         assert show.track.hardest_change_m_s() < JUMP_M_S
-        turned_down = await refused(show, lambda: show.service.settle(Offer.BRING_HOME))
+        turned_down = await refused(show, lambda: show.service.recovery.settle(Offer.BRING_HOME))
         assert turned_down.kind is RefusedError
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
@@ -214,7 +214,7 @@ def test_recovered_fleet_returns_to_its_pads_after_two_restarts(tmp_path: Path) 
 
     async def home(show: Show) -> None:
         await found(show)
-        await show.settled(show.service.settle(Offer.BRING_HOME), 120.0)
+        await show.settled(show.service.recovery.settle(Offer.BRING_HOME), 120.0)
         await show.reach(ShowPhase.LANDED)
         assert np.linalg.norm((show.true_m - pads_m[0])[:, :2], axis=1).max() < 1.0
         assert show.floor_violations() == 0
@@ -235,9 +235,9 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
 
     async def into_the_walk(show: Show) -> None:
         show_hash = check(show)
-        show.service.select_show(NAME, show_hash)
+        show.service.player.select(NAME, show_hash)
         await show.standby()
-        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.until(lambda: show.view.selected is not None and show.view.selected.clock_s > 12.0)
         keep(show, TEXT.replace("#00ff00", "#00fe00"))
 
@@ -253,7 +253,7 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
 
     async def flies_on(show: Show) -> None:
         await found(show)
-        await show.settled(show.service.settle(Offer.TAKE_OVER))
+        await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         selected = show.view.selected
         assert selected is not None
         assert (selected.cue, selected.runs) == ("walk", False)
@@ -287,7 +287,7 @@ def test_another_configuration_offers_no_wrong_recovery(
         assert shown.offers == ()
         assert any(says in problem for problem in shown.problems)
         for offer in Offer:
-            assert says in (await refused(show, lambda: show.service.settle(offer))).text  # noqa: B023
+            assert says in (await refused(show, lambda: show.service.recovery.settle(offer))).text  # noqa: B023
 
     sessions(tmp_path, (four(), fly_for_a_while), (other, look))
 
@@ -316,7 +316,7 @@ def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> Non
         show.befall("d3", "pilot")
         await show.until(lambda: show.vehicle("d3").mode is Mode.POSITION)
         await show.wait(0.2)
-        record = await show.settled(show.service.settle(Offer.BRING_HOME), 120.0)
+        record = await show.settled(show.service.recovery.settle(Offer.BRING_HOME), 120.0)
         assert record.outcomes["d3"].outcome is Outcome.NOT_INCLUDED
         assert "in mode position" in record.outcomes["d3"].reason
         assert record.outcomes["d2"].outcome is Outcome.NOT_INCLUDED
@@ -342,11 +342,11 @@ async def received_first(show: Show) -> None:
 
 
 COMMANDS: dict[str, Callable[[Show], CommandRecord]] = {
-    "take-over": lambda show: show.service.settle(Offer.TAKE_OVER),
-    "bring-home": lambda show: show.service.settle(Offer.BRING_HOME),
-    "stop": lambda show: show.service.command_show(ShowAction.STOP),
-    "abort": lambda show: show.service.command_show(ShowAction.ABORT),
-    "pause": lambda show: show.service.command_show(ShowAction.PAUSE),
+    "take-over": lambda show: show.service.recovery.settle(Offer.TAKE_OVER),
+    "bring-home": lambda show: show.service.recovery.settle(Offer.BRING_HOME),
+    "stop": lambda show: show.service.commands.command_show(ShowAction.STOP),
+    "abort": lambda show: show.service.commands.command_show(ShowAction.ABORT),
+    "pause": lambda show: show.service.commands.command_show(ShowAction.PAUSE),
 }
 
 
@@ -378,15 +378,15 @@ def test_late_vehicles_are_named_and_newer_changes_stay(
 
     async def go_on(show: Show) -> None:
         await received_first(show)
-        record = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         for name in LATE:
             assert record.outcomes[name].outcome is Outcome.FAILED
             assert record.outcomes[name].reason == "not received within 3 s of the command"
         await show.show(ShowAction.RESUME)
-        show.service.set_formation(changed)
+        show.service.plan.set_formation(changed)
         show.link.restore(*LATE)
         await show.until(lambda: [show.vehicle(name).phase for name in LATE] == [Phase.PILOT] * 2)
-        record = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert [record.outcomes[name].outcome for name in LATE] == [Outcome.DONE] * 2
         assert show.view.plan.formation == changed
 
@@ -396,14 +396,14 @@ def test_late_vehicles_are_named_and_newer_changes_stay(
 def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path) -> None:
     async def go_on(show: Show) -> None:
         await received_first(show)
-        take_over = show.service.settle(Offer.TAKE_OVER)
+        take_over = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.wait(0.5)
-        stopped = show.service.command_show(ShowAction.STOP)
+        stopped = show.service.commands.command_show(ShowAction.STOP)
         await show.wait(0.5)
         show.link.restore(*LATE)
         record = await show.settled(stopped, 150.0)
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
-        assert show.service.command_record(take_over.id).outcome is Outcome.FAILED
+        assert show.service.command_log.get(take_over.id).outcome is Outcome.FAILED
         await show.reach(ShowPhase.LANDED)
         assert show.floor_violations() == 0
 

@@ -17,9 +17,9 @@ from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show
 async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, list[bool]]:
     """HOLD is on its way to d1 when the whole show is ordered home."""
     await show.start()
-    show.service.command_vehicle("d1", VehicleAction.HOLD)
+    show.service.commands.command_vehicle("d1", VehicleAction.HOLD)
     await show.wait(0.02)
-    stopped = await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
+    stopped = await show.settled(show.service.commands.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
     return stopped, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
 
@@ -62,7 +62,7 @@ async def offboard_refused_on_the_way_down(show: Show) -> Refused:
     await show.command("d2", VehicleAction.HOLD)
     show.link.refusing.add(("d2", Verb.OFFBOARD))
     began_s = show.now_s
-    record = await show.settled(show.service.command_show(ShowAction.ABORT), 120.0)
+    record = await show.settled(show.service.commands.command_show(ShowAction.ABORT), 120.0)
     await show.reach(ShowPhase.LANDED)
     verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > began_s]
     return Refused(record, verbs, show.view.show, [vehicle.armed for vehicle in show.view.vehicles])
@@ -79,7 +79,7 @@ async def offboard_refused_after_the_climb(show: Show) -> CommandRecord:
     """d2 climbs, and then its autopilot refuses OFFBOARD: the others assemble without it."""
     await show.standby()
     show.link.refusing.add(("d2", Verb.OFFBOARD))
-    record = show.service.command_show(ShowAction.START)
+    record = show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.RUNNING, 90.0)
     assert show.vehicle("d2").phase is Phase.HOLD
     return await show.settled(record)
@@ -111,8 +111,8 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     await show.command("d1", VehicleAction.TAKE_CONTROL)
     await show.wait(0.2)
     given_back = show.view.show
-    turned_down = await refused(show, lambda: show.service.command_show(ShowAction.START))
-    await show.settled(show.service.command_show(ShowAction.ABORT), 120.0)
+    turned_down = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
+    await show.settled(show.service.commands.command_show(ShowAction.ABORT), 120.0)
     await show.reach(ShowPhase.UNCONTROLLED)
     return ControlTaken(
         taken, given_back, turned_down.kind, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
@@ -132,12 +132,12 @@ async def stop_again_and_again(show: Show) -> list[CommandRecord]:
     await show.start()
     records = []
     for action in (ShowAction.STOP, ShowAction.ABORT, ShowAction.ABORT, ShowAction.STOP):
-        records.append(show.service.command_show(action))
+        records.append(show.service.commands.command_show(action))
         await show.wait(3.0)
     await show.reach(ShowPhase.LANDED, 120.0)
     await show.wait(0.2)
     assert show.floor_violations() == 0
-    return [show.service.command_record(record.id) for record in records]
+    return [show.service.command_log.get(record.id) for record in records]
 
 
 def test_return_and_landing_can_be_commanded_whenever_airborne() -> None:
@@ -153,10 +153,10 @@ async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
     show.link.silence("d2")
     await show.phase("d2", Phase.LOST)
     show.link.restore("d2")
-    await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
+    await show.settled(show.service.commands.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
     attempts = sum(command.verb is Verb.HOLD for command in show.link.commands["d2"])
-    next_command = show.service.kill(["d1"]).id
+    next_command = show.service.commands.kill(["d1"]).id
     return show.view.show, attempts, next_command
 
 
@@ -177,8 +177,10 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     await show.phase("d1", Phase.PILOT)
     vehicle.home_m = None
     await show.command("d1", VehicleAction.TAKE_CONTROL)
-    turned_down = await refused(show, lambda: show.service.command_vehicle("d1", VehicleAction.RETURN))
-    await show.settled(show.service.command_show(ShowAction.STOP), 120.0)
+    turned_down = await refused(
+        show, lambda: show.service.commands.command_vehicle("d1", VehicleAction.RETURN)
+    )
+    await show.settled(show.service.commands.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
     assert not any(seen.phase in AIRBORNE for seen in show.view.vehicles)
     return turned_down.text, [seen.armed for seen in show.view.vehicles]
@@ -193,7 +195,7 @@ def test_vehicle_with_unknown_start_lands_where_it_is() -> None:
 async def turn_comes_late(show: Show) -> CommandRecord:
     """While d1 climbs, d2's position freezes: its turn comes when it may no longer fly."""
     await show.standby()
-    record = show.service.command_show(ShowAction.START)
+    record = show.service.commands.command_show(ShowAction.START)
     show.link.silence("d2", up=False)
     await show.reach(ShowPhase.ASSEMBLING)
     assert Mode.TAKEOFF not in {seen.mode for seen in show.track.of("d2")}
@@ -211,12 +213,12 @@ def test_vehicle_is_checked_again_at_its_turn_to_take_off() -> None:
 async def obstacle_on_a_landing_place(show: Show) -> tuple[str, int]:
     """While all come down where they are, somebody adds a box under one of them."""
     await show.start()
-    record = show.service.command_show(ShowAction.ABORT)
+    record = show.service.commands.command_show(ShowAction.ABORT)
     await show.wait(2.0)
     goal_m = show.service._flight.vehicles["d1"].goal_m
     assert goal_m is not None
     box = Obstacle("box", float(goal_m[0]), float(goal_m[1]), 0.5, 0.5, 1.0)
-    turned_down = await refused(show, lambda: show.service.add_obstacle(box))
+    turned_down = await refused(show, lambda: show.service.plan.add_obstacle(box))
     await show.settled(record, 120.0)
     return turned_down.text, show.floor_violations()
 

@@ -50,8 +50,8 @@ async def silent_for_a_while(show: Show) -> Silence:
     lost_s, last_sent_s = show.now_s, show.link.sent["d2"][-1].time_s
     await show.wait(12.0)
     refusals = {
-        "join": await refused(show, lambda: show.service.command_vehicle("d2", VehicleAction.JOIN)),
-        "land": await refused(show, lambda: show.service.command_vehicle("d2", VehicleAction.LAND)),
+        "join": await refused(show, lambda: show.service.commands.command_vehicle("d2", VehicleAction.JOIN)),
+        "land": await refused(show, lambda: show.service.commands.command_vehicle("d2", VehicleAction.LAND)),
     }
     assert show.link.sent["d2"][-1].time_s == last_sent_s
     received_s = show.now_s
@@ -62,7 +62,7 @@ async def silent_for_a_while(show: Show) -> Silence:
     holding = show.track.between(received_s)
     await show.phase("d2", Phase.FORMATION, 10.0)
     verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > received_s]
-    joins = [command for command in show.service.commands() if command.action == "join"]
+    joins = [command for command in show.service.command_log.newest() if command.action == "join"]
     await show.wait(6.0)
     return Silence(
         show.track,
@@ -155,7 +155,7 @@ async def across_a_lost_one(show: Show) -> Crossing:
     began_s, at_m = show.now_s, show.true_m[lost].copy()
     way_m = 2.0 * (at_m - show.true_m[other])
     x_m, y_m = show.view.target_m
-    show.service.set_target(Target(x_m + float(way_m[0]), y_m + float(way_m[1])))
+    show.service.plan.set_target(Target(x_m + float(way_m[0]), y_m + float(way_m[1])))
     await show.wait(20.0)
     track = show.track.between(began_s)
     beside_m = np.hypot(*(track.true_m[:, other, :2] - at_m[:2]).T)
@@ -202,7 +202,7 @@ def test_one_lost_heartbeat_changes_nothing() -> None:
 async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Phase], int]:
     """Everybody is ordered home or down; one is silent for so long that its own failsafe holds it."""
     await show.start()
-    record = show.service.command_show(action)
+    record = show.service.commands.command_show(action)
     on_its_way = Phase.RETURN if action is ShowAction.STOP else Phase.LANDING
     await show.phase("d2", on_its_way)
     show.link.silence("d2")
@@ -232,7 +232,7 @@ async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple
     await show.start()
     show.link.silence("d2")
     await show.phase("d2", Phase.LOST)
-    await show.settled(show.service.command_show(action), 120.0)
+    await show.settled(show.service.commands.command_show(action), 120.0)
     await show.reach(ShowPhase.LANDED)
     assert "not confirmed on the ground: d2" in show.view.reason
     await show.wait(5.0)

@@ -13,7 +13,7 @@ SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
 
 
 async def start(show: Show) -> Refusal:
-    return await refused(show, lambda: show.service.command_show(ShowAction.START))
+    return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 
 
 async def mended(show: Show) -> tuple[Refusal, bool]:
@@ -23,7 +23,7 @@ async def mended(show: Show) -> tuple[Refusal, bool]:
     show.link.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 5)
     await start(show)  # whoever is refused is read again
     await show.wait(0.5)
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.RUNNING)
     return first, True
 

@@ -50,7 +50,7 @@ async def taken_over(show: Show) -> TakenOver:
     commands_before = {name: len(show.link.commands[name]) for name in ("d1", "d3")}
     await show.wait(4.0)
     refusals = {
-        name: await refused(show, lambda action=action: show.service.command_vehicle("d3", action))  # type: ignore[misc]
+        name: await refused(show, lambda action=action: show.service.commands.command_vehicle("d3", action))  # type: ignore[misc]
         for name, action in (("join", VehicleAction.JOIN), ("hold", VehicleAction.HOLD))
     }
     sent = {
@@ -156,8 +156,8 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
     show.link.silence("d2")
     await show.phase("d2", Phase.LOST)
     if action is not None:
-        show.service.command_show(action)
-    hold = await refused(show, lambda: show.service.command_vehicle("d2", VehicleAction.HOLD))
+        show.service.commands.command_show(action)
+    hold = await refused(show, lambda: show.service.commands.command_vehicle("d2", VehicleAction.HOLD))
     await show.wait(2.0)
     back_s = show.now_s
     show.link.restore("d2")

@@ -35,9 +35,9 @@ async def poor_links(show: Show, loss: float) -> Poor:
     track = show.track.between(began_s)
     texts = {alarm.text for sample in track.samples for alarm in sample.view.alarms}
     phases = {name: track.phases(name) for name in show.config.ids}
-    joins = sum(command.action == "join" for command in show.service.commands())
+    joins = sum(command.action == "join" for command in show.service.command_log.newest())
     if show.view.show is ShowPhase.PAUSED:
-        show.service.command_show(ShowAction.RESUME)
+        show.service.commands.command_show(ShowAction.RESUME)
         await show.wait(5.0)
     return Poor(track, texts, phases, joins, show.floor_violations())
 

@@ -67,7 +67,7 @@ def test_item_7_show_restarts_after_landing_from_offboard() -> None:
         await show.reach(ShowPhase.LANDED)
         await show.standby()
         await show.wait(1.0)
-        show.service.command_show(ShowAction.START)
+        show.service.commands.command_show(ShowAction.START)
         await show.reach(ShowPhase.RUNNING)
         return show.view.show
 
@@ -121,6 +121,6 @@ def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
 def test_item_2_early_start_says_the_autopilot_is_not_ready() -> None:
     async def story(show: Show) -> Refusal:
         await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in show.view.vehicles))
-        return await refused(show, lambda: show.service.command_show(ShowAction.START))
+        return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 
     assert "does not yet pass its own arming checks" in fly(story, show_config(2)).text

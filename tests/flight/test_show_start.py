@@ -26,7 +26,7 @@ from tests.support.virtual_show import (
 
 def start_of(*names: str) -> Callable[[Show], Callable[[], CommandRecord]]:
     """A request to start with these vehicles, or with all."""
-    return lambda show: lambda: show.service.command_show(ShowAction.START, names or None)
+    return lambda show: lambda: show.service.commands.command_show(ShowAction.START, names or None)
 
 
 async def too_early(show: Show) -> tuple[Refusal, Refusal, Refusal]:
@@ -79,14 +79,14 @@ async def odd_choices(show: Show) -> dict[str, Refusal]:
     found = {
         "offline": await refused(show, start_of("d1", "d4")(show)),
         "unknown": await refused(show, start_of("d1", "d7")(show)),
-        "stop": await refused(show, lambda: show.service.command_show(ShowAction.STOP)),
-        "abort": await refused(show, lambda: show.service.command_show(ShowAction.ABORT)),
-        "pause": await refused(show, lambda: show.service.command_show(ShowAction.PAUSE)),
+        "stop": await refused(show, lambda: show.service.commands.command_show(ShowAction.STOP)),
+        "abort": await refused(show, lambda: show.service.commands.command_show(ShowAction.ABORT)),
+        "pause": await refused(show, lambda: show.service.commands.command_show(ShowAction.PAUSE)),
     }
-    show.service.set_formation(Formation(2.5, 14.0))
+    show.service.plan.set_formation(Formation(2.5, 14.0))
     found["radius"] = await refused(show, start_of("d1", "d2", "d3")(show))
-    show.service.set_formation(Formation(6.0, 14.0))
-    show.service.add_obstacle(tower)
+    show.service.plan.set_formation(Formation(6.0, 14.0))
+    show.service.plan.add_obstacle(tower)
     found["pad"] = await refused(show, start_of()(show))
     show.link.silence(*show.config.ids)
     await show.until(lambda: all(seen.phase is Phase.OFFLINE for seen in show.view.vehicles))
@@ -128,9 +128,9 @@ class Start(NamedTuple):
 
 async def chosen_only(show: Show) -> Start:
     await show.standby()
-    record = show.service.command_show(ShowAction.START, ["d1", "d3"])
+    record = show.service.commands.command_show(ShowAction.START, ["d1", "d3"])
     await show.reach(ShowPhase.RUNNING)
-    return Start(show.track, show.service.command_record(record.id), running=True)
+    return Start(show.track, show.service.command_log.get(record.id), running=True)
 
 
 def test_only_chosen_vehicles_take_off_and_others_are_named() -> None:
@@ -168,10 +168,10 @@ def falls_silent(show: Show) -> None:
 def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any], says: str) -> None:
     async def story(show: Show) -> Start:
         await show.standby()
-        record = show.service.command_show(ShowAction.START)
+        record = show.service.commands.command_show(ShowAction.START)
         fault(show)
         await show.reach(ShowPhase.RUNNING)
-        return Start(show.track, show.service.command_record(record.id), running=True)
+        return Start(show.track, show.service.command_log.get(record.id), running=True)
 
     start = fly(story, show_config(3))
     outcomes = start.started.outcomes
@@ -185,11 +185,11 @@ def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any
 async def holds_below(show: Show) -> Start:
     """An autopilot ends its climb below the height that was ordered, by its own, poorer, altimeter."""
     await show.standby()
-    record = show.service.command_show(ShowAction.START)
+    record = show.service.commands.command_show(ShowAction.START)
     await show.until(lambda: show.vehicle("d2").mode is Mode.TAKEOFF)
     show.fleet.state.target_m[1, 2] += 1.0
     await show.reach(ShowPhase.ASSEMBLING)
-    return Start(show.track, show.service.command_record(record.id), running=True)
+    return Start(show.track, show.service.command_log.get(record.id), running=True)
 
 
 def test_vehicle_holding_slightly_below_its_height_is_up() -> None:
@@ -200,11 +200,11 @@ def test_vehicle_holding_slightly_below_its_height_is_up() -> None:
 
 async def nobody_gets_up(show: Show) -> Start:
     await show.standby()
-    record = show.service.command_show(ShowAction.START)
+    record = show.service.commands.command_show(ShowAction.START)
     show.fleet.state.ready_at_s[:] = np.inf
     await show.reach(ShowPhase.LANDED)
     await show.wait(0.1)
-    return Start(show.track, show.service.command_record(record.id), running=False)
+    return Start(show.track, show.service.command_log.get(record.id), running=False)
 
 
 def test_show_in_which_no_vehicle_climbs_is_over() -> None:
@@ -223,12 +223,12 @@ class Arming(NamedTuple):
 async def changes_on_the_way_up(show: Show) -> Arming:
     """One is up and holds, the second climbs, the others wait on their pads."""
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     await show.phase("d1", Phase.TAKEOFF)
     pad_m = show.true_m[3]
     crate = Obstacle("crate", float(pad_m[0]), float(pad_m[1]), 0.5, 0.5, 1.0)
-    too_small = await refused(show, lambda: show.service.set_formation(Formation(2.0, 14.0)))
-    on_a_pad = await refused(show, lambda: show.service.add_obstacle(crate))
+    too_small = await refused(show, lambda: show.service.plan.set_formation(Formation(2.0, 14.0)))
+    on_a_pad = await refused(show, lambda: show.service.plan.add_obstacle(crate))
     held = await show.command("d1", VehicleAction.HOLD)
     return Arming(too_small, on_a_pad, held, show.vehicle("d1").phase)
 
@@ -256,7 +256,7 @@ def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
 async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
     """Before take-off the notice; then, in truth, how many pairs are stacked."""
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.ARMING)
     assert not any(any(sample.armed) for sample in show.track.samples), "nobody has left the ground"
     await show.until(lambda: any("are stacked" in text for text in alarm_texts(show)), 1.0)

@@ -48,7 +48,7 @@ async def commands(show: Show) -> Flight:
 
     async def try_all(when: str, name: VehicleId, *actions: VehicleAction) -> None:
         for action in actions:
-            refusal = await refused(show, lambda: service.command_vehicle(name, action))  # noqa: B023
+            refusal = await refused(show, lambda: service.commands.command_vehicle(name, action))  # noqa: B023
             turned_down[f"{when}: {action}"] = refusal
 
     await show.standby()
@@ -70,14 +70,14 @@ async def commands(show: Show) -> Flight:
     joined = show.track.between(began_s)
 
     landed_from_m = show.true_m[2].copy()
-    service.command_vehicle("d2", RETURN)
-    landing = service.command_vehicle("d3", LAND)
+    service.commands.command_vehicle("d2", RETURN)
+    landing = service.commands.command_vehicle("d3", LAND)
     await show.phase("d2", Phase.RETURN)
     records["return again"] = await show.command("d2", RETURN)
     records["land"] = await show.settled(landing)
     landed_at_m = show.true_m[2].copy()
     await try_all("landed", "d3", JOIN)
-    service.command_show(ShowAction.STOP)
+    service.commands.command_show(ShowAction.STOP)
     await show.phase("d1", Phase.RETURN)
     await try_all("returning", "d1", JOIN)
     await show.reach(ShowPhase.LANDED)
@@ -169,11 +169,11 @@ async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     await show.start()
     show.link.silence("d4")
     await show.phase("d4", Phase.LOST)
-    show.service.set_formation(Formation(2.9, 14.0))
+    show.service.plan.set_formation(Formation(2.9, 14.0))
     show.link.restore("d4")
     await show.phase("d4", Phase.HOLD)
-    refusal = await refused(show, lambda: show.service.command_vehicle("d4", JOIN))
-    show.service.set_formation(Formation(3.2, 14.0))
+    refusal = await refused(show, lambda: show.service.commands.command_vehicle("d4", JOIN))
+    show.service.plan.set_formation(Formation(3.2, 14.0))
     return refusal, await show.command("d4", JOIN)
 
 
@@ -187,10 +187,10 @@ def test_joining_a_too_small_sphere_names_the_radius_that_fits() -> None:
 async def join_without_a_show(show: Show) -> Refusal:
     await show.start()
     await show.command("d1", HOLD)
-    show.service.command_show(ShowAction.STOP)
+    show.service.commands.command_show(ShowAction.STOP)
     await show.phase("d1", Phase.RETURN)
     await show.command("d1", HOLD)
-    return await refused(show, lambda: show.service.command_vehicle("d1", JOIN))
+    return await refused(show, lambda: show.service.commands.command_vehicle("d1", JOIN))
 
 
 def test_joining_is_refused_while_the_show_returns() -> None:

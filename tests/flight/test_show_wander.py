@@ -17,7 +17,7 @@ def config(count: int, **preflight: Any) -> Any:
 
 async def refusal(show: Show) -> str:
     await show.standby()
-    return (await refused(show, lambda: show.service.command_show(ShowAction.START))).text
+    return (await refused(show, lambda: show.service.commands.command_show(ShowAction.START))).text
 
 
 def test_pads_too_close_for_wandering_are_refused_with_spacing() -> None:
@@ -37,7 +37,7 @@ async def ups(show: Show) -> tuple[float, int]:
     """Least true distance while all climb and hold, and ticks inside the floor."""
     show.fleet.state.wander_m[:] = 0.85
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.RUNNING)
     pairs = np.triu_indices(len(show.config.ids), 1)
     true_m = show.track.true_m
@@ -59,7 +59,7 @@ async def around_the_limit(show: Show) -> set[State]:
     for off_m in (0.0, 0.2, -0.2, 0.3, -0.15, 0.25):
         show.befall("d2", "gps-jump", east_m=off_m)
         await show.wait(4.0)
-        for vehicle in show.service.preflight().vehicles:
+        for vehicle in show.service.preflight.report().vehicles:
             found |= {check.state for check in vehicle.checks if check.name == "room to wander"}
     return found
 

@@ -34,11 +34,11 @@ async def changed_in_flight(show: Show) -> Changed:
     alarms = of_parameters(show)
     await show.show(ShowAction.STOP)
     await show.standby()
-    refusal = await refused(show, lambda: show.service.command_show(ShowAction.START))
+    refusal = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
     await another_station_sets(show, "COM_OF_LOSS_T", 1.0)
     await show.wait(1.0)
     after = of_parameters(show)
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
     return Changed(alarms, refusal.text, after)
 
 
@@ -55,7 +55,7 @@ async def changed_on_the_ground(show: Show) -> tuple[tuple[Alarm, ...], str, int
     await show.standby()
     reads = len(show.link.parameter_reads)
     await another_station_sets(show, "COM_OBL_RC_ACT", 0)
-    refusal = await refused(show, lambda: show.service.command_show(ShowAction.START))
+    refusal = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
     return of_parameters(show), refusal.text, len(show.link.parameter_reads) - reads
 
 

@@ -35,30 +35,30 @@ async def whole_show(show: Show) -> Flight:
     service = show.service
     show_hash = select(show)
     await show.standby()
-    started = service.command_show(ShowAction.START, show_hash=show_hash)
+    started = service.commands.command_show(ShowAction.START, show_hash=show_hash)
     await show.reach(ShowPhase.RUNNING)
     await show.until(lambda: selected(show).clock_s > 11.0)
     refusals = {
-        "formation": await refused(show, lambda: service.set_formation(Formation(8.0, 15.0))),
-        "orbit": await refused(show, lambda: service.set_orbit(Orbit(5.0))),
-        "target": await refused(show, lambda: service.set_target(Target(1.0, 1.0))),
-        "own box": await refused(show, lambda: service.add_obstacle(Obstacle("tower", 0, 0, 1, 1, 5))),
+        "formation": await refused(show, lambda: service.plan.set_formation(Formation(8.0, 15.0))),
+        "orbit": await refused(show, lambda: service.plan.set_orbit(Orbit(5.0))),
+        "target": await refused(show, lambda: service.plan.set_target(Target(1.0, 1.0))),
+        "own box": await refused(show, lambda: service.plan.add_obstacle(Obstacle("tower", 0, 0, 1, 1, 5))),
     }
     assert {each.kind for each in refusals.values()} == {RefusedError}
-    service.add_obstacle(CRANE)
-    service.command_show(ShowAction.PAUSE)
+    service.plan.add_obstacle(CRANE)
+    service.commands.command_show(ShowAction.PAUSE)
     pause_s = show.now_s
     await show.wait(PAUSED_S)
-    service.command_show(ShowAction.RESUME)
+    service.commands.command_show(ShowAction.RESUME)
     resume_s = show.now_s
     await show.until(lambda: selected(show).cue == "guest", 90.0)
-    service.set_target(Target(*GUEST_M))
+    service.plan.set_target(Target(*GUEST_M))
     await show.until(lambda: selected(show).cue == "tower")
     await show.reach(ShowPhase.LANDED, 120.0)
     return Flight(
         Timeline.of(parse(TEXT, NAME).show),
         show.track,
-        service.command_record(started.id),
+        service.command_log.get(started.id),
         (pause_s, resume_s),
         {what: refusal.text for what, refusal in refusals.items()},
         show.floor_violations(),

@@ -29,7 +29,7 @@ def test_a_show_is_recorded_with_its_fence_and_its_lights(
     async def story(show: Show) -> None:
         await show.standby()
         show_hash = select(show)
-        show.service.command_show(ShowAction.START, ALL, show_hash=show_hash)
+        show.service.commands.command_show(ShowAction.START, ALL, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
         await show.wait(4.0)
         await show.show(ShowAction.STOP)

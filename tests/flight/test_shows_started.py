@@ -39,7 +39,7 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
         async def start_refused(show_hash: str | None, *vehicles: str) -> str:
             desired = vehicles or None
             refusal = await refused(
-                show, lambda: service.command_show(ShowAction.START, desired, show_hash=show_hash)
+                show, lambda: service.commands.command_show(ShowAction.START, desired, show_hash=show_hash)
             )
             assert refusal.kind is RefusedError
             assert show.view.show is ShowPhase.IDLE
@@ -48,16 +48,16 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
         assert "no show is selected" in await start_refused("0" * 64)
         show_hash = check(show)
         assert "no show is selected" in await start_refused(show_hash)
-        service.select_show(NAME, show_hash)
+        service.player.select(NAME, show_hash)
         assert f"start with its hash {show_hash}" in await start_refused(None)
         assert "is selected with the hash" in await start_refused("0" * 64)
         assert "is for 4 vehicles, 3 would start" in await start_refused_with_one_silent(show, show_hash)
         keep(show, TEXT.replace("radius_m: 7", "radius_m: 8"))
         assert "has changed since it was checked" in await start_refused(show_hash)
         keep(show)
-        record = service.command_show(ShowAction.START, ALL[:3], show_hash=show_hash)
+        record = service.commands.command_show(ShowAction.START, ALL[:3], show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
-        assert service.command_record(record.id).outcomes["d4"].reason == "not chosen"
+        assert service.command_log.get(record.id).outcomes["d4"].reason == "not chosen"
         assert show.vehicle("d4").light is None
         assert [show.vehicle(name).light for name in ALL[:3]] == ["#ff0000", "#0000ff", "#ff0000"]
 
@@ -65,7 +65,7 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
         show.link.silence("d4")
         await show.wait(5.0)
         refusal = await refused(
-            show, lambda: show.service.command_show(ShowAction.START, show_hash=show_hash)
+            show, lambda: show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         )
         show.link.restore("d4")
         await show.standby()
@@ -90,7 +90,7 @@ def test_show_that_would_fly_differently_cannot_be_selected(
 ) -> None:
     async def story(show: Show) -> None:
         show_hash = check(show)
-        refusal = await refused(show, lambda: show.service.select_show(NAME, show_hash))
+        refusal = await refused(show, lambda: show.service.player.select(NAME, show_hash))
         assert refusal.kind is RefusedError
         assert says in refusal.text
         assert show.view.selected is None
@@ -123,7 +123,7 @@ def test_rest_check_reports_all_that_select_would_refuse(
                 return await api.post(f"/api/v1/shows/{NAME}/select", json={"hash": show_hash})
 
             assert ((await describe())["good"], (await describe())["fits_service"]) == (True, True)
-            show.service.add_obstacle(box("tower"))
+            show.service.plan.add_obstacle(box("tower"))
             found = await describe()
             assert (found["state"], found["good"], found["fits_service"]) == ("done", False, False)
             refusal = await select()
@@ -132,7 +132,7 @@ def test_rest_check_reports_all_that_select_would_refuse(
                 "it has obstacles of its own called tower: remove those that stand"
             ]
             assert found["problems"][0]["text"] in refusal.json()["detail"]
-            show.service.remove_obstacle("tower")
+            show.service.plan.remove_obstacle("tower")
             assert (await describe())["good"]
             assert (await select()).status_code == 200
 
@@ -143,21 +143,21 @@ def test_obstacles_of_show_and_operator_are_kept_apart(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
         show_hash = check(show)
-        service.add_obstacle(box("tower"))
-        refusal = await refused(show, lambda: service.select_show(NAME, show_hash))
+        service.plan.add_obstacle(box("tower"))
+        refusal = await refused(show, lambda: service.player.select(NAME, show_hash))
         assert "obstacles of its own called tower" in refusal.text
-        service.remove_obstacle("tower")
+        service.plan.remove_obstacle("tower")
         for number in range(MAX_OBSTACLES):
-            service.add_obstacle(box(f"b{number}", -20.0 - 4.0 * number))
-        refusal = await refused(show, lambda: service.select_show(NAME, show_hash))
+            service.plan.add_obstacle(box(f"b{number}", -20.0 - 4.0 * number))
+        refusal = await refused(show, lambda: service.player.select(NAME, show_hash))
         assert f"at most {MAX_OBSTACLES} together" in refusal.text
-        service.remove_obstacle("b0")
-        service.select_show(NAME, show_hash)
-        refusal = await refused(show, lambda: service.add_obstacle(box("b0")))
+        service.plan.remove_obstacle("b0")
+        service.player.select(NAME, show_hash)
+        refusal = await refused(show, lambda: service.plan.add_obstacle(box("b0")))
         assert "the most possible" in refusal.text
         for change in (
-            lambda: service.remove_obstacle("tower"),
-            lambda: service.change_obstacle(box("tower")),
+            lambda: service.plan.remove_obstacle("tower"),
+            lambda: service.plan.change_obstacle(box("tower")),
         ):
             assert "decides the obstacle tower" in (await refused(show, change)).text
 
@@ -167,17 +167,17 @@ def test_obstacles_of_show_and_operator_are_kept_apart(tmp_path: Path) -> None:
 def test_deselected_show_restores_the_earlier_plan(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service
-        service.set_formation(Formation(9.0, 16.0))
+        service.plan.set_formation(Formation(9.0, 16.0))
         select(show)
         await show.wait(1.0)
         assert show.view.plan.formation == Formation(6.0, 14.0)
-        service.add_obstacle(box("crane"))
-        service.deselect_show()
+        service.plan.add_obstacle(box("crane"))
+        service.player.deselect()
         await show.wait(1.0)
         assert show.view.selected is None
         assert show.view.plan.formation == Formation(9.0, 16.0)
         assert [each.id for each in show.view.plan.obstacles] == ["crane"]
-        service.set_formation(Formation(8.0, 15.0))
+        service.plan.set_formation(Formation(8.0, 15.0))
 
     fly(story, config(tmp_path))
 
@@ -190,8 +190,8 @@ def test_vertical_overlaps_of_the_check_are_named_before_takeoff(tmp_path: Path)
         keep(show)
         checked = show.service.shows.found(NAME, TEXT.encode(), {**answer(TEXT), "columns": [found]})
         assert checked.hash is not None
-        show.service.select_show(NAME, checked.hash)
-        show.service.command_show(ShowAction.START, show_hash=checked.hash)
+        show.service.player.select(NAME, checked.hash)
+        show.service.commands.command_show(ShowAction.START, show_hash=checked.hash)
         await show.reach(ShowPhase.ARMING)
         await show.until(lambda: any("are stacked" in text for text in alarm_texts(show)), 1.0)
         (notice,) = alarm_texts(show)
@@ -206,20 +206,20 @@ def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) 
         await show.standby()
         show_hash = select(show)
         at_s = show.unix() + AHEAD_S
-        record = service.command_show(ShowAction.START, show_hash=show_hash, at_unix_time_s=at_s)
+        record = service.commands.command_show(ShowAction.START, show_hash=show_hash, at_unix_time_s=at_s)
         begun_s = show.now_s
         await show.wait(AHEAD_S / 2)
         assert show.view.show is ShowPhase.COUNTDOWN
         assert show.view.start_unix_time_s == at_s
         assert show.view.countdown_s == pytest.approx(AHEAD_S / 2, abs=0.1)
-        assert service.command_record(record.id).outcome is Outcome.PENDING
-        for change in (lambda: service.seek_show("turn"), service.deselect_show):
+        assert service.command_log.get(record.id).outcome is Outcome.PENDING
+        for change in (lambda: service.player.seek("turn"), service.player.deselect):
             assert "counted down" in (await refused(show, change)).text
         await show.reach(ShowPhase.ARMING)
         assert show.now_s - begun_s == pytest.approx(AHEAD_S, abs=0.1)
         assert show.view.countdown_s is None
         await show.reach(ShowPhase.RUNNING)
-        assert service.command_record(record.id).outcome is Outcome.DONE
+        assert service.command_log.get(record.id).outcome is Outcome.DONE
 
     fly(story, config(tmp_path))
 
@@ -229,13 +229,13 @@ def test_called_off_countdown_fails_its_command_no_takeoff(tmp_path: Path) -> No
         service = show.service
         await show.standby()
         show_hash = select(show)
-        record = service.command_show(
+        record = service.commands.command_show(
             ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + AHEAD_S
         )
-        service.command_show(ShowAction.STOP)
+        service.commands.command_show(ShowAction.STOP)
         await show.wait(2.0 * AHEAD_S)
         assert show.view.show is ShowPhase.IDLE
-        assert {part.outcome for part in service.command_record(record.id).outcomes.values()} == {
+        assert {part.outcome for part in service.command_log.get(record.id).outcomes.values()} == {
             Outcome.FAILED
         }
         assert not any(show.fleet.autopilots[row].commander.armed for row in range(4))
@@ -249,7 +249,7 @@ def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: 
         service = show.service
         await show.standby()
         show_hash = select(show)
-        record = service.command_show(
+        record = service.commands.command_show(
             ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + AHEAD_S
         )
         await show.wait(1.0)
@@ -262,7 +262,7 @@ def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: 
         await show.until(lambda: show.view.show is ShowPhase.IDLE, 2.0 * AHEAD_S)
         expected = {"silent": "d3 is offline", "changed": "has changed", "clock": "missed by"}[what]
         assert expected in show.view.reason
-        assert expected in service.command_record(record.id).outcomes["d1"].reason
+        assert expected in service.command_log.get(record.id).outcomes["d1"].reason
 
     fly(story, config(tmp_path))
 
@@ -273,7 +273,7 @@ def test_a_clock_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: fl
         await show.standby()
         at_s = show.unix() + ahead_s
         refusal = await refused(
-            show, lambda: show.service.command_show(ShowAction.START, at_unix_time_s=at_s)
+            show, lambda: show.service.commands.command_show(ShowAction.START, at_unix_time_s=at_s)
         )
         assert refusal.kind is InvalidError
         assert "ahead by at most 24 h" in refusal.text
@@ -285,21 +285,21 @@ def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -
     async def story(show: Show) -> None:
         service = show.service
         await show.standby()
-        refusal = await refused(show, lambda: service.seek_show("turn"))
+        refusal = await refused(show, lambda: service.player.seek("turn"))
         assert "no show is selected" in refusal.text
         show_hash = select(show)
-        refusal = await refused(show, lambda: service.seek_show("nowhere"))
+        refusal = await refused(show, lambda: service.player.seek("nowhere"))
         assert (refusal.kind, "there are stand, walk" in refusal.text) == (UnknownError, True)
-        assert service.seek_show("guest").clock_s == 26.0
-        service.command_show(ShowAction.START, show_hash=show_hash)
+        assert service.player.seek("guest").clock_s == 26.0
+        service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
         assert show.view.selected is not None
         assert show.view.selected.cue == "guest"
         assert show.view.selected.clock_s == pytest.approx(26.0, abs=0.1)
         for change in (
-            lambda: service.seek_show("stand"),
-            lambda: service.select_show(NAME, show_hash),
-            service.deselect_show,
+            lambda: service.player.seek("stand"),
+            lambda: service.player.select(NAME, show_hash),
+            service.player.deselect,
         ):
             assert "home first" in (text := (await refused(show, change)).text) or "stop it" in text
         await show.show(ShowAction.STOP)
@@ -320,10 +320,10 @@ def test_vehicle_found_airborne_does_not_begin_an_unstarted_show(tmp_path: Path)
             await show.command(name, VehicleAction.LAND)
         await show.reach(ShowPhase.LANDED)
         show_hash = check(show)
-        service.select_show(NAME, show_hash)
+        service.player.select(NAME, show_hash)
         show.link.restore("d1")
         await show.reach(ShowPhase.PAUSED)
-        refusal = await refused(show, lambda: service.command_show(ShowAction.RESUME))
+        refusal = await refused(show, lambda: service.commands.command_show(ShowAction.RESUME))
         assert "was never started: stop brings home" in refusal.text
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)

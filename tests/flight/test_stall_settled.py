@@ -50,7 +50,7 @@ def test_stall_reports_uncontrolled_vehicles_and_does_nothing() -> None:
         assert (view.counts.airborne, view.counts.controlled, view.counts.uncontrolled) == (4, 0, 4)
         assert view.interrupted is not None
         assert view.interrupted.offers == (Offer.TAKE_OVER, Offer.BRING_HOME)
-        turned_down = await refused(show, lambda: show.service.command_show(ShowAction.START))
+        turned_down = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
         assert "a start needs all vehicles on the ground: 4 vehicles airborne" in turned_down.text
         sent = show.view.setpoints_sent
         await show.wait(10.0)
@@ -62,7 +62,7 @@ def test_stall_reports_uncontrolled_vehicles_and_does_nothing() -> None:
 def test_recovered_vehicles_re_form_and_resume() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
-        record = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         assert show.view.show is ShowPhase.PAUSED
         assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
@@ -87,7 +87,7 @@ def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
         await show.wait(1.0)
         assert show.view.interrupted is not None
         assert {one.id for one in show.view.interrupted.vehicles} == {"d3", "d4"}
-        record = await show.settled(show.service.command_show(ShowAction.STOP), 150.0)
+        record = await show.settled(show.service.commands.command_show(ShowAction.STOP), 150.0)
         for name in ("d1", "d2"):
             assert record.outcomes[name].outcome is Outcome.NOT_INCLUDED
             assert f"take-control {name}" in record.outcomes[name].reason
@@ -105,7 +105,7 @@ def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
         await show.command("d1", VehicleAction.TAKE_CONTROL)
         show.befall("d1", "pilot")
         await show.phase("d1", Phase.PILOT)
-        record = show.service.command_show(ShowAction.STOP)
+        record = show.service.commands.command_show(ShowAction.STOP)
         assert record.outcomes["d1"].outcome is Outcome.NOT_INCLUDED
         await show.settled(record, 150.0)
 
@@ -126,7 +126,7 @@ def test_a_short_pause_of_the_service_explains_nothing() -> None:
 def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        show.service.command_show(ShowAction.STOP)
+        show.service.commands.command_show(ShowAction.STOP)
         await show.wait(4.0)
         await show.show(ShowAction.PAUSE)
         await show.wait(3.0)
@@ -144,7 +144,7 @@ def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
 def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
     async def story(show: Show) -> list[float]:
         await show.standby()
-        show.service.command_show(ShowAction.START)
+        show.service.commands.command_show(ShowAction.START)
         await show.wait(0.5)
         stall(show, 4.0)
         await show.until(lambda: all(seen.armed for seen in show.view.vehicles), 30.0)
@@ -163,7 +163,7 @@ def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None
     async def goes_on(show: Show) -> None:
         await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
         assert show.view.show is ShowPhase.UNCONTROLLED
-        record = await show.settled(show.service.settle(Offer.BRING_HOME), 150.0)
+        record = await show.settled(show.service.recovery.settle(Offer.BRING_HOME), 150.0)
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         await show.reach(ShowPhase.LANDED)
 
@@ -185,15 +185,15 @@ def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
         show.link.silence("d4", up=False)
-        take_over = show.service.settle(Offer.TAKE_OVER)
+        take_over = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
-        stopped = show.service.command_show(ShowAction.STOP)
+        stopped = show.service.commands.command_show(ShowAction.STOP)
         show.link.restore("d4")
         record = await show.settled(stopped, 150.0)
         assert {name: part.reason for name, part in record.outcomes.items() if part.reason} == {}
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         await show.reach(ShowPhase.LANDED)
-        assert {part.outcome for part in show.service.command_record(take_over.id).outcomes.values()} == {
+        assert {part.outcome for part in show.service.command_log.get(take_over.id).outcomes.values()} == {
             Outcome.FAILED
         }
 
@@ -204,12 +204,12 @@ def test_repeated_recovery_leaves_nothing_pending() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
         show.link.silence("d4", up=False)
-        first = show.service.settle(Offer.TAKE_OVER)
+        first = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
         show.link.restore("d4")
-        second = await show.settled(show.service.settle(Offer.TAKE_OVER))
+        second = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in second.outcomes.values()} == {Outcome.DONE}
-        assert show.service.command_record(first.id).outcome is Outcome.FAILED
+        assert show.service.command_log.get(first.id).outcome is Outcome.FAILED
 
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 
@@ -225,10 +225,10 @@ def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
         assert show.vehicle("d1").mode is Mode.HOLD, "nothing is known of the pilot"
         sent = len(show.link.commands["d1"])
         commands: tuple[Callable[[], CommandRecord], ...] = (
-            lambda: show.service.settle(Offer.TAKE_OVER),
-            lambda: show.service.command_vehicles(VehicleAction.TAKE_CONTROL),
-            lambda: show.service.command_show(ShowAction.PAUSE),
-            lambda: show.service.command_show(ShowAction.STOP),
+            lambda: show.service.recovery.settle(Offer.TAKE_OVER),
+            lambda: show.service.commands.command_vehicles(VehicleAction.TAKE_CONTROL),
+            lambda: show.service.commands.command_show(ShowAction.PAUSE),
+            lambda: show.service.commands.command_show(ShowAction.STOP),
         )
         for command in commands:
             record = command()
@@ -245,7 +245,7 @@ def test_end_of_a_written_show_takes_no_control(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = select(show)
         await show.standby()
-        show.service.command_show(ShowAction.START, show_hash=show_hash)
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
         await show.wait(1.0)
         stall(show, 4.0)

@@ -32,7 +32,7 @@ async def on_the_ground(show: Show) -> None:
 
 async def counting_down(show: Show) -> None:
     await show.standby()
-    show.service.command_show(ShowAction.START, at_unix_time_s=show.unix() + 30.0)
+    show.service.commands.command_show(ShowAction.START, at_unix_time_s=show.unix() + 30.0)
 
 
 async def uncontrolled(show: Show) -> None:
@@ -86,10 +86,10 @@ async def stalls_once(show: Show, turn: int, into: Into, stalled_s: float) -> Ar
 
 
 async def one_stop_brings_all_home(show: Show, into: Into, pads_m: Array) -> None:
-    record = show.service.command_show(ShowAction.STOP)
+    record = show.service.commands.command_show(ShowAction.STOP)
     await show.settled(record, 150.0)
-    reported = {name: part.reason for name, part in show.service.command_record(record.id).outcomes.items()}
-    assert show.service.command_record(record.id).outcome is Outcome.DONE, reported
+    reported = {name: part.reason for name, part in show.service.command_log.get(record.id).outcomes.items()}
+    assert show.service.command_log.get(record.id).outcome is Outcome.DONE, reported
     await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
     await show.wait(0.2)
     assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)
@@ -109,7 +109,7 @@ def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, 
         if show.view.counts.airborne:
             await one_stop_brings_all_home(show, into, pads_m)
         elif show.view.show is ShowPhase.COUNTDOWN:
-            show.service.command_show(ShowAction.STOP)
+            show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
 
     fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
@@ -149,7 +149,7 @@ def test_stall_explains_the_mode_of_the_configured_failsafe(action: str) -> None
         assert {one.id for one in view.interrupted.vehicles if one.waits} == {"d2", "d3", "d4", "d5"}
         assert "by the setpoint-loss failsafe" in show.vehicle("d2").reason
         assert view.interrupted.offers == (Offer.TAKE_OVER, Offer.BRING_HOME)
-        record = await show.settled(show.service.command_show(ShowAction.STOP), 150.0)
+        record = await show.settled(show.service.commands.command_show(ShowAction.STOP), 150.0)
         assert record.outcomes["d1"].outcome is Outcome.NOT_INCLUDED, "it is a pilot's"
         assert {record.outcomes[name].outcome for name in ("d2", "d3", "d4", "d5")} == {Outcome.DONE}
         assert {show.vehicle(name).phase for name in ("d2", "d3", "d4", "d5")} == {Phase.STANDBY}
@@ -165,7 +165,7 @@ def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
         stall(show, 2.5)
         await show.until(lambda: 0.3 < -show.true_m[:, 2].min() < 1.0)
         low = show.config.ids[int(np.argmax(show.true_m[:, 2]))]
-        record = show.service.command_show(ShowAction.STOP)
+        record = show.service.commands.command_show(ShowAction.STOP)
         assert record.outcomes[low].outcome is Outcome.NOT_INCLUDED
         assert "it is left to touch down" in record.outcomes[low].reason
         await show.reach(ShowPhase.LANDED, 150.0)

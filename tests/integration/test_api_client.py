@@ -78,7 +78,7 @@ def test_the_client_calls_everything() -> None:
         assert client.obstacle("tower").height_m == 9.0
         assert [box.id for box in client.obstacles()] == [made.id, "tower"]
         client.remove_obstacle("tower")
-        assert [box.id for box in service.plan.obstacles] == [made.id]
+        assert [box.id for box in service.plan.current.obstacles] == [made.id]
 
 
 def test_client_uploads_checks_and_selects_shows(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_changes_are_sent_with_the_next_revision_only() -> None:
     async def main(service: FakeService, port: int) -> None:
         async with console_of(port, "?rate_hz=20") as viewer:
             first, _ = await watched(viewer, await next_of(viewer, str), 20)  # a second
-            service.set_formation(Formation(12.0, 30.0))
+            service.plan.set_formation(Formation(12.0, 30.0))
             second = await next_of(viewer, str)
             while second["formation"]["radius_m"] != 12.0:  # control was late just then
                 second = await next_of(viewer, str)

@@ -301,7 +301,7 @@ def test_wait_for_a_command_sets_the_exit_code(
     service = FakeService()
 
     def fail_o2() -> None:
-        while "o2" not in service.commands_by_id:
+        while "o2" not in [command.id for command in service.command_log.newest()]:
             time.sleep(0.05)
         service.finish("o2", Outcome.FAILED, "it did not land")
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.flight.command_log import CommandLog
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
@@ -20,6 +19,7 @@ from gcs.recording.replay.service import NOTHING_COUNTED
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import TickView
+from gcs.service.commands import CommandLog
 
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 101)}
 ROOM_BYTES = 150_000

@@ -8,10 +8,10 @@ import signal
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from gcs.flight.command_log import CommandLog
 from gcs.recording.audit_reader import commands, last_known
 from gcs.recording.session import Record
 from gcs.service import Outcome
+from gcs.service.commands import CommandLog
 
 KILLS = 20
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 21)}
@@ -40,7 +40,7 @@ def command_for_ever(root: Path, reported: Connection) -> None:
 
 def test_no_acknowledged_command_is_missing_after_kill_9(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["gcs.recording.session", "gcs.flight.command_log"])
+    context.set_forkserver_preload(["gcs.recording.session", "gcs.service.commands"])
     samples, acknowledged = random.Random(5), set()
     for _ in range(KILLS):
         hear, tell = context.Pipe(duplex=False)

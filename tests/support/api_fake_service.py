@@ -1,6 +1,6 @@
 """A `gcs.service.Service` without vehicles: its tables, plan and refusals are real, its motion is not.
 
-As in the real service, a changed plan shows with the next tick, which is a call of `tick`.
+As in the real service, a changed plan is in `plan.current` at once, and in the view with the next `tick`.
 """
 
 import time
@@ -39,9 +39,9 @@ from gcs.service import (
     ShowAction,
     TickView,
     VehicleAction,
-    VehicleOutcome,
 )
 from gcs.service.alarms import Alarm, AlarmBook, Condition
+from gcs.service.commands import CommandLog
 from gcs.service.event_log import LogEvent, Severity
 from gcs.service.vehicle_table import VehicleTable
 from gcs.shows.library import ShowLibrary
@@ -100,30 +100,80 @@ class FakeRecord:
         return self.report_state
 
 
+class FakePlan:
+    """A `gcs.service.PlanChanges`: refuses what the tests need refused."""
+
+    def __init__(self, service: "FakeService") -> None:
+        self._service = service
+        self.current = Plan(Formation(radius_m=10.0, height_m=20.0))
+
+    def set_formation(self, formation: Formation) -> None:
+        count = len(self._service.phases)
+        smallest_m = 3.0 * sqrt(count)
+        if formation.radius_m < smallest_m:
+            allowed = f"at least {smallest_m:.1f} m for {count} vehicles"
+            raise InvalidError("radius_m", formation.radius_m, allowed)
+        if formation.height_m - formation.radius_m < HEIGHT_MIN_M:
+            allowed = f"at least {formation.radius_m + HEIGHT_MIN_M} m with this radius"
+            raise InvalidError("height_m", formation.height_m, allowed)
+        self.current = replace(self.current, formation=formation)
+
+    def set_orbit(self, orbit: Orbit) -> None:
+        self.current = replace(self.current, orbit=orbit)
+
+    def set_target(self, target: Target) -> None:
+        self.current = replace(self.current, target=replace(target, time_s=self._service.clock_s()))
+
+    def set_yaw(self, yaw: Yaw) -> None:
+        self.current = replace(self.current, yaw=yaw)
+
+    def add_obstacle(self, obstacle: Obstacle) -> None:
+        if any(box.id == obstacle.id for box in self.current.obstacles):
+            raise RefusedError(
+                f"there is an obstacle {obstacle.id!r} already: change it, or choose another id"
+            )
+        self._place(obstacle)
+
+    def change_obstacle(self, obstacle: Obstacle) -> None:
+        self._require(obstacle.id)
+        self._place(obstacle)
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        self._require(obstacle_id)
+        left = tuple(box for box in self.current.obstacles if box.id != obstacle_id)
+        self.current = replace(self.current, obstacles=left)
+
+    def _require(self, obstacle_id: str) -> None:
+        if all(box.id != obstacle_id for box in self.current.obstacles):
+            raise UnknownError(f"there is no obstacle {obstacle_id!r}")
+
+    def _place(self, box: Obstacle) -> None:
+        for index, (name, phase) in enumerate(self._service.phases.items()):
+            inside = abs(box.x_m) <= box.half_length_x_m and abs(box.y_m - 5.0 * index) <= box.half_length_y_m
+            if phase in AIRBORNE and inside:
+                raise RefusedError(f"obstacle {box.id!r} would stand on {name}, which is in the air")
+        others = (known for known in self.current.obstacles if known.id != box.id)
+        self.current = replace(self.current, obstacles=(*others, box))
+
+
 class FakeService:
-    """Vehicles d1, d2 ... on the ground, 5 m apart along y."""
+    """Vehicles d1, d2 ... on the ground, 5 m apart along y. Plays most roles of the port itself."""
+
+    frame = FRAME
 
     def __init__(
         self, count: int = 3, clock_s: Callable[[], float] = time.monotonic, folder: Path | None = None
     ) -> None:
-        self._clock_s = clock_s
+        self.clock_s = clock_s
+        self.commands = self.recovery = self.player = self.preflight = self.alarms = self.events = self
         self.shows = ShowLibrary(folder)
         self.phases: dict[str, Phase] = {}
-        self.commands_by_id: dict[str, CommandRecord] = {}
         self.ticks = 0
         self.control_alive = True
         self.audit: Audit = NoAudit()
         self.record: Replaying | None = None
         self._begin(count)
-        self._view = Latest(self._look())
-
-    @property
-    def view(self) -> Latest[FleetView]:
-        return self._view
-
-    @property
-    def frame(self) -> ShowFrame:
-        return FRAME
+        self.view = Latest(self._look())
 
     @property
     def replaying(self) -> Replaying | None:
@@ -143,8 +193,8 @@ class FakeService:
         self.failsafes: tuple[ActiveFailsafe, ...] = ()
         self.conditions: tuple[Condition, ...] = ()
         self.book = AlarmBook()
-        self.plan = Plan(Formation(radius_m=10.0, height_m=20.0))
-        self.commands_by_id = {}
+        self.plan = FakePlan(self)
+        self.command_log = CommandLog()
         self.excluded: dict[str, Exclusion] = {}
         self.happened: tuple[LogEvent, ...] = ()
         self.battery = 0.9
@@ -152,15 +202,13 @@ class FakeService:
     def tick(self) -> None:
         """Publish a new state."""
         self.ticks += 1
-        self.book.look(self.conditions, self._clock_s(), time.time())
-        self._view.set(self._look())
+        self.book.look(self.conditions, self.clock_s(), time.time())
+        self.view.set(self._look())
 
     def finish(self, command_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
         """Complete a command for every vehicle."""
-        record = self.commands_by_id[command_id]
-        self.commands_by_id[command_id] = replace(
-            record, outcomes={name: VehicleOutcome(outcome, reason) for name in record.outcomes}
-        )
+        for name in self.command_log.get(command_id).outcomes:
+            self.command_log.close(command_id, name, outcome, reason)
 
     def fly(self) -> None:
         """Set every vehicle to the formation and the show to running."""
@@ -187,7 +235,7 @@ class FakeService:
         self.start_unix_s = at_unix_time_s
         return self._accept(f"show {action}", vehicles or tuple(self.phases))
 
-    def select_show(self, name: str, show_hash: str) -> SelectedShow:
+    def select(self, name: str, show_hash: str) -> SelectedShow:
         timeline = self.shows.cleared(name, show_hash)
         cues = tuple(one.cue.cue for one in timeline.played)
         self.selected = SelectedShow(
@@ -195,10 +243,10 @@ class FakeService:
         )
         return self.selected
 
-    def deselect_show(self) -> None:
+    def deselect(self) -> None:
         self.selected = None
 
-    def seek_show(self, cue: str) -> SelectedShow:
+    def seek(self, cue: str) -> SelectedShow:
         if self.selected is None:
             raise RefusedError("no show is selected")
         if cue not in self.selected.cues:
@@ -206,7 +254,7 @@ class FakeService:
         self.selected = replace(self.selected, cue=cue)
         return self.selected
 
-    def preflight(self, vehicles: Sequence[str] | None = None) -> PreflightReport:
+    def report(self, vehicles: Sequence[str] | None = None) -> PreflightReport:
         for name in vehicles or ():
             self._require(name)
         if self.show is not ShowPhase.IDLE:
@@ -251,14 +299,12 @@ class FakeService:
             try:
                 self.phases[name] = advance(self.phases[name], EVENT[action])
             except RefusedError as error:
-                left_out[name] = VehicleOutcome(Outcome.NOT_INCLUDED, str(error))
+                left_out[name] = str(error)
             else:
                 reached.append(name)
         if not reached:
             raise RefusedError(f"{action} reaches no vehicle")
-        record = self._accept(f"{action} of several", reached)
-        self.commands_by_id[record.id] = replace(record, outcomes=record.outcomes | left_out)
-        return self.commands_by_id[record.id]
+        return self.command_log.open(f"{action} of several", reached, left_out)
 
     def kill(self, vehicle_ids: Sequence[str]) -> CommandRecord:
         for name in vehicle_ids:
@@ -266,12 +312,12 @@ class FakeService:
             self.phases[name] = advance(self.phases[name], Event.KILL)
         command = self._accept("kill", vehicle_ids)
         self.finish(command.id)
-        return self.commands_by_id[command.id]
+        return self.command_log.get(command.id)
 
-    def acknowledge_alarm(self, alarm_id: str) -> Alarm:
+    def acknowledge(self, alarm_id: str) -> Alarm:
         return self.book.acknowledge(alarm_id, CALLER.get(), time.time())
 
-    def acknowledge_alarms(self) -> Sequence[Alarm]:
+    def acknowledge_all(self) -> Sequence[Alarm]:
         return self.book.acknowledge_all(CALLER.get(), time.time())
 
     def settle(self, offer: Offer) -> CommandRecord:
@@ -280,83 +326,22 @@ class FakeService:
         self.interrupted = None
         return self._accept(offer, tuple(self.phases))
 
-    def command_record(self, command_id: str) -> CommandRecord:
-        if command_id not in self.commands_by_id:
-            raise UnknownError(f"there is no command {command_id!r}")
-        return self.commands_by_id[command_id]
-
-    def commands(self) -> Sequence[CommandRecord]:
-        return tuple(reversed(self.commands_by_id.values()))
-
-    def events(self) -> Sequence[LogEvent]:
+    def newest(self) -> Sequence[LogEvent]:
         return self.happened
 
     def happen(self, text: str, vehicle: str | None = None) -> None:
         number = len(self.happened) + 1
         self.happened = (*self.happened, LogEvent(number, time.time(), Severity.INFO, text, vehicle))
 
-    def set_formation(self, formation: Formation) -> None:
-        smallest_m = 3.0 * sqrt(len(self.phases))
-        if formation.radius_m < smallest_m:
-            allowed = f"at least {smallest_m:.1f} m for {len(self.phases)} vehicles"
-            raise InvalidError("radius_m", formation.radius_m, allowed)
-        if formation.height_m - formation.radius_m < HEIGHT_MIN_M:
-            allowed = f"at least {formation.radius_m + HEIGHT_MIN_M} m with this radius"
-            raise InvalidError("height_m", formation.height_m, allowed)
-        self.plan = replace(self.plan, formation=formation)
-
-    def set_orbit(self, orbit: Orbit) -> None:
-        self.plan = replace(self.plan, orbit=orbit)
-
-    def set_target(self, target: Target) -> None:
-        self.plan = replace(self.plan, target=replace(target, time_s=self._clock_s()))
-
-    def set_yaw(self, yaw: Yaw) -> None:
-        self.plan = replace(self.plan, yaw=yaw)
-
-    def add_obstacle(self, obstacle: Obstacle) -> None:
-        if any(box.id == obstacle.id for box in self.plan.obstacles):
-            raise RefusedError(
-                f"there is an obstacle {obstacle.id!r} already: change it, or choose another id"
-            )
-        self._require_clear(obstacle)
-        self.plan = replace(self.plan, obstacles=(*self.plan.obstacles, obstacle))
-
-    def change_obstacle(self, obstacle: Obstacle) -> None:
-        self._require_box(obstacle.id)
-        self._require_clear(obstacle)
-        boxes = tuple(obstacle if box.id == obstacle.id else box for box in self.plan.obstacles)
-        self.plan = replace(self.plan, obstacles=boxes)
-
-    def remove_obstacle(self, obstacle_id: str) -> None:
-        self._require_box(obstacle_id)
-        left = tuple(box for box in self.plan.obstacles if box.id != obstacle_id)
-        self.plan = replace(self.plan, obstacles=left)
-
     def _require(self, vehicle_id: str) -> None:
         if vehicle_id not in self.phases:
             raise UnknownError(f"there is no vehicle {vehicle_id!r}")
 
-    def _require_box(self, obstacle_id: str) -> None:
-        if all(box.id != obstacle_id for box in self.plan.obstacles):
-            raise UnknownError(f"there is no obstacle {obstacle_id!r}")
-
-    def _require_clear(self, box: Obstacle) -> None:
-        for index, (name, phase) in enumerate(self.phases.items()):
-            inside = abs(box.x_m) <= box.half_length_x_m and abs(box.y_m - 5.0 * index) <= box.half_length_y_m
-            if phase in AIRBORNE and inside:
-                raise RefusedError(f"obstacle {box.id!r} would stand on {name}, which is in the air")
-
     def _accept(self, action: str, vehicles: Sequence[str]) -> CommandRecord:
-        command_id = f"o{len(self.commands_by_id) + 1}"
-        pending = VehicleOutcome(Outcome.PENDING)
-        self.commands_by_id[command_id] = CommandRecord(
-            command_id, action, time.time(), dict.fromkeys(vehicles, pending), CALLER.get()
-        )
-        return self.commands_by_id[command_id]
+        return self.command_log.open(action, vehicles, {})
 
     def _look(self) -> FleetView:
-        now_s = self._clock_s()
+        now_s = self.clock_s()
         flying = self.show is ShowPhase.RUNNING
         return FleetView(
             time_s=now_s,
@@ -364,12 +349,12 @@ class FakeService:
             show=self.show,
             reason="",
             rows=self._rows(),
-            plan=self.plan,
+            plan=self.plan.current,
             flight_envelope=FlightEnvelope(3.0, 100.0, 300.0, 2.0, 3.0, 0.3),
             center_m=(1.0, 2.0, -20.0) if flying else None,
             center_velocity_m_s=(0.5, 0.0, 0.0) if flying else None,
             radius_m=9.0 if flying else None,
-            target_m=self.plan.target.position_m(now_s),
+            target_m=self.plan.current.target.position_m(now_s),
             minimum_separation_m=5.0 if flying else None,
             tick=TickView(
                 rate_hz=20.0,

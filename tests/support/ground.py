@@ -188,7 +188,7 @@ async def served(orchestrator: Orchestrator) -> AsyncIterator[int]:
     view = orchestrator.view
     try:
         await until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in view.value.vehicles))
-        orchestrator.command_show(ShowAction.START)
+        orchestrator.commands.command_show(ShowAction.START)
         yield await listening
     finally:
         for task in tasks:

@@ -22,13 +22,13 @@ async def reacts(show: Show, cause: Cause, limit_s: float = 30.0) -> ActiveFails
 
 def by_itself(show: Show) -> list[CommandRecord]:
     """Commands of the service itself, oldest first."""
-    return [record for record in reversed(show.service.commands()) if record.by == "service"]
+    return [record for record in reversed(show.service.command_log.newest()) if record.by == "service"]
 
 
 async def carried_out(show: Show, reported: ActiveFailsafe) -> CommandRecord:
     """The command of a failsafe, once it has ended for every vehicle."""
     assert reported.command_id is not None
-    return await show.settled(show.service.command_record(reported.command_id), 150.0)
+    return await show.settled(show.service.command_log.get(reported.command_id), 150.0)
 
 
 def off_pad_m(show: Show, vehicle_id: str) -> float:

@@ -7,7 +7,7 @@ from tests.support.virtual_show import Show
 
 async def arming(show: Show) -> None:
     await show.standby()
-    show.service.command_show(ShowAction.START)
+    show.service.commands.command_show(ShowAction.START)
 
 
 async def assembling(show: Show) -> None:
@@ -21,14 +21,14 @@ async def running(show: Show) -> None:
 
 async def paused(show: Show) -> None:
     await running(show)
-    show.service.command_show(ShowAction.PAUSE)
+    show.service.commands.command_show(ShowAction.PAUSE)
 
 
 async def returning(show: Show) -> None:
     await running(show)
-    show.service.command_show(ShowAction.STOP)
+    show.service.commands.command_show(ShowAction.STOP)
 
 
 async def aborting(show: Show) -> None:
     await running(show)
-    show.service.command_show(ShowAction.ABORT)
+    show.service.commands.command_show(ShowAction.ABORT)

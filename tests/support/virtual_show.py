@@ -238,9 +238,9 @@ class Show:
     async def settled(self, record: CommandRecord, limit_s: float = 90.0) -> CommandRecord:
         """Wait until no part of a command is pending."""
         await self.until(
-            lambda: self.service.command_record(record.id).outcome is not Outcome.PENDING, limit_s
+            lambda: self.service.command_log.get(record.id).outcome is not Outcome.PENDING, limit_s
         )
-        return self.service.command_record(record.id)
+        return self.service.command_log.get(record.id)
 
     async def standby(self) -> None:
         """Wait until every vehicle that is not cut off can be armed."""
@@ -251,17 +251,17 @@ class Show:
     async def start(self) -> CommandRecord:
         """Boot, start, and wait until the sphere is stable."""
         await self.standby()
-        record = self.service.command_show(ShowAction.START)
+        record = self.service.commands.command_show(ShowAction.START)
         await self.reach(ShowPhase.RUNNING)
         return record
 
     async def show(self, action: ShowAction) -> CommandRecord:
         """Send a show command and wait until it is carried out."""
-        return await self.settled(self.service.command_show(action))
+        return await self.settled(self.service.commands.command_show(action))
 
     async def command(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Command one vehicle and wait until it has done it."""
-        return await self.settled(self.service.command_vehicle(vehicle_id, action))
+        return await self.settled(self.service.commands.command_vehicle(vehicle_id, action))
 
     def floor_violations(self, track: Track | None = None) -> int:
         """Ticks with a true pair distance inside the floor; pairs low over their pads do not count."""
@@ -298,7 +298,7 @@ def badly_written(show: Show) -> list[str]:
         texts.update(text for alarm in view.alarms for text in (alarm.text, alarm.advice))
         texts.update(vehicle.reason for vehicle in view.vehicles)
         texts.add(view.reason)
-    for command in show.service.commands():
+    for command in show.service.command_log.newest():
         texts.update(outcome.reason for outcome in command.outcomes.values())
     return sorted(text for text in texts if BADLY_WRITTEN.search(text))
 

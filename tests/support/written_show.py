@@ -85,5 +85,5 @@ def check(show: Show, text: str = TEXT, name: str = NAME) -> str:
 def select(show: Show, text: str = TEXT) -> str:
     """Check and select a show."""
     show_hash = check(show, text)
-    show.service.select_show(NAME, show_hash)
+    show.service.player.select(NAME, show_hash)
     return show_hash

@@ -64,7 +64,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkUdpLink, float, 
         view = orchestrator.view
         control = asyncio.create_task(orchestrator.run())
         await until("ready", SOON_S, lambda: all(v.ready for v in view.value.vehicles))
-        orchestrator.command_show(ShowAction.START)
+        orchestrator.commands.command_show(ShowAction.START)
         flying = {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}
         await until("flying", SOON_S, lambda: view.value.show in flying)
         await asyncio.sleep(1.0)

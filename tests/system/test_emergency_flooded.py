@@ -143,7 +143,7 @@ async def fly_and_flood(folder: Path, machine: Witness, junk_s: float = JUNK_S) 
         async with running(config) as (orchestrator, port):
             view = orchestrator.view
             await until("ready", SOON_S, lambda: all(each.ready for each in view.value.vehicles))
-            orchestrator.command_show(ShowAction.START)
+            orchestrator.commands.command_show(ShowAction.START)
             formed = {Phase.FORMATION}
             await until("flying", SOON_S, lambda: {each.phase for each in view.value.vehicles} == formed)
             url = f"http://127.0.0.1:{port}"

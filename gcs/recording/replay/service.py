@@ -1,38 +1,42 @@
 """A recorded flight as a service: its states appear as if live, and only the playback can be commanded."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 
-from gcs.model.errors import GcsError
+from gcs.model.errors import GcsError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ShowPhase
-from gcs.model.plan import plan_of
+from gcs.model.plan import Plan, plan_of
 from gcs.model.state import Array, Landed
 from gcs.recording import mcap_layout as layout
+from gcs.recording.flight_report import EXIT_CODES
 from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample, Standard
-from gcs.recording.replay.alarms import recorded, replay_alarm
-from gcs.recording.replay.history import EventHistory
+from gcs.recording.replay.history import EventHistory, recorded, replay_alarm
 from gcs.recording.replay.playhead import Playhead
-from gcs.recording.replay.read_only_service import ReadOnlyService
-from gcs.recording.replay.report_task import ReportTask
 from gcs.service import (
+    Audit,
+    CheckState,
+    CommandRecord,
     FleetView,
     Histogram,
     Latest,
+    NoAudit,
     Playback,
     ReplayMarks,
     ReportState,
     SelectedShow,
+    StoredShow,
     TickView,
 )
 from gcs.service.alarms import ordered
+from gcs.service.check_process import LOWER, answered
 from gcs.service.event_log import LogEvent
 from gcs.service.flight_envelope import flight_envelope
 from gcs.service.vehicle_table import VehicleTable
@@ -52,10 +56,108 @@ PASSED: Final = 100
 NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
 """Counts for metrics are not recorded."""
 
+REPORT_WITHIN_S: Final = 1800.0
+
+REPORT_MEMORY_MAX_BYTES: Final = 16 << 30
+"""Limit of the address space: a long flight of a thousand vehicles is held in memory."""
+
 Triple = tuple[float, float, float]
 
 
-class Replay(ReadOnlyService):
+class ReadOnly:
+    """Refuses every call: stands for each role of `gcs.service.Service` that commands or changes."""
+
+    def __init__(self, why: str) -> None:
+        """`why` nothing can be commanded or changed."""
+        self._why = why
+
+    def __getattr__(self, _name: str) -> Callable[..., NoReturn]:
+        return self._refuse
+
+    def _refuse(self, *_arguments: object, **_named: object) -> NoReturn:
+        raise RefusedError(self._why)
+
+
+class NoShows(ReadOnly):
+    """A replay has no show files and accepts none. Implements `gcs.service.Shows`."""
+
+    @property
+    def why_not_kept(self) -> str:
+        """Why no file can be stored: a replay never can."""
+        return self._why
+
+    async def list_shows(self) -> list[StoredShow]:
+        return []
+
+    def checked(self, name: str) -> NoReturn:
+        raise UnknownError(f"{name} was never checked here: {self._why}")
+
+
+class RecordedPlan(ReadOnly):
+    """The plan that is shown now. Implements `gcs.service.PlanChanges`."""
+
+    def __init__(self, why: str, view: Latest[FleetView]) -> None:
+        super().__init__(why)
+        self._view = view
+
+    @property
+    def current(self) -> Plan:
+        return self._view.value.plan
+
+
+class NoCommands:
+    """Commands are in the audit beside the flight data. Implements `gcs.service.CommandRecords`."""
+
+    def get(self, command_id: str) -> NoReturn:
+        """Raises: UnknownError."""
+        raise UnknownError(
+            f"there is no command {command_id}: this is a replay; past commands are in the audit"
+        )
+
+    def newest(self) -> Sequence[CommandRecord]:
+        """Empty."""
+        return ()
+
+
+class ReportTask:
+    """Runs the report once. Used on the event loop."""
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        """Flight data, and files of true positions if there are any."""
+        self._files = tuple(files)
+        self._found = ReportState(CheckState.RUNNING)
+        self._task: asyncio.Task[None] | None = None
+
+    def state(self) -> ReportState:
+        """Return the state of the report; the first call starts it."""
+        if self._task is None:
+            self._task = asyncio.create_task(self._judge(), name="report")
+        return self._found
+
+    async def _judge(self) -> None:
+        try:
+            arguments = ("report", *map(str, self._files), "--json")
+            report = await answered(
+                arguments,
+                REPORT_WITHIN_S,
+                LOWER,
+                codes=tuple(EXIT_CODES.values()),
+                memory_max_bytes=REPORT_MEMORY_MAX_BYTES,
+            )
+            self._found = ReportState(CheckState.DONE, report=report)
+        except TimeoutError:
+            self._found = ReportState(CheckState.FAILED, f"not done within {REPORT_WITHIN_S:g} s")
+        except (GcsError, OSError, ValueError) as error:
+            self._found = ReportState(CheckState.FAILED, str(error))
+
+    async def close(self) -> None:
+        """End the running process."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+
+class Replay:
     """Implements `gcs.service.Service` and `gcs.service.Replaying` for a recorded flight.
 
     Must be created on the running event loop.
@@ -66,10 +168,9 @@ class Replay(ReadOnlyService):
 
         Raises: GcsError when the record has no tick, or its configuration no show frame; InvalidError.
         """
-        super().__init__(data.path)
         self._data = data
         try:
-            self._frame = ShowFrame(**data.about.config["show_frame"])
+            self.frame = ShowFrame(**data.about.config["show_frame"])
         except (KeyError, TypeError, GcsError) as error:
             raise GcsError(f"{data.path}: its configuration has no show frame: {error}") from None
         self._standard = Standard.of(data.about.config, str(data.path))
@@ -86,7 +187,14 @@ class Replay(ReadOnlyService):
         self._changed = asyncio.Event()
         self._ended = False
         self._moment, self._shown_s = first, self._now_s()
-        self._view = Latest(self._state(first, self._shown_s, ended=False))
+        self.view = Latest(self._state(first, self._shown_s, ended=False))
+        refusal = f"this is a replay of {data.path}: nothing can be commanded or changed"
+        self.audit: Audit = NoAudit()
+        self.plan: Any = RecordedPlan(refusal, self.view)
+        self.shows: Any = NoShows(f"this is a replay of {data.path}: it keeps no shows")
+        self.command_log = NoCommands()
+        self.commands: Any = ReadOnly(refusal)
+        self.recovery = self.player = self.preflight = self.alarms = self.commands
 
     async def run(self) -> None:
         """Show every state in its time, then the last one, until cancelled."""
@@ -144,7 +252,7 @@ class Replay(ReadOnlyService):
 
     def _show(self, sample: Sample) -> None:
         self._moment, self._shown_s = sample, self._now_s()
-        self._view.promise(partial(self._state, sample, self._shown_s, ended=self._ended))
+        self.view.promise(partial(self._state, sample, self._shown_s, ended=self._ended))
 
     def _now_s(self) -> float:
         return asyncio.get_running_loop().time()
@@ -199,19 +307,14 @@ class Replay(ReadOnlyService):
 
     def make_flight_report(self) -> ReportState:
         """Return the flight report of the record."""
-        return self._report_task.ask()
+        return self._report_task.state()
 
     @property
-    def view(self) -> Latest[FleetView]:
-        """The state that is shown now."""
-        return self._view
+    def events(self) -> "Replay":
+        """The events of the record: see `newest`."""
+        return self
 
-    @property
-    def frame(self) -> ShowFrame:
-        """Position and heading of the show's origin in the record."""
-        return self._frame
-
-    def events(self) -> Sequence[LogEvent]:
+    def newest(self) -> Sequence[LogEvent]:
         """Events up to the shown time."""
         return self._event_history.until(self._moment.unix_s)
 
@@ -263,7 +366,7 @@ class Replay(ReadOnlyService):
     def _rows(self, flown: RecordedSample) -> VehicleTable:
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
         position_m = layout.positions_m(table)
-        latitude_deg, longitude_deg, altitude_m = self._frame.geodetic(position_m)
+        latitude_deg, longitude_deg, altitude_m = self.frame.geodetic(position_m)
         colour, lit = layout.lights(table)
         limited_by: dict[str, str] = flown.tick["limited_by"]
 

@@ -80,12 +80,12 @@ def test_bad_number_is_422_with_field_value_and_allowed_range(
 ) -> None:
     method, path, field, rest = place
     text, value, allowed = bad
-    plan = api.service.plan
+    plan = api.service.plan.current
     others = "".join(f', "{name}": {other}' for name, other in rest.items() if name != field)
     (problem,) = problems(raw(api, method, path, f'{{"{field}": {text}{others}}}'))
     assert (problem.field, problem.value) == (field, value)
     assert problem.allowed.startswith(allowed)
-    assert api.service.plan is plan
+    assert api.service.plan.current is plan
 
 
 @pytest.mark.parametrize(
@@ -229,10 +229,10 @@ def test_a_malformed_body_is_422_with_the_field(
 def test_a_name_given_twice_is_refused_and_nothing_changes(
     api: Api, method: str, path: str, body: str, field: str, value: Any
 ) -> None:
-    plan = api.service.plan
+    plan = api.service.plan.current
     (problem,) = problems(raw(api, method, path, body))
     assert (problem.field, problem.value, problem.allowed) == (field, value, "given once, not twice")
-    assert api.service.plan is plan
+    assert api.service.plan.current is plan
     assert api.service.show is ShowPhase.IDLE
 
 

@@ -83,7 +83,7 @@ def refuse_constant(name: str) -> Any:
 def everything(api: Api) -> tuple[Any, ...]:
     """All that a request may change."""
     service = api.service
-    return service.plan, service.show, dict(service.phases), dict(service.commands_by_id)
+    return service.plan.current, service.show, dict(service.phases), service.command_log.newest()
 
 
 @settings(max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.too_slow])

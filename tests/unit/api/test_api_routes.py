@@ -8,7 +8,7 @@ from gcs.api.schemas import convert
 from gcs.api.schemas import fleet as schemas
 from gcs.cli.status_table import board
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Direction, YawPolicy
+from gcs.model.plan import Direction, Formation, YawPolicy
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, Condition
 from tests.support.api_fake_service import FakeService
@@ -207,26 +207,19 @@ def test_command_reports_its_outcome_per_vehicle(api: Api) -> None:
 def test_a_change_of_the_formation_leaves_the_rest_as_it_is(api: Api) -> None:
     answer = api("PATCH", "/api/v1/formation", json={"radius_m": 12})
     assert (answer.json()["radius_m"], answer.json()["height_m"]) == (12.0, 20.0)
-    assert api.service.plan.formation.radius_m == 12.0
+    assert api.service.plan.current.formation.radius_m == 12.0
 
 
 def test_two_changes_within_a_tick_both_count(api: Api) -> None:
     api("PATCH", "/api/v1/formation", json={"radius_m": 12})
     api("PATCH", "/api/v1/formation", json={"height_m": 30})
     api("PATCH", "/api/v1/orbit", json={"radius_m": 40})
-    assert (api.service.plan.formation.radius_m, api.service.plan.formation.height_m) == (12.0, 30.0)
+    assert api.service.plan.current.formation == Formation(12.0, 30.0)
     before_the_tick = api("GET", "/api/v1/formation").json()
     assert (before_the_tick["radius_m"], before_the_tick["height_m"]) == (12.0, 30.0)
     assert api("GET", "/api/v1/orbit").json()["radius_m"] == 40.0
     api.service.tick()
     assert api("GET", "/api/v1/fleet").json()["formation"]["height_m"] == 30.0
-
-
-def test_after_a_tick_the_plan_of_the_service_counts(api: Api) -> None:
-    api("PATCH", "/api/v1/formation", json={"radius_m": 12})
-    api.service.plan = FakeService().plan
-    api.service.tick()
-    assert api("GET", "/api/v1/formation").json()["radius_m"] == 10.0
 
 
 def test_a_radius_too_small_names_the_smallest_that_works(api: Api) -> None:
@@ -236,7 +229,7 @@ def test_a_radius_too_small_names_the_smallest_that_works(api: Api) -> None:
         "detail": "radius_m = 2.0: at least 5.2 m for 3 vehicles",
         "problems": [{"field": "radius_m", "value": 2.0, "allowed": "at least 5.2 m for 3 vehicles"}],
     }
-    assert api.service.plan.formation.radius_m == 10.0
+    assert api.service.plan.current.formation.radius_m == 10.0
 
 
 def test_a_sphere_below_the_minimum_height_is_refused(api: Api) -> None:
@@ -274,14 +267,14 @@ def test_the_orbit_is_changed_field_by_field(api: Api) -> None:
     api("PATCH", "/api/v1/orbit", json={"radius_m": 0, "direction": "clockwise"})
     answer = api("PATCH", "/api/v1/orbit", json={"speed_m_s": 3.5})
     assert answer.json() == {"radius_m": 0.0, "speed_m_s": 3.5, "direction": "clockwise"}
-    assert api.service.plan.orbit.direction is Direction.CLOCKWISE
+    assert api.service.plan.current.orbit.direction is Direction.CLOCKWISE
 
 
 def test_the_heading_is_turned_into_the_show_frame_and_back(api: Api) -> None:
     answer = api("PATCH", "/api/v1/yaw", json={"policy": "fixed", "heading_deg": 0.0})
     assert answer.json() == {"policy": "fixed", "heading_deg": pytest.approx(0.0)}
-    assert api.service.plan.yaw.policy is YawPolicy.FIXED
-    assert api.service.plan.yaw.fixed_rad == pytest.approx(-math.pi / 2)
+    assert api.service.plan.current.yaw.policy is YawPolicy.FIXED
+    assert api.service.plan.current.yaw.fixed_rad == pytest.approx(-math.pi / 2)
     assert api("PATCH", "/api/v1/yaw", json={"policy": "target"}).json()["policy"] == "target"
     assert api("GET", "/api/v1/yaw").json()["heading_deg"] == pytest.approx(0.0)
 
@@ -294,7 +287,7 @@ def test_an_obstacle_is_added_read_changed_and_removed(api: Api) -> None:
     changed = api("PUT", "/api/v1/obstacles/tower", json={**BOX, "height_m": 9.0})
     assert changed.json()["height_m"] == 9.0
     assert api("GET", "/api/v1/obstacles/tower").json()["height_m"] == 9.0
-    assert [box.height_m for box in api.service.plan.obstacles] == [9.0]
+    assert [box.height_m for box in api.service.plan.current.obstacles] == [9.0]
     removed = api("DELETE", "/api/v1/obstacles/tower")
     assert (removed.status_code, removed.content) == (204, b"")
     assert api("GET", "/api/v1/obstacles").json() == []
@@ -305,7 +298,7 @@ def test_an_obstacle_is_added_read_changed_and_removed(api: Api) -> None:
 def test_an_obstacle_that_moves_is_reported_where_it_is_now(api: Api) -> None:
     moving = {**BOX, "id": "crane", "velocity_x_m_s": 1.0, "velocity_y_m_s": -0.5}
     assert api("POST", "/api/v1/obstacles", json=moving).json()["x_m"] == pytest.approx(BOX["x_m"], abs=0.5)
-    box = api.service.plan.obstacles[0]
+    box = api.service.plan.current.obstacles[0]
     assert (box.velocity_x_m_s, box.velocity_y_m_s) == (1.0, -0.5)
     reported = convert.obstacle(box, box.time_s + 4.0)
     assert (reported.x_m, reported.y_m) == pytest.approx((box.x_m + 4.0, box.y_m - 2.0))

@@ -131,6 +131,6 @@ def test_the_swept_space_of_a_lost_vehicle_never_shrinks(age_s: float) -> None:
     (vehicle,) = subject.vehicles.values()
     vehicle.phase, vehicle.home_m = Phase.LOST, np.zeros(3)
     subject.note_seen(0)
-    subject.hear(age_s)
+    subject.receive(age_s)
     subject.note_seen(0)  # also where its position is not believed, but its telemetry arrives
     assert subject.tasks().segments_m[:, :, 0].max() == pytest.approx(2.2 + min(age_s, 0.5), abs=1e-3)

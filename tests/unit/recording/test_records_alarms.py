@@ -7,7 +7,7 @@ import pytest
 
 from gcs.model.errors import GcsError
 from gcs.recording.mcap_layout import status_message
-from gcs.recording.replay.alarms import recorded, replay_alarm
+from gcs.recording.replay.history import recorded, replay_alarm
 from gcs.service.alarms import AlarmCause, AlarmSeverity
 from tests.support.records_moment import FULL, sample
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.flight.command_log import CommandLog
 from gcs.links.address_book import Address
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -23,6 +22,7 @@ from gcs.recording.audit_database import VERSION, Journal, Row
 from gcs.recording.audit_reader import AUDIT, calls, commands, events, exclusions, last_known
 from gcs.recording.session import Record
 from gcs.service import CALLER, Call, Outcome, SelectedShow
+from gcs.service.commands import CommandLog
 from tests.support.records_moment import PLAN, sample
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}

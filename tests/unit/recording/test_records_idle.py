@@ -15,7 +15,7 @@ from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
-from gcs.recording.replay.marks import KEPT_S
+from gcs.recording.replay.history import KEPT_S
 from gcs.recording.replay.service import Replay
 from tests.support.records_moment import sample
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from gcs.model.lifecycle import ShowPhase
-from gcs.recording.replay.marks import EVENTS_MAX, KEPT_S, Event, marks_of
+from gcs.recording.replay.history import EVENTS_MAX, KEPT_S, Event, marks_of
 from gcs.service.event_log import Severity
 
 BEGAN_S = 1.7e9

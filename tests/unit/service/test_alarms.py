@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
-from gcs.flight.close_pairs import ClosePairs
+from gcs.flight.alarm_monitor import ClosePairs
 from gcs.model.errors import UnknownError
 from gcs.safety.separation import Floor
 from gcs.service.alarms import (

@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from gcs.flight.command_log import KEPT, CommandLog
 from gcs.model.errors import UnknownError
 from gcs.service import CALLER, CommandRecord, Outcome, VehicleOutcome
+from gcs.service.commands import KEPT, CommandLog
 
 
 def test_command_begins_pending_and_names_excluded_vehicles() -> None:

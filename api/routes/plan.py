@@ -1,0 +1,140 @@
+"""Routes of the plan: formation, target, orbit, heading and obstacles. They only translate."""
+
+from dataclasses import replace
+from http import HTTPStatus
+
+from fastapi import APIRouter, Response
+
+from gcs.api.context import Context, ContextDep
+from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, ObstacleId, errors
+from gcs.api.schemas import convert, requests
+from gcs.api.schemas import fleet as schemas
+from gcs.model.errors import InvalidError, UnknownError
+from gcs.model.plan import Obstacle
+
+router = APIRouter(dependencies=TOKEN)
+
+
+@router.get("/formation", tags=["formation"], summary="Radius and height, desired and now")
+async def get_formation(context: ContextDep) -> schemas.Formation:
+    """The desired formation, and the radius and height that are commanded now."""
+    return convert.formation(context.plan.formation, context.view)
+
+
+@router.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
+async def change_formation(body: requests.FormationChange, context: ContextDep) -> schemas.Formation:
+    """Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one."""
+    context.service.plan.set_formation(replace(context.plan.formation, **body.given()))
+    return await get_formation(context)
+
+
+@router.get("/target", tags=["target"], summary="Position and velocity of the target now")
+async def get_target(context: ContextDep) -> schemas.Target:
+    """The target's position and velocity, in both frames; it keeps moving with that velocity."""
+    target = context.plan.target
+    return convert.target(target, target.position_m(context.now_s()), context.frame)
+
+
+@router.put("/target", tags=["target"], summary="Set the target", responses=COMMAND)
+async def put_target(body: requests.TargetPut, context: ContextDep) -> schemas.Target:
+    """Position in the show frame or as latitude and longitude. An absent velocity is 0."""
+    context.service.plan.set_target(convert.target_desired(body, context.frame, context.now_s()))
+    target = context.plan.target
+    return convert.target(target, target.position_m(target.time_s), context.frame)
+
+
+@router.get("/orbit", tags=["target"], summary="Orbit of the formation around the target")
+async def get_orbit(context: ContextDep) -> schemas.Orbit:
+    """Radius, speed and direction of the orbit around the target."""
+    return convert.orbit(context.plan.orbit)
+
+
+@router.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
+async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> schemas.Orbit:
+    """Changes the given fields. The formation follows continuously."""
+    context.service.plan.set_orbit(replace(context.plan.orbit, **body.given()))
+    return await get_orbit(context)
+
+
+@router.get("/yaw", tags=["formation"], summary="Heading of the vehicles")
+async def get_yaw(context: ContextDep) -> schemas.Yaw:
+    """The policy, and the heading for the policy `fixed`."""
+    return convert.yaw(context.plan.yaw, context.frame)
+
+
+@router.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", responses=COMMAND)
+async def change_yaw(body: requests.YawChange, context: ContextDep) -> schemas.Yaw:
+    """Changes the policy, the heading for the policy `fixed`, or both."""
+    context.service.plan.set_yaw(convert.yaw_desired(body, context.plan.yaw, context.frame))
+    return await get_yaw(context)
+
+
+# Obstacles
+
+
+def _box(context: Context, obstacle_id: str) -> Obstacle:
+    for box in context.plan.obstacles:
+        if box.id == obstacle_id:
+            return box
+    raise UnknownError(f"there is no obstacle {obstacle_id!r}")
+
+
+@router.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
+async def list_obstacles(context: ContextDep) -> list[schemas.Obstacle]:
+    """All boxes that the vehicles avoid."""
+    return [convert.obstacle(box, context.now_s()) for box in context.plan.obstacles]
+
+
+@router.get(
+    "/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404)
+)
+async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.Obstacle:
+    """One box that the vehicles avoid."""
+    return convert.obstacle(_box(context, obstacle_id), context.now_s())
+
+
+@router.post(
+    "/obstacles",
+    tags=["obstacles"],
+    summary="Add an obstacle",
+    status_code=HTTPStatus.CREATED,
+    responses=COMMAND,
+)
+async def add_obstacle(
+    body: requests.ObstaclePost, context: ContextDep, response: Response
+) -> schemas.Obstacle:
+    """Refused if its id is taken, or if it would contain an airborne vehicle or be too close ahead of one."""
+    box = convert.obstacle_desired(body, body.id or context.new_obstacle_id(), context.now_s())
+    context.service.plan.add_obstacle(box)
+    response.headers["Location"] = f"/api/v1/obstacles/{box.id}"
+    return convert.obstacle(box, box.time_s)
+
+
+@router.put(
+    "/obstacles/{obstacle_id}",
+    tags=["obstacles"],
+    summary="Move or resize an obstacle",
+    responses=COMMAND | errors(404),
+)
+async def change_obstacle(
+    obstacle_id: ObstacleId, body: requests.ObstaclePut, context: ContextDep
+) -> schemas.Obstacle:
+    """Replaces the box of this id. Refused when it would contain a vehicle or be too close ahead of one."""
+    if body.id and body.id != obstacle_id:
+        raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
+    box = convert.obstacle_desired(body, obstacle_id, context.now_s())
+    context.service.plan.change_obstacle(box)
+    return convert.obstacle(box, box.time_s)
+
+
+@router.delete(
+    "/obstacles/{obstacle_id}",
+    tags=["obstacles"],
+    summary="Remove an obstacle",
+    status_code=HTTPStatus.NO_CONTENT,
+    dependencies=NO_BODY,
+    responses=COMMAND | errors(404),
+)
+async def remove_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> None:
+    """Removes a box."""
+    context.service.plan.remove_obstacle(obstacle_id)

@@ -1,0 +1,169 @@
+"""Advances the show automatically, once a tick: telemetry, failsafes, take-off, assembly, landing."""
+
+import logging
+from collections.abc import Callable
+from typing import Final
+
+from gcs.flight.commander import Commander
+from gcs.flight.failsafe_monitor import FailsafeMonitor
+from gcs.flight.fleet import Fleet
+from gcs.flight.maneuvers import Maneuvers
+from gcs.flight.parameter_reader import ParameterReader
+from gcs.flight.show_player import ShowPlayer
+from gcs.flight.start import uncontrolled, uncontrolled_reason
+from gcs.flight.telemetry_monitor import TelemetryMonitor
+from gcs.flight.ticker import TickClock
+from gcs.flight.vehicle import Vehicle
+from gcs.flight.vehicle_commands import landing_sites_m
+from gcs.model.errors import CommandError, RefusedError
+from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
+from gcs.model.preflight_report import joined
+from gcs.model.state import Whereabouts
+from gcs.service import ActiveFailsafe
+
+log = logging.getLogger(__name__)
+
+REJOINED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING, ShowPhase.PAUSED})
+"""Phases of the show in which a vehicle that was lost rejoins the formation automatically."""
+
+OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
+"""Phases in which the show leads no vehicle."""
+
+
+class ShowProgress:
+    """Follows the telemetry with phases, failsafes and the show's progress. Called once a tick."""
+
+    def __init__(
+        self,
+        flight: Fleet,
+        maneuvers: Maneuvers,
+        commander: Commander,
+        parameter_reader: ParameterReader,
+        show_player: ShowPlayer,
+        clock: TickClock,
+        unix_s: Callable[[], float],
+    ) -> None:
+        self._flight = flight
+        self._maneuvers = maneuvers
+        self._commander = commander
+        self._telemetry_monitor = TelemetryMonitor(flight, maneuvers, parameter_reader, self._come_back)
+        self._failsafe_monitor = FailsafeMonitor(
+            flight, show_player, clock, unix_s, commander, maneuvers.running
+        )
+
+    @property
+    def failsafes(self) -> tuple[ActiveFailsafe, ...]:
+        """Failsafes whose causes last, most severe first."""
+        return self._failsafe_monitor.active
+
+    def stalled(self, gap_s: float) -> None:
+        """Note that no tick came for `gap_s`, longer than any setpoint lives: control may have been lost."""
+        self._commander.recovery.stalled(gap_s)
+        self._telemetry_monitor.resume()
+
+    def watch(self) -> None:
+        """Let the telemetry change phases, and end maneuvers that no longer apply."""
+        self._telemetry_monitor.look()
+
+    async def _come_back(self, vehicle: Vehicle) -> None:
+        """Take control through HOLD, then join the formation, return or land, as the other vehicles do.
+
+        For a vehicle that was lost, or that holds because its link lost setpoints. A command to return or
+        land still applies to it, also when all other vehicles have landed and the show is over. It joins
+        automatically only if it was in formation.
+        """
+        flight, rejoins = self._flight, vehicle.rejoins
+        if vehicle.phase is Phase.PILOT:
+            await self._maneuvers.take_control(vehicle)
+        else:
+            await self._maneuvers.hold(vehicle)
+        if flight.show in OVER and flight.came_down_by is not None:
+            reason = f"{vehicle.id}, which was lost, is received again and comes down as commanded"
+            goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
+            flight.move_show(ShowEvent.TAKEN_ON, reason)
+            flight.move_show(goes_on, reason)
+        show = flight.show
+        if show is ShowPhase.RETURNING and vehicle.home_m is not None:
+            await self._maneuvers.come_home(vehicle)
+        elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
+            await self._maneuvers.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
+        elif rejoins and show in REJOINED:
+            await self._rejoin(vehicle)
+
+    async def _rejoin(self, vehicle: Vehicle) -> None:
+        """Return it to the formation that it was lost from, if there still is room for it."""
+        try:
+            self._commander.check_room([vehicle])
+            await self._maneuvers.join(vehicle)
+        except (CommandError, RefusedError) as error:
+            vehicle.reason = f"back, and holds: {error}"
+            raise
+        log.info("rejoined", extra={"vehicle": vehicle.id})
+
+    def advance(self) -> None:
+        """Advance the show: all have taken off, all are assembled, all have landed."""
+        flight = self._flight
+        self._telemetry_monitor.inspect()
+        self._failsafe_monitor.look()
+        self._commander.starting.count_down()
+        if self._commander.collective_return is not None:
+            self._commander.collective_return.advance()
+        self._commander.recovery.advance()
+        led = (*flight.airborne, *self._maneuvers.waiting, *flight.in_phase(Phase.PILOT))
+        busy = [vehicle for vehicle in led if self._maneuvers.running(vehicle)]
+        _follow(flight, busy=bool(busy))
+        if flight.show is ShowPhase.ARMING:
+            # vehicles that come down again do not delay the others
+            if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
+                self._all_have_taken_off()
+        elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
+            flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
+        elif flight.show_run is not None and flight.show_run.is_over(flight.fleet.time_s):
+            reason = f"show {flight.show_run.name!r} is over: all vehicles return home"
+            self._commander.end_show(reason)
+        self._commander.recovery.note_setpoints()
+
+    def _all_have_taken_off(self) -> None:
+        """Continue with the vehicles that are airborne, if any."""
+        flight = self._flight
+        holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
+        if flight.in_phase(Phase.FORMATION):
+            flight.move_show(ShowEvent.ALL_UP, "all airborne")
+        elif holding:
+            flight.move_show(ShowEvent.TAKEN_ON, f"no vehicle in formation; waiting for commands: {holding}")
+        elif not flight.airborne:
+            flight.move_show(ShowEvent.ALL_DOWN, "no vehicle took off")
+
+
+def _follow(flight: Fleet, *, busy: bool) -> None:
+    """Move the show's phase to match what is airborne; called once a tick.
+
+    Args:
+        flight: changed.
+        busy: whether a vehicle is under control, or takes off or lands.
+    """
+    if flight.airborne:
+        if flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED} and flight.show is not ShowPhase.COUNTDOWN:
+            names = joined([vehicle.id for vehicle in flight.airborne])
+            flight.move_show(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
+        return
+    if busy or flight.show in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
+        return
+    others = uncontrolled(flight)
+    if others:
+        why = uncontrolled_reason(others)
+        if flight.show is not ShowPhase.UNCONTROLLED:
+            flight.move_show(ShowEvent.CONTROL_LOST, why)
+        flight.reason = why
+    elif flight.show in ANYTHING_FLIES and flight.show is not ShowPhase.ARMING:
+        _land(flight)
+
+
+def _land(flight: Fleet) -> None:
+    """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
+    unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
+    named = f"; not confirmed on the ground: {joined(unknown)}" if unknown else ""
+    if flight.show is ShowPhase.UNCONTROLLED and flight.show_before is ShowPhase.IDLE:
+        flight.move_show(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
+    else:
+        flight.move_show(ShowEvent.ALL_DOWN, f"all vehicles have landed{named}")
