@@ -326,7 +326,7 @@ def test_wait_for_a_command_sets_the_exit_code(
         ("pause", 1, "not possible while the show is idle"),
         ("kill d9", 1, "there is no vehicle 'd9'"),
         ("vehicle show ../d1", 1, "there is no /api/v1/vehicles/../d1 here"),
-        ("command show o9", 1, "there is no command 'o9'"),
+        ("command show o9", 1, "there is no command o9"),
         ("state --url http://127.0.0.1:9", 3, "no answer from http://127.0.0.1:9"),
         ("state --url nonsense", 3, "no answer from nonsense"),
         ("state --ca-file none.pem", 2, "none.pem: no PEM certificate"),
