@@ -1,42 +1,28 @@
 """Alarms as they come, the selection, and the way back after a stall: what an operator sees and commands."""
 
-import json
 import random
-import re
-import resource
 import signal
-import socket
-import subprocess
-import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import partial
-from math import dist
 from pathlib import Path
 from typing import Any, Final
 
 import httpx
 import pytest
 from playwright.sync_api import Browser, Locator, expect
-from pymavlink.dialects.v20 import common as dialect
 
-from gcs.client import Client
-from gcs.config import schema as configuration
+from tests.support.alarm_causes import injections, kill
 from tests.support.console_bench import (
-    FLIGHT_MS,
-    LOOK_MS,
     SOON_MS,
     Console,
     Station,
-    chromes,
     console,
+    fault,
     station,
 )
-from tests.support.ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
+from tests.support.ground import SOON_S, wait_until
 from tests.support.machine import free_ports
-
-chrome = pytest.fixture(scope="module")(chromes)
 
 COUNT: Final = 12
 ON_SCREEN_MS: Final = 500.0
@@ -44,17 +30,6 @@ ON_SCREEN_MS: Final = 500.0
 
 LAID_OUT_MS: Final = 700.0
 """For the page to take note of the window's new size."""
-
-BOX_PX: Final = 16.0
-"""From the outermost vehicles of a box to its sides."""
-
-MIDDLES: Final = """(all, name) => all.filter((each) => each.textContent === name)
-  .map((each) => each.getBoundingClientRect()).filter(({ x }) => x > 0)
-  .map(({ x, y, width, height }) => [x + width / 2, y + height / 2])"""
-"""Of the words in the picture that are this name; a word that is not used lies far to the left."""
-
-NAME_PX: Final = 26.0
-"""From a vehicle to its name, which is above it."""
 
 WHOLE: Final = """() => {
   const box = (name) => document.querySelector(name)?.getBoundingClientRect();
@@ -74,68 +49,35 @@ WHOLE: Final = """() => {
 
 SEVERITIES: Final = ("emergency", "warning", "caution", "information")
 
-Fault = Callable[..., None]
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """A station over vehicles that receive faults."""
-
-    ground: Station
-    fault: Fault
-    port: int  # of the service, for the first vehicle
-    fleet: subprocess.Popen[bytes]
-
-
-@contextmanager
-def broken_fleet(folder: Path, count: int = COUNT) -> Iterator[Field]:
-    """Vehicles that receive faults, and a service whose reactions keep the show where it is."""
-    port, control = free_ports(count), free_ports()
-    raw = flying_config(count, port, silence_s=2.0, takeoff_height_m=4.0).model_dump()
-    raw["api"]["port"] = free_ports()
-    raw["formation"] |= {"radius_m": 9.0, "height_m": 15.0}
-    raw["map"] = {"tiles": str(folder / "none.mbtiles")}
-    raw["failsafes"]["service_late"]["action"] = "ignore"
-    raw["failsafes"]["vehicles_lost"] |= {"action": "pause", "count": 2, "share": 0.01}
-    wind = {
+FAILSAFES: Final[dict[str, dict[str, Any]]] = {
+    "vehicles_lost": {"action": "pause", "count": 2, "share": 0.01},
+    "wind": {
         "action": "pause",
         "then_return_after_s": None,
-        "speed_error_m_s": 0.8,
+        "speed_error_m_s": 0.8,  # also of a fleet that is paused, and steers against the wind
         "for_s": 1.5,  # a machine that stands still for a moment is no wind
         "share": 0.05,
-    }
-    raw["failsafes"]["wind"] |= wind  # also of a fleet that is paused, and steers against it
-    raw["failsafes"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # a busy machine is no late link
-    config = configuration.Config.model_validate(raw)
-    command = [sys.executable, "-m", "gcs.sim", "--count", str(count), "--port-base", str(port)]
-    command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
-    command += ["--control", str(control), *proper(config)]
-
-    def fault(**sequence: Any) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
-            outlet.settimeout(30.0)
-            outlet.sendto(json.dumps(sequence).encode(), ("127.0.0.1", control))
-            answer = json.loads(outlet.recv(2000))
-        assert answer["ok"], answer
-
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as fleet:
-        try:
-            with service(config, folder / "service") as (client, process):
-                url = f"http://127.0.0.1:{config.api.port}"
-                yield Field(Station(url, client, process, config, folder / "service"), fault, port, fleet)
-        finally:
-            fleet.terminate()
+    },
+    "links_late": {"late_s": 5.0, "arrive_min": 0.2},  # a busy machine is no late link
+}
+"""These pause the show and do not end it."""
 
 
 @contextmanager
-def second_with_the_same_id(port: int) -> Iterator[None]:
-    """Another vehicle with the system id of d9, on its port."""
-    command = [sys.executable, "-m", "gcs.sim", "--first", "8", "--count", "1", "--port-base", str(port)]
-    with subprocess.Popen([*command, "--origin", ORIGIN], stdout=subprocess.DEVNULL) as other:
-        try:
-            yield
-        finally:
-            other.terminate()
+def broken_fleet(folder: Path, control: int, count: int = COUNT) -> Iterator[Station]:
+    """Vehicles that receive faults, and a service whose failsafes keep the show where it is."""
+    with station(
+        folder,
+        count,
+        takeoff_m=4.0,
+        ground={"tiles": str(folder / "none.mbtiles")},
+        control=control,
+        silence_s=2.0,
+        failsafes=FAILSAFES,
+        radius_m=9.0,
+        height_m=15.0,
+    ) as ground:
+        yield ground
 
 
 def alarms(ground: Station) -> list[dict[str, Any]]:
@@ -154,10 +96,6 @@ def are_acknowledged(ground: Station, ids: Collection[str]) -> bool:
     return {alarm["acknowledged_by"] for alarm in alarms(ground) if alarm["id"] in ids} == {"local"}
 
 
-def kill(client: Client, name: str) -> None:
-    client.confirm_kill(client.arm_kill([name]).code)
-
-
 def listed(ui: Console) -> list[dict[str, Any]]:
     """The alarms of the page, from top to bottom."""
     found: list[dict[str, Any]] = ui.part("alarm").evaluate_all(
@@ -165,25 +103,6 @@ def listed(ui: Console) -> list[dict[str, Any]]:
         " ended: each.classList.contains('ended')}))"
     )
     return found
-
-
-def at_rest(ui: Console, name: str) -> tuple[float, float]:
-    """Where a vehicle is on the screen once the camera has come to rest. CSS pixels."""
-    words = ui.page.locator(".scene-word.name")
-    seen: list[tuple[float, float]] = []
-    for _ in range(60):
-        for x, y in words.evaluate_all(MIDDLES, name)[:1]:
-            seen = [*seen[-2:], (x, y + NAME_PX)]
-        if len(seen) == 3 and max(dist(one, seen[0]) for one in seen) < 3.0:
-            return seen[0]  # its position is never quite still
-        ui.page.wait_for_timeout(LOOK_MS)
-    raise AssertionError(f"{name} does not come to rest: {seen}")
-
-
-def selected(ui: Console) -> set[str]:
-    """Rows of the fleet's table that are selected."""
-    found = ui.page.locator("tr.selected").evaluate_all("(rows) => rows.map((row) => row.dataset.testid)")
-    return set(found)
 
 
 def sees(ui: Console, row: Locator) -> None:
@@ -209,54 +128,9 @@ def not_shown_in_time(ui: Console) -> list[str]:
     return late
 
 
-def ports_of(process: subprocess.Popen[bytes]) -> list[int]:
-    """UDP ports that a process has open."""
-    links = [str(each.readlink()) for each in Path(f"/proc/{process.pid}/fd").iterdir()]
-    inodes = {link[len("socket:[") : -1] for link in links if link.startswith("socket:[")}
-    rows = [line.split() for line in Path("/proc/net/udp").read_text(encoding="ascii").splitlines()[1:]]
-    return [int(row[1].partition(":")[2], 16) for row in rows if row[9] in inodes]
-
-
-def another_station_sets(fleet: subprocess.Popen[bytes], system_id: int, name: str, value: float) -> None:
-    """A parameter of one vehicle. Which port is its own is not known: it is the one addressed."""
-    message = dialect.MAVLink_param_set_message(
-        system_id, 1, name.encode(), value, dialect.MAV_PARAM_TYPE_REAL32
-    )
-    frame = message.pack(dialect.MAVLink(None, srcSystem=250, srcComponent=190))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
-        for port in ports_of(fleet):
-            outlet.sendto(frame, ("127.0.0.1", port))
-
-
-def fill_the_disk(process: subprocess.Popen[str]) -> None:
-    """No file of the service grows any more."""
-    _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
-    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (4096, hard))
-
-
-def injections(field: Field, stack: ExitStack) -> dict[str, Callable[[], object]]:
-    """Twelve causes, and how each comes about."""
-    ground, fault = field.ground, field.fault
-    wind = {"north_m_s": 13.0, "east_m_s": 0.0, "down_m_s": 0.0}
-    return {
-        "vehicle-lost": lambda: fault(vehicle=1, fault="silence"),
-        "outside-control": lambda: fault(vehicle=2, fault="pilot", mode="POSITION"),
-        "killed": lambda: kill(ground.client, "d3"),
-        "low-battery": lambda: fault(vehicle=4, fault="battery", remaining=0.18),
-        "critical-battery": lambda: fault(vehicle=5, fault="battery", remaining=0.09),
-        "bad-position": lambda: fault(vehicle=6, fault="accuracy", eph_m=20.0),
-        "vehicles-lost": lambda: fault(vehicles=[7, 10], fault="silence"),
-        "poor-link": lambda: fault(vehicle=8, fault="loss", share=0.4),
-        "duplicate-system-id": lambda: stack.enter_context(second_with_the_same_id(field.port)),
-        "parameter-changed": lambda: another_station_sets(field.fleet, 11, "COM_OF_LOSS_T", 60.0),
-        "record-fails": lambda: fill_the_disk(ground.process),
-        "wind": lambda: fault(vehicles="all", fault="wind", **wind),
-    }
-
-
-def take_off(field: Field, *spare: str) -> None:
+def take_off(ground: Station, *spare: str) -> None:
     """Until the show runs; `spare` vehicles stay on the ground."""
-    client = field.ground.client
+    client = ground.client
     wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
     for name in spare:
         client.preflight.exclude(name, reason="spare")
@@ -265,20 +139,20 @@ def take_off(field: Field, *spare: str) -> None:
     wait_until("running", SOON_S, lambda: client.show().phase == "running")
 
 
-@pytest.mark.parametrize("seed", [14, 2026])
+@pytest.mark.parametrize("seed", [14, pytest.param(2026, marks=pytest.mark.soak)])
 def test_twelve_alarms_three_at_once_are_visible_by_severity(
     chrome: Browser, tmp_path: Path, seed: int
 ) -> None:
+    control = free_ports()
     with (
-        broken_fleet(tmp_path) as field,
+        broken_fleet(tmp_path, control) as ground,
         ExitStack() as stack,
-        console(chrome, field.ground.url, width=1440, height=900) as ui,
+        console(chrome, ground.url, width=1440, height=900) as ui,
     ):
-        ground = field.ground
         ui.says("connection", "Live")
         ui.page.keyboard.press("Escape")
-        take_off(field, "d12")
-        inject = injections(field, stack)
+        take_off(ground, "d12")
+        inject = injections(ground, control, stack)
         sequence = list(inject)
         random.Random(seed).shuffle(sequence)
         for first in range(0, len(sequence), 3):
@@ -327,14 +201,14 @@ def test_twelve_alarms_three_at_once_are_visible_by_severity(
 
 
 def test_after_a_stall_alarms_table_and_recovery_are_visible(chrome: Browser, tmp_path: Path) -> None:
+    control = free_ports()
     with (
-        broken_fleet(tmp_path, 7) as field,
-        console(chrome, field.ground.url, width=1440, height=900) as ui,
+        broken_fleet(tmp_path, control, 7) as ground,
+        console(chrome, ground.url, width=1440, height=900) as ui,
     ):
-        ground, fault = field.ground, field.fault
-        take_off(field)
-        fault(vehicle=1, fault="silence")
-        fault(vehicle=2, fault="pilot", mode="POSITION")
+        take_off(ground)
+        fault(control, vehicle=1, fault="silence")
+        fault(control, vehicle=2, fault="pilot", mode="POSITION")
         wait_until("lost", SOON_S, partial(all_are, ground, ["vehicle-lost", "outside-control"]))
         ground.process.send_signal(signal.SIGSTOP)
         ui.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
@@ -376,114 +250,4 @@ def test_after_a_stall_alarms_table_and_recovery_are_visible(chrome: Browser, tm
                 last = ui.part("alarm").last
                 sees(ui, last)
                 ui.press("alarms-all")
-        assert ui.wrong == []
-
-
-def test_box_dragged_in_the_scene_selects_its_vehicles(chrome: Browser, tmp_path: Path) -> None:
-    with station(tmp_path, 6) as ground, console(chrome, ground.url, width=1440, height=900) as ui:
-        ui.says("connection", "Live")
-        ui.press("camera-top")
-        places = {name: at_rest(ui, name) for name in ("d1", "d2", "d3", "d4", "d5", "d6")}
-
-        def drag(*names: str, keys: tuple[str, ...]) -> None:
-            """A box around these."""
-            across, down = zip(*(places[name] for name in names), strict=True)
-            for key in keys:
-                ui.page.keyboard.down(key)
-            ui.page.mouse.move(min(across) - BOX_PX, min(down) - BOX_PX)
-            ui.page.mouse.down()
-            ui.page.mouse.move(max(across) + BOX_PX, max(down) + BOX_PX, steps=5)
-            expect(ui.page.locator(".scene-box")).to_be_visible()
-            ui.page.mouse.up()
-            for key in keys:
-                ui.page.keyboard.up(key)
-            expect(ui.page.locator(".scene-box")).to_be_hidden()
-
-        drag("d1", "d2", keys=("Control",))
-        expect(ui.page.locator("tr.selected")).to_have_count(2, timeout=SOON_MS)
-        assert selected(ui) == {"row-d1", "row-d2"}
-        drag("d5", "d6", keys=("Control", "Shift"))
-        expect(ui.page.locator("tr.selected")).to_have_count(4, timeout=SOON_MS)
-        assert selected(ui) == {"row-d1", "row-d2", "row-d5", "row-d6"}
-        drag("d4", keys=("Control",))
-        expect(ui.page.locator("tr.selected")).to_have_count(1, timeout=SOON_MS)
-        assert selected(ui) == {"row-d4"}
-        assert ui.wrong == []
-        assert ground.client.commands() == [], "a selection commands nothing"
-
-
-def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser, tmp_path: Path) -> None:
-    with (
-        station(tmp_path, 5, takeoff_m=3.0, radius_m=5.0, height_m=10.0) as ground,
-        console(chrome, ground.url, width=1440, height=900) as ui,
-    ):
-        client = ground.client
-
-        def phases(phase: str) -> set[str]:
-            return {each.id for each in client.vehicles() if each.phase == phase}
-
-        ui.says("connection", "Live")
-        wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
-        client.start()
-        ui.says("show-phase", "running", FLIGHT_MS)
-
-        ui.part("row-d2").click()
-        ui.part("row-d4").click(modifiers=["Shift"])
-        ui.says("selection-count", "3 vehicles")
-        ui.part("row-d3").click(modifiers=["Control"])
-        ui.says("selection-count", "2 vehicles")
-        ui.press("selection-hold")
-        wait_until("hold", SOON_S, lambda: phases("hold") == {"d2", "d4"})
-        assert phases("formation") == {"d1", "d3", "d5"}
-        ui.part("selection-open").click()
-        for name in ("d2", "d4"):
-            expect(ui.part(f"selected-command-{name}")).to_contain_text("done", timeout=SOON_MS)
-        assert ui.serious() == []
-
-        ui.opens("Shift+K", "kill-arm")
-        expect(ui.part("kill-names")).to_have_text("d2, d4")
-        ui.closes("Escape", "sheet-kill")
-        ui.press("selection-return")
-        wait_until("return", SOON_S, lambda: phases("hold") == set())
-        ui.page.keyboard.press("Escape")
-        expect(ui.part("group-page")).to_have_count(0)
-        ui.opens("Shift+K", "kill-arm")
-        expect(ui.part("kill-arm")).to_have_attribute("aria-disabled", "true")  # nothing is selected
-        ui.closes("Escape", "sheet-kill")
-        assert [sequence.action for sequence in client.commands()][:2] == ["return", "hold"]
-        ui.press("stop")
-        ui.says("show-phase", "landed", FLIGHT_MS)
-        assert ui.wrong == []
-
-
-def test_after_a_stall_two_presses_return_the_fleet(chrome: Browser, tmp_path: Path) -> None:
-    with (
-        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
-        console(chrome, ground.url, width=1024, height=768) as ui,
-    ):
-        client = ground.client
-        ui.says("connection", "Live")
-        wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
-        client.start()
-        ui.says("show-phase", "running", FLIGHT_MS)
-        ground.process.send_signal(signal.SIGSTOP)
-        try:
-            expect(ui.part("banner")).to_be_visible(timeout=SOON_MS)
-            ui.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
-        finally:
-            ground.process.send_signal(signal.SIGCONT)
-        ui.says("connection", "Live", FLIGHT_MS)
-        ui.says("show-phase", "not under control")
-        ui.says("show-reason", "4 airborne")
-        expect(ui.part("start")).to_have_attribute("aria-disabled", "true")
-        for name in ("pause", "stop", "abort"):
-            expect(ui.part(name)).not_to_have_attribute("aria-disabled", "true")
-        assert ui.serious() == []
-        ui.press("take-over")
-        ui.says("show-phase", "paused", FLIGHT_MS)
-        expect(ui.part("interrupted")).to_have_count(0, timeout=SOON_MS)
-        ui.press("stop")
-        ui.says("show-phase", re.compile("returning home|landed"), FLIGHT_MS)
-        ui.says("show-phase", "landed", FLIGHT_MS)
-        ui.says("airborne", "0/4")
         assert ui.wrong == []

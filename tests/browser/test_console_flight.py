@@ -16,7 +16,6 @@ from tests.support.console_bench import (
     TARGET_PX,
     Console,
     Station,
-    chromes,
     console,
     fault,
     station,
@@ -25,8 +24,6 @@ from tests.support.ground import SOON_S, wait_until
 from tests.support.machine import free_ports
 
 BOX = {"obstacle:x_m": "4", "obstacle:y_m": "24", "obstacle:half_length_x_m": "2", "obstacle:height_m": "12"}
-
-chrome = pytest.fixture(scope="module")(chromes)
 
 
 def start(ui: Console) -> None:

@@ -12,14 +12,13 @@ from threading import Thread
 from typing import Any, Final
 
 import numpy as np
-import pytest
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
 from gcs.api.auth.tokens import create_token
 from gcs.config import schema as configuration
 from gcs.service.access import Role
-from tests.support.console_bench import SOON_MS, Console, chromes, console, station
+from tests.support.console_bench import SOON_MS, Console, console, station
 from tests.support.mbtiles import mbtiles
 
 FRAME: Final = configuration.load(configuration.find("demo")).show_frame
@@ -30,8 +29,6 @@ SIDE_PX: Final = 256
 COLORS: Final = {"north-west": 0, "north-east": 1, "south-west": 2, "south-east": 3}
 RGB: Final = np.array([[255, 255, 0], [255, 0, 0], [0, 0, 255], [0, 255, 0]], np.uint8)
 """Of the four quarters around the show's origin."""
-
-chrome = pytest.fixture(scope="module")(chromes)
 
 
 def png(colors: Any) -> bytes:

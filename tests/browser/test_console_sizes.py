@@ -11,7 +11,7 @@ from typing import Final
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, chromes, console, fault, station
+from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, console, fault, station
 from tests.support.ground import SOON_S, wait_until
 from tests.support.machine import free_ports
 
@@ -73,8 +73,6 @@ OVERLAPS: Final = """() => {
   return across && alarms.top < room.bottom && room.top < alarms.bottom;
 }"""
 """Whether alarms lie over the scene."""
-
-chrome = pytest.fixture(scope="module")(chromes)
 
 
 @pytest.fixture(scope="module")

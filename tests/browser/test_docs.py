@@ -8,9 +8,7 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
-from tests.support.console_bench import SOON_MS, Station, chromes, station
-
-chrome = pytest.fixture(scope="module")(chromes)
+from tests.support.console_bench import SOON_MS, Station, station
 
 METHODS = {"get", "put", "post", "patch", "delete"}
 

@@ -110,12 +110,6 @@ def browser() -> Iterator[Browser]:
             started.close()
 
 
-def chromes() -> Iterator[Browser]:
-    """A fixture, one for each file: while it runs, this thread's event loop is its own."""
-    with browser() as started:
-        yield started
-
-
 @dataclass(frozen=True, slots=True)
 class Console:
     """The page, driven as an operator drives it."""
@@ -252,6 +246,7 @@ class Station:
     process: subprocess.Popen[str]
     config: configuration.Config
     folder: Path
+    fleet: subprocess.Popen[bytes]
 
     @contextmanager
     def again(self) -> Iterator[Client]:
@@ -264,7 +259,7 @@ class Station:
 def fault(control: int, **command: object) -> None:
     """Set or clear a fault of the fake vehicles that receive faults on port `control`."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
-        outlet.settimeout(5.0)
+        outlet.settimeout(30.0)
         outlet.sendto(json.dumps(command).encode(), ("127.0.0.1", control))
         answer = json.loads(outlet.recv(2000))
     if not answer["ok"]:
@@ -281,6 +276,8 @@ def station(
     ground: dict[str, Any] | None = None,
     heading_deg: float = 0.0,
     control: int | None = None,
+    silence_s: float = 5.0,
+    failsafes: dict[str, dict[str, Any]] | None = None,
     **formation: Any,
 ) -> Iterator[Station]:
     """Run the service over fake vehicles that take off to `takeoff_m`; `ground` is the section `map`.
@@ -288,7 +285,7 @@ def station(
     The vehicles receive faults on UDP port `control`; None: they receive none.
     """
     port = free_ports(count)
-    raw = flying_config(count, port, silence_s=5.0, takeoff_height_m=takeoff_m).model_dump()
+    raw = flying_config(count, port, silence_s=silence_s, takeoff_height_m=takeoff_m).model_dump()
     raw["api"]["port"] = free_ports()
     raw["formation"] |= formation
     raw["access"] |= access or {}
@@ -297,10 +294,14 @@ def station(
     raw["shows"] = {"folder": folder / "shows"}
     raw["failsafes"]["links_late"]["action"] = "ignore"
     raw["failsafes"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
+    for cause, settings in (failsafes or {}).items():
+        raw["failsafes"][cause] |= settings
     config = configuration.Config.model_validate(raw)
     faults = () if control is None else ("--control", str(control))
     with (
-        vehicles(count, port, folder, *proper(config), *faults),
+        vehicles(count, port, folder, *proper(config), *faults) as fleet,
         service(config, folder / "service") as (client, process),
     ):
-        yield Station(f"http://127.0.0.1:{config.api.port}", client, process, config, folder / "service")
+        yield Station(
+            f"http://127.0.0.1:{config.api.port}", client, process, config, folder / "service", fleet
+        )
