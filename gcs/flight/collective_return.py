@@ -6,15 +6,12 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 
-from gcs.control import ControlSettings, ellipses_of
 from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import ShapeError, cut
 from gcs.model.lifecycle import Phase
-from gcs.model.plan import Plan
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.landing_sites import CLEAR_M
-from gcs.planning.return_paths import AreFree, PathProgress, Planner, ReturnPaths, plan_return_paths
+from gcs.planning.return_paths import PathProgress, ReturnPaths, plan_return_paths, return_planner
 
 log = logging.getLogger(__name__)
 
@@ -24,8 +21,6 @@ STOPPED_WITHIN_S = 5.0
 
 PLANNED_WITHIN_S = 10.0
 """The best plan at that time is flown; the first is always completed. 50 vehicles take one or two seconds."""
-
-INSIDE_FENCE_M = 1.0
 
 TOGETHER_MAX = 300
 """Larger fleets return without planned paths: their first plan would take too long."""
@@ -44,12 +39,13 @@ class CollectiveReturn:
         self._stopping: dict[VehicleId, Vehicle] = {}
         self._rows: dict[VehicleId, int] = {}
         self._places: list[int] = []  # rows of FleetState, in the plan's order
+        self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
         self._is_off = False  # no plan: the vehicles return one by one
         self._problem = ""
         self._planned: Future[ReturnPaths] | None = None
         self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
-        self._led: set[VehicleId] = set()  # vehicles that asked for their goal since the last tick
+        self._led: set[VehicleId] = set()  # vehicles that took their goal since the last tick
         self._since_s = flight.fleet.time_s  # time of the command, the planning, or the last tick
 
     @property
@@ -110,7 +106,7 @@ class CollectiveReturn:
         """
         error = planned.exception()
         if error is None:
-            self._progress = PathProgress(planned.result())
+            self._progress = PathProgress(planned.result(), self._home_m)
         else:
             self._fail(error)
 
@@ -131,7 +127,8 @@ class CollectiveReturn:
         if self._progress is None:
             return None
         self._led.add(vehicle.id)
-        return self._progress.goal_m(self._rows[vehicle.id])
+        goal_m: Array = self._progress.goal_m[self._rows[vehicle.id]]
+        return goal_m
 
     def has_path(self, vehicle: Vehicle) -> bool:
         """Whether the planner found a path without conflicts for it."""
@@ -139,9 +136,9 @@ class CollectiveReturn:
             self._progress is not None and self._rows[vehicle.id] not in self._progress.return_paths.unplanned
         )
 
-    def is_over(self, vehicle: Vehicle) -> bool:
+    def has_arrived(self, vehicle: Vehicle) -> bool:
         """Whether its path has led it above its start."""
-        return self._progress is not None and self._progress.is_over(self._rows[vehicle.id])
+        return self._progress is not None and bool(self._progress.arrived[self._rows[vehicle.id]])
 
     def _all_stand(self) -> bool:
         """Whether every participating vehicle is under control and nearly at rest."""
@@ -162,10 +159,11 @@ class CollectiveReturn:
         self._places = rows = [vehicle.row for vehicle, _ in homes]
         control, operation = flight.control, flight.config.operation
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
+        self._home_m = np.array([home_m for _, home_m in homes])
         try:
             planner = return_planner(
                 flight.fleet.position_m[rows].copy(),
-                np.array([home_m for _, home_m in homes]),
+                self._home_m,
                 (operation.takeoff_height_m, operation.handover_height_m),
                 control,
                 flight.plan,
@@ -175,54 +173,3 @@ class CollectiveReturn:
             self._planned = self._planning.submit(plan_return_paths, planner, lambda: self._enough)
         except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
             self._fail(error)
-
-
-def return_planner(
-    position_m: Array,
-    home_m: Array,
-    heights_m: tuple[float, float],
-    control: ControlSettings,
-    plan: Plan,
-    time_s: float,
-    uncertainty_m: Array,
-) -> Planner:
-    """Prepare the planner of a collective return, for a flight or for its rehearsal.
-
-    Args:
-        position_m: (n, 3) positions of the vehicles, show frame; owned by the planner.
-        home_m: (n, 3) landing positions, show frame.
-        heights_m: above home: least height of the paths, and the height from which the autopilots land.
-        control: speeds, fence and minimum separation.
-        plan: the paths avoid its obstacles at their positions at `time_s`.
-        time_s: time of the planning.
-        uncertainty_m: (n,) uncertainty of the positions.
-
-    Raises: ShapeError if there are no vehicles, or a position is not finite.
-    """
-    return Planner(
-        position_m,
-        home_m,
-        *heights_m,
-        speed_m_s=control.law.speed_m_s,
-        goal_rate_per_s=control.law.goal_rate_per_s,
-        limits=control.safety.limits,
-        floor=control.safety.floor,
-        uncertainty_m=2.0 * float(uncertainty_m.max()),
-        are_free=_are_free(control, plan, time_s),
-    )
-
-
-def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:
-    """Return a function for which positions are inside the fence and clear of obstacles at `time_s`."""
-    fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
-
-    def are_free(place_m: Array) -> Mask:
-        height_m = -place_m[:, 2]
-        free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
-        free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
-        for ellipse in ellipses:
-            low = np.flatnonzero(height_m < ellipse.top_height_m)
-            free[low] &= ellipse.distance_m(place_m[low]) >= CLEAR_M
-        return np.asarray(free)
-
-    return are_free

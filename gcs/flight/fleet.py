@@ -43,6 +43,7 @@ from gcs.model.state import (
     whereabouts,
 )
 from gcs.planning.landing_sites import STOP_S, swept_segments_m
+from gcs.planning.return_paths import keeps_to_path
 
 log = logging.getLogger(__name__)
 
@@ -55,10 +56,6 @@ ASSEMBLED_SHARE = 0.05
 
 SPREAD_SHARE = 0.7
 """And when the two nearest directions are apart by this share of those in the best shape known."""
-
-
-BEHIND_M = 11.0
-"""A vehicle farther from its planned position does not follow the plan any more."""
 
 
 FLIES = AIRBORNE | {Phase.PILOT}
@@ -407,8 +404,7 @@ class Fleet:
         follows = np.array(
             [vehicle.follows_planned_path for vehicle in self.vehicles.values()], dtype=np.bool_
         )
-        behind_m = np.linalg.norm(goal_m - self.fleet.position_m, axis=1)
-        return np.asarray(follows & (behind_m < BEHIND_M))
+        return keeps_to_path(follows, self.fleet.position_m, goal_m)
 
     def _swept_m(self, vehicle: Vehicle, last_m: Array) -> Array:
         operation, moved_m_s = self.config.operation, self._seen_m_s[vehicle.row]

@@ -18,7 +18,7 @@ from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Mode
-from gcs.planning.return_paths import IN_PLACE_M, WELL_IN_PLACE_M, is_above, may_hand_over
+from gcs.planning.return_paths import is_above, may_hand_over
 from gcs.service import Outcome
 
 log = logging.getLogger(__name__)
@@ -217,18 +217,17 @@ class Maneuvers(ManeuverTasks):
                 collective_return.has_path(vehicle),
                 "on its way home",
             )
-            await self._until(
-                vehicle, lambda: self._led(vehicle, collective_return, home_m), patience_s=WAY_S
-            )
+            await self._until(vehicle, lambda: self._led(vehicle, collective_return), patience_s=WAY_S)
             vehicle.apply(Event.DESCEND, "above its start, comes down")
             await self._descend_slowly(vehicle, home_m)
 
         return maneuver
 
-    def _led(self, vehicle: Vehicle, collective_return: CollectiveReturn, home_m: Array) -> bool:
+    @staticmethod
+    def _led(vehicle: Vehicle, collective_return: CollectiveReturn) -> bool:
         """Move the goal along the path. Returns: whether the path has led the vehicle above its start."""
         vehicle.goal_m = collective_return.goal_m(vehicle)
-        return collective_return.is_over(vehicle) and self._above(vehicle, home_m, WELL_IN_PLACE_M)
+        return collective_return.has_arrived(vehicle)
 
     def descend(self, place_m: Array) -> Maneuver:
         """Descend onto `place_m` (3,), lowest vehicle first, and land."""
@@ -314,8 +313,8 @@ class Maneuvers(ManeuverTasks):
         share = self._height_m(vehicle, vehicle.home_m) / self._settings.takeoff_height_m
         return share > UP_SHARE or (share > ENDED_SHARE and self._flight.mode(vehicle) is Mode.HOLD)
 
-    def _above(self, vehicle: Vehicle, place_m: Array, within_m: float = IN_PLACE_M) -> bool:
-        return bool(is_above(self._position_m(vehicle)[None], place_m[None], within_m)[0])
+    def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
+        return bool(is_above(self._position_m(vehicle)[None], place_m[None])[0])
 
     async def _until(
         self,

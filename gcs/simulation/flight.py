@@ -9,20 +9,18 @@ import numpy as np
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
 from gcs.control.desired_velocity import Law, spread
-from gcs.flight.collective_return import return_planner
-from gcs.flight.fleet import BEHIND_M
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.return_paths import (
-    WELL_IN_PLACE_M,
     PathProgress,
     ReturnPaths,
-    is_above,
+    keeps_to_path,
     may_hand_over,
     plan_return_paths,
 )
+from gcs.planning.return_paths.planner import return_planner
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
@@ -57,7 +55,7 @@ class SimulatedFlight:
         self.present = np.ones(n, dtype=bool)
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
-        self._pace: PathProgress | None = None
+        self._progress: PathProgress | None = None
         self.memory = Memory.fresh(n, 0.0)
         uncertainty_m = self.floor.uncertainty_m * min(1.0, scenario.world.noise)
         self.traits = Traits.alike(n, uncertainty_m)
@@ -156,17 +154,15 @@ class SimulatedFlight:
             self.task[self.present] = Task.GOAL
             pads_m = self.record.start_m * (1.0, 1.0, 0.0) if self.pads_m is None else self.pads_m
             self.record.goal_m = pads_m
-            self._pace = PathProgress(self._return_paths(here_m, pads_m, takeoff_height_m))
-        flown = (self.task == Task.GOAL) & self.present
-        pads_m, pace = self.record.goal_m, self._pace
-        if pace is None:
+            self._progress = PathProgress(self._return_paths(here_m, pads_m, takeoff_height_m), pads_m)
+        pads_m, progress = self.record.goal_m, self._progress
+        if progress is None:
             return
+        flown = (self.task == Task.GOAL) & self.present
         led = flown & ~self.descending
-        if not begin:
-            pace.advance(self.world.tick_s, here_m, led)
-        for row in np.flatnonzero(led).tolist():
-            self.goal_m[row] = pace.goal_m(row)
-        arrived = led & is_above(here_m, pads_m, WELL_IN_PLACE_M) & (pace.time_s >= pace.return_paths.over_s)
+        progress.advance(0.0 if begin else self.world.tick_s, here_m, led)
+        self.goal_m[led] = progress.goal_m[led]
+        arrived = led & progress.arrived
         self.descending = self.descending | arrived
         self.goal_m[arrived] = pads_m[arrived]
         low = flown & self.descending & may_hand_over(here_m, pads_m, HANDOVER_HEIGHT_M)
@@ -174,12 +170,11 @@ class SimulatedFlight:
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def _follows_planned_path(self) -> Mask | None:
-        """As in `gcs.flight.fleet`."""
-        if self._pace is None:
+        if self._progress is None:
             return None
-        near = np.linalg.norm(self.goal_m - self.world.received_m, axis=1) < BEHIND_M
-        near[list(self._pace.return_paths.unplanned)] = False
-        return np.asarray(near & ~self.descending)
+        follows = ~self.descending
+        follows[list(self._progress.return_paths.unplanned)] = False
+        return keeps_to_path(follows, self.world.received_m, self.goal_m)
 
     def _return_paths(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> ReturnPaths:
         """Plan the return with the planner of real flights."""

@@ -1,11 +1,36 @@
-"""A plan for the whole fleet: each vehicle's goal and position over time."""
+"""A plan for the whole fleet, and how it is followed, in flights and rehearsals.
+
+The plan's own clock waits for vehicles that are behind, so that each one keeps its turn.
+"""
 
 from dataclasses import dataclass
+from typing import Final
 
-from gcs.model.state import Array
+import numpy as np
+
+from gcs.model.state import Array, Mask
 
 STEP_S = 0.2
 """Interval at which the paths are compared."""
+
+IN_PLACE_M: Final = 0.8
+WELL_IN_PLACE_M: Final = 0.4
+"""Tolerance at the end of a slanting path: little height is left to come nearer during the descent."""
+
+KEPT_UP_M = 2.5
+"""Up to this distance from its expected position a vehicle is on time."""
+
+HELD_UP_M = 5.0
+"""From this distance on the plan's clock stops."""
+
+GIVEN_UP_M = 9.0
+"""Farther away, a vehicle does not follow the plan any more, and the plan does not wait for it."""
+
+PATIENCE_S = 15.0
+"""Total time that the plan waits: one blocked vehicle must not delay all others for longer."""
+
+BEHIND_M = 11.0
+"""A vehicle farther from its goal than this does not follow its path any more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,20 +43,70 @@ class ReturnPaths:
     down_s: Array  # (n,) when each is down
     unplanned: tuple[int, ...]  # rows without a path: they wait for all others, and the filter leads them
 
-    def goal_m(self, row: int, time_s: float) -> Array:
-        """(3,) Goal of that vehicle `time_s` after the start of the plan."""
-        goal_m: Array = at(self.drawn_m[row], time_s)
-        return goal_m
+    def goal_m(self, time_s: float) -> Array:
+        """(n, 3) Goals `time_s` after the start of the plan."""
+        return _at(self.drawn_m.swapaxes(0, 1), time_s)
 
     def expected_m(self, time_s: float) -> Array:
         """(n, 3) Expected positions at that time."""
-        return at(self.path_m.swapaxes(0, 1), time_s)
+        return _at(self.path_m.swapaxes(0, 1), time_s)
 
 
-def at(moments_m: Array, time_s: float) -> Array:
+def _at(moments_m: Array, time_s: float) -> Array:
     """(...) Interpolate (t, ...) positions every STEP_S; before and after, the first and the last."""
     position = min(max(time_s / STEP_S, 0.0), len(moments_m) - 1.0)
     first = min(int(position), max(len(moments_m) - 2, 0))
     last = min(first + 1, len(moments_m) - 1)
     place_m: Array = moments_m[first] + (position - first) * (moments_m[last] - moments_m[first])
     return place_m
+
+
+class PathProgress:
+    """How far a plan has been flown."""
+
+    def __init__(self, return_paths: ReturnPaths, pad_m: Array) -> None:
+        """Start the plan; `pad_m` (n, 3) are the landing positions, show frame."""
+        self.return_paths = return_paths
+        self.time_s = 0.0
+        """Time in the plan: never ahead of the clock, and behind it by the total wait."""
+        self.goal_m = return_paths.goal_m(0.0)
+        """(n, 3) present goals, show frame."""
+        self.arrived: Mask = np.zeros(len(pad_m), dtype=np.bool_)
+        """(n,) which vehicles their paths have led above their pads: they descend."""
+        self._pad_m = pad_m
+        self._waited_s = 0.0
+
+    def advance(self, step_s: float, position_m: Array, flown: Mask) -> None:
+        """Advance the plan by `step_s`, or less.
+
+        Args:
+            step_s: since the last call.
+            position_m: (n, 3) present positions, show frame.
+            flown: (n,) which vehicles follow the plan; it never waits for those without a path.
+        """
+        behind_m = np.linalg.norm(position_m - self.return_paths.expected_m(self.time_s), axis=1)
+        followed = flown & (behind_m < GIVEN_UP_M)
+        followed[list(self.return_paths.unplanned)] = False
+        waited_for = behind_m[followed]
+        share = (HELD_UP_M - float(waited_for.max(initial=0.0))) / (HELD_UP_M - KEPT_UP_M)
+        waits_s = min(step_s * (1.0 - min(max(share, 0.0), 1.0)), PATIENCE_S - self._waited_s)
+        self._waited_s += waits_s
+        self.time_s += step_s - waits_s
+        self.goal_m = self.return_paths.goal_m(self.time_s)
+        over = self.time_s >= self.return_paths.over_s
+        self.arrived = np.asarray(over & is_above(position_m, self._pad_m, WELL_IN_PLACE_M))
+
+
+def is_above(here_m: Array, place_m: Array, within_m: float = IN_PLACE_M) -> Mask:
+    """(n,) Whether each vehicle (n, 3) is within `within_m` of its place (n, 3) over the ground."""
+    return np.asarray(np.hypot(here_m[:, 0] - place_m[:, 0], here_m[:, 1] - place_m[:, 1]) < within_m)
+
+
+def may_hand_over(here_m: Array, place_m: Array, handover_m: float) -> Mask:
+    """(n,) Whether each vehicle is above its place and lower than `handover_m`: its autopilot may land it."""
+    return is_above(here_m, place_m) & (place_m[:, 2] - here_m[:, 2] < handover_m)
+
+
+def keeps_to_path(follows: Mask, here_m: Array, goal_m: Array) -> Mask:
+    """(n,) Which followers are near their paths; the others keep the right-of-way rules."""
+    return np.asarray(follows & (np.linalg.norm(goal_m - here_m, axis=1) < BEHIND_M))

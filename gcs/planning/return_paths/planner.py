@@ -5,9 +5,12 @@ from functools import cache
 
 import numpy as np
 
+from gcs.control import ControlSettings, ellipses_of
 from gcs.model.errors import ShapeError
+from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
+from gcs.planning.landing_sites import CLEAR_M
 from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Candidates, lay
 from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
@@ -217,3 +220,57 @@ def warm_up() -> None:
         uncertainty_m=0.7,
     )
     plan_return_paths(planner)
+
+
+INSIDE_FENCE_M = 1.0
+
+
+def return_planner(
+    position_m: Array,
+    home_m: Array,
+    heights_m: tuple[float, float],
+    control: ControlSettings,
+    plan: Plan,
+    time_s: float,
+    uncertainty_m: Array,
+) -> Planner:
+    """Prepare the planner of a collective return, for a flight or for its rehearsal.
+
+    Args:
+        position_m: (n, 3) positions of the vehicles, show frame; owned by the planner.
+        home_m: (n, 3) landing positions, show frame.
+        heights_m: above home: least height of the paths, and the height from which the autopilots land.
+        control: speeds, fence and minimum separation.
+        plan: the paths avoid its obstacles at their positions at `time_s`.
+        time_s: time of the planning.
+        uncertainty_m: (n,) uncertainty of the positions.
+
+    Raises: ShapeError if there are no vehicles, or a position is not finite.
+    """
+    return Planner(
+        position_m,
+        home_m,
+        *heights_m,
+        speed_m_s=control.law.speed_m_s,
+        goal_rate_per_s=control.law.goal_rate_per_s,
+        limits=control.safety.limits,
+        floor=control.safety.floor,
+        uncertainty_m=2.0 * float(uncertainty_m.max()),
+        are_free=_are_free(control, plan, time_s),
+    )
+
+
+def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:
+    """Return a function for which positions are inside the fence and clear of obstacles at `time_s`."""
+    fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
+
+    def are_free(place_m: Array) -> Mask:
+        height_m = -place_m[:, 2]
+        free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
+        free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
+        for ellipse in ellipses:
+            low = np.flatnonzero(height_m < ellipse.top_height_m)
+            free[low] &= ellipse.distance_m(place_m[low]) >= CLEAR_M
+        return np.asarray(free)
+
+    return are_free

@@ -5,9 +5,10 @@ import pytest
 
 from gcs.model.state import Array
 from gcs.planning.return_paths import STEP_S, PathProgress, ReturnPaths
-from gcs.planning.return_paths.progress import PATIENCE_S
+from gcs.planning.return_paths.paths import PATIENCE_S
 
 TICK_S = 0.05
+PADS_M = np.array([[40.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
 BOTH = np.ones(2, dtype=np.bool_)
 
 
@@ -20,58 +21,61 @@ def abreast() -> ReturnPaths:
 
 
 def flown(
-    pace: PathProgress, seconds: float, behind_m: Array, who: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    progress: PathProgress,
+    seconds: float,
+    behind_m: Array,
+    flown_rows: np.ndarray[tuple[int], np.dtype[np.bool_]],
 ) -> float:
     """Fly with each vehicle off by `behind_m` (n, 3). Returns: by how many seconds the plan progressed."""
-    before_s = pace.time_s
+    before_s = progress.time_s
     for _ in range(round(seconds / TICK_S)):
-        pace.advance(TICK_S, pace.return_paths.expected_m(pace.time_s) + behind_m, who)
-    return pace.time_s - before_s
+        progress.advance(TICK_S, progress.return_paths.expected_m(progress.time_s) + behind_m, flown_rows)
+    return progress.time_s - before_s
 
 
 def test_plan_that_all_keep_up_with_follows_the_clock() -> None:
-    assert flown(PathProgress(abreast()), 5.0, np.full((2, 3), 0.5), BOTH) == pytest.approx(5.0)
+    assert flown(PathProgress(abreast(), PADS_M), 5.0, np.full((2, 3), 0.5), BOTH) == pytest.approx(5.0)
 
 
 def test_progress_waits_for_a_held_vehicle_and_continues() -> None:
-    pace = PathProgress(abreast())
+    progress = PathProgress(abreast(), PADS_M)
     held_m = np.array([[0.0, 0.0, 0.0], [-6.0, 0.0, 0.0]])
-    assert flown(pace, 2.0, held_m, BOTH) == pytest.approx(0.0)
-    assert flown(pace, 2.0, 0.2 * held_m, BOTH) == pytest.approx(2.0)
+    assert flown(progress, 2.0, held_m, BOTH) == pytest.approx(0.0)
+    assert flown(progress, 2.0, 0.2 * held_m, BOTH) == pytest.approx(2.0)
 
 
 def test_progress_slows_with_the_greatest_lag() -> None:
     went_s = [
-        flown(PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [-m, 0.0, 0.0]]), BOTH)
+        flown(PathProgress(abreast(), PADS_M), 2.0, np.array([[0.0] * 3, [-m, 0.0, 0.0]]), BOTH)
         for m in (3.0, 3.8, 4.6)
     ]
     assert 2.0 > went_s[0] > went_s[1] > went_s[2] > 0.0
 
 
 def test_progress_waits_up_to_a_total_limit() -> None:
-    pace = PathProgress(abreast())
-    assert flown(pace, 60.0, np.full((2, 3), 3.5), BOTH) == pytest.approx(60.0 - PATIENCE_S)
+    progress = PathProgress(abreast(), PADS_M)
+    assert flown(progress, 60.0, np.full((2, 3), 3.5), BOTH) == pytest.approx(60.0 - PATIENCE_S)
 
 
 @pytest.mark.parametrize("away_m", [20.0, np.nan])
 def test_no_wait_for_a_vehicle_gone_elsewhere_or_not_received(away_m: float) -> None:
     assert flown(
-        PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [away_m, 0.0, 0.0]]), BOTH
+        PathProgress(abreast(), PADS_M), 2.0, np.array([[0.0] * 3, [away_m, 0.0, 0.0]]), BOTH
     ) == pytest.approx(2.0)
 
 
 def test_no_wait_for_a_vehicle_with_another_command() -> None:
     only_first = np.array([True, False])
     assert flown(
-        PathProgress(abreast()), 2.0, np.array([[0.0] * 3, [-6.0, 0.0, 0.0]]), only_first
+        PathProgress(abreast(), PADS_M), 2.0, np.array([[0.0] * 3, [-6.0, 0.0, 0.0]]), only_first
     ) == pytest.approx(2.0)
 
 
 def test_goals_follow_the_plan_clock_to_the_pad() -> None:
-    pace = PathProgress(abreast())
-    flown(pace, 5.0, np.zeros((2, 3)), BOTH)
-    assert pace.goal_m(1) == pytest.approx([20.0, 10.0, 0.0])
-    assert not pace.is_over(1)
-    flown(pace, 60.0, np.zeros((2, 3)), BOTH)
-    assert pace.goal_m(1) == pytest.approx([40.0, 10.0, 0.0])
-    assert pace.is_over(1)
+    progress = PathProgress(abreast(), PADS_M)
+    flown(progress, 5.0, np.zeros((2, 3)), BOTH)
+    assert progress.goal_m[1] == pytest.approx([20.0, 10.0, 0.0])
+    assert not progress.arrived[1]
+    flown(progress, 60.0, np.zeros((2, 3)), BOTH)
+    assert progress.goal_m[1] == pytest.approx([40.0, 10.0, 0.0])
+    assert progress.arrived[1]

@@ -46,7 +46,7 @@ def flown(return_paths: ReturnPaths, start_m: Array) -> Array:
     """(t, n, 3) of points that are drawn to their goals at the law's rate."""
     here_m, found = start_m.copy(), []
     for step in range(int(return_paths.down_s.max() / STEP_S) + 1):
-        goal_m = np.array([return_paths.goal_m(row, step * STEP_S) for row in range(len(start_m))])
+        goal_m = return_paths.goal_m(step * STEP_S)
         desired = 0.8 * (goal_m - here_m)
         size = np.linalg.norm(desired, axis=1, keepdims=True)
         here_m = here_m + STEP_S * desired * np.minimum(1.0, 4.0 / np.maximum(size, 1e-9))
@@ -125,9 +125,9 @@ def test_single_vehicle_flies_straight() -> None:
     start_m, pad_m = np.array([[20.0, 0.0, -15.0]]), np.zeros((1, 3))
     return_paths = planned(start_m, pad_m)
     assert return_paths.down_s[0] < 1.5 * (15.0 / 1.4) + 10.0
-    assert np.linalg.norm(return_paths.goal_m(0, 1.0) - start_m[0]) > 1.0
-    assert return_paths.goal_m(0, 1e6) == pytest.approx(pad_m[0])
-    assert return_paths.goal_m(0, -1.0) == pytest.approx(return_paths.goal_m(0, 0.0))
+    assert np.linalg.norm(return_paths.goal_m(1.0)[0] - start_m[0]) > 1.0
+    assert return_paths.goal_m(1e6)[0] == pytest.approx(pad_m[0])
+    assert return_paths.goal_m(-1.0) == pytest.approx(return_paths.goal_m(0.0))
 
 
 def test_two_above_each_others_pads_both_land() -> None:
@@ -160,6 +160,6 @@ def test_vehicle_without_a_path_is_named_and_returns_last() -> None:
     last = return_paths.unplanned[0]
     others = [row for row in range(3) if row != last]
     assert return_paths.down_s[last] > return_paths.down_s[others].max()
-    assert return_paths.goal_m(last, return_paths.down_s[others].max() - 0.5) == pytest.approx(
+    assert return_paths.goal_m(return_paths.down_s[others].max() - 0.5)[last] == pytest.approx(
         start_m[last], abs=0.5
     )
