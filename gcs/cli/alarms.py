@@ -1,18 +1,86 @@
-"""`gcs alarms`: prints the alarms once, or keeps them up to date."""
+"""`gcs alarms` and `gcs acknowledge`: the overall severity and every alarm, the most severe first."""
+
+from __future__ import annotations
 
 import argparse
 import time
-from typing import Final
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext, suppress
+from datetime import datetime
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from rich.console import Console, RenderableType
 from rich.live import Live
+from rich.table import Table
 from rich.text import Text
 
-from gcs.cli.alarm_lines import STYLE, alarm_lines
-from gcs.cli.output import print_json
-from gcs.cli.remote import add_connection, connected, watched_json
-from gcs.client import Client
+from gcs.cli.output import failed, print_json
+from gcs.cli.remote import add_connection, connected
 from gcs.model.errors import GcsError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+    from rich.console import RenderableType
+
+    from gcs.api.schemas.fleet import Alarm
+
+
+M = TypeVar("M", bound="BaseModel")
+
+STYLE: Final = {
+    "emergency": "bold white on red",
+    "warning": "bold black on yellow",
+    "caution": "bold yellow",
+    "information": "cyan",
+    "normal": "green",
+}
+ENDED: Final = "dim"
+
+
+def alarm_lines(severity: str, alarms: Sequence[Alarm]) -> RenderableType:
+    """Format alarms for `gcs alarms` and the top of `gcs status`.
+
+    Args:
+        severity: the overall severity.
+        alarms: all alarms, the most severe first.
+    """
+    if not alarms:
+        return Text("normal: no alarms", style=STYLE["normal"])
+    table = Table.grid(padding=(0, 1))
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row(Text(f" {severity.upper()} ", style=STYLE[severity]), Text(_counted(alarms)))
+    for alarm in alarms:
+        is_over = alarm.ended_unix_time_s is not None
+        style = ENDED if is_over else STYLE[alarm.severity]
+        table.add_row(Text(f" {alarm.severity} ", style=style), _entry(alarm))
+    return table
+
+
+def _entry(alarm: Alarm) -> Text:
+    entry = Text(alarm.text)
+    if not all(name in alarm.text for name in alarm.vehicles):
+        entry.append(f"\nVehicles: {', '.join(alarm.vehicles)}")
+    entry.append(f"\n{alarm.advice}", style="italic")
+    entry.append(f"\n{alarm.id}, since {_clock(alarm.since_unix_time_s)}", style="dim")
+    if alarm.ended_unix_time_s is not None:
+        entry.append(f", ended {_clock(alarm.ended_unix_time_s)}: acknowledge it", style="bold")
+    elif alarm.acknowledged_by is not None and alarm.acknowledged_unix_time_s is not None:
+        when = _clock(alarm.acknowledged_unix_time_s)
+        entry.append(f", acknowledged by {alarm.acknowledged_by} {when}", style="dim")
+    else:
+        entry.append(", not acknowledged", style="bold")
+    return entry
+
+
+def _counted(alarms: Sequence[Alarm]) -> str:
+    is_open = sum(alarm.acknowledged_by is None for alarm in alarms)
+    return f"{len(alarms)} alarm{'' if len(alarms) == 1 else 's'}, {is_open} not acknowledged"
+
+
+def _clock(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s).astimezone().strftime("%H:%M:%S")
+
 
 PERIOD_S: Final = 0.5
 
@@ -24,34 +92,72 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the alarms. Returns: 0. Raises: GcsError."""
-    console = Console()
     with connected(arguments) as client:
-        if arguments.watch and arguments.json:
-            return watched_json(client.alarms, PERIOD_S, arguments)
-        if arguments.watch:
-            return _watch(client, console)
-        found = client.alarms()
-    if arguments.json:
-        print_json(found.model_dump(mode="json"))
-    else:
-        console.print(alarm_lines(found.severity, found.alarms))
+        period_s = PERIOD_S if arguments.watch else None
+        return show_state(
+            client.alarms, lambda found: alarm_lines(found.severity, found.alarms), period_s, arguments
+        )
+
+
+def show_state(
+    read: Callable[[], M],
+    render: Callable[[M], RenderableType],
+    period_s: float | None,
+    arguments: argparse.Namespace,
+) -> int:
+    """Print a state of the service once, or with `period_s` until Ctrl-C, as a table or as JSON. Returns: 0.
+
+    Repeated JSON is one answer per line; an error is one line on standard error, and the loop continues.
+    Raises: GcsError when it is printed once.
+    """
+    console = Console()
+    if period_s is None:
+        state = read()
+        if arguments.json:
+            print_json(state.model_dump(mode="json"))
+        else:
+            console.print(render(state))
+        return 0
+    live = Live(console=console, screen=True, auto_refresh=False)
+    with suppress(KeyboardInterrupt), nullcontext() if arguments.json else live:
+        while True:
+            if arguments.json:
+                _print_newest(read, arguments)
+            else:
+                live.update(newest(read, render), refresh=True)
+            time.sleep(period_s)
     return 0
 
 
-def _watch(client: Client, console: Console) -> int:
+def newest(read: Callable[[], M], render: Callable[[M], RenderableType]) -> RenderableType:
+    """Format the newest state, or why it is not available, so that no old state looks current."""
     try:
-        with Live(console=console, screen=True, auto_refresh=False) as live:
-            while True:
-                live.update(_newest(client), refresh=True)
-                time.sleep(PERIOD_S)
-    except KeyboardInterrupt:
-        return 0
-
-
-def _newest(client: Client) -> RenderableType:
-    """Format the newest alarms, or why they are not available, so that no old list looks current."""
-    try:
-        found = client.alarms()
+        return render(read())
     except GcsError as error:
         return Text(f"NO STATE: {error}", style=STYLE["emergency"])
-    return alarm_lines(found.severity, found.alarms)
+
+
+def _print_newest(read: Callable[[], BaseModel], arguments: argparse.Namespace) -> None:
+    try:
+        print_json(read().model_dump(mode="json"), indent=None)
+    except GcsError as error:
+        failed(error, arguments)
+
+
+def add_acknowledge_arguments(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("alarm", nargs="?", metavar="ID", help="as gcs alarms lists it")
+    which.add_argument("--all", action="store_true", help="every alarm not acknowledged yet")
+    add_connection(parser)
+
+
+def run_acknowledge(arguments: argparse.Namespace) -> int:
+    """Returns: 0. Raises: GcsError."""
+    with connected(arguments) as client:
+        alarms = client.acknowledge_all() if arguments.all else [client.acknowledge(arguments.alarm)]
+    if arguments.json:
+        reported = [alarm.model_dump(mode="json") for alarm in alarms]
+        print_json(reported if arguments.all else reported[0])
+    for alarm in () if arguments.json else alarms:
+        print(f"{alarm.id} acknowledged by {alarm.acknowledged_by}: {alarm.text}")
+    return 0

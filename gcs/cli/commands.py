@@ -53,9 +53,9 @@ COMMANDS: Final = {
         "gcs.cli.options:demo", "gcs.cli.demo:run", "fly the whole story with an embedded fake fleet", LINES
     ),
     "serve": Command(
-        "gcs.cli.options:serve", "gcs.cli.serve_command:run", "run the service and its REST API", LINES
+        "gcs.cli.options:serve", "gcs.cli.serve:run_serve", "run the service and its REST API", LINES
     ),
-    "show": Command("gcs.cli.options:show", "gcs.cli.show:run", "check, draw or hash a show file"),
+    "show": Command("gcs.cli.options:show", "gcs.cli.simulate:run_show", "check, draw or hash a show file"),
     "params": Command(
         "gcs.cli.options:params",
         "gcs.cli.params:run",
@@ -63,7 +63,7 @@ COMMANDS: Final = {
     ),
     "simulate": Command(
         "gcs.cli.options:simulate",
-        "gcs.cli.simulate:run",
+        "gcs.cli.simulate:run_simulate",
         "fly scenarios in virtual time and judge them",
         LINES,
     ),
@@ -78,8 +78,10 @@ COMMANDS: Final = {
         "gcs.cli.flight_report:run",
         "judge a recorded flight: separation, fence, limits",
     ),
-    "key": Command("gcs.cli.key:add_arguments", "", "make keys for MAVLink signatures"),
-    "token": Command("gcs.cli.token:add_arguments", "", "make, list and revoke tokens for the API"),
+    "key": Command("gcs.cli.local_files:add_key_arguments", "", "make keys for MAVLink signatures"),
+    "token": Command(
+        "gcs.cli.local_files:add_token_arguments", "", "make, list and revoke tokens for the API"
+    ),
     "status": Command(
         "gcs.cli.status:add_arguments",
         "gcs.cli.status:run",
@@ -93,10 +95,12 @@ COMMANDS: Final = {
         WATCHED,
     ),
     "acknowledge": Command(
-        "gcs.cli.acknowledge:add_arguments", "gcs.cli.acknowledge:run", "say that an alarm was seen"
+        "gcs.cli.alarms:add_acknowledge_arguments",
+        "gcs.cli.alarms:run_acknowledge",
+        "say that an alarm was seen",
     ),
     "preflight": Command(
-        "gcs.cli.preflight:add_arguments", "gcs.cli.preflight:run", "what a start would find"
+        "gcs.cli.status:add_preflight_arguments", "gcs.cli.status:run_preflight", "what a start would find"
     ),
     "kill": Command(
         "gcs.cli.kill:add_arguments",
@@ -105,18 +109,18 @@ COMMANDS: Final = {
     ),
     "sim": Command(
         "gcs.sim.options:add_arguments",
-        "gcs.cli.fake_fleet:run",
+        "gcs.cli.main:run_sim",
         "run a fake fleet alone, as python -m gcs.sim does",
         LINES,
     ),
     "completion": Command(
-        "gcs.cli.completion:add_arguments",
-        "gcs.cli.completion:run",
+        "gcs.cli.main:add_completion_arguments",
+        "gcs.cli.main:run_completion",
         "print what a shell needs to complete gcs",
     ),
     "files": Command(
-        "gcs.cli.files:add_arguments",
-        "gcs.cli.files:run",
+        "gcs.cli.local_files:add_files_arguments",
+        "gcs.cli.local_files:run_files",
         "documents, dashboard and unit file that came along",
     ),
 }

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from gcs.cli import demo_report as report
-from gcs.cli import eventloop, logs
 from gcs.cli.demo_script import (
     ORBIT_RADIUS_M,
     DemoScript,
@@ -27,7 +26,8 @@ from gcs.cli.demo_script import (
     shortest_s,
     whole_s,
 )
-from gcs.cli.output import REFUSED, Say, failed, lines, print_json
+from gcs.cli.output import REFUSED, Say, answer, failed, lines
+from gcs.cli.process import run_exactly, set_up_log
 from gcs.cli.serve import running
 from gcs.client import Client
 from gcs.config import schema as configuration
@@ -55,7 +55,7 @@ INTERRUPTED = 130
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly. Returns: 0 when all landed, kept the floor and entered no obstacle; else nonzero."""
-    logs.set_up(logging.INFO if arguments.verbose else logging.ERROR)
+    set_up_log(logging.INFO if arguments.verbose else logging.ERROR)
     config = make_config(arguments)
     say = lines(arguments)
     say("getting_ready", "getting ready (the first time the law is compiled, for up to half a minute)")
@@ -64,16 +64,13 @@ def run(arguments: argparse.Namespace) -> int:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
             folder = Path(arguments.truth or arguments.record or temporary)
             folder.mkdir(parents=True, exist_ok=True)
-            figures = eventloop.run(_fly(config, arguments, folder / "truth.jsonl", say))
+            figures = run_exactly(_fly(config, arguments, folder / "truth.jsonl", say))
     except StoppedEarlyError as stopped:
         say("interrupted", f"gcs demo: {stopped}; the fleet is down")
         return INTERRUPTED
     except GcsError as error:
         return failed(error, arguments, REFUSED)
-    if arguments.json:
-        print_json(figures, indent=None)
-    else:
-        print(report.summary(figures))
+    answer(arguments, figures, report.summary(figures), indent=None)
     good = figures["landed"] == arguments.vehicles and not figures["separation_violations"]
     return 0 if good and not figures["obstacle_penetrations"] else 1
 

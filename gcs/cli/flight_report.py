@@ -5,12 +5,11 @@ import json
 from pathlib import Path
 from typing import Final
 
-from gcs.cli.output import WRONG, failed
-from gcs.cli.plots import require_matplotlib
+from gcs.cli.output import WRONG, failed, require_matplotlib
 from gcs.cli.progress import Report, part_of, share_of
-from gcs.cli.record import session_folder
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
+from gcs.recording.audit_reader import AUDIT, last_known
 from gcs.recording.flight_report import EXIT_CODES, FlightReport, make_flight_report
 from gcs.recording.mcap_reader import FlightData, Standard
 from gcs.recording.trajectories import Trajectories, estimated, true
@@ -124,3 +123,11 @@ def summary(flight_report: FlightReport, source: str) -> str:
     lines.append(f"verdict: {flight_report.verdict}: {MEANING[flight_report.verdict]}")
     lines += [f"  not judged: {text}" for text in flight_report.missing]
     return "\n".join(lines)
+
+
+def session_folder(folder: Path) -> Path:
+    """Return the folder of a record's newest session, else `folder`. Raises: GcsError for a bad audit."""
+    if not (folder / AUDIT).is_file():
+        return folder
+    session = last_known(folder).session
+    return folder if session is None else folder / session.id

@@ -2,10 +2,12 @@
 
 import argparse
 import os
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Final
 
-from gcs.cli.kill_dialogue import asked, describe
-from gcs.cli.output import REFUSED, note
+from gcs.cli.output import REFUSED, fail, note, print_json
 from gcs.cli.remote import add_connection, connected
 from gcs.client import Client
 from gcs.model.errors import GcsError, InvalidError, LinkError
@@ -51,7 +53,7 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
     code = arguments.confirm
     if code is None:
         armed = client.arm_kill(arguments.vehicles or None)
-        if not asked(armed.vehicles, armed.code, armed.valid_s, arguments):
+        if not is_confirmed(arguments, armed.vehicles, armed.code, armed.valid_s):
             return REFUSED
         code = armed.code
     command = client.confirm_kill(code)
@@ -65,6 +67,48 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
 
 def _without_service(arguments: argparse.Namespace) -> int:
     """Kill with the addresses in the record. Its imports load only now, because they may take a second."""
-    from gcs.cli import kill_direct as kill_directly  # noqa: PLC0415 (numpy, pydantic and the links)
+    from gcs.cli.kill_without_service import kill_by_record  # noqa: PLC0415 (numpy, pydantic and the links)
 
-    return kill_directly.run(arguments)
+    outcomes = kill_by_record(arguments, partial(is_confirmed, arguments))
+    return REFUSED if outcomes is None else describe(outcomes, arguments)
+
+
+DONE: Final = "done"
+"""A value of `gcs.service.Outcome`, whose import would load numpy."""
+
+
+def is_confirmed(arguments: argparse.Namespace, names: Sequence[str], code: str, valid_s: float) -> bool:
+    """Ask for the second step on a terminal: the operator types the code. Otherwise print how to confirm."""
+    note(
+        f"this stops the motors of {', '.join(names)}, now, even in the air: they fall",
+        as_json=arguments.json,
+    )
+    if not sys.stdin.isatty():
+        again = " ".join(["gcs kill", *(arguments.vehicles or ["--all"]), "--confirm", code])
+        if arguments.json:
+            armed = {"vehicles": list(names), "code": code, "valid_s": valid_s, "confirm_with": again}
+            print_json({"action": "kill", "armed": armed})
+        else:
+            print(f"nothing has happened yet; within {valid_s:g} s: {again}")
+        return False
+    desired = "all" if arguments.all else " ".join(names)
+    prompt = sys.stderr if arguments.json else sys.stdout
+    print(f"type '{desired}' to kill: ", end="", flush=True, file=prompt)
+    if sys.stdin.readline().split() == desired.split():
+        return True
+    refused = "confirmation does not match; no motors were stopped"
+    if arguments.json:
+        fail(refused, REFUSED, as_json=True)
+    else:
+        note(refused, as_json=arguments.json)
+    return False
+
+
+def describe(outcomes: Mapping[str, tuple[str, str]], arguments: argparse.Namespace) -> int:
+    """Print outcome and reason for each vehicle. Returns: the exit code."""
+    if arguments.json:
+        parts = {name: {"outcome": outcome, "reason": reason} for name, (outcome, reason) in outcomes.items()}
+        print_json({"action": "kill", "vehicles": parts})
+    for name, (outcome, reason) in () if arguments.json else outcomes.items():
+        print(f"{name}: {outcome}{f', {reason}' if reason else ''}")
+    return 0 if all(outcome == DONE for outcome, _ in outcomes.values()) else REFUSED

@@ -4,14 +4,22 @@ It binds the service's ports if they are free, so that routers and NATs keep pas
 that hangs may still hold them; then the commands are sent from any port.
 """
 
+import argparse
+import getpass
+import hashlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from selectors import DefaultSelector
 from typing import Final
 
+from pydantic import ValidationError
+
+from gcs.cli.output import note
 from gcs.config.schema import Config
 from gcs.config.sections import LinkSettings
+from gcs.config.setting_errors import explained
 from gcs.links.address_book import Address
 from gcs.links.endpoints import Arrival, Endpoint, make
 from gcs.links.endpoints.udp import Udp
@@ -20,10 +28,82 @@ from gcs.links.signing_keys import Signing
 from gcs.links.vehicle_ids import station_id
 from gcs.mavlink.framing import COMMAND_ACK, HEARTBEAT, Frame, heartbeat, kill_frame
 from gcs.mavlink.signing import Judgement
-from gcs.model.errors import LinkError
+from gcs.model.errors import ConfigError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.model.state import VehicleId
-from gcs.recording.audit_reader import KnownVehicle
+from gcs.recording.audit import OfflineAudit
+from gcs.recording.audit_reader import KnownVehicle, LastKnown, last_known
 from gcs.service import Outcome, VehicleOutcome
+
+CODE_S: Final = 30.0
+"""A code is valid for at least this long, and at most twice as long."""
+
+
+def kill_by_record(
+    arguments: argparse.Namespace, is_confirmed: Callable[[Sequence[str], str, float], bool]
+) -> dict[str, tuple[str, str]] | None:
+    """Kill vehicles with the addresses and the configuration of the service's record.
+
+    Args:
+        arguments: of `gcs kill`.
+        is_confirmed: asks for the second step, with vehicles, code and the time for which it is valid.
+
+    Returns: outcome and reason of each vehicle; None when the kill was not confirmed.
+    Raises: GcsError when nothing was sent.
+    """
+    known = last_known(Path(arguments.record))
+    config, chosen = _config(known, arguments.record), _chosen(known, arguments)
+    names = [vehicle.id for vehicle in chosen]
+    codes = [_code(known, chosen, time.time() - age_s) for age_s in (0.0, CODE_S)]
+    if arguments.confirm is None:
+        if not is_confirmed(names, codes[0], CODE_S):
+            return None
+    elif arguments.confirm not in codes:
+        raise RefusedError(f"{arguments.confirm!r} does not confirm {', '.join(names)}: leave --confirm out")
+    user = f"gcs kill ({getpass.getuser()})"
+    with OfflineAudit(Path(arguments.record), known, user) as record:
+        command_id = record.opened("kill", names)
+        outcomes = direct_kill(config, chosen)
+        for name, part in outcomes.items():
+            record.closed(command_id, name, part)
+            if part.outcome is Outcome.DONE:
+                record.killed(name)
+    if record.problem:
+        note(f"not recorded: {record.problem}", as_json=arguments.json)
+    return {name: (part.outcome, part.reason) for name, part in outcomes.items()}
+
+
+def _config(known: LastKnown, record: str) -> Config:
+    if known.session is None:
+        raise ConfigError(f"{record}: no session is in this record")
+    try:
+        return Config.model_validate(dict(known.session.config))
+    except ValidationError as error:
+        raise explained(error, f"{record}: session {known.session.id}", Config, None) from None
+
+
+def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicle]:
+    if arguments.all:
+        received = [one for one in known.vehicles.values() if one.host is not None]
+        if not received:
+            raise RefusedError(f"{arguments.record}: no vehicle was ever received")
+        return received
+    if not arguments.vehicles:
+        raise InvalidError(
+            "vehicles", "none", "names, or --all: without the service a code does not know them"
+        )
+    unknown = [name for name in arguments.vehicles if name not in known.vehicles]
+    if unknown:
+        there = ", ".join(known.vehicles) or "none"
+        raise UnknownError(f"{arguments.record}: no such vehicle: {', '.join(unknown)}; there are {there}")
+    return [known.vehicles[name] for name in dict.fromkeys(arguments.vehicles)]
+
+
+def _code(known: LastKnown, chosen: Sequence[KnownVehicle], unix_s: float) -> str:
+    """Make the code, a hash of vehicles and time, so that nothing is stored between the two steps."""
+    session = "" if known.session is None else known.session.id
+    hashed = [session, str(int(unix_s / CODE_S)), *sorted(one.id for one in chosen)]
+    return hashlib.sha256("\0".join(hashed).encode()).hexdigest()[:6]
+
 
 WITHIN_S: Final = 5.0
 """Time limit: heartbeats come once a second, and opening a TCP connection or a radio may take a few."""
@@ -47,7 +127,7 @@ class _Target:
 
 
 @dataclass(slots=True)
-class _Line:
+class _KillLink:
     """The endpoints of one link, and its vehicles."""
 
     settings: LinkSettings
@@ -122,7 +202,7 @@ class _Line:
         row = ids.index(known.id) if known.id in ids and len(ports) == len(ids) else 0
         return [*standing, Address(known.host, known.port, ports[row])]
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Process the received frames."""
         now_s = time.monotonic()
         for endpoint in self.endpoints:
@@ -182,7 +262,7 @@ def direct_kill(
                     line.send()
             time.sleep(LOOK_S)
             for line in lines:
-                line.hear()
+                line.receive()
     finally:
         for line in lines:
             line.close()
@@ -192,7 +272,7 @@ def direct_kill(
     return {vehicle.id: reported.get(vehicle.id, nowhere) for vehicle in vehicles}
 
 
-def _lines(config: Config, vehicles: Sequence[KnownVehicle]) -> list[_Line]:
+def _lines(config: Config, vehicles: Sequence[KnownVehicle]) -> list[_KillLink]:
     lines = []
     for link in config.links:
         targets = {one.system_id: _Target(one) for one in vehicles if one.link == link.name}
@@ -201,7 +281,7 @@ def _lines(config: Config, vehicles: Sequence[KnownVehicle]) -> list[_Line]:
         endpoints = list(make(link.name, link.places))
         signing = None if link.signing is None else Signing(link.signing.key_file, link.signing.link_id)
         source = station_id([one.system_id for one in link.fleet])
-        lines.append(_Line(link, endpoints, signing, source, targets))
+        lines.append(_KillLink(link, endpoints, signing, source, targets))
     return lines
 
 
@@ -209,12 +289,12 @@ def _outcome(target: _Target, problem: str) -> VehicleOutcome:
     if target.armed is False:
         return VehicleOutcome(Outcome.DONE, "its motors are off")
     if not target.sent:
-        why = target.failure or problem or "the record does not know where it speaks from"
+        why = target.failure or problem or "the record has no address of it"
         return VehicleOutcome(Outcome.FAILED, f"nothing could be sent: {why}")
     where = f"{target.sent} commands sent"
     if target.acknowledged is not None:
-        stated = "accepted" if target.acknowledged == 0 else f"refused ({target.acknowledged})"
-        return VehicleOutcome(Outcome.FAILED, f"{where}, {stated}, but its motors were not seen to stop")
-    silent = "" if target.received_at is None else "; it says that its motors run"
+        reply = "accepted" if target.acknowledged == 0 else f"refused ({target.acknowledged})"
+        return VehicleOutcome(Outcome.FAILED, f"{where}, {reply}, but its motors were not seen to stop")
+    silent = "" if target.received_at is None else "; it reports that its motors run"
     held = f"; {problem}" if problem else ""
     return VehicleOutcome(Outcome.FAILED, f"{where}, no answer{silent}{held}")

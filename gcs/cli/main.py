@@ -4,6 +4,7 @@ A command's modules are imported when it runs; `gcs.cli.commands` has the texts 
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
@@ -12,11 +13,12 @@ from importlib import import_module
 from typing import Any, Final, NoReturn
 
 from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, DOCUMENT, GROUPS, names
-from gcs.cli.output import JSON, WRONG, Parser, fail, failed, is_json, print_json
+from gcs.cli.output import JSON, WRONG, Parser, answer, fail, failed, is_json, print_json
 from gcs.model.errors import GcsError
 
 DESCRIPTION: Final = "Fly a self-organising formation of drones."
 VERSION: Final = frozenset({"--version", "-V"})
+SHELLS: Final = ("bash", "zsh", "fish")
 HELP: Final = frozenset({"--help", "-h"})
 
 
@@ -34,10 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given and given[0] in VERSION:
-        if is_json(given):
-            print_json({"version": version().removeprefix("gcs ")})
-        else:
-            print(version())
+        print_json({"version": version().removeprefix("gcs ")}) if is_json(given) else print(version())
         return 0
     if given and given[0] in HELP:
         print(overview())
@@ -155,3 +154,37 @@ def _end(usage: str, wrong: str, *, as_json: bool) -> NoReturn:
     else:
         print(usage + wrong, file=sys.stderr)
     raise SystemExit(WRONG)
+
+
+def add_completion_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("shell", choices=SHELLS)
+    parser.epilog = (
+        "bash: gcs completion bash > ~/.local/share/bash-completion/completions/gcs;"
+        " zsh: gcs completion zsh > _gcs, in a folder of $fpath;"
+        " fish: gcs completion fish > ~/.config/fish/completions/gcs.fish"
+    )
+
+
+def run_completion(arguments: argparse.Namespace) -> int:
+    """Print the script; with `--json` a JSON object that contains it. Returns: 0."""
+    import shtab  # noqa: PLC0415 (only this command needs it)
+
+    script = shtab.complete(whole_parser(), shell=arguments.shell)
+    answer(arguments, {"shell": arguments.shell, "script": script}, script)
+    return 0
+
+
+def run_sim(arguments: argparse.Namespace) -> int:
+    """Run the fake fleet alone. Returns: exit code 0, 1 for a port or file in use, 2 for bad arguments."""
+    from gcs.sim import cli as sim  # noqa: PLC0415 (only this command needs it)
+
+    try:
+        text = sim.greeting(arguments)
+        if arguments.json:
+            ports = sorted(set(sim.destinations(arguments)))
+            text = json.dumps({"event": "flying", "text": text, "vehicles": arguments.count, "ports": ports})
+        sim.fly(arguments, text)
+    except sim.FleetError as error:
+        fail(str(error), error.code, as_json=arguments.json)
+        return error.code
+    return 0

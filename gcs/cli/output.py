@@ -12,6 +12,8 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from gcs.model.errors import (
@@ -83,6 +85,14 @@ def is_json(given: Sequence[str]) -> bool:
 def print_json(value: Any, *, indent: int | None = 2) -> None:
     """Print one document. NaN and infinities become `null`."""
     print(_dumped(value, indent), flush=indent is None)
+
+
+def answer(arguments: argparse.Namespace, document: Any, text: str, *, indent: int | None = 2) -> None:
+    """Print the document with `--json`, else the text."""
+    if arguments.json:
+        print_json(document, indent=indent)
+    elif text:
+        print(text)
 
 
 def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = None) -> int:
@@ -165,3 +175,30 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(each) for each in value]
     return value
+
+
+PICTURES: Final = (".png", ".svg", ".pdf")
+
+
+def picture_file(name: str, option: str = "") -> Path:
+    """Return the path of a picture. Raises: ConfigError for an unknown kind or a missing folder."""
+    file = Path(name)
+    if not file.parent.is_dir() or file.suffix not in PICTURES:
+        raise ConfigError(f"{option}{file}: a .png, .svg or .pdf file in a folder that exists")
+    return file
+
+
+def require_matplotlib(what: str) -> None:
+    """Check for matplotlib before a command spends time on the flight that it is to draw.
+
+    Args:
+        what: the command or option that draws, for the message.
+
+    Raises:
+        ConfigError: matplotlib is not installed; the text names the extra.
+    """
+    if find_spec("matplotlib") is None:
+        raise ConfigError(
+            f"{what} needs matplotlib, which is not installed; to install it:"
+            " pip install 'formation-gcs[plots]'"
+        )

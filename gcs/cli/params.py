@@ -9,10 +9,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from gcs.cli import logs
-from gcs.cli.configuration import load_here
-from gcs.cli.output import REFUSED, fail, print_json
-from gcs.cli.serve import make_link
+from gcs.cli.output import REFUSED, answer, fail
+from gcs.cli.process import set_up_log
+from gcs.cli.serve import load_here, make_link
 from gcs.config.schema import Config
 from gcs.links import Link, ParameterValue
 from gcs.links.supervision import leaves
@@ -44,7 +43,7 @@ class Row:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check or apply. Returns: 0 when all parameters have their required values, 1 otherwise."""
-    logs.set_up(logging.ERROR)
+    set_up_log(logging.ERROR)
     config = load_here(arguments.config)
     chosen = _chosen(config, arguments.vehicles)
     if not 0.0 < arguments.wait <= 3600.0:
@@ -67,10 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         fail(f"{'; '.join(failures)}; stop gcs serve first", REFUSED, as_json=arguments.json)
         return REFUSED
     good = bool(rows) and all(row.good for row in rows)
-    if arguments.json:
-        print_json({"good": good, "rows": [asdict(row) for row in rows]})
-    else:
-        print(table(rows))
+    answer(arguments, {"good": good, "rows": [asdict(row) for row in rows]}, table(rows))
     if not arguments.json and rows and not good and arguments.action == "check":
         print(f"\nto mend this: gcs params apply --config {arguments.config}")
     return 0 if good else 1

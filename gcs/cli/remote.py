@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import inspect
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
@@ -94,22 +93,6 @@ def connected(arguments: argparse.Namespace, timeout_s: float = 5.0) -> Client:
         ca_file=ca_file,
         timeout_s=timeout_s,
     )
-
-
-def watched_json(ask: Callable[[], BaseModel], period_s: float, arguments: argparse.Namespace) -> int:
-    """Print one answer per line until Ctrl-C. An error is one line on standard error, and the loop continues.
-
-    Returns: 0.
-    """
-    try:
-        while True:
-            try:
-                print_json(ask().model_dump(mode="json"), indent=None)
-            except GcsError as error:
-                failed(error, arguments)
-            time.sleep(period_s)
-    except KeyboardInterrupt:
-        return 0
 
 
 def _add_common(parser: argparse.ArgumentParser, *, is_command: bool) -> None:

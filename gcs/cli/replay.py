@@ -13,10 +13,9 @@ from pydantic import ValidationError
 from gcs.api.app import create_app
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
-from gcs.cli import logs
-from gcs.cli.flight_report import TRUTH
+from gcs.cli.flight_report import TRUTH, session_folder
 from gcs.cli.output import WRONG, failed, lines, note
-from gcs.cli.record import session_folder
+from gcs.cli.process import set_up_log
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, GcsError
 from gcs.recording.mcap_reader import FlightData
@@ -27,7 +26,7 @@ from gcs.service.map_settings import MapSettings
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C. Returns: 0; 2 for an invalid file or argument."""
-    logs.set_up(logging.WARNING)
+    set_up_log(logging.WARNING)
     if not 0.0 < arguments.speed <= SPEED_MAX:
         raise ConfigError(f"--speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}")
     try:

@@ -1,13 +1,18 @@
-"""Runs the service and its API on one event loop, each in a task group of its own."""
+"""`gcs serve`: runs the service and its API on one event loop, each in a task group of its own."""
 
+import argparse
 import asyncio
 import contextlib
+import errno
 import logging
 import signal
-from collections.abc import AsyncIterator
+import socket
+import sys
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 
+from pydantic import ValidationError
 from starlette.types import ASGIApp
 
 from gcs.api.app import create_app
@@ -16,23 +21,28 @@ from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
-from gcs.cli import eventloop, notify
-from gcs.cli.notify import Notifier
-from gcs.cli.output import Say
-from gcs.cli.record import make_record
+from gcs.cli import supervisor
+from gcs.cli.output import REFUSED, Say, failed, lines
+from gcs.cli.process import Notifier, notifier_from_environment, run_exactly, set_up_log
+from gcs.config import schema as configuration
+from gcs.config import yaml_files as documents
 from gcs.config.schema import Config
 from gcs.config.sections import LinkSettings
+from gcs.config.setting_errors import Misfit, explained
+from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.links import Link
-from gcs.links.endpoints import Listen
+from gcs.links.endpoints.urls import Listen, TcpIn
 from gcs.links.framed.link import MavsdkLink
 from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.links.native.link import NativeLink
 from gcs.links.signing_keys import Signing
 from gcs.links.stream_rates import desired
-from gcs.model.errors import ConfigError, LinkError, RefusedError
+from gcs.model.errors import ConfigError, FileError, GcsError, LinkError, Problem, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
+from gcs.recording.audit_reader import exclusions, interruption
+from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import Audit, is_loopback
 
@@ -105,6 +115,26 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
     with nullcontext() if record is None else record:
         async with _flying(orchestrator, config, ground) as port:
             yield orchestrator, port
+
+
+def make_record(config: Config) -> Record | None:
+    """Make a new session's record, not opened yet; None when the configuration has no folder."""
+    if config.record is None:
+        return None
+    vehicles = {each.id: (each.system_id, link.name) for link in config.links for each in link.fleet}
+    try:
+        found, excluded = interruption(config.record.folder), exclusions(config.record.folder)
+    except GcsError as error:  # a damaged record must not prevent a flight
+        log.error("record_unread", extra={"cause": str(error)})
+        found, excluded = None, {}
+    return Record(
+        config.record.folder,
+        config.model_dump_json(),
+        vehicles,
+        flight=config.record.flight,
+        found=found,
+        excluded=excluded,
+    )
 
 
 def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
@@ -251,8 +281,70 @@ def _anybody_up(view: FleetView) -> bool:
 
 def run(config: Config, say: Say) -> None:
     """Serve on a new event loop. Raises: GcsError when it cannot start."""
-    notifier = notify.from_environment()
+    notifier = notifier_from_environment()
     try:
-        eventloop.run(serve(config, say, notifier))
+        run_exactly(serve(config, say, notifier))
     finally:
         notifier.close()
+
+
+def run_serve(arguments: argparse.Namespace) -> int:
+    """Serve. Returns: the exit code. Raises: ConfigError."""
+    if arguments.supervised:
+        return supervisor.run(sys.argv[1:])
+    set_up_log(logging.WARNING if arguments.quiet else logging.INFO)
+    config = load_here(arguments.config)
+    changes = {"host": arguments.host, "port": arguments.port}
+    api = config.api.model_dump() | {key: value for key, value in changes.items() if value is not None}
+    try:
+        config = configuration.Config.model_validate(config.model_dump() | {"api": api})
+    except ValidationError as error:
+        raise explained(error, "with --host and --port", configuration.Config, None) from None
+    try:
+        run(config, lines(arguments))
+    except GcsError as error:
+        return failed(error, arguments, REFUSED)
+    return 0
+
+
+def load_here(name: str) -> Config:
+    """Load a configuration file, or a shipped configuration by name.
+
+    Raises:
+        ConfigError: names file, line, key, value and what is allowed; also for addresses that this
+            computer does not have.
+    """
+    path = configuration.find(name)
+    config = configuration.load(path)
+    found = [*_misfits(config)]
+    if found:
+        written = Source(documents.read(path), str(path))
+        raise FileError(str(path), [Problem(written.line(*one.loc), None, str(one)) for one in found])
+    return config
+
+
+def _misfits(config: Config) -> Iterator[Misfit]:
+    """Yield the addresses of `listen` that do not belong to this computer."""
+    for at, link in enumerate(config.links):
+        for place, url in zip(link.places, link.listen, strict=True):
+            if isinstance(place, Listen | TcpIn) and not _is_ours(place.host):
+                text = f"this computer has no address {place.host}: one of its own, or 0.0.0.0 for all"
+                yield Misfit(("links", at, "listen"), f"links.{at}.listen", f"'{url}'", text)
+    if not _is_ours(config.api.host):
+        text = "this computer has no such address: one of its own, or 127.0.0.1"
+        yield Misfit(("api", "host"), "api.host", f"'{config.api.host}'", text)
+
+
+def _is_ours(host: str) -> bool:
+    """Whether this computer has that address; True when it cannot be tested."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
+    except OSError:
+        return False
+    family, kind, protocol, _, address = found[0]
+    with socket.socket(family, kind, protocol) as trial:
+        try:
+            trial.bind(address)
+        except OSError as error:
+            return error.errno != errno.EADDRNOTAVAIL
+    return True

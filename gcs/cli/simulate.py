@@ -1,24 +1,28 @@
-"""`gcs simulate`: flies scenarios in virtual time and judges them."""
+"""`gcs simulate` and `gcs show`: fly scenarios and show files in virtual time, judge, draw and hash them."""
 
 import argparse
+import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
-from gcs.cli.output import print_json
-from gcs.cli.plots import require_matplotlib
-from gcs.cli.progress import working
-from gcs.model.errors import ConfigError
+from gcs.cli.output import answer, picture_file, print_json, require_matplotlib
+from gcs.cli.progress import share_of, working
+from gcs.model.errors import ConfigError, ShowError
+from gcs.shows import LoadedShow, find, load
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import Run, judged_runs, passed, run_all
 from gcs.simulation.flight import fly
+from gcs.simulation.rehearsal.flight import rehearse
+from gcs.simulation.rehearsal.verdict import judge, table
 from gcs.simulation.summary import summary
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_simulate(arguments: argparse.Namespace) -> int:
     """Fly the scenarios. Returns: 0 when the runs meet their scenarios' limits, 1 otherwise."""
     paths = _paths(arguments)
     if arguments.plot is not None:
-        return _plot(paths, arguments)
+        return _plot_scenario(paths, arguments)
     runs = [run for path in paths for run in _runs(path, arguments)]
     reports = []
     text = f"flying {len(runs)} in virtual time" if len(runs) > 1 else "flying"
@@ -62,19 +66,55 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
     return [Run(path, vehicles, seed) for seed in seeds]
 
 
-def _plot(paths: list[Path], arguments: argparse.Namespace) -> int:
+def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
     require_matplotlib("--plot")
     from gcs.simulation.plot import draw  # noqa: PLC0415  (takes a second, only for plots)
 
     runs = [run for path in paths for run in _runs(path, arguments)]
     if len(runs) != 1:
         raise ConfigError(f"--plot draws one flight: one scenario and one seed, not {len(runs)}")
-    file = Path(arguments.plot)
-    if not file.parent.is_dir() or file.suffix not in {".png", ".svg", ".pdf"}:
-        raise ConfigError(f"--plot {file}: a .png, .svg or .pdf file in a folder that exists")
+    file = picture_file(arguments.plot, "--plot ")
     figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed), file)
-    if arguments.json:
-        print_json(figures, indent=None)
-    else:
-        print(summary([figures | {"failed": [], "missed": []}]))
+    answer(arguments, figures, summary([figures | {"failed": [], "missed": []}]), indent=None)
     return 0
+
+
+def run_show(arguments: argparse.Namespace) -> int:
+    """Run the command. Returns: 0; 1 when the show fails its check. Raises: ConfigError for a bad file."""
+    if arguments.action == "check":
+        return _check(arguments)
+    loaded = load(find(arguments.file))
+    if arguments.action == "hash":
+        digest = loaded.show.digest
+        answer(arguments, {"hash": digest}, digest)
+        return 0
+    return _plot_show(loaded, arguments)
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    path = find(arguments.file)
+    try:
+        loaded = load(path)
+    except ShowError as error:
+        if arguments.json:
+            problems = [asdict(problem) for problem in error.problems]
+            print_json({"show": path.stem, "file": error.file, "good": False, "problems": problems})
+        else:
+            print(error, file=sys.stderr)
+        return 1
+    with share_of(f"flying {path.stem} in virtual time", shown=not arguments.json) as report:
+        verdict = judge(*rehearse(loaded, arguments.seed, report))
+    model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
+    answer(arguments, verdict.describe() | model, table(verdict), indent=None)
+    return 0 if verdict.good else 1
+
+
+def _plot_show(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
+    require_matplotlib("gcs show plot")
+    from gcs.simulation.rehearsal.plot import draw  # noqa: PLC0415  (takes a second, only for plots)
+
+    file = picture_file(arguments.picture)
+    with share_of("flying it in virtual time", shown=not arguments.json) as report:
+        verdict = draw(*rehearse(loaded, arguments.seed, report), file)
+    answer(arguments, {"picture": str(file), "good": verdict.good}, "")
+    return 0 if verdict.good else 1

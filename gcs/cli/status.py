@@ -1,20 +1,257 @@
-"""`gcs status`: the fleet as a table in the terminal, once or continuously."""
+"""`gcs status` and `gcs preflight`: tables of the fleet and of the checks before a start.
+
+A vehicle has one line at any width. Phase and mode are never cut; on a narrow terminal whole columns are left
+out, and reasons are below the table, one line for all vehicles with the same reason.
+"""
+
+from __future__ import annotations
 
 import argparse
-import time
-from typing import Final
+from collections.abc import Callable, Sequence
+from math import hypot, inf
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-from rich.console import Console, RenderableType
-from rich.live import Live
+from rich.console import Console, Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
 from rich.text import Text
 
-from gcs.cli.output import print_json
-from gcs.cli.remote import add_connection, connected, watched_json
-from gcs.cli.status_table import COLUMNS, SORTED, board
-from gcs.client import Client
-from gcs.model.errors import GcsError
+from gcs.cli.alarms import PERIOD_S, alarm_lines, show_state
+from gcs.cli.output import REFUSED, print_json
+from gcs.cli.remote import add_connection, connected
+from gcs.model.lifecycle import Phase
 
-PERIOD_S: Final = 0.5
+if TYPE_CHECKING:
+    from gcs.api.schemas import fleet as schemas
+    from gcs.api.schemas import reports
+
+
+OLD_S: Final = 1.0
+POOR_LINK: Final = 0.8
+LOW_BATTERY: Final = 0.25
+
+BAD: Final = "bold red"
+
+STYLE: Final = {
+    Phase.FORMATION: "green",
+    Phase.LOST: BAD,
+    Phase.KILLED: BAD,
+    Phase.PILOT: "magenta",
+    Phase.OFFLINE: "dim",
+}
+
+ORDINARY: Final = frozenset({Phase.FORMATION, Phase.TAKEOFF, Phase.RETURN, Phase.LANDING})
+"""Phases whose reason adds nothing unless the safety filter holds the vehicle back."""
+
+GAP: Final = 2
+
+
+class Column(NamedTuple):
+    """One column: its head, and the cell for a vehicle."""
+
+    head: str
+    cell: Callable[[schemas.Vehicle], Text]
+    is_number: bool = True
+
+
+def _speed_m_s(each: schemas.Vehicle) -> float | None:
+    if each.vx_m_s is None or each.vy_m_s is None or each.vup_m_s is None:
+        return None
+    return hypot(each.vx_m_s, each.vy_m_s, each.vup_m_s)
+
+
+def _why(each: schemas.Vehicle) -> str:
+    """The reason for an unusual state; empty when the phase says all."""
+    if each.limited_by:
+        return each.limited_by
+    ordinary = each.phase in ORDINARY or (each.phase is Phase.STANDBY and each.ready)
+    return "" if ordinary else each.reason
+
+
+COLUMNS: Final = {
+    "vehicle": Column("vehicle", lambda each: Text(each.id), is_number=False),
+    "phase": Column("phase", lambda each: Text(each.phase, STYLE.get(each.phase, "")), is_number=False),
+    "mode": Column("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
+    "height": Column("height m", lambda each: Text(number(each.height_m))),
+    "speed": Column("speed m/s", lambda each: Text(number(_speed_m_s(each)))),
+    "battery": Column(
+        "battery",
+        lambda each: _warned(percent(each.battery), _below(each.battery, LOW_BATTERY)),
+    ),
+    "link": Column(
+        "link", lambda each: _warned(percent(each.link_quality), _below(each.link_quality or 0.0, POOR_LINK))
+    ),
+    "age": Column(
+        "age s",
+        lambda each: _warned(
+            number(each.position_age_s), each.position_age_s is None or each.position_age_s > OLD_S
+        ),
+    ),
+    "why": Column("why", lambda each: Text(_why(each)), is_number=False),
+}
+
+DROPPED: Final = ("why", "age", "speed", "link", "height")
+"""Columns that are left out on a narrow terminal, in this order."""
+
+SORTED: Final = ("vehicle", "phase", "battery", "link", "age", "height", "speed")
+
+
+def board(
+    fleet: schemas.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
+) -> RenderableType:
+    """Format alarms, fleet and vehicles, `width` characters wide.
+
+    Args:
+        fleet: the state of the fleet.
+        width: width of the terminal in characters.
+        columns: names from `COLUMNS`; None: as many as fit.
+        sort: a name from `SORTED`; None: in the order of the configuration.
+    """
+    vehicles = _sorted(fleet.vehicles, sort)
+    chosen = _fitting(vehicles, width) if columns is None else tuple(columns)
+    alarms = alarm_lines(fleet.severity, fleet.alarms)
+    reasons = [] if "why" in chosen else _reasons(vehicles)
+    return Group(alarms, _head(fleet), Text(), _table(vehicles, chosen, width), *reasons)
+
+
+def _sorted(vehicles: Sequence[schemas.Vehicle], by: str | None) -> Sequence[schemas.Vehicle]:
+    """Sort vehicles, those that need attention first: unknown values, low battery or link, old position."""
+    key: dict[str, Callable[[schemas.Vehicle], float | str]] = {
+        "vehicle": lambda each: each.id,
+        "phase": lambda each: each.phase,
+        "battery": lambda each: -inf if each.battery is None else each.battery,
+        "link": lambda each: -inf if each.link_quality is None else each.link_quality,
+        "age": lambda each: -inf if each.position_age_s is None else -each.position_age_s,
+        "height": lambda each: -inf if each.height_m is None else each.height_m,
+        "speed": lambda each: -(_speed_m_s(each) or inf),
+    }
+    return vehicles if by is None else sorted(vehicles, key=key[by])
+
+
+def _needed(vehicles: Sequence[schemas.Vehicle], name: str) -> int:
+    """Characters that a column needs."""
+    column = COLUMNS[name]
+    return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
+
+
+def _fitting(vehicles: Sequence[schemas.Vehicle], width: int) -> tuple[str, ...]:
+    """Choose the columns that fit, each as wide as its widest cell."""
+    needed = {name: _needed(vehicles, name) for name in COLUMNS}
+    chosen = dict.fromkeys(COLUMNS)
+    for name in DROPPED:
+        if sum(needed[each] + GAP for each in chosen) - GAP <= width:
+            break
+        del chosen[name]
+    return tuple(chosen)
+
+
+def _table(vehicles: Sequence[schemas.Vehicle], chosen: Sequence[str], width: int) -> RenderableType:
+    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, width=width if "why" in chosen else None)
+    for name in chosen:
+        column = COLUMNS[name]
+        least = None if name == "why" else _needed(vehicles, name) if name in {"phase", "mode"} else None
+        table.add_column(
+            column.head,
+            justify="right" if column.is_number else "left",
+            no_wrap=True,
+            overflow="ellipsis",
+            min_width=least,
+            ratio=1 if name == "why" else None,
+        )
+    for each in vehicles:
+        table.add_row(*(COLUMNS[name].cell(each) for name in chosen))
+    return table
+
+
+def _reasons(vehicles: Sequence[schemas.Vehicle]) -> list[RenderableType]:
+    found: dict[str, list[str]] = {}
+    for each in vehicles:
+        if why := _why(each):
+            found.setdefault(why, []).append(each.id)
+    lines = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in found.items()]
+    return [Text(), *lines] if lines else []
+
+
+def _head(fleet: schemas.Fleet) -> RenderableType:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(no_wrap=True)
+    table.add_column()
+    show, tick, formation, counts = fleet.show, fleet.tick, fleet.formation, fleet.counts
+    table.add_row("show", Text.assemble((show.phase, "bold"), f"  {show.reason}" if show.reason else ""))
+    if show.selected is not None:
+        selected = show.selected
+        at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
+        table.add_row("", Text(f"{selected.name}: {selected.cue}  {at}"))
+    if show.countdown_s is not None:
+        table.add_row("", Text(f"countdown {number(show.countdown_s)} s"))
+    alive = ("alive", "green") if fleet.control_alive else (f"DEAD: {fleet.control_reason}", BAD)
+    times = (
+        f"  tick {number(tick.duration_p50_ms)} ms, p99 {number(tick.duration_p99_ms)} ms,"
+        f" late p99 {number(tick.lateness_p99_ms)} ms, {tick.missed} missed"
+    )
+    table.add_row("control", Text.assemble(alive, times))
+    table.add_row(
+        "formation",
+        Text(
+            f"radius {number(formation.radius_now_m)} of {number(formation.radius_m)} m,"
+            f" height {number(formation.height_now_m)} of {number(formation.height_m)} m,"
+            f" nearest two {number(fleet.minimum_separation_m)} m"
+        ),
+    )
+    summary = f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline"
+    table.add_row(
+        "vehicles",
+        Text.assemble(
+            summary,
+            (f", {counts.uncontrolled} not under control", "magenta") if counts.uncontrolled else "",
+            (f", {counts.unknown} unknown", BAD) if counts.unknown else "",
+        ),
+    )
+    if (energy := _energy(fleet.estimates)) != "":
+        table.add_row("energy", Text(energy))
+    table.add_row("possible", Text(", ".join(show.possible) or "-"))
+    table.add_row("access", Text(fleet.access))
+    return table
+
+
+def _energy(found: schemas.Estimates | None) -> str:
+    """Format batteries and times in one line, without unknown values."""
+    if found is None:
+        return ""
+    summary = []
+    if found.battery_least is not None:
+        summary.append(f"battery least {found.battery_least:.0%} ({found.battery_least_vehicle})")
+    if found.battery_median is not None:
+        summary.append(f"median {found.battery_median:.0%}")
+    if found.low_s is not None:
+        summary.append(f"low in {_minutes(found.low_s)} ({found.low_vehicle})")
+    if found.assembled_s is not None:
+        summary.append(f"assembled in ~{found.assembled_s:.0f} s")
+    if found.home_s is not None:
+        summary.append(f"home in ~{found.home_s:.0f} s")
+    return ", ".join(summary)
+
+
+def _minutes(left_s: float) -> str:
+    return f"~{left_s:.0f} s" if left_s < 90.0 else f"~{left_s / 60.0:.0f} min"
+
+
+def _below(value: float | None, limit: float) -> bool:
+    return value is not None and value < limit
+
+
+def _warned(text: str, bad: bool) -> Text:
+    return Text(text, style=BAD if bad else "")
+
+
+def number(value: float | None) -> str:
+    """Format with one decimal; a question mark when not known."""
+    return "?" if value is None else f"{value:.1f}"
+
+
+def percent(share: float | None) -> str:
+    """Format a share of 1 in per cent; a question mark when not known."""
+    return "?" if share is None else f"{share:.0%}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,39 +275,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the table, or with `--json` the state as `gcs state` does. Returns: 0. Raises: GcsError."""
-    console = Console()
+    width = Console().width
     with connected(arguments) as client:
-        if arguments.watch is not None and arguments.json:
-            return watched_json(client.fleet, arguments.watch, arguments)
-        if arguments.watch is not None:
-            return _watch(client, console, arguments)
-        fleet = client.fleet()
-    if arguments.json:
-        print_json(fleet.model_dump(mode="json"))
-    else:
-        console.print(board(fleet, console.width, columns=arguments.columns, sort=arguments.sort))
-    return 0
-
-
-def newest(
-    client: Client, width: int, columns: tuple[str, ...] | None = None, sort: str | None = None
-) -> RenderableType:
-    """Format the newest state, or why it is not available, so that no old state looks current."""
-    try:
-        return board(client.fleet(), width, columns=columns, sort=sort)
-    except GcsError as error:
-        return Text(f"NO STATE: {error}", style="bold white on red")
-
-
-def _watch(client: Client, console: Console, arguments: argparse.Namespace) -> int:
-    try:
-        with Live(console=console, screen=True, auto_refresh=False) as live:
-            while True:
-                table = newest(client, console.width, arguments.columns, arguments.sort)
-                live.update(table, refresh=True)
-                time.sleep(arguments.watch)
-    except KeyboardInterrupt:
-        return 0
+        return show_state(
+            client.fleet,
+            lambda fleet: board(fleet, width, columns=arguments.columns, sort=arguments.sort),
+            arguments.watch,
+            arguments,
+        )
 
 
 def _columns(text: str) -> tuple[str, ...]:
@@ -91,3 +303,56 @@ def _seconds(text: str) -> float:
     if not 0.1 <= seconds <= 3600.0:
         raise argparse.ArgumentTypeError(f"{text!r}: seconds from 0.1 to 3600")
     return seconds
+
+
+PASS: Final = "pass"  # noqa: S105 (no password)
+CHECK_STYLE: Final = {"pass": "green", "fail": "bold red", "unknown": "bold yellow"}
+
+
+def add_preflight_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "vehicles",
+        nargs="*",
+        metavar="VEHICLE",
+        help="vehicles that shall fly (default: all that are online)",
+    )
+    parser.add_argument("--all", action="store_true", help="list the checks that pass, too")
+    add_connection(parser)
+
+
+def run_preflight(arguments: argparse.Namespace) -> int:
+    """Print the report. Returns: the exit code. Raises: GcsError."""
+    with connected(arguments) as client:
+        report = client.preflight.report(arguments.vehicles or None)
+    if arguments.json:
+        print_json(report.model_dump(mode="json"))
+    else:
+        Console().print(preflight_board(report, everything=arguments.all))
+    return 0 if report.passes else REFUSED
+
+
+def preflight_board(report: reports.Preflight, *, everything: bool) -> RenderableType:
+    """Format the report: failed checks first, what was not checked, and every vehicle that does not fly."""
+    table = Table(expand=True)
+    for name in ("whose", "check", "state", "measured", "limit", "what is wrong, and what to do"):
+        table.add_column(name)
+    whose = [("fleet", check) for check in report.fleet]
+    whose += [(one.id, check) for one in report.vehicles if one.flies for check in one.checks]
+    for name, check in whose:
+        if everything or check.state != PASS:
+            table.add_row(
+                escape(name),
+                escape(check.name),
+                Text(check.state, style=CHECK_STYLE[check.state]),
+                "" if check.value is None else escape(f"{check.value:.2f} {check.unit}".strip()),
+                escape(check.limit),
+                escape(". ".join(text for text in (check.problem, check.to_do) if text)),
+            )
+    passed = sum(check.state == PASS for _, check in whose)
+    of = "no show is selected" if report.show is None else f"show {report.show}"
+    verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
+    head = f"{verdict}: {passed} of {len(whose)} checks pass; {escape(of)}"
+    left = [f"not flying: {name}: {reason}" for name, reason in report.not_flying.items()]
+    unlooked = [f"not looked at: {text}" for text in report.not_checked]
+    lines = (Text(f"! {text}", style="yellow") for text in (*left, *unlooked))
+    return Group(head, *([table] if table.row_count else []), *lines)

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
-from gcs.cli import eventloop
+from gcs.cli.process import run_exactly
 from tests.bench import link_pymavlink, link_service, mavsdk_plainly
 from tests.bench.link_measures import CannotError, Cost, flying
 
@@ -144,12 +144,12 @@ def measured(row: Row) -> Cost:
         if what == "plainly":
             return mavsdk_plainly.with_subscriptions(fleet, count, rate_hz, broken)
         if what == "wrapped":
-            return eventloop.run(mavsdk_plainly.with_wrappers(fleet, count, rate_hz))
+            return run_exactly(mavsdk_plainly.with_wrappers(fleet, count, rate_hz))
         if what == "pymavlink":
             return link_pymavlink.per_message(fleet, count, rate_hz)
         if what == "links":
-            return eventloop.run(link_service.links_alone(fleet, count, rate_hz))
-        return eventloop.run(link_service.service(fleet, count, rate_hz, row.transport, broken))
+            return run_exactly(link_service.links_alone(fleet, count, rate_hz))
+        return run_exactly(link_service.service(fleet, count, rate_hz, row.transport, broken))
 
 
 def connecting_s(row: Row) -> float:
@@ -158,7 +158,7 @@ def connecting_s(row: Row) -> float:
         return mavsdk_plainly.connecting_s(row.count)
     if row.what == "connect-pymavlink":
         return link_pymavlink.connecting_s(row.count)
-    return eventloop.run(link_service.connecting_s(row.count, row.transport))
+    return run_exactly(link_service.connecting_s(row.count, row.transport))
 
 
 def figures(cost: Cost) -> str:

@@ -21,7 +21,7 @@ from websockets.asyncio.client import connect
 
 from gcs.api.app import create_app
 from gcs.api.server import serve
-from gcs.cli import eventloop
+from gcs.cli.process import run_exactly
 from gcs.flight.orchestrator import Orchestrator
 from tests.bench.link_measures import WARM_UP_S, flying
 from tests.bench.link_service import config_of, ended, in_formation, links_of, p99_ms
@@ -207,7 +207,7 @@ def main(desired: list[str]) -> None:
     """One part, or the table."""
     logging.disable(logging.WARNING)  # a thousand vehicles found in the air say so
     if desired[:1] == ["fly"]:
-        eventloop.run(fly(int(desired[1])))
+        run_exactly(fly(int(desired[1])))
     elif desired[:1] == ["watch"]:
         asyncio.run(watch(int(desired[1]), desired[2]))
     else:

@@ -6,7 +6,7 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs.cli.status_table import board
+from gcs.cli.status import board
 from tests.support.status_example import example_fleet
 
 FOLDER: Final = Path(__file__).parents[2] / "docs" / "screenshots"

@@ -27,7 +27,7 @@ FAILSAFES: Final = {
 
 
 class Supervisor:
-    """Receives the signs that control lives, as `gcs.cli.notify` does."""
+    """Receives the signs that control lives, as `gcs.cli.process` does."""
 
     def __init__(self) -> None:
         self.problem = ""

@@ -19,9 +19,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
-from gcs.cli import status
+from gcs.cli.alarms import newest
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
+from gcs.cli.status import board
 from gcs.client import Client
 from gcs.client.call_groups import Playback, Preflight, Shows
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
@@ -466,5 +467,5 @@ def test_status_reports_no_answer_instead_of_old_state() -> None:
     with Client("http://127.0.0.1:9") as client:
         console = Console(width=100)
         with console.capture() as shown:
-            console.print(status.newest(client, console.width))
+            console.print(newest(client.fleet, lambda fleet: board(fleet, console.width)))
     assert shown.get().startswith("NO STATE: no answer from http://127.0.0.1:9")

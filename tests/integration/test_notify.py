@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.cli.notify import Notifier, from_environment
+from gcs.cli.process import Notifier, notifier_from_environment
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def test_ready_and_four_beats_within_the_watchdog_time(received: socket.socket) 
 
 
 def test_without_a_notify_socket_nothing_is_sent_or_fails() -> None:
-    notifier = from_environment({})
+    notifier = notifier_from_environment({})
     notifier.ready()
     notifier.beat()
     assert notifier.problem == ""
@@ -38,7 +38,7 @@ def test_without_a_notify_socket_nothing_is_sent_or_fails() -> None:
 
 def test_notify_variables_are_removed_from_the_environment(received: socket.socket) -> None:
     asked = {"NOTIFY_SOCKET": received.getsockname(), "WATCHDOG_USEC": "3000000", "PATH": "/bin"}
-    notifier = from_environment(asked)
+    notifier = notifier_from_environment(asked)
     assert asked == {"PATH": "/bin"}
     notifier.beat()
     assert received.recv(100) == b"WATCHDOG=1"
@@ -47,7 +47,7 @@ def test_notify_variables_are_removed_from_the_environment(received: socket.sock
 
 def test_watchdog_of_another_process_is_not_notified(received: socket.socket) -> None:
     other = {"WATCHDOG_PID": str(os.getpid() + 1), "WATCHDOG_USEC": "3000000"}
-    notifier = from_environment({"NOTIFY_SOCKET": received.getsockname(), **other})
+    notifier = notifier_from_environment({"NOTIFY_SOCKET": received.getsockname(), **other})
     notifier.beat()
     notifier.ready()
     assert received.recv(100) == b"READY=1"

@@ -13,7 +13,7 @@ from pathlib import Path
 import mypy
 import pytest
 
-from gcs.cli.files import NAMES
+from gcs.cli.local_files import NAMES
 
 ROOT = Path(__file__).parents[2]
 

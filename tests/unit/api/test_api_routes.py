@@ -6,7 +6,7 @@ from rich.console import Console
 
 from gcs.api.schemas import convert
 from gcs.api.schemas import fleet as schemas
-from gcs.cli.status_table import board
+from gcs.cli.status import board
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, Formation, YawPolicy
 from gcs.service import Outcome, ShowAction, VehicleAction

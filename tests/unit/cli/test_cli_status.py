@@ -6,8 +6,7 @@ import pytest
 from rich.console import Console
 
 from gcs.api.schemas import fleet as schemas
-from gcs.cli.status import _columns
-from gcs.cli.status_table import COLUMNS, SORTED, board
+from gcs.cli.status import COLUMNS, SORTED, _columns, board
 from tests.support.status_example import NOT_ORDINARY, PILOT, example_fleet
 
 HEAD = "vehicle phase mode height m speed m/s battery link age s"

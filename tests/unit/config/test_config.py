@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from gcs.cli.configuration import load_here
+from gcs.cli.serve import load_here
 from gcs.config.schema import Config, find, load, parse
 from gcs.config.yaml_files import CONFIGURATIONS
 from gcs.links.endpoints import Listen, SerialPort, TcpIn, TcpOut, UdpOut

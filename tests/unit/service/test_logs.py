@@ -4,7 +4,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gcs.cli import logs
+from gcs.cli import process
 from gcs.service.access import Denied
 
 
@@ -12,7 +12,7 @@ def line(level: int, message: str, *arguments: object, **extra: object) -> dict[
     record = logging.getLogger("gcs.test").makeRecord(
         "gcs.test", level, "f.py", 1, message, arguments, None, extra=extra
     )
-    text = logs.JsonLines().format(record)
+    text = process.JsonLines().format(record)
     assert "\n" not in text
     read: dict[str, object] = json.loads(text)
     return read
@@ -43,6 +43,6 @@ def test_a_traceback_stays_on_its_line() -> None:
         int("boom")
     except ValueError:
         record = logging.getLogger("gcs").makeRecord("gcs", logging.ERROR, "f", 1, "bug", (), sys.exc_info())
-    read = json.loads(logs.JsonLines().format(record))
+    read = json.loads(process.JsonLines().format(record))
     assert "ValueError: invalid literal" in read["traceback"]
     assert "exc_info" not in read

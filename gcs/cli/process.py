@@ -1,11 +1,78 @@
-"""Reports readiness and a live control loop to the supervisor, with systemd's sd_notify protocol."""
+"""The process of a long-running command: structured log, exact event loop, messages to the supervisor."""
 
+import asyncio
 import logging
 import os
+import select
+import selectors
 import socket
+import sys
 import time
-from collections.abc import Callable, MutableMapping
-from typing import Final
+from collections.abc import Callable, Coroutine, MutableMapping
+from typing import Any, Final, TypeVar
+
+from pythonjsonlogger.json import JsonFormatter
+
+FIELDS: Final = {"levelname": "level", "name": "logger", "message": "event", "exc_info": "traceback"}
+
+
+class JsonLines(JsonFormatter):
+    """Formats time, level, logger, event, and the caller's extra fields."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            ["levelname", "name", "message"], timestamp="time", rename_fields=FIELDS, json_default=str
+        )
+
+    def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
+        """Put the time first, in milliseconds; levels are in lower case."""
+        time = log_data.pop("time").isoformat(timespec="milliseconds")
+        return {"time": time, **log_data, "level": log_data["level"].lower()}
+
+
+OURS = ("gcs",)
+
+
+def set_up_log(level: int) -> None:
+    """Log this project's packages from `level`, and others' warnings. A record may receive lower levels."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JsonLines())
+    handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] not in OURS)
+    root = logging.getLogger()
+    root.handlers[:] = [handler]
+    root.setLevel(logging.WARNING)
+    for name in OURS:
+        logging.getLogger(name).setLevel(level)
+
+
+T = TypeVar("T")
+
+
+def run_exactly(main: Coroutine[Any, Any, T]) -> T:
+    """As `asyncio.run`, on such a loop when the platform supports it."""
+    with asyncio.Runner(loop_factory=_exact_loop) as runner:
+        return runner.run(main)
+
+
+if sys.platform == "linux":
+
+    class _ExactSelector(selectors.EpollSelector):
+        """Waits with `select`, whose timeout is in microseconds, for epoll, whose own is in milliseconds."""
+
+        def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+            if timeout is not None and timeout > 0:
+                select.select((self.fileno(),), (), (), timeout)
+                timeout = 0
+            return super().select(timeout)
+
+    def _exact_loop() -> asyncio.AbstractEventLoop:
+        return asyncio.SelectorEventLoop(_ExactSelector())
+
+else:
+
+    def _exact_loop() -> asyncio.AbstractEventLoop:
+        return asyncio.new_event_loop()
+
 
 log = logging.getLogger(__name__)
 
@@ -68,7 +135,7 @@ class Notifier:
         self.problem = problem
 
 
-def from_environment(environment: MutableMapping[str, str] = os.environ) -> Notifier:
+def notifier_from_environment(environment: MutableMapping[str, str] = os.environ) -> Notifier:
     """Make the notifier of the environment, and remove its variables, so that child processes ignore them."""
     address = environment.pop("NOTIFY_SOCKET", "")
     interval_us = environment.pop("WATCHDOG_USEC", "0")

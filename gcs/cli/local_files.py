@@ -1,0 +1,130 @@
+"""`gcs files`, `gcs key` and `gcs token`: shipped documents, keys for MAVLink signing, tokens for the API."""
+
+import argparse
+from datetime import UTC, datetime
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+from gcs.api.auth.tokens import create_token, read_tokens, revoke_token
+from gcs.cli.output import REFUSED, answer, failed, note, print_json
+from gcs.links.signing_keys import create_key
+from gcs.model.errors import ConfigError, GcsError
+from gcs.service.access import Role
+
+FILE: Final = "tokens.json"
+
+
+def add_token_arguments(parser: argparse.ArgumentParser) -> None:
+    commands = parser.add_subparsers(dest="token_command", required=True)
+    create = commands.add_parser("create", help="make a token; it is printed once, and kept nowhere")
+    create.add_argument("name", metavar="NAME", help="recorded with every command given with this token")
+    create.add_argument(
+        "--role",
+        required=True,
+        choices=[role.value for role in Role],
+        help="watch reads; emergency also pauses, stops, lands and kills; operate may do everything",
+    )
+    create.set_defaults(run=_create_token)
+    listing = commands.add_parser("list", help="names, roles, and since when")
+    listing.set_defaults(run=_list_tokens)
+    revoke = commands.add_parser("revoke", help="forget a token; a running service notices at once")
+    revoke.add_argument("name", metavar="NAME")
+    revoke.set_defaults(run=_revoke_token)
+    for command in (create, listing, revoke):
+        command.add_argument("--file", type=Path, default=Path(FILE), help=f"the token file ({FILE})")
+
+
+def _create_token(arguments: argparse.Namespace) -> int:
+    try:
+        token = create_token(arguments.file, arguments.name, Role(arguments.role))
+    except GcsError as error:
+        return failed(error, arguments, REFUSED)
+    answer(arguments, {"name": arguments.name, "role": arguments.role, "token": token}, token)
+    note(
+        f"{arguments.name} may {arguments.role}; {arguments.file} keeps a hash of it: this is its only copy",
+        as_json=arguments.json,
+    )
+    return 0
+
+
+def _list_tokens(arguments: argparse.Namespace) -> int:
+    try:
+        entries = read_tokens(arguments.file)
+    except GcsError as error:
+        return failed(error, arguments, REFUSED)
+    if arguments.json:
+        reported = [
+            {"name": entry.name, "role": entry.role, "created_unix_time_s": entry.created_unix_time_s}
+            for entry in entries
+        ]
+        print_json(reported)
+        return 0
+    for entry in entries:
+        since = datetime.fromtimestamp(entry.created_unix_time_s, UTC).isoformat(timespec="seconds")
+        print(f"{entry.name:<24} {entry.role:<10} {since}")
+    return 0
+
+
+def _revoke_token(arguments: argparse.Namespace) -> int:
+    try:
+        revoke_token(arguments.file, arguments.name)
+    except GcsError as error:
+        return failed(error, arguments, REFUSED)
+    answer(arguments, {"revoked": arguments.name}, f"{arguments.name}: revoked")
+    return 0
+
+
+def add_key_arguments(parser: argparse.ArgumentParser) -> None:
+    commands = parser.add_subparsers(dest="key_command", required=True)
+    create = commands.add_parser("create", help="write a new key to a file")
+    create.add_argument("file", metavar="FILE", help="must not exist; readable for you alone")
+    create.set_defaults(run=_create_key)
+
+
+def _create_key(arguments: argparse.Namespace) -> int:
+    create_key(Path(arguments.file))
+    text = f"{arguments.file}: a new key; the vehicles need the same one"
+    answer(arguments, {"file": str(arguments.file)}, text)
+    return 0
+
+
+NAMES = (
+    "architecture.md",
+    "flight-quality.md",
+    "formation-gcs.service",
+    "grafana/formation.json",
+    "invariants.md",
+    "operations.md",
+    "records.md",
+    "stream.md",
+)
+"""Files of the repository's folder `docs`; pyproject.toml puts the same files into the wheel."""
+
+
+def add_files_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", required=True)
+    actions.add_parser("list", help="their names, and where they are")
+    show = actions.add_parser("show", help="print one, as it is")
+    show.add_argument("name", metavar="NAME", help="as gcs files list prints it")
+
+
+def folder() -> Path:
+    """Folder of the files: inside an installed wheel, or `docs` of a checkout."""
+    package = Path(str(resources.files("gcs")))
+    packed = package / "_docs"
+    return packed if packed.is_dir() else package.parent / "docs"
+
+
+def run_files(arguments: argparse.Namespace) -> int:
+    """List the files or print one. Returns: 0. Raises: ConfigError when there is no such file."""
+    if arguments.action == "list":
+        paths = {name: str(folder() / name) for name in NAMES}
+        document = [{"name": name, "path": path} for name, path in paths.items()]
+        answer(arguments, document, "\n".join(f"{name:<24} {path}" for name, path in paths.items()))
+        return 0
+    if arguments.name not in NAMES:
+        raise ConfigError(f"{arguments.name}: there is no such file; there are {', '.join(NAMES)}")
+    text = (folder() / arguments.name).read_text(encoding="utf-8")
+    answer(arguments, {"name": arguments.name, "text": text}, text.removesuffix("\n"))
+    return 0
