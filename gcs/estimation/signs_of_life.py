@@ -24,6 +24,10 @@ ten heartbeats in a row are lost once in ten million.
 """
 
 
+ARRIVES_S: Final = 1.0
+"""An autopilot sends several messages a second: when the newest is older, none arrives."""
+
+
 def lacking(now_s: float, life_s: float, beat_s: float, position_s: float, silence_s: float) -> str:
     """What is missing of a vehicle's telemetry, in words; empty when nothing is.
 
@@ -37,6 +41,8 @@ def lacking(now_s: float, life_s: float, beat_s: float, position_s: float, silen
     if not now_s - life_s <= silence_s:
         return f"no telemetry{_since(now_s - life_s)}"
     if not now_s - position_s <= silence_s:
+        if now_s - life_s > ARRIVES_S:
+            return f"no telemetry{_since(now_s - life_s)}"
         beats = now_s - beat_s <= silence_s
         others = "heartbeats still arrive" if beats else "other telemetry still arrives"
         return f"no position{_since(now_s - position_s)}, {others}"

@@ -67,7 +67,7 @@ def late(show: Show) -> None:
 TROUBLES: Final[Mapping[AlarmCause, FaultInjector]] = {
     AlarmCause.KILLED: FaultInjector(lambda show: show.service.commands.kill(["d2"])),
     AlarmCause.VEHICLE_LOST: FaultInjector(
-        lambda show: show.link.silence("d3"), lambda show: show.vehicle("d3").phase is Phase.LOST
+        lambda show: show.ports.silence("d3"), lambda show: show.vehicle("d3").phase is Phase.LOST
     ),
     AlarmCause.OUTSIDE_CONTROL: FaultInjector(
         lambda show: show.befall("d4", "pilot"), lambda show: show.vehicle("d4").phase is Phase.PILOT
@@ -86,13 +86,11 @@ TROUBLES: Final[Mapping[AlarmCause, FaultInjector]] = {
     ),
     AlarmCause.SERVICE_LATE: FaultInjector(late, reacts_to(Cause.SERVICE_LATE)),
     AlarmCause.RECORD_FAILS: FaultInjector(
-        lambda show: setattr(show.link, "problems", ("link loop: recording to a fails: disk full",))
+        lambda show: setattr(show.link, "recording_problem", "link loop: recording to a fails: disk full")
     ),
-    AlarmCause.DUPLICATE_SYSTEM_ID: FaultInjector(
-        lambda show: show.link.conflicts.update({"d8": "system id 8 at one address and at another"})
-    ),
+    AlarmCause.DUPLICATE_SYSTEM_ID: FaultInjector(lambda show: show.ports.duplicated.add("d8")),
     AlarmCause.LINK_FAILED: FaultInjector(
-        lambda show: show.link.failures.append(LinkError("address already in use"))
+        lambda show: show.link.failures.put_nowait(LinkError("address already in use"))
     ),
 }
 
@@ -173,7 +171,7 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
     async def story(show: Show) -> None:
         await show.start()
         assert alarm_texts(show) == []
-        show.link.silence("d3")
+        show.ports.silence("d3")
         await show.until(lambda: listed(show, AlarmCause.VEHICLE_LOST) is not None, 5.0)
         await show.wait(0.5)
         alarm = listed(show, AlarmCause.VEHICLE_LOST)
@@ -186,7 +184,7 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
         await show.wait(5.0)
         by = {seen.acknowledged_by for seen in show.view.alarms}
         assert by == {"service"}
-        show.link.restore("d3")
+        show.ports.restore("d3")
         await show.until(lambda: not show.view.alarms, 15.0)
         texts = [event.text for event in show.service.events.newest()]
         assert any(text.startswith("warning: Vehicle d3 lost") for text in texts)

@@ -23,7 +23,7 @@ NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action: ShowAction) -> None:
     async def story(show: Show) -> None:
         await show.start()
-        show.link.pilot("d1", PilotMode.LAND)
+        show.pilot("d1", PilotMode.LAND)
         await show.phase("d1", Phase.PILOT)
         show.service.commands.command_vehicle("d1", VehicleAction.TAKE_CONTROL)
         if after_s:

@@ -42,7 +42,7 @@ def test_take_control_of_all_skips_pilots_unless_named() -> None:
     async def story(show: Show) -> None:
         await show.start()
         show.befall("d1", "pilot")
-        show.link.pilot("d2", PilotMode.HOLD)
+        show.pilot("d2", PilotMode.HOLD)
         await show.phase("d1", Phase.PILOT)
         await show.phase("d2", Phase.PILOT)
         assert (show.view.counts.controlled, show.view.counts.uncontrolled) == (1, 2)

@@ -129,12 +129,15 @@ def swap(show: Show) -> None:
 
 def mistune(show: Show) -> None:
     """Somebody has changed a parameter; the vehicle restarts."""
-    show.link.autopilot("d2").parameters.set("GF_ACTION", 0)
+    show.autopilot("d2").parameters.set("GF_ACTION", 0)
     show.befall("d2", "reboot", off_s=3.0)
 
 
 FAULTS: dict[str, tuple[Callable[[Show], object], str]] = {
-    "d2 address": (lambda show: show.link.conflicts.update(d2="system id 2 is heard twice"), "heard twice"),
+    "d2 address": (
+        lambda show: show.ports.duplicated.add("d2"),
+        "system id 2 at 10.0.0.2:14580 and at 10.0.1.2:14580",
+    ),
     "d2 fix": (lambda show: show.befall("d2", "fix", type="2d"), "its receiver's fix is 2D"),
     "d2 accuracy sideways": (
         lambda show: show.befall("d2", "accuracy", eph_m=9.0),
@@ -160,7 +163,7 @@ FAULTS: dict[str, tuple[Callable[[Show], object], str]] = {
     "d2 place": (swap, "off its start place, on that of d1"),
     "d2 own fence": (mistune, "GF_ACTION is 0, 2 is needed"),
     "show": (lambda show: keep(show, SHOW + "\n# a word\n"), "has changed since it was checked"),
-    "vehicles": (lambda show: show.link.silence("d2"), "is for 4 vehicles, 3 would start"),
+    "vehicles": (lambda show: show.ports.silence("d2"), "is for 4 vehicles, 3 would start"),
 }
 
 
@@ -252,7 +255,7 @@ def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> 
         await show.reach(ShowPhase.RUNNING)
         assert f"Vehicle d2 not flying: {why}." in alarm_texts(show)
         assert show.vehicle("d2").phase is Phase.STANDBY
-        assert not show.link.autopilot("d2").commander.armed
+        assert not show.autopilot("d2").commander.armed
         for change in (lambda: service.preflight.exclude("d1", ""), lambda: service.preflight.include("d2")):
             refusal = await refused(show, change)
             assert "excluded or included only on the ground" in refusal.text
@@ -296,7 +299,7 @@ def test_bad_exclusions_change_nothing(tmp_path: Path) -> None:
 
 def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
     async def story(show: Show) -> None:
-        show.link.silence("d4")
+        show.ports.silence("d4")
         await show.standby()
         show.service.commands.command_show(ShowAction.START, ["d1", "d2"])
         show.fleet.state.unhealthy_sensors[1] = 0x1

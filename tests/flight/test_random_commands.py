@@ -35,17 +35,17 @@ def events(show: Show, chance: random.Random) -> Iterator[Step]:
         lambda show: stall(show, chance.choice([0.8, 1.5, 3.0]), kept_share=chance.choice([1.0, 0.5])),
     )
     yield f"a pilot takes {name}", lambda show: show.befall(name, "pilot")
-    yield f"a pilot holds {name}", lambda show: show.link.pilot(name, PilotMode.HOLD)
-    yield f"a pilot lands {name}", lambda show: show.link.pilot(name, PilotMode.LAND)
-    yield f"{name} is silent", lambda show: show.link.silence(name)
-    yield "all are received", lambda show: show.link.restore(*show.config.ids)
+    yield f"a pilot holds {name}", lambda show: show.pilot(name, PilotMode.HOLD)
+    yield f"a pilot lands {name}", lambda show: show.pilot(name, PilotMode.LAND)
+    yield f"{name} is silent", lambda show: show.ports.silence(name)
+    yield "all are received", lambda show: show.ports.restore(*show.config.ids)
 
 
 def assert_true(show: Show, story: list[str]) -> None:
     """Nothing that flies is shown on the ground, and no start is offered below it."""
     heights_m = -show.true_m[:, 2]
     for seen, height_m in zip(show.view.vehicles, heights_m, strict=True):
-        if height_m > FLIES_M and seen.phase not in UNKNOWN and not show.link.is_silent(seen.id):
+        if height_m > FLIES_M and seen.phase not in UNKNOWN and not show.ports.is_silent(seen.id):
             assert seen.phase is not Phase.STANDBY, (seen.id, story)
             assert show.view.show not in STARTABLE, (show.view.show, show.view.reason, story)
     assert sum(vars_of(show)) == COUNT, story
@@ -84,7 +84,7 @@ def _command(action: ShowAction, show: Show) -> object:
 
 async def all_come_down(show: Show, story: list[str]) -> None:
     """Pilots agree, links are mended: a command that names the pilots' vehicles, and one stop."""
-    show.link.restore(*show.config.ids)
+    show.ports.restore(*show.config.ids)
     await show.wait(8.0)
     taken = [seen.id for seen in show.view.vehicles if seen.phase is Phase.PILOT]
     for name in taken:

@@ -86,11 +86,11 @@ def test_flyable_wind_triggers_nothing() -> None:
 def test_too_many_vehicles_lost_brings_the_show_home() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        show.link.silence("d2")
+        show.ports.silence("d2")
         await show.phase("d2", Phase.LOST)
         await show.wait(3.0)
         assert show.view.show is ShowPhase.RUNNING, "one of six is not too many"
-        show.link.silence("d5")
+        show.ports.silence("d5")
         await show.reach(ShowPhase.RETURNING)
         reported = await reacts(show, Cause.VEHICLES_LOST)
         assert (reported.action, reported.vehicles) == ("return", ("d2", "d5"))
@@ -108,7 +108,7 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
 def test_losses_of_an_earlier_show_do_not_count() -> None:
     async def story(show: Show) -> None:
         await show.start()
-        show.link.silence("d2")
+        show.ports.silence("d2")
         await show.reach(ShowPhase.RETURNING)
         assert show.view.reason.startswith("too many vehicles lost")
         await show.reach(ShowPhase.LANDED, 120.0)
@@ -119,7 +119,7 @@ def test_losses_of_an_earlier_show_do_not_count() -> None:
         await show.wait(5.0)
         assert show.view.show is ShowPhase.RUNNING
         assert show.view.failsafes == ()
-        show.link.silence("d3")
+        show.ports.silence("d3")
         await show.reach(ShowPhase.RETURNING)
 
     failsafes = {"vehicles_lost": {"count": 1, "share": 0.3}}

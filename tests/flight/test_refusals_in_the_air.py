@@ -78,7 +78,7 @@ async def one_on_its_pad(show: Show) -> None:
     """d1 alone flies; d2 has landed and d3 has fallen silent."""
     await running(show)
     await show.command("d2", VehicleAction.LAND)
-    show.link.silence("d3")
+    show.ports.silence("d3")
     await show.phase("d3", Phase.LOST)
 
 

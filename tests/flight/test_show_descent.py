@@ -33,7 +33,7 @@ async def ordered(show: Show, action: ShowAction, started: CommandRecord) -> Des
     await show.wait(8.0)
     arm_commands = {
         name: sum(command.verb is Verb.ARM for command in commands)
-        for name, commands in show.link.commands.items()
+        for name, commands in show.ports.commands.items()
     }
     return Descent(
         show.track,
@@ -204,7 +204,7 @@ async def stop_while_some_come_down_already(show: Show) -> Mixed:
     await show.start()
     show.service.commands.command_vehicle("d1", VehicleAction.LAND)
     landing = show.service.commands.command_vehicle("d1", VehicleAction.LAND)
-    await show.until(lambda: show.link.autopilot("d1").commander.mode.name == "LAND")
+    await show.until(lambda: show.autopilot("d1").commander.mode.name == "LAND")
     await show.wait(1.2)
     landing_at_m = show.true_m[0, :2].copy()
     show.service.commands.command_vehicle("d2", VehicleAction.RETURN)

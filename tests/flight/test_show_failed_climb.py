@@ -30,12 +30,12 @@ def hangs(show: Show) -> None:
 
 def refuses_to_hold(show: Show) -> None:
     """It climbs, and is heard to refuse what comes next."""
-    show.link.refusing.add(("d2", Verb.HOLD))
+    show.ports.refused.add(("d2", Verb.HOLD))
 
 
 def refuses_to_climb(show: Show) -> None:
     """Its motors run, on the ground."""
-    show.link.refusing.add(("d2", Verb.TAKEOFF))
+    show.ports.refused.add(("d2", Verb.TAKEOFF))
 
 
 async def climbing(show: Show, vehicle_id: VehicleId) -> None:
@@ -54,7 +54,7 @@ async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: 
     reason = show.vehicle("d2").reason
     await show.reach(ShowPhase.RUNNING)
     record = await show.settled(record)
-    return Failed(show.track, record, reason, len(show.link.sent["d2"]), show.floor_violations())
+    return Failed(show.track, record, reason, len(show.ports.sent["d2"]), show.floor_violations())
 
 
 @pytest.mark.parametrize(
@@ -89,11 +89,11 @@ async def stuck_in_the_air(show: Show) -> tuple[list[Phase], str, bool]:
     show.service.commands.command_show(ShowAction.START)
     await climbing(show, "d2")
     hangs(show)
-    show.link.refusing.add(("d2", Verb.LAND))
+    show.ports.refused.add(("d2", Verb.LAND))
     await show.reach(ShowPhase.RUNNING)
     reason = show.vehicle("d2").reason
     phases = [vehicle.phase for vehicle in show.view.vehicles]
-    show.link.refusing.clear()
+    show.ports.refused.clear()
     await show.phase("d2", Phase.STANDBY)
     return phases, reason, show.view.show is ShowPhase.RUNNING
 
@@ -111,7 +111,7 @@ async def hold_refused_by_one_that_climbs(show: Show) -> tuple[Outcome, Phase]:
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
     await climbing(show, "d2")
-    show.link.refusing.add(("d2", Verb.HOLD))
+    show.ports.refused.add(("d2", Verb.HOLD))
     held = await show.command("d2", VehicleAction.HOLD)
     await show.reach(ShowPhase.RUNNING)
     return held.outcome, show.vehicle("d1").phase
@@ -125,7 +125,7 @@ async def one_alone(show: Show) -> tuple[list[ShowPhase], CommandRecord]:
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
     await climbing(show, "d1")
-    show.link.refusing.add(("d1", Verb.HOLD))
+    show.ports.refused.add(("d1", Verb.HOLD))
     await show.reach(ShowPhase.LANDED)
     await show.wait(0.1)
     return show.track.show_phases(), await show.settled(record)
@@ -147,7 +147,7 @@ async def nobody_can_join(show: Show) -> Nobody:
     """All are up, and every autopilot refuses OFFBOARD; then all are ordered home."""
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
-    show.link.refusing |= {(name, Verb.OFFBOARD) for name in show.config.ids}
+    show.ports.refused |= {(name, Verb.OFFBOARD) for name in show.config.ids}
     await show.reach(ShowPhase.PAUSED)
     reason = show.view.reason
     await show.settled(show.service.commands.command_show(ShowAction.STOP))

@@ -10,7 +10,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
-from tests.support.loopback_link import SentCommand, SentSetpoint
+from tests.support.virtual_link import SentCommand, SentSetpoint
 from tests.support.virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
 
 FLIERS = ("d1", "d2", "d3")
@@ -32,7 +32,7 @@ class Flight(NamedTuple):
 
 
 async def two_flights(show: Show) -> Flight:
-    show.link.silence("d4")
+    show.ports.silence("d4")
     started = await show.start()
     await show.wait(5.0)
     running_s = (show.now_s - 2.0, show.now_s)
@@ -43,11 +43,12 @@ async def two_flights(show: Show) -> Flight:
     stopped = await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
     first, violations = show.track, show.floor_violations()
-    sent = {name: list(setpoints) for name, setpoints in show.link.sent.items()}
-    commands = {name: list(given) for name, given in show.link.commands.items()}
+    sent = {name: list(setpoints) for name, setpoints in show.ports.sent.items()}
+    commands = {name: list(given) for name, given in show.ports.commands.items()}
     await show.wait(9.0)  # where they say that they stand drifts by half a metre
     again_s = show.now_s
     second_start = await show.start()
+    await show.wait(0.1)
     return Flight(
         first,
         show.service.command_log.get(started.id),

@@ -22,7 +22,7 @@ from gcs.recording.session import Record
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.fleet import Fleet, Settings
-from tests.support.loopback_link import LoopbackLink, system_ids
+from tests.support.virtual_link import STREAMS_HZ, VirtualLink
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
@@ -66,10 +66,8 @@ async def one_session(
     Of those that are `late` nothing arrives before the story restores them.
     """
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
-    link = LoopbackLink(
-        "loop", system_ids(config.ids), fleet, config.frame, setpoint_timeout_s=config.setpoint_timeout_s
-    )
-    link.silence(*late)
+    link = VirtualLink(config, fleet)
+    link.ports.silence(*late)
     record = Record(
         root,
         config.model_dump_json(),
@@ -105,7 +103,9 @@ def sessions(
     async def main() -> list[T]:
         loop = asyncio.get_running_loop()
         proper = settings_of(requirements(config.operation, config.control))
-        settings = Settings(count=len(config.ids), grid_columns=2, parameters=proper, **on_pads())
+        settings = Settings(
+            count=len(config.ids), grid_columns=2, parameters=proper, rates_hz=STREAMS_HZ, **on_pads()
+        )
         unix = UnixClock()
         unix.ahead_s = time.time() - loop.time()
         fleet = Fleet(settings, start_s=loop.time(), unix_at_start_s=unix())
@@ -187,7 +187,7 @@ def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
         assert show.view.plan.formation == Formation(radius_m=7.0, height_m=15.0)
         assert [box.id for box in show.view.plan.obstacles] == ["box"]
         await show.until(lambda: show.view.interrupted is None)
-        first_m_s = [show.link.sent[name][0].velocity_ned_m_s for name in ALL]
+        first_m_s = [show.ports.sent[name][0].velocity_ned_m_s for name in ALL]
         assert np.linalg.norm(first_m_s, axis=1).max() < AT_REST_M_S
         await show.show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
@@ -321,7 +321,7 @@ def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> Non
         assert "in mode position" in record.outcomes["d3"].reason
         assert record.outcomes["d2"].outcome is Outcome.NOT_INCLUDED
         assert [show.vehicle(name).phase for name in ("d2", "d3")] == [Phase.PILOT] * 2
-        assert not show.link.sent["d2"]
+        assert not show.ports.sent["d2"]
 
     sessions(tmp_path, (four(), fly_and_lose_one), (four(), others_only))
 
@@ -357,14 +357,14 @@ def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command:
         show.befall("d4", "pilot")
         record = COMMANDS[command](show)
         await show.wait(1.0)
-        show.link.restore(*LATE)
+        show.ports.restore(*LATE)
         record = await show.settled(record, 150.0)
         reported = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
         assert [reported[name][0] for name in ("d1", "d2", "d3")] == [Outcome.DONE] * 3, reported
         assert reported["d4"][0] is Outcome.NOT_INCLUDED
         assert "take-control" in reported["d4"][1]
         assert show.vehicle("d4").phase is Phase.PILOT
-        assert not show.link.sent["d4"]
+        assert not show.ports.sent["d4"]
         assert show.floor_violations() == 0
 
     sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)
@@ -384,7 +384,7 @@ def test_late_vehicles_are_named_and_newer_changes_stay(
             assert record.outcomes[name].reason == "not received within 3 s of the command"
         await show.show(ShowAction.RESUME)
         show.service.plan.set_formation(changed)
-        show.link.restore(*LATE)
+        show.ports.restore(*LATE)
         await show.until(lambda: [show.vehicle(name).phase for name in LATE] == [Phase.PILOT] * 2)
         record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert [record.outcomes[name].outcome for name in LATE] == [Outcome.DONE] * 2
@@ -400,7 +400,7 @@ def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path)
         await show.wait(0.5)
         stopped = show.service.commands.command_show(ShowAction.STOP)
         await show.wait(0.5)
-        show.link.restore(*LATE)
+        show.ports.restore(*LATE)
         record = await show.settled(stopped, 150.0)
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         assert show.service.command_log.get(take_over.id).outcome is Outcome.FAILED

@@ -27,12 +27,12 @@ async def killed(show: Show) -> Killed:
     await show.wait(3.0)
     kill_s = show.now_s
     record = show.service.commands.kill(["d2"])
-    await show.until(lambda: not show.link.autopilot("d2").commander.armed)
+    await show.until(lambda: not show.autopilot("d2").commander.armed)
     off_s = show.now_s
     outcome = await show.settled(record)
     again = await show.settled(show.service.commands.kill(["d2", "d2"]))
     await show.wait(5.0)
-    sent = sum(setpoint.time_s > kill_s + 0.06 for setpoint in show.link.sent["d2"])
+    sent = sum(setpoint.time_s > kill_s + 0.06 for setpoint in show.ports.sent["d2"])
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
     await show.wait(3.0)

@@ -33,14 +33,14 @@ def test_vehicle_with_hold_overtaken_by_stop_returns_home() -> None:
 async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
     """An order to hold is refused, and its autopilot holds a while later nevertheless."""
     await show.start()
-    show.link.refusing.add(("d1", Verb.HOLD))
+    show.ports.refused.add(("d1", Verb.HOLD))
     held = await show.command("d1", VehicleAction.HOLD)
     assert held.outcome is Outcome.FAILED
-    show.link.pilot("d1", PilotMode.HOLD)
+    show.pilot("d1", PilotMode.HOLD)
     await show.phase("d1", Phase.HOLD, 5.0)
     began_s = show.now_s
     await show.wait(2.0)
-    return show.track.phases("d1"), sum(setpoint.time_s > began_s for setpoint in show.link.sent["d1"])
+    return show.track.phases("d1"), sum(setpoint.time_s > began_s for setpoint in show.ports.sent["d1"])
 
 
 def test_hold_that_seemed_to_fail_is_noticed_when_it_succeeds() -> None:
@@ -60,11 +60,11 @@ async def offboard_refused_on_the_way_down(show: Show) -> Refused:
     """d2 holds; when all are to come down its autopilot refuses OFFBOARD, again and again."""
     await show.start()
     await show.command("d2", VehicleAction.HOLD)
-    show.link.refusing.add(("d2", Verb.OFFBOARD))
+    show.ports.refused.add(("d2", Verb.OFFBOARD))
     began_s = show.now_s
     record = await show.settled(show.service.commands.command_show(ShowAction.ABORT), 120.0)
     await show.reach(ShowPhase.LANDED)
-    verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > began_s]
+    verbs = [command.verb for command in show.ports.commands["d2"] if command.time_s > began_s]
     return Refused(record, verbs, show.view.show, [vehicle.armed for vehicle in show.view.vehicles])
 
 
@@ -78,7 +78,7 @@ def test_autopilot_land_is_the_last_resort_without_offboard() -> None:
 async def offboard_refused_after_the_climb(show: Show) -> CommandRecord:
     """d2 climbs, and then its autopilot refuses OFFBOARD: the others assemble without it."""
     await show.standby()
-    show.link.refusing.add(("d2", Verb.OFFBOARD))
+    show.ports.refused.add(("d2", Verb.OFFBOARD))
     record = show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.RUNNING, 90.0)
     assert show.vehicle("d2").phase is Phase.HOLD
@@ -104,7 +104,7 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     """Pilots take both vehicles, and so the show is over; then one is handed back."""
     await show.start()
     for name in ("d1", "d2"):
-        show.link.pilot(name, PilotMode.HOLD)
+        show.pilot(name, PilotMode.HOLD)
         await show.phase(name, Phase.PILOT)
     await show.wait(1.0)
     taken = show.view.show
@@ -149,13 +149,13 @@ def test_return_and_landing_can_be_commanded_whenever_airborne() -> None:
 async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
     """A lost vehicle is heard again and refuses HOLD for ever; the others come home meanwhile."""
     await show.start()
-    show.link.refusing.add(("d2", Verb.HOLD))
-    show.link.silence("d2")
+    show.ports.refused.add(("d2", Verb.HOLD))
+    show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
-    show.link.restore("d2")
+    show.ports.restore("d2")
     await show.settled(show.service.commands.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
-    attempts = sum(command.verb is Verb.HOLD for command in show.link.commands["d2"])
+    attempts = sum(command.verb is Verb.HOLD for command in show.ports.commands["d2"])
     next_command = show.service.commands.kill(["d1"]).id
     return show.view.show, attempts, next_command
 
@@ -173,7 +173,7 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     """The service has no record of where a vehicle started: as after a restart."""
     await show.start()
     vehicle = show.service._flight.vehicles["d1"]
-    show.link.pilot("d1", PilotMode.HOLD)
+    show.pilot("d1", PilotMode.HOLD)
     await show.phase("d1", Phase.PILOT)
     vehicle.home_m = None
     await show.command("d1", VehicleAction.TAKE_CONTROL)
@@ -196,7 +196,7 @@ async def turn_comes_late(show: Show) -> CommandRecord:
     """While d1 climbs, d2's position freezes: its turn comes when it may no longer fly."""
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
-    show.link.silence("d2", up=False)
+    show.ports.silence("d2", up=False)
     await show.reach(ShowPhase.ASSEMBLING)
     assert Mode.TAKEOFF not in {seen.mode for seen in show.track.of("d2")}
     assert not np.any([sample.armed[1] for sample in show.track.samples])

@@ -30,7 +30,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     await show.until(lambda: all(show.vehicle(name).phase is Phase.STANDBY for name in ("d1", "d2", "d3")))
     landed_s = {name: show.track.between(began_s).since(name, Phase.STANDBY) for name in ("d1", "d2", "d3")}
     verbs = {
-        name: [each.verb for each in show.link.commands[name] if began_s < each.time_s < landed_s[name]]
+        name: [each.verb for each in show.ports.commands[name] if began_s < each.time_s < landed_s[name]]
         for name in ("d1", "d2", "d3")
     }
     violations = show.floor_violations()
@@ -69,11 +69,11 @@ async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowP
     """Setpoints leave, and do not reach it; its telemetry arrives all the while."""
     await show.start()
     began_s = show.now_s
-    show.link.silence("d2", down=False)
+    show.ports.silence("d2", down=False)
     await show.phase("d2", Phase.PILOT)
     reason = show.vehicle("d2").reason
     await show.wait(seconds)
-    show.link.restore("d2")
+    show.ports.restore("d2")
     await show.phase("d2", Phase.FORMATION, 30.0)
     track = show.track.between(began_s)
     return track.phases("d2"), reason, track.show_phases()
@@ -89,11 +89,11 @@ def test_hold_from_missed_setpoints_flies_on() -> None:
 async def pilot_after_deaf(show: Show) -> tuple[list[Phase], str]:
     await show.start()
     began_s = show.now_s
-    show.link.silence("d2", down=False)
+    show.ports.silence("d2", down=False)
     await show.phase("d2", Phase.PILOT)
     show.befall("d2", "pilot", mode="POSITION")
     await show.wait(3.0)
-    show.link.restore("d2")
+    show.ports.restore("d2")
     await show.wait(15.0)
     return show.track.between(began_s).phases("d2"), show.vehicle("d2").reason
 

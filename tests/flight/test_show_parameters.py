@@ -20,7 +20,7 @@ async def mended(show: Show) -> tuple[Refusal, bool]:
     """Wrong on d2; somebody sets it right; the next try finds it so."""
     await show.standby()
     first = await start(show)
-    show.link.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 5)
+    show.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 5)
     await start(show)  # whoever is refused is read again
     await show.wait(0.5)
     show.service.commands.command_show(ShowAction.START)
@@ -31,7 +31,7 @@ async def mended(show: Show) -> tuple[Refusal, bool]:
 def test_start_is_refused_for_a_wrong_parameter_until_fixed() -> None:
     async def story(show: Show) -> tuple[Refusal, bool]:
         await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY)
-        show.link.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 0)
+        show.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 0)
         await show.wait(2.0)  # so that its clock has somewhere to jump back from
         show.befall("d2", "reboot", off_s=0.0)  # all is read again
         await show.until(lambda: not show.vehicle("d2").ready)
@@ -77,17 +77,17 @@ def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
     async def story(show: Show) -> list[int]:
         counts = []
         await show.start()
-        counts.append(len(show.link.parameter_reads))
+        counts.append(show.ports.reads())
         await show.wait(5.0)
-        counts.append(len(show.link.parameter_reads))
+        counts.append(show.ports.reads())
         await show.show(ShowAction.STOP)
         await show.wait(1.0)
-        counts.append(len(show.link.parameter_reads))
+        counts.append(show.ports.reads())
         show.befall("d1", "reboot", off_s=0.0)
         await show.until(lambda: not show.vehicle("d1").ready)
         await show.standby()
         await show.wait(1.0)
-        counts.append(len(show.link.parameter_reads))
+        counts.append(show.ports.reads())
         return counts
 
     assert fly(story, show_config(2)) == [2, 2, 4, 5]
@@ -96,7 +96,7 @@ def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
 def test_without_required_parameters_none_is_read_and_all_fly() -> None:
     async def story(show: Show) -> int:
         await show.start()
-        return len(show.link.parameter_reads)
+        return show.ports.reads()
 
     operation = {"require_parameters": False}
     assert fly(story, show_config(2, operation=operation), parameters={"COM_OBL_RC_ACT": 3}) == 0
@@ -119,7 +119,7 @@ def test_vehicles_holding_after_control_ends_stay_apart() -> None:
     async def story(show: Show) -> tuple[int, list[str]]:
         await show.start()
         await show.wait(5.0)
-        show.link.silence(*show.config.ids)
+        show.ports.silence(*show.config.ids)
         await show.wait(20.0)
         modes = [pilot.commander.mode.name for pilot in show.fleet.autopilots]
         return show.floor_violations(), modes
@@ -143,7 +143,7 @@ def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
         after = await params(show, apply=False)
         assert all(row.good for row in (*during.values(), *after.values()))
         key = ("d2", "COM_OBL_RC_ACT")
-        return before[key], during[key], after[key], show.link.autopilot("d2").parameters[key[1]]
+        return before[key], during[key], after[key], show.autopilot("d2").parameters[key[1]]
 
     before, during, after, held = fly(
         story, show_config(2, operation=HOLDS_WHEN_LOST), parameters={"COM_OBL_RC_ACT": 0}
@@ -158,10 +158,10 @@ def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
 def test_params_apply_never_touches_an_armed_vehicle() -> None:
     async def story(show: Show) -> tuple[Row, float]:
         await show.start()
-        show.link.autopilot("d1").parameters.set("COM_OBL_RC_ACT", 3)
+        show.autopilot("d1").parameters.set("COM_OBL_RC_ACT", 3)
         rows = await params(show, "d1", apply=True)
         key = "COM_OBL_RC_ACT"
-        return rows["d1", key], show.link.autopilot("d1").parameters[key]
+        return rows["d1", key], show.autopilot("d1").parameters[key]
 
     row, held = fly(story, show_config(2))
     assert row.verdict == "wrong, and not set: the vehicle is armed"
@@ -170,7 +170,7 @@ def test_params_apply_never_touches_an_armed_vehicle() -> None:
 
 def test_params_of_a_named_vehicle_that_is_not_received() -> None:
     async def story(show: Show) -> tuple[dict[tuple[str, str], Row], dict[tuple[str, str], Row]]:
-        show.link.silence("d2")
+        show.ports.silence("d2")
         return await params(show, "d1", "d2", apply=False), await params(show, apply=False)
 
     named, everybody = fly(story, show_config(2))

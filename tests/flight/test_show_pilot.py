@@ -39,25 +39,25 @@ async def taken_over(show: Show) -> TakenOver:
     await show.start()
     change_s: dict[VehicleId, float] = {"d3": show.now_s}
     pilot_s: dict[VehicleId, float] = {}
-    show.link.pilot("d3", PilotMode.HOLD)
+    show.pilot("d3", PilotMode.HOLD)
     await show.phase("d3", Phase.PILOT)
     pilot_s["d3"] = show.now_s
     change_s["d1"] = show.now_s
-    show.link.silence("d1", down=False)
+    show.ports.silence("d1", down=False)
     await show.phase("d1", Phase.PILOT)
     pilot_s["d1"] = show.now_s
-    show.link.restore("d1")
-    commands_before = {name: len(show.link.commands[name]) for name in ("d1", "d3")}
+    show.ports.restore("d1")
+    commands_before = {name: len(show.ports.commands[name]) for name in ("d1", "d3")}
     await show.wait(4.0)
     refusals = {
         name: await refused(show, lambda action=action: show.service.commands.command_vehicle("d3", action))  # type: ignore[misc]
         for name, action in (("join", VehicleAction.JOIN), ("hold", VehicleAction.HOLD))
     }
     sent = {
-        name: sum(setpoint.time_s > pilot_s[name] for setpoint in show.link.sent[name])
+        name: sum(setpoint.time_s > pilot_s[name] for setpoint in show.ports.sent[name])
         for name in ("d1", "d3")
     }
-    commands = {name: len(show.link.commands[name]) - commands_before[name] for name in ("d1", "d3")}
+    commands = {name: len(show.ports.commands[name]) - commands_before[name] for name in ("d1", "d3")}
     back_s = show.now_s
     control_taken = await show.command("d3", VehicleAction.TAKE_CONTROL)
     await show.wait(2.0)
@@ -122,10 +122,10 @@ async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb
     await show.command("d1", VehicleAction.HOLD)
     await show.until(lambda: 0.9 < (show.vehicle("d1").heartbeat_age_s or 0.0) < 0.98)
     began_s = show.now_s
-    show.link.pilot("d1", PilotMode.RETURN)
+    show.pilot("d1", PilotMode.RETURN)
     joined = await show.command("d1", VehicleAction.JOIN)
     await show.wait(2.0)
-    return joined, {command.verb for command in show.link.commands["d1"] if command.time_s > began_s}
+    return joined, {command.verb for command in show.ports.commands["d1"] if command.time_s > began_s}
 
 
 def test_pilot_takeover_ends_the_planned_actions() -> None:
@@ -150,23 +150,23 @@ class SilentPilot(NamedTuple):
 async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> SilentPilot:
     """A person takes d2, it falls silent, is lost, and is heard again in HOLD, where its pilot left it."""
     await show.start()
-    show.link.pilot("d2", PilotMode.HOLD)
+    show.pilot("d2", PilotMode.HOLD)
     await show.phase("d2", Phase.PILOT)
     taken_s = show.now_s
-    show.link.silence("d2")
+    show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
     if action is not None:
         show.service.commands.command_show(action)
     hold = await refused(show, lambda: show.service.commands.command_vehicle("d2", VehicleAction.HOLD))
     await show.wait(2.0)
     back_s = show.now_s
-    show.link.restore("d2")
+    show.ports.restore("d2")
     await show.phase("d2", Phase.PILOT, 5.0)
     reason = show.vehicle("d2").reason
     await show.wait(30.0)
     track = show.track.between(back_s)
-    sent = sum(setpoint.time_s > taken_s for setpoint in show.link.sent["d2"])
-    sent += sum(command.time_s > taken_s for command in show.link.commands["d2"])
+    sent = sum(setpoint.time_s > taken_s for setpoint in show.ports.sent["d2"])
+    sent += sum(command.time_s > taken_s for command in show.ports.commands["d2"])
     given_s = show.now_s
     control_taken = await show.command("d2", VehicleAction.TAKE_CONTROL)
     await show.wait(5.0)
@@ -191,13 +191,13 @@ def test_piloted_vehicle_received_again_in_hold_stays_piloted(
 async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
     """Its own failsafe would have it sink; it is found in HOLD: a person's doing."""
     await show.start()
-    show.link.silence("d2")
+    show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
-    show.link.pilot("d2", PilotMode.HOLD)
+    show.pilot("d2", PilotMode.HOLD)
     back_s = show.now_s
-    show.link.restore("d2")
+    show.ports.restore("d2")
     await show.wait(10.0)
-    verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > back_s]
+    verbs = [command.verb for command in show.ports.commands["d2"] if command.time_s > back_s]
     return show.track.between(back_s).phases("d2"), verbs
 
 

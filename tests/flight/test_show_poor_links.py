@@ -82,10 +82,10 @@ async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phas
     """Heartbeats alone are lost, positions come."""
     await show.start()
     began_s = show.now_s
-    show.link.beatless.add("d2")
+    show.ports.beatless.add("d2")
     await show.wait(beats_lack_s)
     sent_per_s = show.track.between(began_s).setpoints_per_s("d2")
-    show.link.beatless.clear()
+    show.ports.beatless.clear()
     await show.wait(20.0)
     texts = {alarm.text for sample in show.track.between(began_s).samples for alarm in sample.view.alarms}
     return show.track.between(began_s).phases("d2"), texts, sent_per_s
@@ -110,14 +110,14 @@ def test_long_without_heartbeats_it_is_lost_and_recovers() -> None:
 
 async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
     await show.start()
-    show.link.beatless.add("d2")
+    show.ports.beatless.add("d2")
     began_s = show.now_s
-    show.link.pilot("d2", PilotMode.HOLD)
+    show.pilot("d2", PilotMode.HOLD)
     show.befall("d2", "pilot", mode="POSITION")
     await show.wait(6.0)
-    show.link.beatless.clear()
+    show.ports.beatless.clear()
     await show.wait(10.0)
-    commands = [command.verb for command in show.link.commands["d2"] if command.time_s > began_s]
+    commands = [command.verb for command in show.ports.commands["d2"] if command.time_s > began_s]
     return show.track.between(began_s).phases("d2"), commands
 
 

@@ -43,15 +43,15 @@ def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
 
     async def story(show: Show) -> tuple[list[Phase], int, list[Verb]]:
         await show.start()
-        show.link.silence("d2", down=False)  # it hears nothing, we hear everything
+        show.ports.silence("d2", down=False)  # it hears nothing, we hear everything
         await show.phase("d2", Phase.PILOT)
         began_s = show.now_s
-        show.link.restore("d2")
+        show.ports.restore("d2")
         await show.phase("d2", Phase.FORMATION)
         await show.wait(0.2)
         track = show.track.between(began_s)
-        sent = sum(began_s < each.time_s < track.since("d2", Phase.HOLD) for each in show.link.sent["d2"])
-        verbs = [command.verb for command in show.link.commands["d2"] if command.time_s > began_s]
+        sent = sum(began_s < each.time_s < track.since("d2", Phase.HOLD) for each in show.ports.sent["d2"])
+        verbs = [command.verb for command in show.ports.commands["d2"] if command.time_s > began_s]
         return track.phases("d2"), sent, verbs
 
     phases, sent, verbs = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
@@ -109,9 +109,9 @@ def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
     async def story(show: Show) -> list[Phase]:
         await show.start()
         gap_s = show.now_s
-        show.link.silence("d2", down=False)
+        show.ports.silence("d2", down=False)
         await show.wait(0.4)
-        show.link.restore("d2")
+        show.ports.restore("d2")
         await show.wait(3.0)
         return show.track.between(gap_s).phases("d2")
 

@@ -36,7 +36,7 @@ async def too_early(show: Show) -> tuple[Refusal, Refusal, Refusal]:
     await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in show.view.vehicles))
     not_ready = await refused(show, start_of()(show))
     await show.standby()
-    show.link.silence("d2")
+    show.ports.silence("d2")
     await show.wait(0.8)
     return no_position, not_ready, await refused(show, start_of()(show))
 
@@ -55,7 +55,7 @@ def test_start_is_refused_without_position_or_failed_checks() -> None:
 async def several_faults(show: Show) -> Refusal:
     await show.standby()
     show.befall("d1", "battery", remaining=0.2)
-    show.link.conflicts["d2"] = "system id 2 at 10.0.0.2:14550 and at 10.0.0.9:14550"
+    show.ports.duplicated.add("d2")
     await show.wait(2.5)
     return await refused(show, start_of()(show))
 
@@ -64,7 +64,7 @@ def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
     refusal = fly(several_faults, spacing_m=2.0, noise_scale=0.2)
     assert refusal.kind is RefusedError
     assert "d1: battery at 20%, at least 25% is needed" in refusal.text
-    assert "d2: system id 2 at 10.0.0.2:14550 and at 10.0.0.9:14550" in refusal.text
+    assert "d2: system id 2 at 10.0.0.2:14580 and at 10.0.1.2:14580" in refusal.text
     for one, other in (("d1", "d2"), ("d1", "d3"), ("d2", "d4"), ("d3", "d4")):
         assert f"{one}: stands " in refusal.text
         assert f"m from {other}, at least 3 m is needed" in refusal.text
@@ -72,7 +72,7 @@ def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
 
 
 async def odd_choices(show: Show) -> dict[str, Refusal]:
-    show.link.silence("d4")
+    show.ports.silence("d4")
     await show.standby()
     x_m, y_m, _ = show.true_m[1].tolist()
     tower = Obstacle("tower", x_m, y_m, 0.5, 0.5, 10.0)
@@ -88,7 +88,7 @@ async def odd_choices(show: Show) -> dict[str, Refusal]:
     show.service.plan.set_formation(Formation(6.0, 14.0))
     show.service.plan.add_obstacle(tower)
     found["pad"] = await refused(show, start_of()(show))
-    show.link.silence(*show.config.ids)
+    show.ports.silence(*show.config.ids)
     await show.until(lambda: all(seen.phase is Phase.OFFLINE for seen in show.view.vehicles))
     found["nobody"] = await refused(show, start_of()(show))
     return found
@@ -144,17 +144,17 @@ def test_only_chosen_vehicles_take_off_and_others_are_named() -> None:
 
 def does_not_arm(show: Show) -> None:
     """A sensor fails between the check and the vehicle's turn."""
-    show.fleet.state.ready_at_s[show.link.autopilot("d2").row] = np.inf
+    show.fleet.state.ready_at_s[show.autopilot("d2").row] = np.inf
 
 
 def does_not_climb(show: Show) -> None:
     """It arms, and demands no more than a hover."""
-    show.link.autopilot("d2").parameters.set("MPC_TKO_SPEED", 0.1)
+    show.autopilot("d2").parameters.set("MPC_TKO_SPEED", 0.1)
 
 
 def falls_silent(show: Show) -> None:
     """It hears nothing of its turn, and is not heard."""
-    show.link.silence("d2")
+    show.ports.silence("d2")
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ async def commands(show: Show) -> Flight:
     began_s = show.now_s
     await show.wait(5.0)
     held = show.track.between(began_s + 3.0)
-    sent_in_hold = sum(setpoint.time_s > began_s for setpoint in show.link.sent["d1"])
+    sent_in_hold = sum(setpoint.time_s > began_s for setpoint in show.ports.sent["d1"])
     records["hold again"] = await show.command("d1", HOLD)
     began_s = show.now_s
     records["join"] = await show.command("d1", JOIN)
@@ -167,10 +167,10 @@ def test_command_to_an_unknown_vehicle_names_the_known_ones(flight: Flight, name
 async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     """The sphere shrinks while one is out of our hands; then it wants to come back."""
     await show.start()
-    show.link.silence("d4")
+    show.ports.silence("d4")
     await show.phase("d4", Phase.LOST)
     show.service.plan.set_formation(Formation(2.9, 14.0))
-    show.link.restore("d4")
+    show.ports.restore("d4")
     await show.phase("d4", Phase.HOLD)
     refusal = await refused(show, lambda: show.service.commands.command_vehicle("d4", JOIN))
     show.service.plan.set_formation(Formation(3.2, 14.0))

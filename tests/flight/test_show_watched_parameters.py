@@ -53,10 +53,10 @@ def test_parameter_changed_in_flight_raises_an_alarm() -> None:
 
 async def changed_on_the_ground(show: Show) -> tuple[tuple[Alarm, ...], str, int]:
     await show.standby()
-    reads = len(show.link.parameter_reads)
+    reads = show.ports.reads()
     await another_station_sets(show, "COM_OBL_RC_ACT", 0)
     refusal = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
-    return of_parameters(show), refusal.text, len(show.link.parameter_reads) - reads
+    return of_parameters(show), refusal.text, show.ports.reads() - reads
 
 
 def test_parameter_changed_on_the_ground_fails_preflight() -> None:

@@ -62,12 +62,12 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
         assert [show.vehicle(name).light for name in ALL[:3]] == ["#ff0000", "#0000ff", "#ff0000"]
 
     async def start_refused_with_one_silent(show: Show, show_hash: str) -> str:
-        show.link.silence("d4")
+        show.ports.silence("d4")
         await show.wait(5.0)
         refusal = await refused(
             show, lambda: show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         )
-        show.link.restore("d4")
+        show.ports.restore("d4")
         await show.standby()
         return refusal.text
 
@@ -254,7 +254,7 @@ def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: 
         )
         await show.wait(1.0)
         if what == "silent":
-            show.link.silence("d3")
+            show.ports.silence("d3")
         elif what == "changed":
             keep(show, TEXT + "\n# a word\n")
         else:
@@ -314,14 +314,14 @@ def test_vehicle_found_airborne_does_not_begin_an_unstarted_show(tmp_path: Path)
         service = show.service
         await show.standby()
         await show.start()
-        show.link.silence("d1")
+        show.ports.silence("d1")
         await show.until(lambda: show.vehicle("d1").phase == "lost")
         for name in show.config.ids[1:]:
             await show.command(name, VehicleAction.LAND)
         await show.reach(ShowPhase.LANDED)
         show_hash = check(show)
         service.player.select(NAME, show_hash)
-        show.link.restore("d1")
+        show.ports.restore("d1")
         await show.reach(ShowPhase.PAUSED)
         refusal = await refused(show, lambda: service.commands.command_show(ShowAction.RESUME))
         assert "was never started: stop brings home" in refusal.text

@@ -15,6 +15,7 @@ from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
 from tests.flight.test_show_interrupted import four, one_session
 from tests.support.stalls import stall
+from tests.support.virtual_link import STREAMS_HZ
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
@@ -149,7 +150,7 @@ def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
         stall(show, 4.0)
         await show.until(lambda: all(seen.armed for seen in show.view.vehicles), 30.0)
         return sorted(
-            next(command.time_s for command in show.link.commands[name] if command.verb == "arm")
+            next(command.time_s for command in show.ports.commands[name] if command.verb == "arm")
             for name in show.config.ids
         )
 
@@ -170,7 +171,7 @@ def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None
     async def main() -> None:
         loop = asyncio.get_running_loop()
         proper = settings_of(requirements(config.operation, config.control))
-        settings = Settings(count=4, grid_columns=2, parameters=proper, **on_pads())
+        settings = Settings(count=4, grid_columns=2, parameters=proper, rates_hz=STREAMS_HZ, **on_pads())
         unix = UnixClock()
         unix.ahead_s = time.time() - loop.time()
         fleet = Fleet(settings, start_s=loop.time(), unix_at_start_s=unix())
@@ -184,11 +185,11 @@ def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None
 def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
-        show.link.silence("d4", up=False)
+        show.ports.silence("d4", up=False)
         take_over = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
         stopped = show.service.commands.command_show(ShowAction.STOP)
-        show.link.restore("d4")
+        show.ports.restore("d4")
         record = await show.settled(stopped, 150.0)
         assert {name: part.reason for name, part in record.outcomes.items() if part.reason} == {}
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
@@ -203,10 +204,10 @@ def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
 def test_repeated_recovery_leaves_nothing_pending() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
-        show.link.silence("d4", up=False)
+        show.ports.silence("d4", up=False)
         first = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
-        show.link.restore("d4")
+        show.ports.restore("d4")
         second = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in second.outcomes.values()} == {Outcome.DONE}
         assert show.service.command_log.get(first.id).outcome is Outcome.FAILED
@@ -217,13 +218,13 @@ def test_repeated_recovery_leaves_nothing_pending() -> None:
 def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
     async def story(show: Show) -> None:
         await cut_off(show)
-        show.link.beatless.add("d1")
+        show.ports.beatless.add("d1")
         await show.wait(1.0)
         show.befall("d1", "pilot")
         await show.wait(4.0)
         assert show.vehicle("d1").phase is Phase.PILOT
         assert show.vehicle("d1").mode is Mode.HOLD, "nothing is known of the pilot"
-        sent = len(show.link.commands["d1"])
+        sent = len(show.ports.commands["d1"])
         commands: tuple[Callable[[], CommandRecord], ...] = (
             lambda: show.service.recovery.settle(Offer.TAKE_OVER),
             lambda: show.service.commands.command_vehicles(VehicleAction.TAKE_CONTROL),
@@ -236,7 +237,7 @@ def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
             assert "take-control d1" in record.outcomes["d1"].reason
             await show.wait(0.1)
         await show.settled(record, 150.0)
-        assert len(show.link.commands["d1"]) == sent
+        assert len(show.ports.commands["d1"]) == sent
 
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
 

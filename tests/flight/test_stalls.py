@@ -20,7 +20,7 @@ Into = Callable[[Show], Awaitable[None]]
 
 COUNT = 5
 TRUE_WITHIN_S = 1.0
-FLIES_M, STANDS_M = 0.6, 0.005
+FLIES_M, STANDS_M = 0.6, 0.002
 """Heights above which a vehicle truly flies, and below which it truly stands."""
 
 DOWN = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.LANDED})
@@ -108,7 +108,7 @@ def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, 
         assert_true(show)
         if show.view.counts.airborne:
             await one_stop_brings_all_home(show, into, pads_m)
-        elif show.view.show is ShowPhase.COUNTDOWN:
+        elif show.view.show in {ShowPhase.COUNTDOWN, ShowPhase.ARMING}:
             show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
 

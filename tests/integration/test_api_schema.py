@@ -21,7 +21,7 @@ from gcs.preflight.parameters import requirements, settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings
 from tests.support.api_fake_service import FakeService
-from tests.support.loopback_link import LoopbackLink, system_ids
+from tests.support.virtual_link import VirtualLink
 from tests.support.virtual_show import show_config
 
 EXAMPLES = 20
@@ -37,9 +37,7 @@ async def serve_fleet(
     asked = settings_of(requirements(config.operation, config.control))
     made = Settings(count=len(config.ids), grid_columns=2, parameters=asked)
     fleet = Fleet(made, start_s=loop.time(), unix_at_start_s=time.time())
-    link = LoopbackLink(
-        "loop", system_ids(config.ids), fleet, config.frame, setpoint_timeout_s=config.setpoint_timeout_s
-    )
+    link = VirtualLink(config, fleet)
     service = Orchestrator(config, [link])
     listening = loop.create_future()
     app = create_app(service, authorization=Authorization(tokens))

@@ -25,17 +25,13 @@ def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> 
     Returns: (k, n, 3) true positions during the stall, show frame.
     """
     loop: Any = asyncio.get_running_loop()  # async_solipsism's
-    link, fleet = show.link, show.fleet
     end_s = loop.time() + seconds
-    stated, true_m = [], []
-    link._deliver()
-    while fleet.time_s + STEP_S / 2 < end_s:
-        fleet.step()
-        stated.append(fleet.take_frames())
+    true_m = []
+    while show.fleet.time_s + STEP_S / 2 < end_s:
+        show.ports.step()
         true_m.append(show.true_m)
+    show.ports.keep_oldest(kept_share)
     loop._selector.clock.advance(end_s - loop.time())
-    for frames in stated[: round(kept_share * len(stated))]:
-        link.hear(frames, end_s)
     return np.array(true_m)
 
 

@@ -1,4 +1,4 @@
-"""Flies a show in virtual time: the real orchestrator, a loopback link, the fake fleet, and a recorder."""
+"""Flies a show in virtual time: the real orchestrator and link, the fake fleet, and a recorder."""
 
 import asyncio
 import json
@@ -24,9 +24,10 @@ from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
 from gcs.service.vehicle_table import VehicleView
-from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.fleet import Fleet, Settings
-from tests.support.loopback_link import LoopbackLink, system_ids
+from gcs.sim.protocol.autopilot import Autopilot
+from gcs.sim.vehicle.modes import Mode as PilotMode
+from tests.support.virtual_link import STREAMS_HZ, VirtualLink
 
 T = TypeVar("T")
 
@@ -163,14 +164,14 @@ class Show:
     """A running service and its fake fleet, as a story gets them."""
 
     def __init__(
-        self, config: Config, fleet: Fleet, link: LoopbackLink, service: Orchestrator, unix: UnixClock
+        self, config: Config, fleet: Fleet, link: VirtualLink, service: Orchestrator, unix: UnixClock
     ) -> None:
         self.config = config
         self.unix = unix
         self.fleet = fleet
         self.link = link
+        self.ports = link.ports
         self.service = service
-        self._fault_injector = link.fault_injector = FaultInjector(fleet)
         self.refusals: list[str] = []
         self._moments: list[Sample] = []
 
@@ -198,10 +199,18 @@ class Show:
         """The service's view of one vehicle."""
         return self.view.vehicles[self.config.ids.index(vehicle_id)]
 
+    def autopilot(self, vehicle_id: VehicleId) -> Autopilot:
+        """The fake autopilot of a vehicle."""
+        return self.fleet.autopilots[self.config.ids.index(vehicle_id)]
+
+    def pilot(self, vehicle_id: VehicleId, mode: PilotMode) -> None:
+        """Change the mode by the vehicle's remote control, which uses no link."""
+        self.autopilot(vehicle_id).change_mode(mode)
+
     def befall(self, vehicle_id: VehicleId, fault: str, **values: float | str) -> None:
         """Give a vehicle a fault, as a command to `gcs sim --control` does."""
         command = {"vehicle": self.config.ids.index(vehicle_id) + 1, "fault": fault, **values}
-        answer = json.loads(self._fault_injector.obey(json.dumps(command)))
+        answer = json.loads(self.ports.fault_injector.obey(json.dumps(command)))
         if not answer["ok"] or "unmoved" in answer:
             raise ValueError(f"{command}: {answer}")
 
@@ -245,7 +254,7 @@ class Show:
     async def standby(self) -> None:
         """Wait until every vehicle that is not cut off can be armed."""
         await self.until(
-            lambda: all(seen.ready or self.link.is_silent(seen.id) for seen in self.view.vehicles), 12.0
+            lambda: all(seen.ready or self.ports.is_silent(seen.id) for seen in self.view.vehicles), 12.0
         )
 
     async def start(self) -> CommandRecord:
@@ -368,14 +377,13 @@ def fly(
     async def main() -> T:
         loop = asyncio.get_running_loop()
         fleet = Fleet(
-            Settings(**{"count": len(plan.ids), "grid_columns": 2, **fleet_settings}),
+            Settings(**{"count": len(plan.ids), "grid_columns": 2, "rates_hz": STREAMS_HZ, **fleet_settings}),
             start_s=loop.time(),
             unix_at_start_s=UnixClock()(),
         )
-        link = LoopbackLink(
-            "loop", system_ids(plan.ids), fleet, plan.frame, setpoint_timeout_s=plan.setpoint_timeout_s
-        )
-        link.failures.extend(failures)
+        link = VirtualLink(plan, fleet)
+        for failure in failures:
+            link.failures.put_nowait(failure)
         links: list[Link] = [link]
         unix = UnixClock()
         orchestrator = Orchestrator(
