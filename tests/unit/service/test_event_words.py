@@ -29,19 +29,20 @@ class Logged(NamedTuple):
 
 def logged() -> Iterator[Logged]:
     """Every `log.…("event", extra=…)` of the service and its API."""
-    for folder in ("gcs", "api"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text())):
-                if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
-                    continue
-                extra = next((each.value for each in node.keywords if each.arg == "extra"), None)
-                names = [each.value for each in node.args if isinstance(each, ast.Constant)]
-                if extra is None or not names or not isinstance(names[0], str):
-                    continue
-                fields = None
-                if isinstance(extra, ast.Dict) and all(isinstance(key, ast.Constant) for key in extra.keys):
-                    fields = frozenset(str(key.value) for key in extra.keys if isinstance(key, ast.Constant))
-                yield Logged(f"{path.relative_to(ROOT)}:{node.lineno}", names[0], fields)
+    parts = ("gcs/**/*.py", "api/*.py", "api/[!c]*/**/*.py")  # without api/console
+    for path in sorted(path for part in parts for path in ROOT.glob(part)):
+        source = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(source)) if "extra=" in source else ():
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+                continue
+            extra = next((each.value for each in node.keywords if each.arg == "extra"), None)
+            names = [each.value for each in node.args if isinstance(each, ast.Constant)]
+            if extra is None or not names or not isinstance(names[0], str):
+                continue
+            fields = None
+            if isinstance(extra, ast.Dict) and all(isinstance(key, ast.Constant) for key in extra.keys):
+                fields = frozenset(str(key.value) for key in extra.keys if isinstance(key, ast.Constant))
+            yield Logged(f"{path.relative_to(ROOT)}:{node.lineno}", names[0], fields)
 
 
 LINES = tuple(logged())
