@@ -26,7 +26,7 @@ test: ready  ## lint, types, import contracts, every test: what computes beside 
 
 computed: .venv/ready console
 	@$(IDLE) $(MAKE) --no-print-directory check console-test
-	$(IDLE) $(BIN)/pytest -m "not realtime" --timeout 1800  # it may wait long for its turn
+	$(IDLE) $(BIN)/pytest -m "not realtime and not soak" --timeout 1800  # it may wait long for its turn
 
 # $(call twice,WHAT,HOW): a real-time test fails when it fails twice, the second time alone, with fixtures of its
 # own. A real defect ends the second run at once. docs/testing.md

@@ -48,7 +48,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
-        elif any(item.get_closest_marker(name) for name in ("alone", "realtime", "soak")):
+        elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
             folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
             raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
 

@@ -1,7 +1,7 @@
 """MAVLink messages of a whole fleet as numpy records, to frames and back. No I/O.
 
 Formats come from pymavlink's message classes, so that no offset is typed by hand, and every frame is byte for
-byte pymavlink's (tests/properties/test_direct_codec.py). A record has the fields of the message under its own
+byte pymavlink's (tests/properties/test_codec.py). A record has the fields of the message under its own
 names, in the units of its definition.
 """
 

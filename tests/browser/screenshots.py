@@ -23,8 +23,8 @@ from playwright.sync_api import Page, expect
 from gcs.client import Client
 from gcs.config import schema as configuration
 from tests.support.console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault
-from tests.support.ground import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from tests.support.replays import replay
 
 Size = tuple[int, int]

@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, expect
 from gcs.api.auth.tokens import create_token
 from gcs.service.access import Role
 from tests.support.console_bench import SOON_MS, TARGET_PX, Console, Station, console, station
-from tests.support.ground import SOON_S, wait_until
+from tests.support.processes import SOON_S, wait_until
 
 REACHABLE = """() => [...document.querySelectorAll("button, input, select, textarea, a[href], [role=region]")]
   .filter((each) => each.checkVisibility({ visibilityProperty: true }) && each.tabIndex >= 0)

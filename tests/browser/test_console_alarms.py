@@ -21,8 +21,8 @@ from tests.support.console_bench import (
     fault,
     station,
 )
-from tests.support.ground import SOON_S, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, wait_until
 
 COUNT: Final = 12
 ON_SCREEN_MS: Final = 500.0

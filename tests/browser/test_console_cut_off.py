@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, expect
 
 from gcs.client import Client
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, console, station
-from tests.support.ground import SOON_S, wait_until
+from tests.support.processes import SOON_S, wait_until
 
 SHOW: Final = """
 about: Three vehicles stand on their sphere, and turn.

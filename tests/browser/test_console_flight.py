@@ -20,8 +20,8 @@ from tests.support.console_bench import (
     fault,
     station,
 )
-from tests.support.ground import SOON_S, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, wait_until
 
 BOX = {"obstacle:x_m": "4", "obstacle:y_m": "24", "obstacle:half_length_x_m": "2", "obstacle:height_m": "12"}
 

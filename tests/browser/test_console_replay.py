@@ -13,7 +13,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
 from gcs.service import ShowAction
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, console
-from tests.support.ground import SOON_S, wait_until
+from tests.support.processes import SOON_S, wait_until
 from tests.support.replays import replay
 from tests.support.virtual_show import Show, UnixClock, fly, show_config
 

@@ -7,7 +7,7 @@ from typing import Final
 from playwright.sync_api import Browser, expect
 
 from tests.support.console_bench import FLIGHT_MS, LOOK_MS, SOON_MS, Console, console, station
-from tests.support.ground import SOON_S, wait_until
+from tests.support.processes import SOON_S, wait_until
 
 BOX_PX: Final = 16.0
 """From the outermost vehicles of a box to its sides."""

@@ -12,8 +12,8 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, console, fault, station
-from tests.support.ground import SOON_S, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, wait_until
 
 COMMANDS: Final = ("start", "pause", "resume", "stop", "abort", "kill")
 PHASES: Final = (

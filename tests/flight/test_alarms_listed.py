@@ -14,7 +14,7 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.service import ShowAction, VehicleAction
 from gcs.service.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
-from tests.support.reaction_stories import failsafe
+from tests.support.failsafe_flights import failsafe
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 WITHIN_S: Final = 1.0

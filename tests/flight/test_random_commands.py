@@ -24,6 +24,8 @@ STARTABLE = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT,
 KNOWN_WITHIN_S = 1.2
 """A heartbeat a second, and a tick."""
 
+in_soak = partial(pytest.param, marks=pytest.mark.soak)
+
 Step = tuple[str, Callable[[Show], object]]
 
 
@@ -101,7 +103,9 @@ async def all_come_down(show: Show, story: list[str]) -> None:
     assert show.floor_violations() == 0, story
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    "seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(3, 12))]
+)
 def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
     async def flight(show: Show) -> None:
         story: list[str] = []
@@ -112,7 +116,7 @@ def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
     fly(flight, show_config(COUNT, operation=HOLDS_WHEN_LOST))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, in_soak(1)])
 def test_random_commands_after_a_restart(tmp_path: Path, seed: int) -> None:
     chance, story = random.Random(100 + seed), list[str]()
 

@@ -9,7 +9,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.service import Outcome, ShowAction
 from tests.support import written_show
-from tests.support.reaction_stories import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
+from tests.support.failsafe_flights import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 STORM_M_S = 12.0

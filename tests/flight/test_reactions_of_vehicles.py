@@ -6,7 +6,7 @@ import pytest
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
-from tests.support.reaction_stories import (
+from tests.support.failsafe_flights import (
     by_itself,
     carried_out,
     failsafe,

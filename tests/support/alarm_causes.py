@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.client import Client
 from tests.support.console_bench import Station, fault
-from tests.support.ground import ORIGIN
+from tests.support.processes import ORIGIN
 
 
 @contextmanager

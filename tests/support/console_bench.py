@@ -17,8 +17,8 @@ from playwright.sync_api import Error as PlaywrightError
 from gcs.client import Client
 from gcs.config import schema as configuration
 from tests.support.browsers import chromium
-from tests.support.ground import flying_config, proper, service, vehicles
 from tests.support.machine import free_ports
+from tests.support.processes import flying_config, proper, service, vehicles
 
 ROOT: Final = Path(__file__).parents[2]
 

@@ -17,8 +17,8 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.links.udp.link import UdpLink
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
-from tests.support.ground import SOON_S, flying_config, proper, served, until, vehicles
 from tests.support.machine import Witness, free_ports
+from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
 
 IDS = {"mavsdk": "mavsdk1", "native": "native2"}
 """Who is flown over which transport."""

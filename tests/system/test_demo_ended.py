@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.ground import SOON_S, last_truths
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, last_truths
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.access import Role
-from tests.support.ground import ORIGIN, SOON_S, flying_config, proper, until
 from tests.support.machine import Witness, free_ports
+from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, until
 
 COUNT = 20
 JUNK_PER_S = 200.0

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 from gcs.config.schema import Config
-from tests.support.ground import SOON_S, flying_config, proper, service, vehicles, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, flying_config, proper, service, vehicles, wait_until
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 COUNT = 3

@@ -18,7 +18,8 @@ from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer
 from gcs.recording.audit_reader import commands, last_known
-from tests.support.ground import (
+from tests.support.machine import Witness, free_ports
+from tests.support.processes import (
     SOON_S,
     Supervised,
     flying_config,
@@ -28,7 +29,6 @@ from tests.support.ground import (
     vehicles,
     wait_until,
 )
-from tests.support.machine import Witness, free_ports
 
 KILLS = (4, 20)
 """The more of them are for `make soak`."""
@@ -160,6 +160,6 @@ def test_repeated_kills_in_flight_recover_and_return_all(tmp_path: Path, kills: 
     }
     assert len(crew.accepted) > kills
     assert not crew.accepted - kept
-    assert len(station.stated("service_started")) == kills + 1
+    assert len(station.logged("service_started")) == kills + 1
     known = last_known(station.folder).vehicles
     assert {name: known[name].home_m is not None for name in IDS} == dict.fromkeys(IDS, True)

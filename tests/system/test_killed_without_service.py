@@ -9,8 +9,8 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.recording.audit_reader import commands, interruption, last_known
-from tests.support.ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 
 IDS = ("d1", "d2")
 NO_ROW = "http://127.0.0.1:9"

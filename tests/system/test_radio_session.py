@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gcs.client import Client
-from tests.support.ground import SOON_S, last_truths, session_of, wait_until
+from tests.support.processes import SOON_S, last_truths, session_of, wait_until
 
 COUNT = 20
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import httpx
 
-from tests.support.ground import SOON_S, last_truths, session_of, wait_until
+from tests.support.processes import SOON_S, last_truths, session_of, wait_until
 
 README = Path(__file__).parents[2] / "README.md"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from pymavlink import mavutil
 
 from gcs.client import Client
-from tests.support.ground import SOON_S, flying_config, proper, service, vehicles, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, flying_config, proper, service, vehicles, wait_until
 
 IDS = ("d1", "d2")
 

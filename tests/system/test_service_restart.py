@@ -15,7 +15,8 @@ from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.recording.audit_reader import commands, last_known
 from gcs.recording.mcap_reader import FlightData
-from tests.support.ground import (
+from tests.support.machine import free_ports
+from tests.support.processes import (
     PATIENT_S,
     SOON_S,
     flying_config,
@@ -25,7 +26,6 @@ from tests.support.ground import (
     vehicles,
     wait_until,
 )
-from tests.support.machine import free_ports
 
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3

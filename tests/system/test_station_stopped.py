@@ -9,8 +9,8 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
-from tests.support.ground import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from tests.support.machine import free_ports
+from tests.support.processes import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 
 COUNT = 3
 LOSS_S = 2.5

@@ -18,8 +18,8 @@ from gcs.formation.thomson import best_configuration, energy
 from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView
-from tests.support.ground import SOON_S, flying_config, proper, served, until, vehicles
 from tests.support.machine import Witness, free_ports
+from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
 
 SURVIVORS = ("d1", "d2", "d3", "d4", "d6", "d7", "d8")
 

@@ -13,7 +13,7 @@ from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target
-from tests.support.core_silent_link import SilentLink
+from tests.support.silent_link import SilentLink
 
 CONFIG = Config.model_validate(
     {

@@ -12,7 +12,7 @@ from gcs.formation.orbit import Center
 from gcs.formation.thomson import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Telemetry
-from tests.support.core_silent_link import SilentLink
+from tests.support.silent_link import SilentLink
 
 CENTER_M, RADIUS_M = np.array([3.0, 1.0, -20.0]), 8.0
 

@@ -10,6 +10,7 @@ from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, tangent
 from gcs.formation.way import Way, steer_center, way_ahead
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
+from tests.support.law_fleets import met_m, tangent_of
 
 AVOIDANCE = AvoidanceSettings(
     margin_m=2.0, headroom_m=3.0, lookahead_m=12.0, near_m=3.0, push_rate_per_s=0.5, lead_out_m_s=1.5
@@ -19,19 +20,6 @@ AROUND = Ellipse.around(BOX, margin_m=2.0, headroom_m=3.0)
 ROUND = Ellipse(0.0, 0.0, 5.0, 5.0, 20.0)
 OUTSIDE = np.array([[30.0, 10.0, -5.0], [10.0, -40.0, -5.0], [-4.0, -6.0, -5.0], [10.0, 9.0, -5.0]])
 BEHIND = Way(np.array([60.0, 0.0]), 80.0)
-
-
-def tangent_of(ellipse: Ellipse, place: Array, side: float) -> Array:
-    """(2,) unit vector from a place along one of its tangents."""
-    x_m, y_m = float(place[0]) - ellipse.x_m, float(place[1]) - ellipse.y_m
-    return np.array(tangent(x_m, y_m, ellipse.semi_x_m, ellipse.semi_y_m, side), dtype=np.float64)
-
-
-def met_m(ellipse: Ellipse, place: Array, velocity: Array, shrunk: float = 1.0) -> float:
-    """How far ahead an ellipse, or a smaller one, is met."""
-    x_m, y_m = float(place[0]) - ellipse.x_m, float(place[1]) - ellipse.y_m
-    semi_x_m, semi_y_m = shrunk * ellipse.semi_x_m, shrunk * ellipse.semi_y_m
-    return contact_m(x_m, y_m, semi_x_m, semi_y_m, float(velocity[0]), float(velocity[1]))
 
 
 def flown(

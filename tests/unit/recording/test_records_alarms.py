@@ -9,7 +9,7 @@ from gcs.model.errors import GcsError
 from gcs.recording.mcap_layout import status_message
 from gcs.recording.replay.history import recorded, replay_alarm
 from gcs.service.alarms import AlarmCause, AlarmSeverity
-from tests.support.records_moment import FULL, sample
+from tests.support.record_samples import FULL, sample
 
 FILE = Path("flight.mcap")
 

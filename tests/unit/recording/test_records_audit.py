@@ -23,7 +23,7 @@ from gcs.recording.audit_reader import AUDIT, calls, commands, events, exclusion
 from gcs.recording.session import Record
 from gcs.service import CALLER, Call, Outcome, SelectedShow
 from gcs.service.commands import CommandLog
-from tests.support.records_moment import PLAN, sample
+from tests.support.record_samples import PLAN, sample
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
 CONFIG = '{"show_frame": {}}'

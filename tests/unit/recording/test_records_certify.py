@@ -22,7 +22,7 @@ from gcs.recording.mcap_reader import FlightData, Standard
 from gcs.recording.mcap_writer import FlightFile
 from gcs.recording.trajectories import estimated, true
 from gcs.safety.separation import Floor
-from tests.support.records_moment import ids_of, sample
+from tests.support.record_samples import ids_of, sample
 
 CONFIG = configuration.load(configuration.find("demo"))
 FRAME = CONFIG.frame

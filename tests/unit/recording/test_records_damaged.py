@@ -21,7 +21,7 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.sample import Sample
 from gcs.safety.walls import Fence
-from tests.support.records_moment import ids_of, sample
+from tests.support.record_samples import ids_of, sample
 
 TICKS, EACH = 240, 20
 CONFIG = configuration.load(configuration.find("demo"))

@@ -17,7 +17,7 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.replay.history import KEPT_S
 from gcs.recording.replay.service import Replay
-from tests.support.records_moment import sample
+from tests.support.record_samples import sample
 
 BEGAN_S = 1.7e9 + 100.0
 TAKES_OFF_S, LANDS_S, ENDS_S = 30.0, 40.0, 80.0

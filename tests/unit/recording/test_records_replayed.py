@@ -18,7 +18,7 @@ from gcs.recording.sample import Sample
 from gcs.safety.walls import Fence
 from gcs.service import FleetView
 from gcs.shows import find, load
-from tests.support.records_moment import ids_of, sample
+from tests.support.record_samples import ids_of, sample
 
 CONFIG = configuration.load(configuration.find("demo"))
 SHOW = load(find("breathing-sphere"))

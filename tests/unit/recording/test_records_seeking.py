@@ -12,7 +12,7 @@ from gcs.recording import mcap_writer as flightfile
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.sample import Sample
-from tests.support.records_moment import sample
+from tests.support.record_samples import sample
 
 TICKS, EACH = 600, 20
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})

@@ -14,7 +14,7 @@ from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints
 from gcs.service import Latest
-from tests.support.core_silent_link import SilentLink
+from tests.support.silent_link import SilentLink
 
 OURS = (frozenset[Mode](), frozenset({Mode.OFFBOARD}), frozenset({Mode.TAKEOFF, Mode.HOLD}))
 

@@ -214,7 +214,7 @@ class Supervised:
                 [*command, "--supervised", *options], stdout=subprocess.DEVNULL, stderr=log
             )
 
-    def stated(self, event: str) -> list[dict[str, object]]:
+    def logged(self, event: str) -> list[dict[str, object]]:
         """Every complete line of the log with that event."""
         lines = (self.folder / "log").read_text(encoding="utf-8").splitlines()
         reported = [json.loads(line) for line in lines if line.startswith("{") and line.endswith("}")]
@@ -223,7 +223,7 @@ class Supervised:
     @property
     def pid(self) -> int:
         """Process id of the service that runs now or ran last."""
-        return int(str(self.stated("service_started")[-1]["pid"]))
+        return int(str(self.logged("service_started")[-1]["pid"]))
 
     def answers(self) -> bool:
         """Whether the API answers and control is alive."""
@@ -237,7 +237,7 @@ class Supervised:
         """End all processes in any state."""
         self.parent.kill()
         self.parent.wait()
-        for line in self.stated("service_started"):
+        for line in self.logged("service_started"):
             with suppress(ProcessLookupError):
                 os.kill(int(str(line["pid"])), signal.SIGKILL)
 

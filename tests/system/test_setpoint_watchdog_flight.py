@@ -12,8 +12,8 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.links.mavsdk.link import MavsdkUdpLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
-from tests.support.ground import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
 from tests.support.machine import Witness, free_ports
+from tests.support.processes import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
 
 SETPOINT_TIMEOUT_S = 0.2
 STOPPED_S = 3.0
