@@ -11,11 +11,10 @@ from gcs.cli.progress import share_of, working
 from gcs.model.errors import ConfigError, ShowError
 from gcs.shows import LoadedShow, find, load
 from gcs.simulation import scenario as scenarios
-from gcs.simulation.batch import Run, judged_runs, passed, run_all
+from gcs.simulation.batch import Run, judged_runs, passed, run_all, summary
 from gcs.simulation.flight import fly
-from gcs.simulation.rehearsal.flight import rehearse
-from gcs.simulation.rehearsal.verdict import judge, table
-from gcs.simulation.summary import summary
+from gcs.simulation.rehearsal import rehearse
+from gcs.simulation.rehearsal_verdict import judge, table
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
@@ -111,7 +110,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _plot_show(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
     require_matplotlib("gcs show plot")
-    from gcs.simulation.rehearsal.plot import draw  # noqa: PLC0415  (takes a second, only for plots)
+    from gcs.simulation.rehearsal_plot import draw  # noqa: PLC0415  (takes a second, only for plots)
 
     file = picture_file(arguments.picture)
     with share_of("flying it in virtual time", shown=not arguments.json) as report:

@@ -26,7 +26,7 @@ from gcs.config.sections import (
 from gcs.config.setting_errors import Misfit, explained, located
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
-from gcs.estimation.position_uncertainty import Positioning
+from gcs.estimation.fleet_state import Positioning
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.links.endpoints.urls import occupied

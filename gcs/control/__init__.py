@@ -1,9 +1,6 @@
 """One control tick: law, safety filter, setpoint shaping; pure, imports safety and what lies below."""
 
-from gcs.control.inputs import ellipses_of
-from gcs.control.memory import Memory
-from gcs.control.settings import ControlSettings
-from gcs.control.tasks import Task, Tasks
+from gcs.control.inputs import ControlSettings, Memory, Task, Tasks, ellipses_of
 from gcs.control.tick_step import Tick, tick, warm_up
 
 __all__ = [

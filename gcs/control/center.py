@@ -4,9 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs.control.inputs import TickInputs
-from gcs.control.memory import Memory
-from gcs.control.tasks import Task
+from gcs.control.inputs import Memory, Task, TickInputs
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, advance_center, held_within, target_reach_m
 from gcs.formation.way import steer_center, way_ahead

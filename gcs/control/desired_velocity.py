@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.center import Lead
-from gcs.control.inputs import TickInputs
-from gcs.control.memory import Memory
+from gcs.control.inputs import Memory, TickInputs
 from gcs.formation.law import (
     begun,
     directions_from,

@@ -1,16 +1,121 @@
-"""Inputs of one tick, and what follows from them alone."""
+"""Settings, tasks, memory and inputs of one tick; settings at late links."""
 
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.control.settings import ControlSettings
-from gcs.control.tasks import Task, Tasks
+from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import Ellipse
+from gcs.formation.orbit import Center
 from gcs.model.jit import kernel
 from gcs.model.plan import Plan
-from gcs.model.state import Array, FleetState, Mask, Traits
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, FleetState, Mask, Traits, freeze
+from gcs.safety.filter import SafetySettings
+
+
+class Task(IntEnum):
+    """What the tick does with a vehicle."""
+
+    NONE = 0  # no setpoint is sent
+    FORMATION = 1
+    GOAL = 2  # to a goal of its own, through the same filter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tasks:
+    """What every vehicle of the fleet has to do. Rows as in FleetState. Owns its arrays."""
+
+    task: NDArray[np.int8]  # (n,) of Task
+    goal_m: Array  # (n,) possibly in the air: other vehicles keep away
+    airborne: Mask  # (n,) in the air, or possibly so: others keep away
+    descending: Mask  # (n,) descending to land
+    segments_m: Array  # (m, 2, 3), paths that lost vehicles may take
+    center_moves: bool = False  # False: the centre stays (assembling)
+    formation_waits: bool = False  # paused: centre and radius are kept although no vehicle follows them
+    follows_planned_path: Mask | None = (
+        None  # (n,) follows a path planned for the whole fleet: no rules of the road
+    )
+
+    def __post_init__(self) -> None:
+        n = len(self.task)
+        freeze(self.goal_m, (n, 3), "goal_m")
+        freeze(self.segments_m, (len(self.segments_m), 2, 3), "segments_m")
+
+    @staticmethod
+    def of_formation(count: int, *, center_moves: bool) -> "Tasks":
+        """All `count` vehicles are airborne and in formation, and none was lost."""
+        none = np.zeros(count, dtype=np.bool_)
+        return Tasks(
+            np.full(count, Task.FORMATION, dtype=np.int8),
+            np.full((count, 3), np.nan),
+            np.ones(count, dtype=np.bool_),
+            none,
+            np.zeros((0, 2, 3)),
+            center_moves=center_moves,
+            follows_planned_path=none,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """State that one tick passes to the next. Rows as in FleetState. Owns its arrays."""
+
+    time_s: float
+    center: Center | None  # None until a formation flies
+    radius_m: float
+    desired_m_s: Array  # (n, 3) velocity after the safety filter, NaN where not commanded
+    yaw_rad: Array  # (n,) commanded, NaN where not commanded
+    held_yaw_rad: Array  # (n,) at engagement
+    engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
+    place: Array  # (n, 3) slots: unit vectors from the centre, NaN outside the formation
+    change: Array  # (n, 3) of the slots in the last sweep
+    trim_m_s: Array  # (n, 3) correction of setpoints for wind, drag and the vehicle's own response
+    expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
+    pace: float  # share of the orbit's speed that the vehicles can keep up with
+    sides: dict[str, float]
+
+    @staticmethod
+    def fresh(count: int, time_s: float) -> "Memory":
+        """The state before the first tick: nothing is commanded."""
+        nothing, nowhere, still = np.full(count, np.nan), np.full((count, 3), np.nan), np.zeros((count, 3))
+        return Memory(
+            time_s=time_s,
+            center=None,
+            radius_m=0.0,
+            desired_m_s=nowhere,
+            yaw_rad=nothing,
+            held_yaw_rad=nothing,
+            engaged_time_s=nothing,
+            place=nowhere,
+            change=still,
+            trim_m_s=still,
+            expected_m_s=nowhere,
+            pace=1.0,
+            sides={},
+        )
+
+
+class ControlSettings(Settings):
+    """Settings of law, safety filter and inner loop."""
+
+    law: LawSettings = LawSettings()
+    safety: SafetySettings = SafetySettings()
+    loop_gain: NotNegative = 1.5
+    vertical_loop_gain: NotNegative = 0.0  # PX4's vertical response is fast; 1.5 oscillates at 1.4 Hz
+    lead_s: NotNegative = 0.5
+    trim_rate_per_s: NotNegative = 1.0
+    vertical_trim_rate_per_s: NotNegative = 0.5
+    trim_max_m_s: NotNegative = 4.0
+    response_s: Positive = 0.4  # time constant of a vehicle's response within the inner loop
+    acceleration_max_m_s2: Positive = 3.0  # of the desired velocity
+    radius_rate_m_s: Positive = 1.0
+    yaw_rate_max_deg_s: Positive = 45.0
+    telemetry_age_max_s: Positive = 0.5
+
 
 LONGEST_STEP_S = 0.2
 """Longest step of the commanded centre. After a longer pause the centre does not catch up."""
@@ -111,3 +216,52 @@ def ellipses_of(plan: Plan, settings: ControlSettings, time_s: float) -> dict[st
         box.id: Ellipse.around(box, margin_m=margin_m, headroom_m=headroom_m, time_s=time_s)
         for box in plan.obstacles
     }
+
+
+LATE_S: Final = 0.15
+"""Telemetry this much later than possible is late; the loop's gains tolerate about this delay."""
+
+
+STEP_S: Final = 0.1
+"""The delay is rounded up to steps of this length, so that settings do not change with every sample."""
+
+
+MOST_S: Final = 0.6
+"""Greatest delay given to the filter: beyond it no velocity would satisfy its bounds."""
+
+
+SHARE: Final = 0.9
+"""Quantile of the vehicles' delays that is taken as the fleet's delay."""
+
+
+TRIM_SHARE: Final = 0.2
+"""Factor on the trim's learning rate while links are late."""
+
+
+def fleet_delay_s(late_s: Array, flying: Mask) -> float:
+    """One-way delay of the flying vehicles: 0 while links are on time, else a multiple of `STEP_S`."""
+    if not flying.any():
+        return 0.0
+    delay_s = float(np.quantile(late_s[flying], SHARE))
+    if delay_s < LATE_S:
+        return 0.0
+    return min(MOST_S, STEP_S * float(np.ceil(delay_s / STEP_S)))
+
+
+def for_late_links(control: ControlSettings, delay_s: float) -> ControlSettings:
+    """Settings of the tick at this delay, which is assumed for telemetry and setpoints alike.
+
+    The filter keeps the floor if it knows the delay. The inner loop on the measured velocity is off: it
+    oscillates when its own effect is measured half a second late. Decisions 0004 and 0024.
+    """
+    if delay_s <= control.safety.link_delay_s:
+        return control
+    safety = control.safety.model_copy(update={"link_delay_s": delay_s})
+    slower = {
+        "safety": safety,
+        "loop_gain": 0.0,
+        "vertical_loop_gain": 0.0,
+        "trim_rate_per_s": TRIM_SHARE * control.trim_rate_per_s,
+        "vertical_trim_rate_per_s": TRIM_SHARE * control.vertical_trim_rate_per_s,
+    }
+    return control.model_copy(update=slower)

@@ -8,18 +8,15 @@ import numpy as np
 
 from gcs.control.center import move_center
 from gcs.control.desired_velocity import Law, desired_velocity, spread
-from gcs.control.inputs import TickInputs
-from gcs.control.memory import Memory
+from gcs.control.inputs import ControlSettings, Memory, Task, Tasks, TickInputs
 from gcs.control.setpoint_shaping import shape_setpoints
-from gcs.control.settings import ControlSettings
-from gcs.control.tasks import Task, Tasks
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
 from gcs.safety.filter import Surroundings, filter_velocities
-from gcs.safety.kernels import warm_up as safety_warm_up
+from gcs.safety.filter import warm_up as safety_warm_up
 from gcs.safety.separation import Floor, minimum_separation
 from gcs.safety.traffic import give_way, keep_right
 

@@ -1,4 +1,4 @@
-"""The fleet's state from the telemetry of all links."""
+"""The fleet's state from the telemetry of all links, and the uncertainty of each position."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -6,9 +6,222 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.estimation.kernels import brought_forward, into_frame, judge
 from gcs.model.frames import ShowFrame
-from gcs.model.state import Array, FleetState, Telemetry, VehicleId
+from gcs.model.jit import kernel
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array, Bits, FleetState, Mask, Telemetry, VehicleId
+
+FORWARD_MAX_S: Final = 0.5
+"""Longest time by which positions are brought forward; older ones are refused by their age anyway."""
+
+
+SPEED_PLAUSIBLE_M_S, JUMP_PLAUSIBLE_M = 25.0, 10.0
+"""A position is not accepted if it is farther from the last accepted one than this speed and jump explain."""
+
+
+UNEXPLAINED_M, UNEXPLAINED_M_S = 1.5, 2.0
+"""An accepted position that is off by more than this and this speed from where the velocity led is a reset of
+the estimator or of its receiver. Noise comes in centimetres a step.
+"""
+
+
+FAR_M: Final = 10_000.0
+"""A position is not accepted farther than this from the show's origin, or at latitude and longitude 0."""
+
+
+CONSISTENT_S: Final = 2.0
+"""How long a vehicle must be reported at a new place, without a jump, before that is accepted."""
+
+
+_SEMIMAJOR_M: Final = 6378137.0
+
+
+_FLATTENING: Final = 1.0 / 298.257223563
+
+
+_POLAR_SHARE: Final = (1.0 - _FLATTENING) ** 2
+"""WGS84, as pymap3d has it."""
+
+
+@kernel
+def _geocentric_m(latitude: float, longitude: float, altitude_m: float) -> tuple[float, float, float]:
+    """From the centre of the earth, angles in radians: towards 0 E, towards 90 E, north."""
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    normal_m = _SEMIMAJOR_M / np.sqrt(cosine * cosine + _POLAR_SHARE * sine * sine)
+    ring_m = (normal_m + altitude_m) * cosine
+    return (
+        ring_m * np.cos(longitude),
+        ring_m * np.sin(longitude),
+        (_POLAR_SHARE * normal_m + altitude_m) * sine,
+    )
+
+
+@kernel
+def into_frame(
+    rows: NDArray[np.intp],
+    latitude_deg: Array,
+    longitude_deg: Array,
+    altitude_m: Array,
+    velocity_ned_m_s: Array,
+    yaw_deg: Array,
+    origin: tuple[float, float, float, float],
+    position_m: Array,
+    velocity_m_s: Array,
+    yaw_rad: Array,
+    exists: Mask,
+) -> None:
+    """Telemetry of one link's vehicles in the show frame. `ShowFrame.position_m` is the same by pymap3d.
+
+    Args:
+        rows: (k,) row of each in the fleet.
+        latitude_deg: (k,), and so are longitude and altitude AMSL.
+        longitude_deg: see there.
+        altitude_m: see there.
+        velocity_ned_m_s: (k, 3).
+        yaw_deg: (k,) clockwise from north.
+        origin: latitude, longitude, altitude AMSL and heading of the show frame.
+        position_m: (n, 3), rows written, as of all that follow.
+        velocity_m_s: (n, 3).
+        yaw_rad: (n,) from the show's x axis, within [-pi, pi).
+        exists: (n,) whether the position is possible at all.
+    """
+    latitude, longitude = np.radians(origin[0]), np.radians(origin[1])
+    sine, cosine = np.sin(latitude), np.cos(latitude)
+    sine_east, cosine_east = np.sin(longitude), np.cos(longitude)
+    sine_turned, cosine_turned = np.sin(np.radians(origin[3])), np.cos(np.radians(origin[3]))
+    x0_m, y0_m, z0_m = _geocentric_m(latitude, longitude, origin[2])
+    for k in range(len(rows)):
+        i = rows[k]
+        x_m, y_m, z_m = _geocentric_m(
+            np.radians(latitude_deg[k]), np.radians(longitude_deg[k]), altitude_m[k]
+        )
+        x_m, y_m, z_m = x_m - x0_m, y_m - y0_m, z_m - z0_m
+        out_m, east_m = cosine_east * x_m + sine_east * y_m, cosine_east * y_m - sine_east * x_m
+        north_m, down_m = cosine * z_m - sine * out_m, -(cosine * out_m + sine * z_m)
+        position_m[i, 0] = cosine_turned * north_m + sine_turned * east_m
+        position_m[i, 1] = cosine_turned * east_m - sine_turned * north_m
+        position_m[i, 2] = down_m
+        north_m_s, east_m_s = velocity_ned_m_s[k, 0], velocity_ned_m_s[k, 1]
+        velocity_m_s[i, 0] = cosine_turned * north_m_s + sine_turned * east_m_s
+        velocity_m_s[i, 1] = cosine_turned * east_m_s - sine_turned * north_m_s
+        velocity_m_s[i, 2] = velocity_ned_m_s[k, 2]
+        yaw_rad[i] = (np.radians(yaw_deg[k] - origin[3]) + np.pi) % (2.0 * np.pi) - np.pi
+        square = north_m * north_m + east_m * east_m + down_m * down_m
+        exists[i] = square <= FAR_M * FAR_M and (latitude_deg[k] != 0.0 or longitude_deg[k] != 0.0)
+
+
+@kernel
+def _apart_m(one_m: Array, other_m: Array) -> float:
+    """Distance between two (3,); inf where either is unknown."""
+    apart_m = np.sqrt(
+        (one_m[0] - other_m[0]) ** 2 + (one_m[1] - other_m[1]) ** 2 + (one_m[2] - other_m[2]) ** 2
+    )
+    return apart_m if np.isfinite(apart_m) else np.inf
+
+
+@kernel
+def _plausible_m(since_s: float, time_s: float) -> float:
+    """Plausible distance of a position at `time_s`; only the jump where none was known before."""
+    elapsed_s = time_s - since_s if np.isfinite(since_s) and time_s > since_s else 0.0
+    return JUMP_PLAUSIBLE_M + SPEED_PLAUSIBLE_M_S * elapsed_s
+
+
+@kernel
+def judge(
+    now_s: float,
+    position_m: Array,
+    time_s: Array,
+    velocity_m_s: Array,
+    exists: Mask,
+    armed: Mask,
+    resets: Bits,
+    reported_m: Array,
+    reported_s: Array,
+    reported_since_s: Array,
+    believed_m: Array,
+    believed_s: Array,
+    believed_m_s: Array,
+    trusted: Mask,
+    known_resets: Bits,
+    reset_time_s: Array,
+) -> None:
+    """Accept new positions, or do not: see `gcs.estimation.fleet_state.Table`.
+
+    Args:
+        now_s: of this tick.
+        position_m: (n, 3) as reported now, NaN where unknown, and so are the next five.
+        time_s: (n,) of arrival, -inf before the first.
+        velocity_m_s: (n, 3).
+        exists: (n,) whether the position is possible at all.
+        armed: (n,).
+        resets: (n,) reset counters of the estimators.
+        reported_m: (n, 3) the newest reported, accepted or not; written, as all that follow.
+        reported_s: (n,) of its arrival.
+        reported_since_s: (n,) since when it was reported without a jump, of vehicles not trusted.
+        believed_m: (n, 3) the newest accepted.
+        believed_s: (n,) of its arrival.
+        believed_m_s: (n, 3) the velocity with it.
+        trusted: (n,) whether the newest was accepted.
+        known_resets: (n,).
+        reset_time_s: (n,) when the position last jumped.
+    """
+    for i in range(len(time_s)):
+        jumped = resets[i] != known_resets[i] and known_resets[i] >= 0
+        known_resets[i] = resets[i]
+        if time_s[i] > reported_s[i]:
+            off_m, before_m = _apart_m(position_m[i], believed_m[i]), _apart_m(position_m[i], reported_m[i])
+            first = not np.isfinite(believed_s[i])
+            can_be = first or off_m <= _plausible_m(believed_s[i], time_s[i])
+            went_on = before_m <= _plausible_m(reported_s[i], time_s[i])
+            since_s = reported_since_s[i] if went_on and not trusted[i] else time_s[i]
+            settled = went_on and time_s[i] - since_s >= CONSISTENT_S
+            if trusted[i] or first:
+                believe = can_be
+            else:
+                believe = (can_be and off_m <= before_m) or (settled and (can_be or not armed[i]))
+            believe = believe and exists[i]
+            reported_m[i] = position_m[i] if exists[i] else np.full(3, np.nan)
+            reported_s[i], reported_since_s[i], trusted[i] = time_s[i], since_s, believe
+            if believe:
+                if not first:
+                    elapsed_s, square = time_s[i] - believed_s[i], 0.0
+                    for axis in range(3):
+                        flown_m = (believed_m_s[i, axis] + velocity_m_s[i, axis]) / 2.0 * elapsed_s
+                        square += (position_m[i, axis] - believed_m[i, axis] - flown_m) ** 2
+                    jumped = jumped or np.sqrt(square) > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s
+                believed_m[i], believed_s[i] = position_m[i], time_s[i]
+        if believed_s[i] == time_s[i]:
+            believed_m_s[i] = velocity_m_s[i]
+        if jumped and armed[i]:
+            reset_time_s[i] = now_s
+
+
+@kernel
+def brought_forward(
+    now_s: float,
+    believed_m: Array,
+    believed_s: Array,
+    believed_m_s: Array,
+    trusted: Mask,
+    flies_on_s: float,
+    brakes_s: float,
+) -> tuple[Array, Array, Array]:
+    """Estimate the fleet's motion at `now_s`; see `gcs.estimation.fleet_state.Table`.
+
+    Returns: (n, 3) positions, (n, 3) velocities, and the (n,) age of the positions, inf where the newest is
+        not accepted.
+    """
+    position_m, velocity_m_s = np.empty_like(believed_m), np.empty_like(believed_m_s)
+    age_s = np.empty(len(believed_s))
+    for i in range(len(believed_s)):
+        old_s = max(now_s - believed_s[i], 0.0)
+        share = min(max(1.0 - (old_s - flies_on_s) / brakes_s, 0.0), 1.0)
+        for axis in range(3):
+            position_m[i, axis] = believed_m[i, axis] + believed_m_s[i, axis] * min(old_s, FORWARD_MAX_S)
+            velocity_m_s[i, axis] = believed_m_s[i, axis] * share
+        age_s[i] = old_s if trusted[i] else np.inf
+    return position_m, velocity_m_s, age_s
+
 
 FLIES_ON_S: Final = 2.0
 """Age of telemetry up to which a vehicle may fly on unchanged, with PX4's and the service's defaults: 0.5 s
@@ -143,3 +356,54 @@ def tuple3(row: Array) -> tuple[float, float, float] | None:
     if not np.isfinite(row).all():
         return None
     return float(row[0]), float(row[1]), float(row[2])
+
+
+class Positioning(Settings):
+    """How reported accuracy and position resets widen a vehicle's margin (decision 0010).
+
+    The floor's own uncertainty goes with the accuracy that a good receiver reports: as recorded, 0.9 m
+    sideways and 1.8 m up, for an estimate that is 0.2 m off. Reported accuracy beyond that counts by `share`.
+    """
+
+    usual_horizontal_m: Positive = 1.0
+    usual_vertical_m: Positive = 2.0
+    share: NotNegative = 0.4  # recorded: 0.35 m of uncertainty at 0.9 m of accuracy
+    uncertainty_max_m: Positive = 1.5  # if wider, the vehicles of a fleet could only flee from each other
+    reset_margin_m: NotNegative = 0.7  # added after a position jumped
+    reset_margin_s: NotNegative = 30.0
+    freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
+
+
+def excess_m(horizontal_m: Array, vertical_m: Array, positioning: Positioning) -> Array:
+    """(n,) by how much reported accuracies (n,) are worse than usual, sideways or half of it upwards.
+
+    0 where nothing is reported (NaN), inf without a fix.
+    """
+    sideways_m = horizontal_m - positioning.usual_horizontal_m
+    up_m = (vertical_m - positioning.usual_vertical_m) / 2.0  # half, since the floor counts it twice there
+    worse_m: Array = np.fmax(np.fmax(sideways_m, up_m), 0.0)
+    return worse_m
+
+
+def uncertainty_m(
+    configured_m: float,
+    horizontal_m: Array,
+    vertical_m: Array,
+    since_reset_s: Array,
+    positioning: Positioning,
+) -> Array:
+    """Uncertainty of each position.
+
+    Args:
+        configured_m: least uncertainty.
+        horizontal_m: (n,) accuracy as reported, one sigma; NaN unknown, inf without a fix.
+        vertical_m: (n,) the same up and down.
+        since_reset_s: (n,) since its position jumped, inf where it never did.
+        positioning: settings.
+
+    Returns: (n,) sideways, at most `uncertainty_max_m` (or the configured one, where that is more).
+    """
+    wider_m = positioning.share * excess_m(horizontal_m, vertical_m, positioning)
+    wider_m += np.where(since_reset_s < positioning.reset_margin_s, positioning.reset_margin_m, 0.0)
+    wide_m: Array = np.minimum(configured_m + wider_m, max(configured_m, positioning.uncertainty_max_m))
+    return wide_m

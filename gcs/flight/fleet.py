@@ -14,13 +14,9 @@ import numpy as np
 
 from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
-from gcs.control.late_links import LATE_S, fleet_delay_s, for_late_links
-from gcs.estimation.fleet_state import Table
-from gcs.estimation.kernels import FORWARD_MAX_S
-from gcs.estimation.link_delay import LinkDelay
-from gcs.estimation.link_quality import LinkQuality
-from gcs.estimation.position_uncertainty import uncertainty_m
-from gcs.estimation.setpoint_gaps import SetpointGaps
+from gcs.control.inputs import LATE_S, fleet_delay_s, for_late_links
+from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
+from gcs.estimation.link_health import LinkDelay, LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.running_show import ShowRun
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle

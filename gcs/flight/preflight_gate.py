@@ -17,9 +17,8 @@ from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks, describe
 from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
+from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
-from gcs.planning.vertical_overlap import column_m, most_overlapping
-from gcs.planning.vertical_overlap import describe as describe_columns
 from gcs.preflight import Pattern, PreflightInputs, own_checks, room_to_wander, spacing, standing
 from gcs.service import CALLER, CommandRecord, Outcome
 from gcs.service.commands import CommandLog

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Concatenate, Final, ParamSpec, Protocol, TypeVar
 
-from gcs.estimation.signs_of_life import BEATS_MAY_LACK_S
+from gcs.estimation.link_health import BEATS_MAY_LACK_S
 from gcs.failsafe.autopilot_failsafe import comes_down, control_refusal
 from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle

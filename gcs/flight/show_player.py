@@ -16,9 +16,9 @@ from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_obstacle, check_target
 from gcs.service import SelectedShow
 from gcs.shows import Flaw, Show, ShowClock, Timeline
-from gcs.shows.compatibility import misfits
 from gcs.shows.format import control_of
 from gcs.shows.library import ShowLibrary
+from gcs.shows.loading import service_flaws
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +80,7 @@ class ShowPlayer:
 
     def _own_misfits(self, show: Show) -> list[Flaw]:
         config, count = self._flight.config, len(self._flight.vehicles)
-        return misfits(show, config.frame, config.control, config.operation, count)
+        return service_flaws(show, config.frame, config.control, config.operation, count)
 
     def _clashes(self, show: Show) -> Iterator[Flaw]:
         """Yield the conflicts of the show's obstacles with those of operators."""

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from gcs.estimation.signs_of_life import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
+from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, VehicleId
-from gcs.preflight.inputs import PreflightInputs
 from gcs.preflight.start_pattern import Fit, assigned, fit
-from gcs.preflight.vehicles import judged
+from gcs.preflight.vehicles import PreflightInputs, judged
 
 ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
 """Reported positions of two pads are off by this much; a check that passed fails only if more is missing."""

@@ -16,7 +16,13 @@ from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import NO_ROW, Braking, Constraints
 from gcs.safety.neighbours import Rows
 from gcs.safety.projection import any_broken, nearest, shortened, tightest
-from gcs.safety.separation import Floor, Pairs, keepout_constraints, separation_constraints
+from gcs.safety.separation import (
+    Floor,
+    Pairs,
+    keepout_constraints,
+    minimum_separation,
+    separation_constraints,
+)
 from gcs.safety.traffic import Traffic
 from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 
@@ -255,3 +261,25 @@ def _reasons(
 def _separation_from(names: tuple[str, ...]) -> NDArray[np.object_]:
     """(n,) the reason text for keeping away from each vehicle."""
     return np.array([f"separation from {name}" for name in names], dtype=object)
+
+
+def warm_up() -> None:
+    """Run the kernels that few ticks reach: velocities that change far more than expected, the separation."""
+    position_m = np.array([[0.0, 0.0, -20.0], [2.5, 0.0, -20.0], [40.0, 0.0, -20.0]])
+    velocity_m_s, zero, all_rows = np.zeros((3, 3)), np.zeros(3), np.ones(3, dtype=bool)
+    here = Surroundings(
+        position_m,
+        velocity_m_s,
+        all_rows,
+        all_rows,
+        ~all_rows,
+        np.zeros((0, 2, 3)),
+        {},
+        ("a", "b", "c"),
+        zero,
+        zero,
+    )
+    settings = SafetySettings()
+    pairs = _pairs(position_m, velocity_m_s, zero + 1.0, here, settings, settings.braking, all_rows)
+    any_broken(velocity_m_s, *_joined(Constraints.none(), pairs))
+    minimum_separation(position_m, all_rows, settings.floor)

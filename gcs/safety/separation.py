@@ -7,11 +7,9 @@ import numpy as np
 
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, allowed_speed_m_s
 from gcs.safety.neighbours import Rows, near_pairs, near_pairs_of
-
-TINY = 1e-9
 
 
 class Floor(Settings):
@@ -80,10 +78,8 @@ def scaled_distance_m(position_m: Array, first: Rows, second: Rows, floor: Floor
 
 def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple[float, int]:
     """Smallest true distance of the pairs that count (inf without any), and the number inside the floor."""
-    position_m, airborne = (
-        np.array(position_m),
-        np.array(airborne),
-    )  # numba compiles frozen arrays as another type
+    # numba compiles frozen arrays as another type
+    position_m, airborne = np.array(position_m), np.array(airborne)
     semi_axes = floor.horizontal_m, floor.vertical_m, floor.pad_height_m
     least_m, inside = _closest(position_m, airborne, *semi_axes)
     return least_m, inside
@@ -174,12 +170,9 @@ def separation_constraints(
             velocities break are left out.
         only: (n,) pairs without one of these are also left out.
     """
-    position_m, uncertainty_m = (
-        np.array(position_m),
-        np.array(uncertainty_m),
-    )  # numba compiles frozen arrays as another type
+    # numba compiles frozen arrays as another type
+    position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
     commanded, airborne = np.array(commanded), np.array(airborne)
-    wide_m, tall_m = floor.kept_m(0.0)
     known, measured_m_s, course_m_s, spare_m_s, look_m = _looks(
         position_m,
         np.array(velocity_m_s),
@@ -187,37 +180,27 @@ def separation_constraints(
         uncertainty_m,
         np.array(course_m_s),
         spare_m_s,
-        (wide_m, tall_m, floor.vertical_uncertainty),
+        (*floor.kept_m(0.0), floor.vertical_uncertainty),
         (braking.reaction_s, braking.lead_s, braking.deceleration_m_s2),
     )
     if only is None:
         first, second = near_pairs(position_m, known, look_m)
     else:
         first, second = near_pairs_of(only, position_m, known, look_m)
-    both_ways = _bounds(
-        position_m,
-        measured_m_s,
-        course_m_s,
-        spare_m_s,
-        commanded,
-        airborne,
-        uncertainty_m,
-        first,
-        second,
-        (
-            wide_m,
-            tall_m,
-            floor.vertical_uncertainty,
-            floor.pad_height_m,
-            braking.reaction_s,
-            braking.lead_s,
-            braking.deceleration_m_s2,
-            braking.escape_rate_per_s,
-            floor.margin_m / 2.0,
-            floor.margin_m / 2.0 * floor.vertical_m / floor.horizontal_m,
-        ),
+    return Pairs(
+        *_bounds(
+            position_m,
+            measured_m_s,
+            course_m_s,
+            spare_m_s,
+            commanded,
+            airborne,
+            uncertainty_m,
+            first,
+            second,
+            _numbers(floor, braking),
+        )
     )
-    return Pairs(*both_ways)
 
 
 @kernel
@@ -269,6 +252,24 @@ def _looks(
 
 
 Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
+"""Floor (sideways, up, factor of uncertainty up, pad height), braking (reaction, lead, deceleration, escape),
+and one vehicle's part of the margin (sideways, up).
+"""
+
+
+def _numbers(floor: Floor, braking: Braking) -> Numbers:
+    own_m = floor.margin_m / 2.0
+    return (
+        *floor.kept_m(0.0),
+        floor.vertical_uncertainty,
+        floor.pad_height_m,
+        braking.reaction_s,
+        braking.lead_s,
+        braking.deceleration_m_s2,
+        braking.escape_rate_per_s,
+        own_m,
+        own_m * floor.vertical_m / floor.horizontal_m,
+    )
 
 
 @kernel

@@ -1,10 +1,9 @@
 """Written shows: format, timeline, validation, library; imports config, service and what lies below."""
 
 from gcs.config.yaml_files import SHOWS
-from gcs.shows.clock import ShowClock
 from gcs.shows.format import Show
 from gcs.shows.loading import LoadedShow, load, parse
-from gcs.shows.timeline import Played, Timeline
+from gcs.shows.timeline import Played, ShowClock, Timeline
 from gcs.shows.validation import Flaw
 
 find, shipped = SHOWS.find, SHOWS.shipped

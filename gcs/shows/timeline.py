@@ -1,21 +1,83 @@
-"""The timeline of a show: loops written out, and the plan at any time. Pure.
+"""The timeline of a show: loops written out, smooth transitions, the plan at any time, and its clock. Pure.
 
 Time is the show's own, in seconds: 0 is when the first cue's sphere is assembled (decision 0011).
 """
 
 from bisect import bisect_right
-from dataclasses import dataclass
-from math import hypot, inf, radians
+from dataclasses import dataclass, replace
+from math import hypot, inf, radians, sqrt
 from typing import TypeAlias
 
 import numpy as np
 import scipy  # its parts are loaded on first use: 30 MB, which most flights do not need
 from numpy.typing import NDArray
 
+from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
-from gcs.shows.easing import Glide, Track, shortest_s
 from gcs.shows.format import Box, Cue, CueOrbit, Loop, Path, Place, Show, Spin
+
+RATE = 15.0 / 8.0
+"""Greatest rate of the transition, times time over change: of 10 u^3 - 15 u^4 + 6 u^5 at u = 1/2."""
+
+
+ACCELERATION = 10.0 / sqrt(3.0)
+"""Greatest acceleration, times time squared over change: at u = 1/2 -+ 1 / (2 sqrt(3))."""
+
+
+def shortest_s(change: float, rate_max: float, acceleration_max: float) -> float:
+    """Least time in s in which a change keeps rate and acceleration; any unit, its own per s and s^2."""
+    size = abs(change)
+    return max(RATE * size / rate_max, sqrt(ACCELERATION * size / acceleration_max))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Glide:
+    """Transition of one value (...) to another between two times; constant before and after."""
+
+    from_s: float
+    to_s: float
+    before: Array
+    after: Array
+    cue: int  # index in the file's timeline of the cue that requests it
+
+    def value(self, time_s: float) -> Array:
+        """(...) Value at that time."""
+        u = self._share(time_s)
+        value: Array = self.before + (u * u * u * (10.0 + u * (6.0 * u - 15.0))) * (self.after - self.before)
+        return value
+
+    def rate(self, time_s: float) -> Array:
+        """(...) Rate per s at that time."""
+        u = self._share(time_s)
+        if self.to_s <= self.from_s:
+            return np.zeros_like(self.after)
+        rate: Array = 30.0 * u * u * (1.0 - u) ** 2 / (self.to_s - self.from_s) * (self.after - self.before)
+        return rate
+
+    def _share(self, time_s: float) -> float:
+        if time_s >= self.to_s:
+            return 1.0
+        if time_s <= self.from_s:
+            return 0.0
+        return (time_s - self.from_s) / (self.to_s - self.from_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """One quantity over the whole show: transitions in order of time, without overlap."""
+
+    glides: tuple[Glide, ...]
+
+    def at(self, time_s: float) -> Glide:
+        """Return the newest transition that has begun; the first one before that."""
+        begun = bisect_right(self.glides, time_s, key=lambda glide: glide.from_s)
+        return self.glides[max(begun - 1, 0)]
+
+    def value(self, time_s: float) -> Array:
+        """(...) Value at that time."""
+        return self.at(time_s).value(time_s)
+
 
 LEAST_SHARE = 0.05
 """Least share of a limit left by an orbit to the target; the validation reports too small a share."""
@@ -341,3 +403,46 @@ def _colours(lights: tuple[str, ...], count: int) -> Array:
     )
     given: Array = rgb[np.arange(count) % len(rgb)]
     return given
+
+
+@dataclass(frozen=True, slots=True)
+class ShowClock:
+    """The show's time. Every `clock_s` is the tick's own time; a change returns a new value."""
+
+    begins_s: float = 0.0  # the show's time at which it begins, or last began to run
+    since_s: float | None = None  # the tick's time then; None: the clock is stopped
+
+    @property
+    def runs(self) -> bool:
+        """Whether the clock runs."""
+        return self.since_s is not None
+
+    def show_s(self, clock_s: float) -> float:
+        return self.begins_s if self.since_s is None else self.begins_s + (clock_s - self.since_s)
+
+    def run(self, clock_s: float) -> "ShowClock":
+        """Start the clock once the sphere is assembled, or assembled again. No effect while it runs."""
+        return self if self.runs else replace(self, since_s=clock_s)
+
+    def stop(self, clock_s: float) -> "ShowClock":
+        """Stop the clock: the show continues at the same time after a pause of any length."""
+        return ShowClock(self.show_s(clock_s))
+
+    def seek(self, timeline: Timeline, cue: str, *, grounded: bool) -> "ShowClock":
+        """Start at the first time that a cue is played.
+
+        Raises:
+            UnknownError: the show has no such cue; the text names the cues it has.
+            RefusedError: a vehicle is airborne; the formation would jump to another place of the show.
+        """
+        times_s = {one.cue.cue: one.at_s for one in reversed(timeline.played)}
+        if cue not in times_s:
+            known = ", ".join(one.cue for one in timeline.show.timeline)
+            raise UnknownError(f"there is no cue {cue}; there are {known}")
+        if not grounded:
+            raise RefusedError("a show is set to a cue on the ground only: bring all vehicles home first")
+        return ShowClock(times_s[cue])
+
+    def ended(self, timeline: Timeline, clock_s: float) -> bool:
+        """Whether the show is over, so that all vehicles return."""
+        return self.runs and self.show_s(clock_s) >= timeline.duration_s

@@ -17,9 +17,19 @@ from gcs.control import ControlSettings
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Plan
 from gcs.planning.feasibility import check_formation, check_obstacle, check_orbit, check_target
-from gcs.shows.easing import Glide, shortest_s
 from gcs.shows.format import MAX_CUES, Cue, Path, Show
-from gcs.shows.timeline import Curve, Live, Played, Timeline, obstacle_of, total_s, turning, written_out
+from gcs.shows.timeline import (
+    Curve,
+    Glide,
+    Live,
+    Played,
+    Timeline,
+    obstacle_of,
+    shortest_s,
+    total_s,
+    turning,
+    written_out,
+)
 
 SAMPLED_S = 0.1
 """Interval at which the whole plan is examined."""

@@ -18,8 +18,8 @@ from gcs.model.plan import Obstacle, Target
 from gcs.model.state import TINY, Array
 from gcs.safety.separation import Floor, scaled_distance_m
 from gcs.simulation.initial_states import scattered_m
+from gcs.simulation.record import Record
 from gcs.simulation.scenario import ArticleFlight, ArticleParameters, Scenario
-from gcs.simulation.trace import Record
 
 SUBSTEPS = 10
 """Steps of the virtual dynamics per tick; at 20 Hz each is 5 ms."""

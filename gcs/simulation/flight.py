@@ -24,12 +24,10 @@ from gcs.planning.return_paths.planner import return_planner
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
+from gcs.simulation.initial_states import draw_world
 from gcs.simulation.neighbours import Neighbourhood, NeighboursLaw
-from gcs.simulation.obstacle_metrics import THROUGH_M, approaching
-from gcs.simulation.pair_metrics import closest_m
-from gcs.simulation.random_obstacles import draw_world
+from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
 from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
-from gcs.simulation.trace import NOWHERE, Record
 from gcs.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default

@@ -9,16 +9,9 @@ from numpy.typing import NDArray
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
 from gcs.simulation.article import article_figures
-from gcs.simulation.obstacle_metrics import (
-    last_passing_tick,
-    penetrations_and_clearance_m,
-    same_side,
-    through,
-)
-from gcs.simulation.pair_metrics import energy_and_nearest
-from gcs.simulation.reference_shapes import best, best_figures
+from gcs.simulation.record import Record, last_passing_tick, penetrations_and_clearance_m, same_side, through
+from gcs.simulation.reference_shapes import best, best_figures, energy_and_nearest
 from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
-from gcs.simulation.trace import Record
 
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from gcs.control.center import Lead
 from gcs.control.desired_velocity import Spread
-from gcs.control.inputs import TickInputs
-from gcs.control.memory import Memory
+from gcs.control.inputs import Memory, TickInputs
 from gcs.formation.law import directions_from, symmetry_offsets
 from gcs.formation.orbit import Center
 from gcs.model.jit import kernel

@@ -1,7 +1,7 @@
-"""The best known shapes (Thomson problem) for the fleets that are judged.
+"""The best known shapes (Thomson problem) for the fleets that are judged, and their energy.
 
 `best.npz` beside this file has them for N = 2 to 32 and some larger N. `write` made it; it is run with
-`python -m gcs.simulation.reference_shapes`.
+`python -m gcs.simulation.reference_shapes`. The energy is deliberately computed without the code that flies.
 """
 
 from functools import cache
@@ -11,8 +11,70 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from gcs.model.jit import kernel
 from gcs.model.state import Array
-from gcs.simulation.pair_metrics import energy_and_gradient, energy_and_nearest
+
+
+def energy_and_nearest(direction: Array, charge: Array | None = None) -> tuple[float, float]:
+    """Coulomb energy of charges (n,), 1 each unless given, at (n, 3) unit vectors; the smallest distance."""
+    return _energy_and_nearest(direction, np.ones(len(direction)) if charge is None else charge)
+
+
+def energy_and_gradient(flat: Array, charge: Array | None = None) -> tuple[float, Array]:
+    """Energy of charges (n,), 1 each unless given, at the directions of n points, (3 n,) flattened.
+
+    Returns: the energy, and its gradient with respect to the points, (3 n,).
+    """
+    return _energy_and_gradient(flat, np.ones(len(flat) // 3) if charge is None else charge)
+
+
+@kernel
+def _energy_and_nearest(direction: Array, charge: Array) -> tuple[float, float]:
+    n = len(direction)
+    total, least2 = 0.0, 4.0
+    for i in range(n):
+        x, y, z = direction[i, 0], direction[i, 1], direction[i, 2]
+        for j in range(i + 1, n):
+            dx, dy, dz = direction[j, 0] - x, direction[j, 1] - y, direction[j, 2] - z
+            distance2 = dx * dx + dy * dy + dz * dz
+            least2 = min(least2, distance2)
+            total += charge[i] * charge[j] / np.sqrt(max(distance2, 1e-18))
+    return total, np.sqrt(least2)
+
+
+@kernel
+def _energy_and_gradient(flat: Array, charge: Array) -> tuple[float, Array]:
+    n = len(flat) // 3
+    points = flat.reshape(n, 3)
+    length = np.empty(n)
+    direction = np.empty((n, 3))
+    for i in range(n):
+        length[i] = np.sqrt(points[i, 0] ** 2 + points[i, 1] ** 2 + points[i, 2] ** 2)
+        direction[i] = points[i] / length[i]
+    pull = np.zeros((n, 3))
+    total = 0.0
+    for i in range(n):
+        for j in range(i + 1, n):
+            dx = direction[i, 0] - direction[j, 0]
+            dy = direction[i, 1] - direction[j, 1]
+            dz = direction[i, 2] - direction[j, 2]
+            inverse = 1.0 / np.sqrt(max(dx * dx + dy * dy + dz * dz, 1e-18))
+            both = charge[i] * charge[j]
+            total += both * inverse
+            cube = both * inverse * inverse * inverse
+            pull[i, 0] -= dx * cube
+            pull[i, 1] -= dy * cube
+            pull[i, 2] -= dz * cube
+            pull[j, 0] += dx * cube
+            pull[j, 1] += dy * cube
+            pull[j, 2] += dz * cube
+    gradient = np.empty(3 * n)
+    for i in range(n):
+        along = pull[i, 0] * direction[i, 0] + pull[i, 1] * direction[i, 1] + pull[i, 2] * direction[i, 2]
+        for axis in range(3):
+            gradient[3 * i + axis] = (pull[i, axis] - direction[i, axis] * along) / length[i]
+    return total, gradient
+
 
 KEPT = (*range(2, 33), 40, 45, 48, 50, 52, 60, 64, 72, 90, 100, 128, 150, 180, 190, 200)
 STARTS = 60

@@ -13,9 +13,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from gcs.simulation import scenario as scenarios
+from gcs.simulation.batch import Figures, markdown
 from gcs.simulation.flight import fly
 from gcs.simulation.plot import draw
-from gcs.simulation.summary import Figures, markdown
 
 TABLE = re.compile(r"(<!-- figures: (?P<names>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
 PLOT = re.compile(r"<!-- plot: (?P<name>\S+) (?P<vehicles>\d+) (?P<seed>\d+) -->")

@@ -10,7 +10,7 @@ from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode
-from gcs.planning.vertical_overlap import column_m, overlapping
+from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from tests.support.virtual_show import (
     TAKEOFF_HEIGHT_M,

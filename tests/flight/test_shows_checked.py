@@ -9,7 +9,7 @@ import pytest
 
 from gcs.cli import main
 from gcs.shows import load, shipped
-from gcs.simulation.rehearsal.flight import rehearse
+from gcs.simulation.rehearsal import rehearse
 
 BROKEN = Path(__file__).parents[1] / "data" / "shows"
 

@@ -11,8 +11,8 @@ from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly
 from gcs.simulation.metrics import report
 from gcs.simulation.plot import draw
+from gcs.simulation.record import Record
 from gcs.simulation.scenario import ArticleFlight
-from gcs.simulation.trace import Record
 
 VEHICLES = 4
 

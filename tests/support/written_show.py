@@ -8,8 +8,8 @@ from typing import Any, Final
 from gcs.config.schema import Config
 from gcs.recording.session import Record
 from gcs.shows import parse
-from gcs.simulation.rehearsal.flight import rehearse
-from gcs.simulation.rehearsal.verdict import judge
+from gcs.simulation.rehearsal import rehearse
+from gcs.simulation.rehearsal_verdict import judge
 from tests.support.virtual_show import HEADING_DEG, Show, Story, T, show_config
 from tests.support.virtual_show import fly as fly_anywhere
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.estimation.position_uncertainty import Positioning, uncertainty_m
+from gcs.estimation.fleet_state import Positioning, uncertainty_m
 
 P = Positioning()
 NEVER = np.inf

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gcs.estimation.link_quality import LinkQuality
+from gcs.estimation.link_health import LinkQuality
 
 
 def shares_after(arrive: float, seconds: float, seed: int = 3) -> float:

@@ -6,8 +6,7 @@ from math import inf, nan, pi
 import numpy as np
 import pytest
 
-from gcs.estimation.fleet_state import Table, tuple3
-from gcs.estimation.kernels import FORWARD_MAX_S
+from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, tuple3
 from gcs.model.errors import GcsError, InvalidError, ShapeError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw

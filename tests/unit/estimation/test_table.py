@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.estimation.fleet_state import Table
-from gcs.estimation.kernels import CONSISTENT_S, FAR_M, FORWARD_MAX_S, into_frame
+from gcs.estimation.fleet_state import CONSISTENT_S, FAR_M, FORWARD_MAX_S, Table, into_frame
 from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.state import FleetState, Landed, Mode, Telemetry
 

@@ -7,8 +7,14 @@ from gcs.control import ControlSettings
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Orbit, Plan, Target
 from gcs.model.state import Array
-from gcs.planning.loss_conflicts import ACTIONS, Action, clashes, turned_upright
-from gcs.planning.setpoint_loss import check_setpoint_loss, formation_m
+from gcs.planning.setpoint_loss import (
+    ACTIONS,
+    Action,
+    check_setpoint_loss,
+    clashes,
+    formation_m,
+    turned_upright,
+)
 from gcs.safety.separation import Floor
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, uncertainty_m=0.0)

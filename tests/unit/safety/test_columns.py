@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.planning.vertical_overlap import column_m, describe, most_overlapping, overlapping
+from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping, overlapping
 from gcs.safety.separation import Floor
 
 PLACES_M = np.array([(0.0, 0.0, -10.0), (1.0, 0.0, -20.0), (10.0, 0.0, -15.0), (10.0, 0.5, -8.0)])
@@ -37,10 +37,12 @@ def test_overlaps_never_exceed_the_predicted_most() -> None:
 
 
 def test_overlap_is_described_and_silent_when_there_is_none() -> None:
-    assert describe(0) == ""
-    assert "up to 3 pairs in the formation are stacked:" in describe(3)
-    assert "pairs in the formation are stacked (in the show's check a above b):" in describe(3, ["a above b"])
-    many = describe(3, [f"{n} above {n + 1}" for n in range(12)])
+    assert describe_columns(0) == ""
+    assert "up to 3 pairs in the formation are stacked:" in describe_columns(3)
+    assert "pairs in the formation are stacked (in the show's check a above b):" in describe_columns(
+        3, ["a above b"]
+    )
+    many = describe_columns(3, [f"{n} above {n + 1}" for n in range(12)])
     assert "up to 12 pairs" in many
     assert "9 above 10, others)" in many
 

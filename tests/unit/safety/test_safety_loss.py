@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.planning.loss_conflicts import ACTIONS, Action, Clash, clashes, turned_upright
+from gcs.planning.setpoint_loss import ACTIONS, Action, Clash, clashes, turned_upright
 from gcs.safety.separation import Floor
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=5.0, uncertainty_m=5.0, pad_height_m=2.0)

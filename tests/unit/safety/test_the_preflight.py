@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gcs.config.sections import PreflightSettings
-from gcs.estimation.position_uncertainty import Positioning, uncertainty_m
+from gcs.estimation.fleet_state import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight import PAD_HEIGHT_MAX_M, Pattern, PreflightInputs, own_checks, spacing, standing

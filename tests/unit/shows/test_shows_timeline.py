@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from gcs.model.plan import Direction, Target
 from gcs.shows import parse
-from gcs.shows.easing import Glide, shortest_s
-from gcs.shows.timeline import Timeline
+from gcs.shows.timeline import Glide, Timeline, shortest_s
 from tests.support.show_files import BEGIN, loaded, text_of
 
 GROW = {"cue": "grow", "at_s": 10, "radius_m": 12, "over_s": 10, "lights": ["#ff0000", "#0000ff"]}

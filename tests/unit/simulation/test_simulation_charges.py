@@ -5,8 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from gcs.simulation.pair_metrics import energy_and_gradient, energy_and_nearest
-from gcs.simulation.reference_shapes import best, best_figures
+from gcs.simulation.reference_shapes import best, best_figures, energy_and_gradient, energy_and_nearest
 
 UNLIKE = (1.0, 0.7, 1.4, 1.0, 0.7)
 

@@ -10,10 +10,9 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.safety.filter import Limits
 from gcs.simulation import metrics as measure
-from gcs.simulation.pair_metrics import closest_m, energy_and_gradient, energy_and_nearest
-from gcs.simulation.reference_shapes import best, best_figures
+from gcs.simulation.record import Record, closest_m
+from gcs.simulation.reference_shapes import best, best_figures, energy_and_gradient, energy_and_nearest
 from gcs.simulation.scenario import Scenario
-from gcs.simulation.trace import Record
 
 CENTER = np.array([3.0, -2.0, -30.0])
 TABLE = {4: 3.674235, 8: 19.675288, 20: 150.881568, 50: 1055.182315, 100: 4448.350634, 200: 18438.84}

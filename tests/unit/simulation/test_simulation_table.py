@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from gcs.simulation.batch import passed
-from gcs.simulation.summary import markdown, rows, summary
+from gcs.simulation.batch import markdown, passed, rows, summary
 
 
 def run(

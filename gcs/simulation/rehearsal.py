@@ -12,8 +12,8 @@ from gcs.model.state import Array
 from gcs.planning.feasibility import check_obstacle
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.simulation.flight import SimulatedFlight
+from gcs.simulation.record import Record
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario, World
-from gcs.simulation.trace import Record
 
 ASSEMBLED_BY_S = 120.0
 """Time limit of the assembly."""

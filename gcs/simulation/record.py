@@ -1,18 +1,105 @@
-"""How a flight passed its boxes: penetrations, least distance, end of passing, and side."""
+"""Record of a simulated flight, tick by tick, and how close it came to vehicles and obstacles.
+
+Pairs are deliberately computed without the code that flies.
+"""
+
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gcs.formation.obstacles import Ellipse
+from gcs.model.jit import kernel
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
-from gcs.simulation.trace import Record
+from gcs.simulation.scenario import Scenario
+
+NOWHERE = np.full(3, np.nan)
+
+
+@dataclass(slots=True, eq=False)
+class Record:
+    """A flight of n vehicles, with one entry per tick. The flight fills it, and the metrics read it."""
+
+    scenario: Scenario
+    seed: int
+    start_m: Array  # (n, 3)
+    goal_m: Array  # (n, 3), NaN without
+    floor_m: float
+    time_s: list[float] = field(default_factory=list)
+    position_m: list[Array] = field(default_factory=list)  # (n, 3) true
+    formed: list[Mask] = field(default_factory=list)  # (n,) in formation
+    in_air: list[Mask] = field(default_factory=list)  # (n,)
+    center_m: list[Array] = field(default_factory=list)  # (3,) commanded
+    radius_m: list[float] = field(default_factory=list)
+    target_m: list[Array] = field(default_factory=list)  # (2,)
+    boxes: list[tuple[Obstacle, ...]] = field(default_factory=list)  # at their positions now
+    closest_m: list[float] = field(default_factory=list)  # in the floor's metric, over the tick's steps
+    limited: list[int] = field(default_factory=list)  # number of vehicles that the safety filter limited
+    tick_s: list[float] = field(default_factory=list)  # processor time of each decision
+    violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
+    charge: Array | None = None  # (n,), None: all alike
+    orbit_radius_m: float = 0.0
+    busy_s: float = 0.0  # processor time of the whole flight
+    changed_s: float = 0.0  # start of settling: engagement, or the last event
+
+    @property
+    def count(self) -> int:
+        """Number of vehicles."""
+        return len(self.start_m)
+
+    def charges(self, rows: Mask) -> tuple[float, ...]:
+        """Charges of the vehicles in `rows` (n,)."""
+        charge = np.ones(self.count) if self.charge is None else self.charge
+        return tuple(charge[rows].tolist())
+
+    @property
+    def path_m(self) -> Array:
+        """(ticks, n, 3) true positions."""
+        return np.array(self.position_m, dtype=np.float64)
+
+
+FAR_M = 1e9
+
+
+@kernel
+def closest_m(
+    position_m: Array, in_air: Mask, present: Mask, scale_z: float, pad_height_m: float, inside_m: float
+) -> tuple[float, int]:
+    """Smallest distance of the pairs that count, heights times `scale_z`, and the number within `inside_m`.
+
+    A pair counts when at least one vehicle is airborne and not both are below `pad_height_m`.
+    """
+    n = len(position_m)
+    least_m2, inside = FAR_M * FAR_M, 0
+    for i in range(n):
+        if not present[i]:
+            continue
+        x, y, z = position_m[i, 0], position_m[i, 1], position_m[i, 2]
+        low = -z < pad_height_m
+        for j in range(i + 1, n):
+            dx = position_m[j, 0] - x
+            dy = position_m[j, 1] - y
+            dz = (position_m[j, 2] - z) * scale_z
+            distance_m2 = dx * dx + dy * dy + dz * dz
+            if distance_m2 < least_m2 or distance_m2 < inside_m * inside_m:
+                counts = present[j] and (in_air[i] or in_air[j])
+                if counts and not (low and -position_m[j, 2] < pad_height_m):
+                    least_m2 = min(least_m2, distance_m2)
+                    if distance_m2 < inside_m * inside_m:
+                        inside += 1
+    return np.sqrt(least_m2), inside
+
 
 PENETRATION_M = 1.0
+
+
 NEAR_M = 15.0
 """Vehicles farther from a box than this ignore it."""
 
+
 NEARER_M_S = 0.5
 """A vehicle that approaches a box more slowly than this has passed it: jitter is not an approach."""
+
 
 THROUGH_M = 2.0
 """Largest final distance of vehicles from the sphere, and of the sphere from its destination."""

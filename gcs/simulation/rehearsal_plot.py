@@ -11,9 +11,9 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from gcs.model.state import Array
-from gcs.simulation.rehearsal.flight import Rehearsal
-from gcs.simulation.rehearsal.verdict import Verdict, judge
-from gcs.simulation.trace import Record
+from gcs.simulation.record import Record
+from gcs.simulation.rehearsal import Rehearsal
+from gcs.simulation.rehearsal_verdict import Verdict, judge
 
 NIGHT = "#0b0e16"
 GREY = "#8a93a6"

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from gcs.model.errors import Problem
 from gcs.model.plan import Plan
-from gcs.planning.vertical_overlap import column_m, overlapping
+from gcs.planning.landing_sites import column_m, overlapping
 from gcs.shows import Flaw, Played
 from gcs.simulation.metrics import rounded
-from gcs.simulation.rehearsal.flight import Rehearsal
-from gcs.simulation.trace import Record
+from gcs.simulation.record import Record
+from gcs.simulation.rehearsal import Rehearsal
 
 TAKEOFF_M_S = 1.5
 """MPC_TKO_SPEED."""

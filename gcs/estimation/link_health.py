@@ -1,0 +1,169 @@
+"""Each vehicle's link: delay, share of telemetry that arrives, gaps between setpoints, signs of life.
+
+Pure; times are given. Rows are as in FleetState.
+"""
+
+from math import isfinite
+from typing import Final
+
+import numpy as np
+
+from gcs.model.state import Array, Mask
+
+FORGETS: Final = 2e-4
+"""Seconds per second by which the smallest delay is forgotten: clocks drift."""
+
+SMOOTH_S: Final = 3.0
+"""Time constant of the average; a sample comes once a second."""
+
+CLOCK_SET_S: Final = 3.0
+"""A difference that changes by more is a clock that was set: no link delays messages for that long."""
+
+
+class LinkDelay:
+    """Delay of each vehicle's telemetry, compared with its smallest so far.
+
+    A vehicle's SYSTEM_TIME contains its own clock as the message left. Clocks differ by a constant, so the
+    varying part of the difference to its arrival is the link's delay. (The boot clock is not suitable: a
+    simulator's loses 1 to 2 % against the wall clock.)
+    """
+
+    def __init__(self, count: int) -> None:
+        self._base_s = np.full(count, np.nan)  # the newest sample: vehicle's clock less arrival
+        self._soonest_s = np.full(count, np.nan)  # the largest of them: the smallest delay
+        self._sampled_s = np.full(count, np.nan)
+        self._late_s = np.zeros(count)
+
+    def note(self, clock_base_s: Array, now_s: float) -> None:
+        """Add (n,) each vehicle's clock when ours was 0; NaN: not known."""
+        new = (clock_base_s != self._base_s) & ~np.isnan(clock_base_s)
+        if not new.any():
+            return
+        soonest_s = self._soonest_s - FORGETS * np.nan_to_num(now_s - self._sampled_s)
+        late_s = soonest_s - clock_base_s
+        anew = new & ~(np.abs(late_s) < CLOCK_SET_S)  # also the first
+        soonest_s = np.where(new, np.fmax(soonest_s, clock_base_s), self._soonest_s)
+        self._soonest_s = np.where(anew, clock_base_s, soonest_s)
+        late_s = np.where(anew, 0.0, np.maximum(late_s, 0.0))
+        weight = -np.expm1(-np.nan_to_num(now_s - self._sampled_s, nan=np.inf) / SMOOTH_S)
+        self._late_s = np.where(new, self._late_s + weight * (late_s - self._late_s), self._late_s)
+        self._sampled_s = np.where(new, now_s, self._sampled_s)
+        self._base_s = np.where(new, clock_base_s, self._base_s)
+
+    @property
+    def late_s(self) -> Array:
+        """(n,) average delay; 0 where nothing is known."""
+        return self._late_s
+
+
+QUALITY_OVER_S: Final = 5.0
+"""Age at which an arrival counts by 1/e."""
+
+
+class LinkQuality:
+    """The share of requested positions that arrive, from the newest arrivals once a tick."""
+
+    def __init__(self, expected_hz: Array) -> None:
+        """`expected_hz` (n,): rates of positions requested, each above 0 and at most the rate of `note`."""
+        self._expected_hz = expected_hz
+        self._rate_hz = np.zeros_like(expected_hz)
+        self._arrival_s = np.full_like(expected_hz, -np.inf)
+        self._time_s: float | None = None
+
+    def note(self, arrival_s: Array, now_s: float) -> None:
+        """Add the arrival of each vehicle's newest position: (n,), -inf before the first."""
+        before_s, self._time_s = self._time_s, now_s
+        arrived, self._arrival_s = arrival_s > self._arrival_s, arrival_s
+        if before_s is None or now_s <= before_s:
+            return
+        elapsed_s = now_s - before_s
+        weight = -np.expm1(-elapsed_s / QUALITY_OVER_S)
+        self._rate_hz = self._rate_hz + weight * (arrived / elapsed_s - self._rate_hz)
+
+    @property
+    def share(self) -> Array:
+        """(n,) from 0 to 1."""
+        share: Array = np.minimum(1.0, self._rate_hz / self._expected_hz)
+        return share
+
+
+GAP_COUNTS_S: Final = 10.0
+"""A failsafe shows in a heartbeat, seconds after the gap that caused it where heartbeats are lost."""
+
+
+class SetpointGaps:
+    """Recent gaps between the setpoints sent to each vehicle: a stall of the station leaves one."""
+
+    def __init__(self, count: int) -> None:
+        self._last_s = np.full(count, np.nan)  # when it was last commanded
+        self._gap_s, self._ended_s = np.zeros(count), np.full(count, -np.inf)  # the longest recent one
+
+    def note(self, commanded: Mask, now_s: float) -> None:
+        """Add a tick: (n,) vehicles to which a setpoint was sent at `now_s`."""
+        gap_s = np.where(commanded, now_s - self._last_s, np.nan)
+        longer = (gap_s >= self._gap_s) | (commanded & (now_s - self._ended_s > GAP_COUNTS_S))
+        self._gap_s = np.where(longer, np.nan_to_num(gap_s), self._gap_s)
+        self._ended_s = np.where(longer, now_s, self._ended_s)
+        self._last_s = np.where(commanded, now_s, self._last_s)
+
+    def longest_s(self, row: int, now_s: float) -> float:
+        """The longest gap of the last GAP_COUNTS_S, including one still open; NaN: never commanded."""
+        open_s = now_s - float(self._last_s[row])
+        ended_s = float(self._gap_s[row]) if now_s - self._ended_s[row] <= GAP_COUNTS_S else 0.0
+        return float(np.fmax(open_s, ended_s)) if np.isfinite(open_s) else np.nan
+
+    @property
+    def last_s(self) -> Array:
+        """(n,) when each was last commanded, NaN: never."""
+        return self._last_s
+
+
+BEATS_MAY_LACK_S: Final = 1.5
+"""Heartbeats come once a second: a single missing one means nothing. A vehicle on the ground is offline after
+`operation.silence_s` and this, and one in the air is reported.
+"""
+
+
+BEATS_LACK_MAX_S: Final = 8.0
+"""A vehicle in the air is lost after `operation.silence_s` and this. Where a fifth of all messages is lost,
+ten heartbeats in a row are lost once in ten million.
+"""
+
+ARRIVES_S: Final = 1.0
+"""An autopilot sends several messages a second: when the newest is older, none arrives."""
+
+
+def lacking(now_s: float, life_s: float, beat_s: float, position_s: float, silence_s: float) -> str:
+    """What is missing of a vehicle's telemetry, in words; empty when nothing is (decision 0024).
+
+    Every message of a vehicle's autopilot is a sign of life. Its position is needed to fly it, its heartbeat
+    to know its mode: a pilot's takeover shows nowhere else.
+
+    - No telemetry at all, or no position: the vehicle is lost, and nothing is sent to it.
+    - No heartbeat, but positions: it is flown on. Setpoints take nothing from a pilot, for PX4 follows them
+      in OFFBOARD only. An alarm names the missing heartbeats. Without a fresh heartbeat the service sends no
+      mode change on its own. After BEATS_LACK_MAX_S more the vehicle counts as lost: a pilot may have flown
+      it for so long that the others must not rely on its giving way.
+
+    Args:
+        now_s: of this tick.
+        life_s: arrival of any message from its autopilot, -inf before the first.
+        beat_s: of its newest heartbeat.
+        position_s: of its newest position.
+        silence_s: `operation.silence_s`.
+    """
+    if not now_s - life_s <= silence_s:
+        return f"no telemetry{_since(now_s - life_s)}"
+    if not now_s - position_s <= silence_s:
+        if now_s - life_s > ARRIVES_S:
+            return f"no telemetry{_since(now_s - life_s)}"
+        beats = now_s - beat_s <= silence_s
+        others = "heartbeats still arrive" if beats else "other telemetry still arrives"
+        return f"no position{_since(now_s - position_s)}, {others}"
+    if not now_s - beat_s <= silence_s + BEATS_MAY_LACK_S:
+        return f"no heartbeat{_since(now_s - beat_s)}, positions still arrive"
+    return ""
+
+
+def _since(age_s: float) -> str:
+    return f" for {age_s:.1f} s" if isfinite(age_s) else ""

@@ -1,1 +1,0 @@
-"""A written show flown in virtual time, judged and drawn."""
