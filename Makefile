@@ -52,14 +52,14 @@ quick: .venv/ready compiled  ## between edits: linters, types, contracts, units,
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
 
 console-test: .venv/ready api/console/node_modules/ready  ## the page's types and unit tests
-	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent schema -- --check --output src/schemas/schema.ts || \
+	$(BIN)/python -m gcs.api.app | $(NPM) run --silent schema -- --check --output src/schemas/schema.ts || \
 	  { echo "api/console/src/schemas/schema.ts is not what the API says of itself: make schema" >&2; exit 1; }
 	$(NPM) run --silent types
 	$(NPM) run --silent cycles
 	$(NPM) run --silent test
 
 schema: .venv/ready api/console/node_modules/ready  ## the console's types, from the API's OpenAPI document
-	$(BIN)/python -m gcs.api.openapi | $(NPM) run --silent schema -- --output src/schemas/schema.ts
+	$(BIN)/python -m gcs.api.app | $(NPM) run --silent schema -- --output src/schemas/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec, setpoint_kernels; \

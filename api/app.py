@@ -1,9 +1,11 @@
 """The app: every route, every error in one shape, OpenAPI at /docs."""
 
+import json
+import sys
 from collections.abc import Sequence
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
@@ -12,20 +14,18 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from gcs.api import console_files as page
-from gcs.api import docs, metrics
-from gcs.api import error_docs as problem_docs
-from gcs.api.auth.audit import Audited
+from gcs.api import metrics
 from gcs.api.auth.authorization import Authorization
-from gcs.api.auth.middleware import AccessMiddleware
+from gcs.api.auth.middleware import AccessMiddleware, Audited
 from gcs.api.context import Context
 from gcs.api.errors import echo, error_response, from_pydantic, invalid_response
 from gcs.api.map_tiles import GroundMap
-from gcs.api.methods import Methods, allowed
+from gcs.api.middleware import Methods, SecurityHeaders, allowed
+from gcs.api.openapi import DescribedApp
 from gcs.api.routes import commands, fleet, plan, stream
 from gcs.api.routes import replay as replay_routes
 from gcs.api.routes import shows as show_routes
 from gcs.api.schemas import fleet as schemas
-from gcs.api.security_headers import SecurityHeaders
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
 from gcs.service import Service
 
@@ -35,19 +35,6 @@ STATUS: Final[dict[type[GcsError], HTTPStatus]] = {
     UnknownError: HTTPStatus.NOT_FOUND,
     LinkError: HTTPStatus.SERVICE_UNAVAILABLE,
 }
-
-DESCRIPTION: Final = """
-Fly a formation: start and stop the show; change formation, target, orbit and obstacles in flight. Or fly a
-written show: upload it, check it, select it, start it by the hash that its check reports.
-
-Lengths are in metres. Positions are in the show frame (x along the show's heading, y to its right, heights
-positive up) or in latitude and longitude. Headings are in degrees clockwise from north. Commands answer 202
-with a command record; its outcome is at `/api/v1/commands/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket
-that sends what `/api/v1/fleet` answers, always the newest state. `/api/v1/stream/console` sends binary frames
-for displays, and `/api/v1/status` whenever it changes (docs/stream.md). Where commands are recorded, the
-answer leaves after the record is written; with the header `X-Recorded: no` it was not written, and `alarms`
-say why.
-"""
 
 
 def create_app(
@@ -70,7 +57,6 @@ def create_app(
     authorization = authorization or Authorization()
     app = routed(asks_for_tokens=authorization.asks_for_tokens)
     app.include_router(page.routes(console, None if ground is None else ground.origin))
-    app.include_router(docs.routes(console))
     app.state.context = Context(service, authorization, ground)
     app.add_middleware(Methods, routes=lambda: app.routes)
     app.add_middleware(AccessMiddleware, names=host_names, authorization=authorization)
@@ -86,7 +72,7 @@ def routed(*, asks_for_tokens: bool = True) -> FastAPI:
     Args:
         asks_for_tokens: whether the document demands a token for calls that need a right.
     """
-    app = _Described(asks_for_tokens)
+    app = DescribedApp(asks_for_tokens)
     app.include_router(fleet.health)
     app.include_router(metrics.router)
     routers = (
@@ -101,37 +87,6 @@ def routed(*, asks_for_tokens: bool = True) -> FastAPI:
     for router in routers:
         app.include_router(router, prefix="/api/v1")
     return app
-
-
-class _Described(FastAPI):
-    """FastAPI whose OpenAPI document demands a token only where the service demands one."""
-
-    def __init__(self, asks_for_tokens: bool) -> None:
-        super().__init__(
-            title="Formation ground station",
-            version="1",
-            description=DESCRIPTION,
-            servers=[{"url": "/", "description": "The service that answers with this document."}],
-            docs_url=None,  # FastAPI's page loads scripts from the internet, which a field may not have
-            redoc_url=None,
-            redirect_slashes=False,
-            generate_unique_id_function=lambda route: route.name,
-            responses=problem_docs.errors(401, 403, 429, 500, 503),
-        )
-        self._asks_for_tokens = asks_for_tokens
-
-    def openapi(self) -> dict[str, Any]:
-        """Return the OpenAPI document; it is made once."""
-        if self.openapi_schema is None:
-            document = super().openapi()
-            if not self._asks_for_tokens:
-                document.get("components", {}).pop("securitySchemes", None)
-                for operation in (
-                    each for methods in document["paths"].values() for each in methods.values()
-                ):
-                    operation.pop("security", None)
-            self.openapi_schema = document
-        return self.openapi_schema
 
 
 async def _on_gcs_error(_request: Request, error: Exception) -> Response:
@@ -179,3 +134,7 @@ def _install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_error)
     app.add_exception_handler(Exception, _on_bug)
+
+
+if __name__ == "__main__":  # prints the OpenAPI document, from which the console's types are generated
+    sys.stdout.write(json.dumps(routed().openapi(), indent=1, sort_keys=True) + "\n")

@@ -27,7 +27,7 @@ class Feed:
         self._problem = problem
         self._ground = ground
         self._began_unix_s = time.time()
-        self._reported: object = None  # content of the newest status, without what a frame contains as well
+        self._sent: object = None  # content of the newest status, without what a frame contains as well
         self._made_s = 0.0
         self._status = ""
         self._revision = 0
@@ -38,9 +38,9 @@ class Feed:
         """Return revision and JSON text of the newest status; changes appear within `STATUS_S`."""
         if not self._revision or now_s - self._made_s >= STATUS_S:
             self._made_s = now_s
-            reported = self._tells()
-            if reported != self._reported:
-                self._reported = reported
+            content = self._content()
+            if content != self._sent:
+                self._sent = content
                 self._revision += 1
                 self._status = self.newest().model_dump_json()
         return self._revision, self._status
@@ -64,7 +64,7 @@ class Feed:
             self._frame_of = view, alive, self._revision
         return self._frame
 
-    def _tells(self) -> object:
+    def _content(self) -> object:
         view, events = self._service.view.value, self._service.events.newest()
         rows, selected, playback = view.rows, view.selected, view.playback
         return (

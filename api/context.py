@@ -9,8 +9,7 @@ from typing import Annotated, Final, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from gcs.api.auth.authorization import Authorization
-from gcs.api.auth.kill_confirmation import KillSwitch
+from gcs.api.auth.authorization import Authorization, KillSwitch
 from gcs.api.console_feed import Feed
 from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import convert

@@ -1,19 +1,29 @@
 """The common shape of every error response, and descriptions of invalid requests in the project's words."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from math import isfinite, isnan
 from typing import Any, Final
 
 from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+from starlette.websockets import WebSocket
 
 from gcs.api.schemas import fleet as schemas
 from gcs.api.schemas import requests
-from gcs.api.security_headers import HEADERS
 from gcs.model.errors import cut, quoted
 
-ERROR_HEADERS: Final = {**HEADERS, "Cache-Control": "no-store"}
+SECURITY_HEADERS: Final[Mapping[str, str]] = {
+    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""With these, no page of another site can frame or embed a response, and browsers do not guess its type."""
+
+ERROR_HEADERS: Final = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
 
 DETAIL_MAX: Final = 4000
 """Most characters of one error's text, however many fields are wrong."""
@@ -85,3 +95,12 @@ def from_pydantic(error: dict[str, Any]) -> schemas.Problem:
     elif field == "body" and not isinstance(value, dict):
         allowed = "a JSON object, sent as Content-Type: application/json"
     return schemas.Problem(field=cut(field), value=echo(value), allowed=allowed)
+
+
+async def refuse(response: Response, scope: Scope, receive: Receive, send: Send) -> None:
+    """Send the response to a request, or to the handshake of a WebSocket."""
+    if scope["type"] == "websocket":
+        await receive()  # ASGI: the connect message comes before any response
+        await WebSocket(scope, receive, send).send_denial_response(response)
+    else:
+        await response(scope, receive, send)

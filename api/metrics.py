@@ -18,7 +18,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_1_0_0, generate_late
 from starlette.responses import Response
 
 from gcs.api.context import ContextDep
-from gcs.api.error_docs import TOKEN
+from gcs.api.openapi import TOKEN
 from gcs.api.schemas.convert import current_alarms as current
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView, Histogram

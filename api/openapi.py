@@ -1,18 +1,95 @@
-"""Prints the OpenAPI document, as at `/openapi.json`, without a service: `python -m gcs.api.openapi`.
+"""The OpenAPI document, and what routes declare in it: names in paths, errors, the token, bodies."""
 
-The console's types (`api/console/src/schemas/schema.ts`) are generated from it.
+from typing import Annotated, Any, Final
+
+from fastapi import Depends, FastAPI, Path
+from fastapi.security import HTTPBearer
+from starlette.requests import Request
+
+from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas.requests import NAME_MAX
+from gcs.model.errors import InvalidError
+
+DESCRIPTION: Final = """
+Fly a formation: start and stop the show; change formation, target, orbit and obstacles in flight. Or fly a
+written show: upload it, check it, select it, start it by the hash that its check reports.
+
+Lengths are in metres. Positions are in the show frame (x along the show's heading, y to its right, heights
+positive up) or in latitude and longitude. Headings are in degrees clockwise from north. Commands answer 202
+with a command record; its outcome is at `/api/v1/commands/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket
+that sends what `/api/v1/fleet` answers, always the newest state. `/api/v1/stream/console` sends binary frames
+for displays, and `/api/v1/status` whenever it changes (docs/stream.md). Where commands are recorded, the
+answer leaves after the record is written; with the header `X-Recorded: no` it was not written, and `alarms`
+say why.
 """
 
-import json
-import sys
+MEANING: Final = {
+    400: "The body cannot be read.",
+    401: "No token, or one that is not known.",
+    403: "A token without the role for this, a foreign web page, or a host name that is not accepted.",
+    404: "No such thing.",
+    408: "The body did not come in time.",
+    409: "Proper, but not now; `detail` says why and what to do.",
+    413: "The body is too large.",
+    415: "The body is compressed (`Content-Encoding`), which is not accepted.",
+    429: "Too many calls; `Retry-After` says when to come again.",
+    422: "Bad input; `problems` names each field, its value and what is allowed.",
+    500: "A bug of this service.",
+    503: "Control is not alive, or too many connections are open; `detail` says why.",
+}
 
-from gcs.api.app import routed
+
+def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI documentation of the errors that a route may return."""
+    return {status: {"model": schemas.ErrorBody, "description": MEANING[status]} for status in statuses}
 
 
-def text() -> str:
-    """Return the OpenAPI document as JSON, always in the same order."""
-    return json.dumps(routed().openapi(), indent=1, sort_keys=True) + "\n"
+async def _no_body(request: Request) -> None:
+    """Refuse a body of a command without parameters: the caller expects an effect that the command lacks."""
+    body = await request.body()
+    if body.strip() not in (b"", b"{}", b"null"):
+        raise InvalidError("body", body.decode(errors="replace"), "empty: this request has no fields")
 
 
-if __name__ == "__main__":
-    sys.stdout.write(text())
+TOKEN: Final = [Depends(HTTPBearer(auto_error=False, description="See `gcs token create`."))]
+NO_BODY: Final = [Depends(_no_body)]
+READ: Final = errors(422)
+WRITE: Final = errors(400, 408, 413, 415, 422)
+COMMAND: Final = WRITE | errors(409, 503)
+
+VehicleId = Annotated[str, Path(max_length=NAME_MAX, examples=["d1"])]
+ObstacleId = Annotated[str, Path(max_length=NAME_MAX, examples=["tower"])]
+CommandId = Annotated[str, Path(max_length=NAME_MAX)]
+AlarmId = Annotated[str, Path(max_length=NAME_MAX)]
+"""Names in paths, bounded as in bodies."""
+
+
+class DescribedApp(FastAPI):
+    """FastAPI whose OpenAPI document demands a token only where the service demands one."""
+
+    def __init__(self, asks_for_tokens: bool) -> None:
+        super().__init__(
+            title="Formation ground station",
+            version="1",
+            description=DESCRIPTION,
+            servers=[{"url": "/", "description": "The service that answers with this document."}],
+            docs_url=None,  # FastAPI's page loads scripts from the internet, which a field may not have
+            redoc_url=None,
+            redirect_slashes=False,
+            generate_unique_id_function=lambda route: route.name,
+            responses=errors(401, 403, 429, 500, 503),
+        )
+        self._asks_for_tokens = asks_for_tokens
+
+    def openapi(self) -> dict[str, Any]:
+        """Return the OpenAPI document; it is made once."""
+        if self.openapi_schema is None:
+            document = super().openapi()
+            if not self._asks_for_tokens:
+                document.get("components", {}).pop("securitySchemes", None)
+                for operation in (
+                    each for methods in document["paths"].values() for each in methods.values()
+                ):
+                    operation.pop("security", None)
+            self.openapi_schema = document
+        return self.openapi_schema

@@ -5,9 +5,10 @@ Emergency calls and map tiles have rate limits of their own, which other calls c
 
 import asyncio
 import logging
+import secrets
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum, auto
 from math import inf
 from typing import Final
@@ -16,10 +17,31 @@ from starlette.datastructures import Headers
 
 from gcs.api.auth.tokens import Entry, Tokens
 from gcs.api.console_files import is_public
-from gcs.api.rate_limit import Bucket
+from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Offer
+from gcs.model.state import VehicleId
 from gcs.service import ShowAction, VehicleAction
 from gcs.service.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
+
+
+@dataclass(slots=True)
+class Bucket:
+    """A token bucket: `burst` calls at once, then `rate_per_s`. Callers pass the time, of any one clock."""
+
+    rate_per_s: float
+    burst: float
+    _left: float = field(default=inf, init=False)
+    _time_s: float = field(default=-inf, init=False)
+
+    def take(self, now_s: float) -> bool:
+        """Whether one more call is allowed now; a refused call takes no token."""
+        gained = self.rate_per_s * (now_s - self._time_s)
+        self._left, self._time_s = min(self.burst, self._left + gained), now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
 
 log = logging.getLogger(__name__)
 
@@ -56,8 +78,8 @@ BEARER: Final = "bearer."
 subprotocols `gcs.v1` and `bearer.TOKEN`.
 """
 
-TELL_PER_S: Final = 10.0
-TELL_BURST: Final = 100.0
+AUDIT_PER_S: Final = 10.0
+AUDIT_BURST: Final = 100.0
 """Denied calls that are audited one by one; more are summed up each second, or they would fill the disk."""
 
 
@@ -103,8 +125,8 @@ class Principal:
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
-    """A call before its body is read."""
+class Request:
+    """A request before its body is read."""
 
     method: str  # WEBSOCKET for the stream
     path: str
@@ -138,8 +160,8 @@ class Authorization:
         self._audit = audit
         self._clock_s = clock_s
         self._buckets: dict[tuple[str, Lane], Bucket] = {}  # one for each name and lane
-        self._telling = Bucket(TELL_PER_S, TELL_BURST)
-        self._untold = 0
+        self._audit_bucket = Bucket(AUDIT_PER_S, AUDIT_BURST)
+        self._not_audited = 0
         self.denied = 0
         self.shed = 0
 
@@ -169,7 +191,7 @@ class Authorization:
         """Whether an admitted caller is still authorized: its token is not revoked."""
         return self._tokens is None or principal.entry is None or self._tokens.has(principal.entry)
 
-    def refusal(self, principal: Principal, call: Call) -> Refusal | None:
+    def refusal(self, principal: Principal, call: Request) -> Refusal | None:
         """Why this call is denied; None when it is allowed."""
         right = needed(call.method, call.path)
         in_lane = right is Right.EMERGENCY and right in principal.rights
@@ -185,7 +207,7 @@ class Authorization:
         roles = " or ".join(role for role in Role if right in RIGHTS[role])
         return Refusal(403, f"{principal.name} may not: this needs a token of role {roles}")
 
-    def turned_away(self, principal: Principal, call: Call, refusal: Refusal) -> None:
+    def log_refusal(self, principal: Principal, call: Request, refusal: Refusal) -> None:
         """Report a denied call to the audit, at a limited rate."""
         self.denied += 1
         reported = Denied(
@@ -197,15 +219,15 @@ class Authorization:
             refusal.status,
             refusal.reason,
         )
-        if self._telling.take(self._clock_s()):
+        if self._audit_bucket.take(self._clock_s()):
             self._audit(reported)
             return
-        self._untold += 1
-        if self._untold == 1:
-            asyncio.get_running_loop().call_later(1.0, self._tell_rest, reported)
+        self._not_audited += 1
+        if self._not_audited == 1:
+            asyncio.get_running_loop().call_later(1.0, self._audit_rest, reported)
 
-    def _tell_rest(self, first: Denied) -> None:
-        count, self._untold = self._untold, 0
+    def _audit_rest(self, first: Denied) -> None:
+        count, self._not_audited = self._not_audited, 0
         self._audit(replace(first, count=count))
 
     def _bucket(self, name: str, lane: Lane) -> Bucket:
@@ -222,3 +244,54 @@ def _token(headers: Headers) -> str:
         return token.strip()
     offered = [each.strip() for each in headers.get("sec-websocket-protocol", "").split(",")]
     return next((each.removeprefix(BEARER) for each in offered if each.startswith(BEARER)), "")
+
+
+VALID_S: Final = 20.0
+"""Seconds that a code is valid: enough to read the vehicles and type the code, too short for a code from a
+terminal's history.
+"""
+
+WAITING_MAX: Final = 100
+"""Most armed kills at a time; one more drops the oldest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Armed:
+    """A kill that waits for its confirmation."""
+
+    code: str
+    vehicles: tuple[VehicleId, ...]
+    caller: str
+    until_s: float
+
+
+def random_code() -> str:
+    """Return six hexadecimal digits, which cannot be guessed within `VALID_S`."""
+    return secrets.token_hex(3)
+
+
+class KillSwitch:
+    """Holds the armed kills. A code works once, within `VALID_S`, and for the caller that armed it."""
+
+    def __init__(self, make_code: Callable[[], str] = random_code) -> None:
+        self._make_code = make_code
+        self._waiting: dict[str, Armed] = {}
+
+    def arm(self, vehicles: Sequence[VehicleId], caller: str, now_s: float) -> Armed:
+        """Make a code for these vehicles; nothing is sent to them yet."""
+        self._waiting = {code: one for code, one in self._waiting.items() if one.until_s > now_s}
+        while len(self._waiting) >= WAITING_MAX:
+            del self._waiting[next(iter(self._waiting))]
+        armed = Armed(self._make_code(), tuple(vehicles), caller, now_s + VALID_S)
+        self._waiting[armed.code] = armed
+        return armed
+
+    def confirm(self, code: str, caller: str, now_s: float) -> tuple[VehicleId, ...]:
+        """Return a code's vehicles. Raises: RefusedError for an unknown, used, expired or foreign code."""
+        armed = self._waiting.get(code)
+        if armed is None or armed.caller != caller:
+            raise RefusedError(f"{code!r} confirms nothing: arm the kill first; a code works once")
+        del self._waiting[code]
+        if now_s > armed.until_s:
+            raise RefusedError(f"{code!r} came too late: it was good for {VALID_S:g} s; arm the kill again")
+        return armed.vehicles

@@ -7,22 +7,71 @@ from a page of this service.
 """
 
 import asyncio
-from collections.abc import Sequence
+import json
+import re
+from collections.abc import Iterator, Sequence
+from http import HTTPStatus
 from ipaddress import ip_address
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlsplit
 
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from starlette.websockets import WebSocket
 
-from gcs.api.auth.audit import WHO_KEY
-from gcs.api.auth.authorization import Authorization, Call, Principal, Refusal, is_emergency, needed
-from gcs.api.auth.strict_json import find_problem
-from gcs.api.errors import error_response, invalid_response
+from gcs.api.auth.authorization import Authorization, Principal, Refusal, Request, is_emergency, needed
+from gcs.api.errors import echo, error_response, invalid_response, refuse
+from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import cut
-from gcs.service import CALLER
+from gcs.service import CALLER, Audit, Call
+
+READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+DENIED: Final = frozenset({HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN, HTTPStatus.TOO_MANY_REQUESTS})
+
+RECORDED_MAX_BYTES: Final = 4096
+"""Bytes of a body that are recorded; the rest is left out."""
+
+CALLER_KEY: Final = "gcs.caller"
+"""Key of the ASGI scope for the caller's name. The access middleware sets it, and `gcs.service.CALLER`."""
+
+
+class Audited:
+    """ASGI middleware around the whole app, outside every middleware that may deny a call."""
+
+    def __init__(self, app: ASGIApp, audit: Audit) -> None:
+        self._app = app
+        self._audit = audit
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the call on; record it before its response is sent."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        body = bytearray()
+
+        async def record_body() -> Message:
+            message = await receive()
+            if message["type"] == "http.request":
+                body.extend(message.get("body", b"")[: RECORDED_MAX_BYTES - len(body)])
+            return message
+
+        async def answer(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                await self._record(scope, bytes(body), message)
+            await send(message)
+
+        await self._app(scope, record_body, answer)
+
+    async def _record(self, scope: Scope, body: bytes, start: Message) -> None:
+        status, changes = start["status"], scope["method"] not in READING
+        if not changes and status not in DENIED:
+            return
+        caller = scope.get(CALLER_KEY) or CALLER.get()
+        text = body.decode(errors="replace")
+        self._audit.call(Call(caller, scope["method"], scope["path"], text, status))
+        if changes and status < HTTPStatus.BAD_REQUEST and not await self._audit.kept():
+            MutableHeaders(scope=start)["X-Recorded"] = "no"
+
 
 BODY_MAX_BYTES: Final = 64 * 1024
 """Limit of a request body; the largest valid one, a start with thousands of names, is smaller."""
@@ -47,18 +96,18 @@ class AccessMiddleware:
             await self._app(scope, receive, send)
             return
         call, principal = _call(scope), self._authorization.principal(Headers(scope=scope))
-        scope[WHO_KEY] = principal.name
+        scope[CALLER_KEY] = principal.name
         foreign = self._foreign(call)
         refusal = Refusal(403, foreign) if foreign else self._authorization.refusal(principal, call)
         if refusal is not None:
-            self._authorization.turned_away(principal, call, refusal)
-            await _turn_away(refusal, scope, receive, send)
+            self._authorization.log_refusal(principal, call, refusal)
+            await _deny(refusal, scope, receive, send)
             return
-        who = CALLER.set(principal.name)
+        token = CALLER.set(principal.name)
         try:
             await self._enter(scope, receive, send, principal)
         finally:
-            CALLER.reset(who)
+            CALLER.reset(token)
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send, principal: Principal) -> None:
         if scope["type"] == "websocket":
@@ -91,7 +140,7 @@ class AccessMiddleware:
             return
         await self._app(scope, _replay(body, receive), send)
 
-    def _foreign(self, call: Call) -> str:
+    def _foreign(self, call: Request) -> str:
         """Why this request is not accepted by its host, origin or embedding page; empty when it is."""
         host = call.headers.get("host", "")
         if not self._is_ours(host):
@@ -126,10 +175,10 @@ class EmergencyLane:
             await self._app(scope, receive, send)
         else:
             refusal = Refusal(404, "this port answers emergency calls alone; everything else is at the other")
-            await _turn_away(refusal, scope, receive, send)
+            await _deny(refusal, scope, receive, send)
 
 
-def _is_embedded(call: Call) -> bool:
+def _is_embedded(call: Request) -> bool:
     """Whether a page of another site embeds the resource (image, frame): a request without `Origin`.
 
     Such a request is refused before the rate limit counts it: it must not use up the calls of the operator's
@@ -143,9 +192,9 @@ def _is_embedded(call: Call) -> bool:
     return not (is_link and call.method == "GET" and needed(call.method, call.path) is None)
 
 
-def _call(scope: Scope) -> Call:
+def _call(scope: Scope) -> Request:
     address = scope.get("client")
-    return Call(
+    return Request(
         method=scope.get("method", "WEBSOCKET"),
         path=scope["path"],
         headers=Headers(scope=scope),
@@ -153,17 +202,13 @@ def _call(scope: Scope) -> Call:
     )
 
 
-async def _turn_away(refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+async def _deny(refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
     response = error_response(refusal.status, refusal.reason)
     if refusal.status == 401:
         response.headers["WWW-Authenticate"] = "Bearer"
     elif refusal.status == 429:
         response.headers["Retry-After"] = "1"
-    if scope["type"] == "websocket":
-        await receive()  # ASGI: the connect message comes before any response
-        await WebSocket(scope, receive, send).send_denial_response(response)
-    else:
-        await response(scope, receive, send)
+    await refuse(response, scope, receive, send)
 
 
 async def _read(receive: Receive) -> bytes | None:
@@ -188,3 +233,88 @@ def _replay(body: bytes, receive: Receive) -> Receive:
         return waiting.pop() if waiting else await receive()
 
     return next_message
+
+
+DEPTH_MAX: Final = 32
+"""Most nested objects and lists; the deepest valid request has 3."""
+
+DIGITS_MAX: Final = 300
+"""Most digits of an integer; the largest float has 309."""
+
+_MARKS: Final = re.compile(r'"(?:[^"\\]|\\.)*"?|[\[{]|[\]}]', re.DOTALL)
+
+
+class _Twice(dict[str, Any]):
+    """A JSON object with a repeated name."""
+
+    def __init__(self, pairs: Sequence[tuple[str, Any]]) -> None:
+        super().__init__(pairs)
+        seen: set[str] = set()
+        self.name = next(name for name, _ in pairs if name in seen or seen.add(name))  # type: ignore[func-returns-value]
+
+
+class _Long(str):
+    """The digits of an integer that is too long."""
+
+    __slots__ = ()
+
+
+def find_problem(headers: Headers, body: bytes) -> schemas.Problem | None:
+    """Return the first problem of a body that is declared as JSON; None when it has none.
+
+    A body that cannot be parsed as JSON also returns None: its route reports the error.
+    """
+    kind = headers.get("content-type", "").partition(";")[0].strip().lower()
+    if not body.strip() or not (kind == "application/json" or kind.endswith("+json")):
+        return None
+    try:
+        text = body.decode()
+    except UnicodeDecodeError as error:
+        return schemas.Problem(field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not")
+    if text.count("[") + text.count("{") > DEPTH_MAX and _depth(text) > DEPTH_MAX:
+        return schemas.Problem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
+    try:
+        value = json.loads(text, object_pairs_hook=_json_object, parse_int=_whole)
+    except json.JSONDecodeError:
+        return None
+    return next(_problems(value, ()), None)
+
+
+def _depth(text: str) -> int:
+    """Nesting depth of objects and lists; counting stops above `DEPTH_MAX`."""
+    depth = deepest = 0
+    for mark in _MARKS.finditer(text):
+        depth += (mark[0] in "[{") - (mark[0] in "]}")
+        deepest = max(deepest, depth)
+        if deepest > DEPTH_MAX:
+            break
+    return deepest
+
+
+def _json_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    return made if len(made) == len(pairs) else _Twice(pairs)
+
+
+def _whole(digits: str) -> int | _Long:
+    return int(digits) if len(digits) <= DIGITS_MAX else _Long(digits)
+
+
+def _problems(value: object, path: tuple[str, ...]) -> Iterator[schemas.Problem]:
+    """Yield every problem inside a value, with the dotted name of its field."""
+    if isinstance(value, _Twice):
+        name = _field((*path, value.name))
+        yield schemas.Problem(field=name, value=echo(value[value.name]), allowed="given once, not twice")
+    if isinstance(value, _Long):
+        allowed = f"a number of at most {DIGITS_MAX} digits"
+        yield schemas.Problem(field=_field(path), value=echo(str(value)), allowed=allowed)
+    if isinstance(value, dict):
+        for name, part in value.items():
+            yield from _problems(part, (*path, name))
+    elif isinstance(value, list):
+        for index, part in enumerate(value):
+            yield from _problems(part, (*path, str(index)))
+
+
+def _field(path: Sequence[str]) -> str:
+    return cut(".".join(path)) or "body"

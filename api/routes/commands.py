@@ -7,9 +7,9 @@ from typing import Final, TypeVar
 
 from fastapi import APIRouter, Response
 
-from gcs.api.auth.kill_confirmation import VALID_S
+from gcs.api.auth.authorization import VALID_S
 from gcs.api.context import ContextDep
-from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, CommandId, VehicleId, errors
+from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, CommandId, VehicleId, errors
 from gcs.api.schemas import convert, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError, UnknownError

@@ -9,7 +9,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
 from gcs.api.context import ContextDep
-from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, AlarmId, VehicleId, errors
+from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, AlarmId, VehicleId, errors
 from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
 from gcs.api.schemas.fleet import Access, Alarm, AlarmList, Status

@@ -6,7 +6,7 @@ from http import HTTPStatus
 from fastapi import APIRouter, Response
 
 from gcs.api.context import Context, ContextDep
-from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, ObstacleId, errors
+from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, ObstacleId, errors
 from gcs.api.schemas import convert, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import InvalidError, UnknownError

@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 
 from gcs.api.context import Context, ContextDep
-from gcs.api.error_docs import COMMAND, READ, TOKEN, errors
+from gcs.api.openapi import COMMAND, READ, TOKEN, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path
 from starlette.requests import Request
 
 from gcs.api.context import ContextDep
-from gcs.api.error_docs import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
 

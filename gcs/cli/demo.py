@@ -164,7 +164,7 @@ async def _fly(
                 whole = arguments.seconds >= whole_s(arguments.vehicles, _top_m(config))
                 landing_s = home_s(_top_m(config))
                 script = DemoScript(client, arguments.seconds, describe, landing_s=landing_s, whole=whole)
-                failure = await _tell(script)
+                failure = await _fly_script(script)
             marks = script.marks
             recorder.cancel()
             tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms
@@ -175,7 +175,7 @@ async def _fly(
     return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
 
 
-async def _tell(script: DemoScript) -> GcsError | None:
+async def _fly_script(script: DemoScript) -> GcsError | None:
     """Run the script in a thread of its own; Ctrl-C brings the fleet home.
 
     Returns: the error that ended it early; None when there was none.

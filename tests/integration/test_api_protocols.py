@@ -11,10 +11,10 @@ import websockets
 from websockets.asyncio.client import connect
 
 from gcs.api import server
-from gcs.api.auth.authorization import TELL_BURST, TELL_PER_S, Authorization
+from gcs.api.auth.authorization import AUDIT_BURST, AUDIT_PER_S, Authorization
 from gcs.api.auth.tokens import Tokens, create_token
-from gcs.api.protocols import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
 from gcs.api.schemas import fleet as schemas
+from gcs.api.server import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
 from gcs.service.access import Denied, Role
 from tests.support.api_fake_service import FakeService
 from tests.support.api_station import run, served
@@ -150,7 +150,7 @@ def test_connection_above_the_limit_is_503_and_rarely_logged(
 def test_denied_handshakes_log_no_server_lines_and_few_audits(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    count = int(TELL_BURST) + 60
+    count = int(AUDIT_BURST) + 60
     denied: list[Denied] = []
     file = tmp_path / "tokens.json"
     create_token(file, "crew", Role.WATCH)
@@ -168,4 +168,4 @@ def test_denied_handshakes_log_no_server_lines_and_few_audits(
         asyncio.run(main())
     assert [line for line in caplog.records if line.name.startswith("uvicorn") and line.levelno >= 30] == []
     assert sum(each.count for each in denied) == count
-    assert len(denied) <= TELL_BURST + TELL_PER_S
+    assert len(denied) <= AUDIT_BURST + AUDIT_PER_S

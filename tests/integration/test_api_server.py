@@ -15,8 +15,7 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from gcs.api.app import create_app
 from gcs.api.context import VIEWERS_MAX
-from gcs.api.protocols import CONNECTIONS_MAX
-from gcs.api.server import serve
+from gcs.api.server import CONNECTIONS_MAX, serve
 from gcs.model.errors import LinkError
 from tests.support.api_fake_service import FakeService
 from tests.support.api_station import narrow, run, served, ticking

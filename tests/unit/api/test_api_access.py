@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from gcs.api.app import create_app
-from gcs.api.auth.authorization import TELL_BURST, Authorization
+from gcs.api.auth.authorization import AUDIT_BURST, Authorization
 from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens, create_token, revoke_token
 from gcs.model.lifecycle import ShowPhase
@@ -204,11 +204,11 @@ def test_a_flood_of_denied_calls_is_summed_up(station: Station) -> None:
             await station.ask("GET", "/api/v1/fleet")
         await asyncio.sleep(1.1)
 
-    asyncio.run(flood(int(TELL_BURST) + 40))
+    asyncio.run(flood(int(AUDIT_BURST) + 40))
     # one line a second more, where the machine takes long for so many calls
-    assert sum(each.count for each in station.denied) == TELL_BURST + 40
-    assert TELL_BURST < len(station.denied) < TELL_BURST + 20
-    assert station.authorization.denied == TELL_BURST + 40
+    assert sum(each.count for each in station.denied) == AUDIT_BURST + 40
+    assert AUDIT_BURST < len(station.denied) < AUDIT_BURST + 20
+    assert station.authorization.denied == AUDIT_BURST + 40
 
 
 def test_emergency_lane_answers_emergency_calls_only(station: Station) -> None:

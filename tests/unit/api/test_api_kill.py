@@ -2,7 +2,7 @@
 
 import pytest
 
-from gcs.api.auth.kill_confirmation import VALID_S, WAITING_MAX, KillSwitch
+from gcs.api.auth.authorization import VALID_S, WAITING_MAX, KillSwitch
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase
 from tests.support.api_harness import Api
