@@ -244,14 +244,14 @@ class OperationSettings(Settings):
 class FormationSettings(Settings):
     """Initial sphere of the show."""
 
-    radius_m: Positive
-    height_m: Positive
+    radius_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
+    height_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
 
 
 class OrbitSettings(Settings):
     """Initial orbit of the show."""
 
-    radius_m: NotNegative = 0.0
+    radius_m: Annotated[float, Field(ge=0, le=LENGTH_MAX_M)] = 0.0
     speed_m_s: Positive = 2.0
     direction: Direction = Direction.COUNTERCLOCKWISE
 

@@ -53,7 +53,12 @@ class PlanEditor:
         """Change radius and height; a refusal names values that are accepted."""
         flight = self._flight
         self._show_player.need_free("formation")
-        count = 1 if flight.show in ON_THE_GROUND else max(1, len(self._taking_part()))
+        if flight.show not in ON_THE_GROUND:
+            count = max(1, len(self._taking_part()))
+        elif any(vehicle.phase is not Phase.OFFLINE for vehicle in flight.vehicles.values()):
+            count = 1  # the start may name any of them, and checks the radius for those
+        else:
+            count = len(flight.vehicles)
         target, control, was = self._followed(), flight.control, flight.plan.formation
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
             check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)

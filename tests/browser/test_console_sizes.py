@@ -29,6 +29,7 @@ STALL_S: Final = 8.0
 """Longer than the fake vehicles fly on without setpoints."""
 
 WIDE: Final = ((740, 360), (844, 390), (1024, 768), (1440, 900), (2560, 1440))
+PHONE: Final = (390, 844)
 SIZES: Final = ((360, 640), *WIDE, *((height, width) for width, height in WIDE))
 
 UNREACHABLE: Final = """(names) => names.flatMap((name) => {
@@ -65,6 +66,22 @@ CUT_WORDS: Final = """(words) => {
   }
 }"""
 """Which of these phases the bar cuts off."""
+
+REMARK_IS_CUT: Final = """(remark) => {
+  const nodes = ["phase", "reason"].map((name) => {
+    const place = document.querySelector(`[data-testid=show-${name}]`);
+    return [...place.childNodes].find((node) => node.nodeType === Node.TEXT_NODE);
+  });
+  const was = nodes.map((node) => node.data);
+  const small = nodes[1].parentElement;
+  try {
+    [nodes[0].data, nodes[1].data] = ["idle", remark];
+    return small.scrollWidth > small.clientWidth + 1 || small.scrollHeight > small.clientHeight + 1;
+  } finally {
+    [nodes[0].data, nodes[1].data] = was;
+  }
+}"""
+"""Whether the bar cuts off this remark beside its shortest phase."""
 
 OVERLAPS: Final = """() => {
   const box = (name) => document.querySelector(name).getBoundingClientRect();
@@ -106,6 +123,8 @@ def test_flight_commands_are_on_screen_whatever_is_open(
         assert not ui.page.evaluate(OVERLAPS)
         pressable(ui, *COMMANDS)
         assert ui.page.evaluate(CUT_WORDS, list(PHASES)) == []
+        if (width, height) == PHONE:
+            assert not ui.page.evaluate(REMARK_IS_CUT, "nothing has been started")
         assert ui.serious() == []
         for panel in ("shape", "fleet"):
             if ui.part(f"panel-{panel}").count() == 0:

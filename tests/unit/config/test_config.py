@@ -379,7 +379,7 @@ def test_impossible_setting_is_refused_with_file_key_and_value(what: str) -> Non
         ("  radius_m: on", "line 4: formation.radius_m = 'on': a number is needed"),
         ("  radius_m: '15'", "line 4: formation.radius_m = '15': a number is needed"),
         ("  radius_m:", "line 4: formation.radius_m = nothing: a number is needed"),
-        ("  radius_m: 1e308", "line 4: formation.radius_m = 1e308: at most 48.5 m, so that it fits"),
+        ("  radius_m: 1e308", "line 4: formation.radius_m = 1e308: at most 10000"),
         ("  radius_m: 1e999", "line 4: formation.radius_m = 1e999: a number is needed, neither infinite"),
         ("  radius_m: 0.01", "line 4: formation.radius_m = 0.01: at least"),
         ("  radius_m: 500", "line 4: formation.radius_m = 500: at most 48.5 m"),
@@ -390,6 +390,14 @@ def test_formation_is_refused_with_line_key_value_and_hint(line: str, reported: 
     stated = refusal(f"{SIX}formation:\n{line}\n  height_m: 25.0\n")
     assert reported in stated, stated
     assert not [words for words in FOREIGN if words in stated], stated
+
+
+def test_refusal_of_an_enormous_radius_does_not_name_the_fence() -> None:
+    """Before: fence.height_max_m too small for formation.radius_m = 1e+308: at least inf m."""
+    fence = "control: {safety: {fence: {height_min_m: 4.0, height_max_m: 5.0, distance_max_m: 4.0}}}\n"
+    found = refusal(f"{SIX}formation: {{radius_m: 1e308, height_m: 25.0}}\n{fence}")
+    assert "formation.radius_m = 1e308: at most 10000" in found
+    assert "inf" not in found
 
 
 SIX = """show_frame: {latitude_deg: 47.0, longitude_deg: 8.0, altitude_amsl_m: 400.0}

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from functools import partial
+from typing import Any, Final
 
 import async_solipsism
 import httpx
@@ -15,21 +16,20 @@ from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Target
 from tests.support.silent_link import SilentLink
 
-CONFIG = Config.model_validate(
-    {
-        "show_frame": {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 400.0},
-        "links": [{"name": "none", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 1}}],
-        "formation": {"radius_m": 10.0, "height_m": 20.0},
-        "orbit": {"radius_m": 15.0},
-    }
-)
+RAW: Final[dict[str, Any]] = {
+    "show_frame": {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 400.0},
+    "links": [{"name": "none", "listen": "udpin://127.0.0.1:14540", "vehicles": {"count": 1}}],
+    "formation": {"radius_m": 10.0, "height_m": 20.0},
+    "orbit": {"radius_m": 15.0},
+}
+CONFIG = Config.model_validate(RAW)
 
 
-def request(story: Callable[[Orchestrator], Awaitable[None]]) -> None:
+def request(story: Callable[[Orchestrator], Awaitable[None]], config: Config = CONFIG) -> None:
     """Play `story` with a service that does not run, on a clock that jumps."""
 
     async def main() -> None:
-        await story(Orchestrator(CONFIG, [SilentLink(CONFIG.ids)]))
+        await story(Orchestrator(config, [SilentLink(config.ids)]))
 
     with asyncio.Runner(loop_factory=async_solipsism.EventLoop) as runner:
         runner.run(main())
@@ -77,6 +77,19 @@ def test_change_is_refused_by_its_field_with_what_fits() -> None:
         service.plan.set_formation(Formation(38.0, 50.0))
 
     request(story)
+
+
+def test_radius_is_checked_for_the_whole_fleet_while_offline() -> None:
+    config = Config.model_validate(
+        {**RAW, "links": [{**RAW["links"][0], "vehicles": {"count": 4}}]},
+    )
+
+    async def story(service: Orchestrator) -> None:
+        refused = refusal(lambda: service.plan.set_formation(Formation(1.0, 20.0)))
+        assert (refused.field, refused.value) == ("radius_m", 1.0)
+        assert "for 4 vehicles" in refused.allowed
+
+    request(story, config)
 
 
 def test_too_large_radius_names_the_greatest_not_the_height() -> None:
