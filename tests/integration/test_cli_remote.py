@@ -273,9 +273,6 @@ def test_every_method_of_the_client_is_a_command() -> None:
         "command_vehicles",
         "arm_kill",  # gcs kill has both steps
         "confirm_kill",
-        "one",
-        "many",
-        "call",
     }
 
 
