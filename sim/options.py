@@ -181,6 +181,6 @@ def _add_faults(group: argparse._ArgumentGroup) -> None:
         "--control",
         type=arguments.whole(1, MAX_PORT),
         metavar="PORT",
-        help='hear faults as JSON on that UDP port, as in {"vehicle": 3, "fault": "loss", "share": 0.3}',
+        help='receive faults as JSON on that UDP port, as in {"vehicle": 3, "fault": "loss", "share": 0.3}',
     )
     group.add_argument("--faults-from", choices=["-"], help="the same, line by line, from standard input")

@@ -57,7 +57,7 @@ class Station:
         by_id = [bytes(make(k + 1).pack(self._voice)) for k in range(min(self._count, NAMESPACE))]
         return list(islice(cycle(by_id), self._count))
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         for k, opened in enumerate(self._sockets):
             try:
                 while True:
@@ -78,7 +78,7 @@ class Station:
         until_s = next_s + duration_s
         while next_s < until_s:
             self.say(setpoints)
-            self.hear()
+            self.receive()
             next_s = max(next_s + TICK_S, time.monotonic() - TICK_S)  # after a stall on from here
             ticks += 1
             time.sleep(max(next_s - time.monotonic(), 0.0))
@@ -113,7 +113,7 @@ def measure(count: int, shared: bool) -> str:
         setpoints = station.frames(climb)
         station.tick([], 0.0)
         for _ in range(160):  # until all are ready
-            station.hear()
+            station.receive()
             time.sleep(TICK_S)
         station.tick(setpoints, 0.5)
         for frames in (frames_of(SET_MODE, 1, OFFBOARD), frames_of(ARM, 1)):

@@ -24,7 +24,7 @@ VELOCITY_AND_YAW = 0x9C7
 
 
 class Station:
-    """Hears vehicles, and speaks to those it has heard."""
+    """Receives from vehicles, and sends to those."""
 
     def __init__(self, count: int) -> None:
         self.sent = 0

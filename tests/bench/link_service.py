@@ -153,7 +153,7 @@ def p99_ms(times_s: Array | Sequence[float]) -> float:
 
 
 async def service(fleet: Fleet, count: int, rate_hz: float, transport: str, missing: int = 0) -> Cost:
-    """The whole service with a formation in the air: law, safety, setpoints. Nobody asks the API.
+    """The whole service with a formation in the air: law, safety, setpoints. Nothing asks the API.
 
     `missing` vehicles are never received; the figures are those of the others.
     """

@@ -186,7 +186,7 @@ def tell(count: int) -> bool:
     print(f"{f'{count} vehicles, {VIEWERS} viewers at {RATE_HZ:g} Hz (ms)':<38}{heads}")
     with serving(count) as service:
         alone = service.measured()
-        print(row("nobody watches", alone))
+        print(row("no viewer", alone))
         console, rates_hz, kilobytes = watched(service, CONSOLE)
         print(row("the console's frames", console, rates_hz, kilobytes))
         with read_nothing(service.port):

@@ -47,7 +47,7 @@ STALL_S: Final = 8.0
 
 @contextmanager
 def fleet(config: configuration.Config, port: int, control: int) -> Iterator[None]:
-    """One process of fake vehicles, which hears faults."""
+    """One process of fake vehicles, which receives faults."""
     command = [sys.executable, "-m", "gcs.sim", "--count", str(COUNT), "--port-base", str(port)]
     command += ["--origin", ORIGIN, "--grid-columns", "4", "--quirk", "late-ready=off"]
     command += ["--control", str(control), *proper(config)]

@@ -1,4 +1,4 @@
-"""The map under the show: a file of the service's own, another server's, or none and nobody is asked."""
+"""The map under the show: a file of the service's own, another server's, or none, and no server is asked."""
 
 import io
 import zlib

@@ -1,4 +1,4 @@
-"""One vehicle of four is told to be kilometres away for a while: it is not led, and drags nobody along."""
+"""One of four vehicles reports a position kilometres away for a while: it is not led, the others fly on."""
 
 import numpy as np
 import pytest
@@ -23,8 +23,8 @@ class ReceivedFlight(Flight):
         self.jump_m = np.zeros((4, 3))
         super().__init__(4, Formation(8.0, 20.0))
 
-    def hear(self) -> None:
-        """Before every tick: the newest message of everybody."""
+    def receive(self) -> None:
+        """Before every tick: the newest message of every vehicle."""
         latitude, longitude, altitude = FRAME.geodetic(self.bodies.position_m + self.jump_m)
         self._received = self._table.state(
             [
@@ -73,11 +73,11 @@ class ReceivedFlight(Flight):
 def describe() -> tuple[list[Sample], list[Sample], list[Sample]]:
     """Before, while and after the second of them is told to be 5 km away, for four seconds."""
     flight = ReceivedFlight()
-    before = flight.run(15.0, flight.hear)
+    before = flight.run(15.0, flight.receive)
     flight.jump_m[1] = JUMP_M
-    wrong = flight.run(4.0, flight.hear)
+    wrong = flight.run(4.0, flight.receive)
     flight.jump_m[1] = 0.0
-    return before, wrong, flight.run(10.0, flight.hear)
+    return before, wrong, flight.run(10.0, flight.receive)
 
 
 def test_not_commanded_while_its_position_is_wrong(

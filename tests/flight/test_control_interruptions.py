@@ -110,7 +110,7 @@ def with_one_lost() -> tuple[list[Sample], Array]:
     flight = in_orbit()
     flight.run(11.0)  # from here its column stands in the others' way
     flight.task[0] = Task.NONE
-    flight.airborne[0] = False  # nobody knows: its column stands for it
+    flight.airborne[0] = False  # unknown to the station: its column stands for it
     last_m = flight.believed_m[0].copy()
     flight.segments_m = swept_segments_m(
         last_m, flight.believed_m_s[0].copy(), flight.pads_m[0], "descend", 30.0

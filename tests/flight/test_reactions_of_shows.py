@@ -23,7 +23,7 @@ def storm(show: Show, north_m_s: float) -> None:
 
 
 async def home(show: Show) -> None:
-    """Everybody on the own pad, and nobody was below the floor."""
+    """Every vehicle is on its own pad, and none was below the floor."""
     await show.reach(ShowPhase.LANDED, 150.0)
     assert max(off_pad_m(show, name) for name in show.config.ids) < 1.5
     assert show.floor_violations() == 0

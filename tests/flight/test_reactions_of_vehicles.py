@@ -21,7 +21,7 @@ OTHERS = ("d1", "d2", "d4", "d5")
 
 
 async def lands_all(show: Show) -> None:
-    """And nobody was below the floor."""
+    """And no vehicle was below the floor."""
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
     assert show.floor_violations() == 0
@@ -109,9 +109,7 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
         pads_m = show.track.samples[0].true_m[[show.config.ids.index(name) for name in OTHERS]]
         row = show.config.ids.index("d3")
         beside_m = np.hypot(*(pads_m - show.true_m[row])[:, :2].T)
-        assert beside_m.min() > show.config.operation.landing_site_spacing_m - 1.0, (
-            "clear of everybody's pads"
-        )
+        assert beside_m.min() > show.config.operation.landing_site_spacing_m - 1.0, "clear of all pads"
         assert show.view.show is ShowPhase.RUNNING
         await lands_all(show)
 

@@ -1,4 +1,4 @@
-"""A reaction is in the record: an order that nobody gave, what became of it, and why it was given."""
+"""A reaction is in the record: a command that no operator gave, what became of it, and why it was given."""
 
 from pathlib import Path
 

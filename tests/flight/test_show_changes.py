@@ -25,7 +25,7 @@ class Flight(NamedTuple):
     higher: Track
     target: Track
     past_the_mast: Track
-    mast_m: Array  # (k, n) how far everybody was from the mast, tick by tick
+    mast_m: Array  # (k, n) distance of every vehicle from the mast, tick by tick
     orbiting: Track
     plans: dict[str, Plan]
     refusals: dict[str, Refusal]

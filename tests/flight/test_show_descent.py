@@ -1,4 +1,4 @@
-"""Abort, and stop in awkward moments: everybody that we answer for comes down, at places apart."""
+"""Abort, and stop in awkward moments: every controlled vehicle comes down, at places apart."""
 
 import itertools
 from typing import NamedTuple
@@ -46,7 +46,7 @@ async def ordered(show: Show, action: ShowAction, started: CommandRecord) -> Des
 
 
 def places_m(descent: Descent) -> Array:
-    """(n, 2) where everybody truly came to rest."""
+    """(n, 2) true place of rest of every vehicle."""
     return descent.coming_down.true_m[-1, :, :2]
 
 
@@ -99,7 +99,7 @@ async def abort_over_a_crate(show: Show) -> Descent:
     return await ordered(show, ShowAction.ABORT, started)
 
 
-AWAY = {"x_m": 25.0, "y_m": 0.0}  # clear of everybody's pads
+AWAY = {"x_m": 25.0, "y_m": 0.0}  # clear of all pads
 
 
 def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:

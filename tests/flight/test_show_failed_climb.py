@@ -1,4 +1,4 @@
-"""A take-off that fails in the air: that vehicle comes down, and keeps nobody waiting."""
+"""A take-off that fails in the air: that vehicle comes down, and no other waits for it."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -137,13 +137,13 @@ def test_show_ends_when_its_only_vehicle_fails_to_climb() -> None:
     assert record.outcome is Outcome.FAILED
 
 
-class Nobody(NamedTuple):
+class NoneJoined(NamedTuple):
     shows: list[ShowPhase]
     reason: str
     armed: tuple[bool, ...]
 
 
-async def nobody_can_join(show: Show) -> Nobody:
+async def none_can_join(show: Show) -> NoneJoined:
     """All are up, and every autopilot refuses OFFBOARD; then all are ordered home."""
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
@@ -152,11 +152,11 @@ async def nobody_can_join(show: Show) -> Nobody:
     reason = show.view.reason
     await show.settled(show.service.commands.command_show(ShowAction.STOP))
     await show.reach(ShowPhase.LANDED)
-    return Nobody(show.track.show_phases(), reason, show.track.samples[-1].armed)
+    return NoneJoined(show.track.show_phases(), reason, show.track.samples[-1].armed)
 
 
 def test_show_that_no_vehicle_can_join_pauses_with_its_reason() -> None:
-    flight = fly(nobody_can_join, show_config(2))
+    flight = fly(none_can_join, show_config(2))
     assert flight.shows[-4:] == [ShowPhase.ARMING, ShowPhase.PAUSED, ShowPhase.RETURNING, ShowPhase.LANDED]
     assert flight.reason.startswith("no vehicle in formation; waiting for commands: d1 (up, but cannot join:")
     assert "d2: offboard refused" in flight.reason

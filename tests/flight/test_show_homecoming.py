@@ -1,4 +1,4 @@
-"""Everybody comes home together: on ways found beforehand, soon, and never inside the floor."""
+"""All vehicles return together: on paths planned before, soon, and never inside the floor."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 COUNT = 12
 STOPPING_S = 5.0
-"""Before the ways are planned, everybody stands."""
+"""Before the paths are planned, every vehicle stands still."""
 
 
 class Return(NamedTuple):

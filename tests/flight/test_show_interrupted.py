@@ -127,7 +127,7 @@ async def fly_for_a_while(show: Show) -> None:
 
 
 async def found(show: Show) -> None:
-    """Everybody has been heard again."""
+    """Every vehicle has reported again."""
     await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
 
 

@@ -1,4 +1,4 @@
-"""Nobody is left hovering: overtaken orders, refusals, vehicles that become ours late."""
+"""No vehicle is left hovering: superseded commands, refusals, vehicles that become ours late."""
 
 from typing import NamedTuple
 

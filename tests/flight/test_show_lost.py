@@ -202,7 +202,7 @@ def test_one_lost_heartbeat_changes_nothing() -> None:
 
 
 async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Phase], int]:
-    """Everybody is ordered home or down; one is silent for so long that its own failsafe holds it."""
+    """Every vehicle is commanded home or down; one is silent for so long that its own failsafe holds it."""
     await show.start()
     record = show.service.commands.command_show(action)
     on_its_way = Phase.RETURN if action is ShowAction.STOP else Phase.LANDING
@@ -266,7 +266,7 @@ def test_landing_command_stands_for_a_lost_vehicle(action: ShowAction, ends: Sho
 
 
 async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]:
-    """Nobody ordered the show to end: the others were landed one by one while d2 was lost."""
+    """No operator ended the show: the others were landed one by one while d2 was lost."""
     await show.start()
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)

@@ -114,7 +114,7 @@ def test_start_is_refused_when_setpoint_loss_would_collide() -> None:
 
 
 def test_vehicles_holding_after_control_ends_stay_apart() -> None:
-    """What was predicted is what happens: the service stops, and nobody comes inside the floor."""
+    """What was predicted is what happens: the service stops, and no vehicle comes inside the floor."""
 
     async def story(show: Show) -> tuple[int, list[str]]:
         await show.start()
@@ -173,10 +173,10 @@ def test_params_of_a_named_vehicle_that_is_not_received() -> None:
         show.ports.silence("d2")
         return await params(show, "d1", "d2", apply=False), await params(show, apply=False)
 
-    named, everybody = fly(story, show_config(2))
+    named, unnamed = fly(story, show_config(2))
     assert named["d2", "-"].verdict == "not received within 3 s"
     assert not named["d2", "-"].good
-    assert {vehicle for vehicle, _ in everybody} == {"d1"}
+    assert {vehicle for vehicle, _ in unnamed} == {"d1"}
 
 
 def test_jumping_position_lists_first_and_widens_the_margin() -> None:

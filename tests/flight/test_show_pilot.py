@@ -35,7 +35,7 @@ class TakenOver(NamedTuple):
 
 
 async def taken_over(show: Show) -> TakenOver:
-    """A person takes d3; d1 hears nothing any more and fails safe, while we still hear it."""
+    """A person takes d3; d1 receives nothing any more and fails safe, while it still reports."""
     await show.start()
     change_s: dict[VehicleId, float] = {"d3": show.now_s}
     pilot_s: dict[VehicleId, float] = {}

@@ -43,7 +43,7 @@ def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
 
     async def story(show: Show) -> tuple[list[Phase], int, list[Verb]]:
         await show.start()
-        show.ports.silence("d2", down=False)  # it hears nothing, we hear everything
+        show.ports.silence("d2", down=False)  # it receives nothing, and its reports still arrive
         await show.phase("d2", Phase.PILOT)
         began_s = show.now_s
         show.ports.restore("d2")

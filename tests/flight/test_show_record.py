@@ -1,4 +1,4 @@
-"""A whole show is recorded: who ordered what, who was when in which phase, and where everybody flew."""
+"""A whole show is recorded: commands and their callers, phases and paths of every vehicle."""
 
 import json
 from pathlib import Path

@@ -90,7 +90,7 @@ async def odd_choices(show: Show) -> dict[str, Refusal]:
     found["pad"] = await refused(show, start_of()(show))
     show.ports.silence(*show.config.ids)
     await show.until(lambda: all(seen.phase is Phase.OFFLINE for seen in show.view.vehicles))
-    found["nobody"] = await refused(show, start_of()(show))
+    found["none"] = await refused(show, start_of()(show))
     return found
 
 
@@ -109,7 +109,7 @@ def odd() -> dict[str, Refusal]:
         ("pause", RefusedError, "it is from aborting, arming, assembling, paused"),
         ("radius", InvalidError, "at least 2.9 m for 3 vehicles"),
         ("pad", RefusedError, "d2"),
-        ("nobody", RefusedError, "no vehicle is online"),
+        ("none", RefusedError, "no vehicle is online"),
     ],
 )
 def test_impossible_start_is_refused_with_its_reason(
@@ -153,7 +153,7 @@ def does_not_climb(show: Show) -> None:
 
 
 def falls_silent(show: Show) -> None:
-    """It hears nothing of its turn, and is not heard."""
+    """It receives nothing of its turn, and no report of it arrives."""
     show.ports.silence("d2")
 
 
@@ -198,7 +198,7 @@ def test_vehicle_holding_slightly_below_its_height_is_up() -> None:
     assert -start.track.true_m[:, 1, 2].min() < 0.9 * TAKEOFF_HEIGHT_M, "it was lower than ordered"
 
 
-async def nobody_gets_up(show: Show) -> Start:
+async def none_takes_off(show: Show) -> Start:
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
     show.fleet.state.ready_at_s[:] = np.inf
@@ -208,7 +208,7 @@ async def nobody_gets_up(show: Show) -> Start:
 
 
 def test_show_in_which_no_vehicle_climbs_is_over() -> None:
-    start = fly(nobody_gets_up, show_config(2))
+    start = fly(none_takes_off, show_config(2))
     assert start.started.outcome is Outcome.FAILED
     assert start.track.samples[-1].view.reason == "no vehicle took off"
 
@@ -258,7 +258,7 @@ async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.ARMING)
-    assert not any(any(sample.armed) for sample in show.track.samples), "nobody has left the ground"
+    assert not any(any(sample.armed) for sample in show.track.samples), "no vehicle has left the ground"
     await show.until(lambda: any("are stacked" in text for text in alarm_texts(show)), 1.0)
     (notice,) = alarm_texts(show)
     await show.reach(ShowPhase.RUNNING)
@@ -272,4 +272,4 @@ def test_vertical_overlap_is_known_before_takeoff() -> None:
     reported = int(notice.split("up to ")[1].split(" ")[0])
     assert 0 < reported <= 8
     assert pairs <= reported
-    assert notice not in notices, "in the air it is no news"
+    assert notice not in notices, "in the air it is no notice"

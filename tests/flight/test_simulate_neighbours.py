@@ -18,7 +18,7 @@ RADIUS_M = 10.0
 
 
 def exchanged(radio: Radio, position_m: Array, rounds: int, velocity_m_s: Array | None = None) -> list[Sight]:
-    """What everybody sees, round by round, while all go on with `velocity_m_s`."""
+    """What every vehicle sees, round by round, while all go on with `velocity_m_s`."""
     n = len(position_m)
     velocity = np.zeros((n, 3)) if velocity_m_s is None else velocity_m_s
     around = Neighbourhood(radio, np.arange(1.0, n + 1.0), RADIUS_M, TICK_S, 1)

@@ -200,7 +200,7 @@ def test_slow_reader_skips_to_the_newest_frame_delaying_none() -> None:
                 seen.append((await frame_of(quick))["tick"]["count"])
             missed = service.ticks
             late = [(await frame_of(slow))["tick"]["count"] for _ in range(12)]
-        assert longest_step(seen) < 40  # nobody held the quick one up
+        assert longest_step(seen) < 40  # the slow one did not delay the quick one
         assert late == sorted(set(late))
         assert late[-1] >= missed  # within a few frames the slow one is at the present,
         assert longest_step(late) > 40  # by leaving out, not by catching up

@@ -115,7 +115,7 @@ EVERYTHING = [
     "cut-off",
     "bring-home",
 ]
-"""In an order in which each is possible; `!` has everybody in the formation, `good` has a check end well,
+"""In an order in which each is possible; `!` has every vehicle in the formation, `good` has a check end well,
 `recorded` makes it a replay."""
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")

@@ -169,7 +169,7 @@ def on_a_cable() -> Iterator[tuple[Vehicle, str]]:
     def send(data: bytes) -> None:
         try:
             os.write(master, data)
-        except BlockingIOError:  # nobody reads yet, and the buffer is full
+        except BlockingIOError:  # nothing reads yet, and the buffer is full
             return
 
     try:
@@ -191,7 +191,7 @@ def known(host: str | None, port: int | None) -> KnownVehicle:
 
 
 def kill(config: Config, within_s: float = SOON_S) -> VehicleOutcome:
-    """Of the vehicle that was heard at a place where nobody is any more."""
+    """Of the vehicle that was received at an address where none is any more."""
     return direct_kill(config, [known(None, None)], within_s=within_s)["d1"]
 
 

@@ -36,7 +36,7 @@ async def open_and_close(port: int) -> None:
             time.sleep(0.0001)
 
     collector = Thread(target=collect)
-    gc.disable()  # nobody but the thread shall collect
+    gc.disable()  # only the thread shall collect
     async with running(link):
         await until(lambda: len(link._met) == VEHICLES)
         cycle: list[object] = [dict(link._met)]

@@ -176,7 +176,7 @@ def test_silent_vehicle_delays_no_other() -> None:
                 )
                 ended_s = link.setpoint_times_s("v2")[-1]
                 assert machine.awake_s(silent_s, link.setpoint_times_s("v1")[-1]) < 3.0 + 1.0
-                # MAVSDK waits 0.5 s and more for an answer: nobody else does
+                # MAVSDK waits 0.5 s and more for an answer: no other link does
                 ticks_s = [time_s for time_s in ticks.times_s if silent_s < time_s < ended_s]
                 times_s = [time_s for time_s in link.setpoint_times_s("v2") if time_s > silent_s]
                 assert len(times_s) > 0.9 * len(ticks_s)

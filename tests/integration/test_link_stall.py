@@ -47,7 +47,7 @@ def arrivals_s(peer: Peer) -> list[float]:
 
 
 async def block() -> None:
-    """Pause, but let nobody else on the loop run."""
+    """Pause, but let no other task on the loop run."""
     time.sleep(0.005)  # noqa: ASYNC251  a blocked loop is the subject
 
 

@@ -40,7 +40,7 @@ def wait_for_more(peer: Peer, count: int) -> None:
 
 
 def assert_all_fresh(peer: Peer, machine: Witness) -> None:
-    """Each came within the deadman's time after it was asked for, and later ones were asked for later."""
+    """Each came within the watchdog's time after its tick, in the order of the ticks."""
     setpoints = peer.messages("SET_POSITION_TARGET_LOCAL_NED")
     asked = [asked_s(setpoint, arrived_s) for arrived_s, setpoint in setpoints]
     assert len(asked) > 20

@@ -97,11 +97,11 @@ def fill_the_disk(root: Path, reported: Connection) -> None:
 
 def test_full_disk_is_reported_and_recording_resumes_with_room(tmp_path: Path) -> None:
     context = multiprocessing.get_context("forkserver")
-    hear, tell = context.Pipe(duplex=False)
-    process = context.Process(target=fill_the_disk, args=(tmp_path, tell))
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=fill_the_disk, args=(tmp_path, sender))
     process.start()
-    tell.close()
-    full, refused, kept, last = hear.recv()
+    sender.close()
+    full, refused, kept, last = receiver.recv()
     process.join()
     assert "rows of the audit are not recorded" in full[0]
     assert "flight data are not recorded" in full[1]

@@ -18,7 +18,7 @@ VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 21)}
 
 
 def command_for_ever(root: Path, reported: Connection) -> None:
-    """Accept orders as fast as the disk takes them, four at a time, and tell of each once it is kept."""
+    """Accept commands as fast as the disk takes them, four at a time, and report each once it is kept."""
 
     async def commands_of_one(record: Record, book: CommandLog) -> None:
         while True:
@@ -43,18 +43,18 @@ def test_no_acknowledged_command_is_missing_after_kill_9(tmp_path: Path) -> None
     context.set_forkserver_preload(["gcs.recording.session", "gcs.service.commands"])
     samples, acknowledged = random.Random(5), set()
     for _ in range(KILLS):
-        hear, tell = context.Pipe(duplex=False)
-        process = context.Process(target=command_for_ever, args=(tmp_path, tell))
+        receiver, sender = context.Pipe(duplex=False)
+        process = context.Process(target=command_for_ever, args=(tmp_path, sender))
         process.start()
-        tell.close()
-        acknowledged.add(hear.recv())  # it works
+        sender.close()
+        acknowledged.add(receiver.recv())  # it works
         process.join(samples.uniform(0.0, 0.15))
         assert process.pid is not None
         os.kill(process.pid, signal.SIGKILL)
         process.join()
-        while hear.poll():
+        while receiver.poll():
             try:
-                acknowledged.add(hear.recv())
+                acknowledged.add(receiver.recv())
             except (EOFError, OSError):  # killed while it told
                 break
     kept = {(command.session, command.id): command for command in commands(tmp_path)}

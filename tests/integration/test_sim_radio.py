@@ -135,7 +135,7 @@ def test_control_port_silences_jams_and_refuses_unknown_faults() -> None:
 
 
 def drain(ear_socket: socket.socket) -> None:
-    """Hear what is still under way."""
+    """Receive what is still under way."""
     time.sleep(0.3)
     ear_socket.setblocking(False)
     with contextlib.suppress(BlockingIOError):

@@ -14,7 +14,7 @@ from tests.support.law_fleets import places, vectors
 from tests.support.safety_fleets import CALM
 
 FLOOR = Floor(uncertainty_m=0.0)
-EVERYBODY = Floor(horizontal_m=1000.0, vertical_m=1000.0)
+ANY_DISTANCE = Floor(horizontal_m=1000.0, vertical_m=1000.0)
 """So wide that every pair clashes, and tells how near its ways come."""
 
 STEPS = 200
@@ -50,7 +50,7 @@ def test_predicted_approach_on_return_paths_equals_the_flown(
     if whole_metres:  # many begin where others end, and in one line with them
         spread, home = np.round(spread / 5.0) * 5.0, np.round(home / 5.0) * 5.0
     position = spread - (0.0, 0.0, 20.0)
-    nearest = found(position, home, "return", EVERYBODY)
+    nearest = found(position, home, "return", ANY_DISTANCE)
     assert set(nearest) == set(combinations(range(4), 2))
     for (i, j), sideways_m in nearest.items():
         one, other = flown(position[i], home[i]), flown(position[j], home[j])

@@ -19,8 +19,8 @@ def test_pairs_of_many_are_found_in_any_distribution(
     position = rng.uniform(-across_m, across_m, (FEW + 40, 3))
     position[:, axis] = rng.uniform(-along_m, along_m, FEW + 40)
     position[:5, axis] *= 30.0  # far out: in the outermost cells
-    everybody, radius = np.ones(FEW + 40, dtype=bool), rng.uniform(0.5 * look_m, look_m, FEW + 40)
-    first, second = near_pairs(position, everybody, radius)
+    all_vehicles, radius = np.ones(FEW + 40, dtype=bool), rng.uniform(0.5 * look_m, look_m, FEW + 40)
+    first, second = near_pairs(position, all_vehicles, radius)
     i, j = np.triu_indices(FEW + 40, 1)
     near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]
     found = np.sort(np.column_stack([first, second]), axis=1)

@@ -70,15 +70,15 @@ def test_keeping_right_turns_within_its_angle_and_never_left(
 ) -> None:
     way = (goal - position) * (1.0, 1.0, 0.0)
     desired = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9) * 3.0  # level, to the goal
-    everybody = np.ones(4, dtype=bool)
+    all_vehicles = np.ones(4, dtype=bool)
     turned = keep_right(
         desired,
         position,
         np.zeros((4, 3)),
         goal,
         to_goal=to_goal,
-        commanded=everybody,
-        airborne=everybody,
+        commanded=all_vehicles,
+        airborne=all_vehicles,
         flatness=2.0 / 3.0,
         settings=SAFETY.traffic,
     )

@@ -142,9 +142,9 @@ def test_omitted_constraints_cannot_be_broken_within_the_limits(
     position: Array, desired: Array, obstacle: Obstacle
 ) -> None:
     ellipses = {"b": Ellipse.around(obstacle, margin_m=2.0, headroom_m=3.0)}
-    everybody = np.ones(4, dtype=bool)
-    every = obstacle_constraints(position, everybody, ellipses, SAFETY.braking)
-    kept = obstacle_constraints(position, everybody, ellipses, SAFETY.braking, fastest_m_s=2.0)
+    all_vehicles = np.ones(4, dtype=bool)
+    every = obstacle_constraints(position, all_vehicles, ellipses, SAFETY.braking)
+    kept = obstacle_constraints(position, all_vehicles, ellipses, SAFETY.braking, fastest_m_s=2.0)
     left_out = every.bound_m_s < -2.0 * 2.0
     assert len(kept) >= len(every) - left_out.sum()
     slow = cap(desired, LIMITS) * (2.0 / FASTEST_M_S)

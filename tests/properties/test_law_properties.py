@@ -362,8 +362,8 @@ def test_landing_sites_are_distinct_and_off_every_obstacle(
         for index, box in enumerate(boxes)
     }
     place = distinct_sites_m(desired[:, :2], taken[:, :2], 4.0, ellipses)
-    everybody = np.vstack([place, taken[:, :2]])
-    distance = np.linalg.norm(place[:, None] - everybody[None], axis=2)
+    all_places = np.vstack([place, taken[:, :2]])
+    distance = np.linalg.norm(place[:, None] - all_places[None], axis=2)
     distance[np.arange(len(place)), np.arange(len(place))] = np.inf
     assert distance.min() >= 4.0 - 1e-9
     assert all((ellipse.distance_m(place) >= CLEAR_M - 1e-9).all() for ellipse in ellipses.values())

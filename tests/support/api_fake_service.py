@@ -268,7 +268,7 @@ class FakeService:
             time.time(),
             None,
             None,
-            (Check("vehicles", State.PASS, float("nan"), "vehicles", "everybody"),),
+            (Check("vehicles", State.PASS, float("nan"), "vehicles", "all vehicles"),),
             tuple(VehicleChecks(name, name not in out, out.get(name, ""), (check,)) for name in self.phases),
             ("start pattern: there is none",),
         )

@@ -27,7 +27,7 @@ FLAGS: Final = (
     *("--disable-component-update", "--disable-sync", "--disable-gpu"),
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 )
-"""Draws without a graphics card, and asks nobody on the internet anything."""
+"""Draws without a graphics card, and asks nothing of the internet."""
 
 SOON_MS: Final = 60_000
 FLIGHT_MS: Final = 180_000

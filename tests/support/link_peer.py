@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as dialect
 PREARM = 0x10000000
 GYRO_ACCEL_MAG_GPS = 0x1 | 0x2 | 0x4 | 0x20
 FIRST_BEATS_S = 0.1
-"""Between heartbeats until the ground has said something: nobody waits for being met."""
+"""Between heartbeats until the ground has said something: no vehicle waits to be discovered."""
 
 SO_TIMESTAMPNS, TIMESPEC = 35, struct.Struct("@qq")
 HOLD, OFFBOARD, TAKEOFF, LAND, RETURN = (4, 3), (6, 0), (4, 2), (4, 6), (4, 5)

@@ -15,11 +15,11 @@ class Router:
     """Vehicles send to `port`; the ground station receives from one address only.
 
     Attributes:
-        to_everybody: how many frames without a target came from the ground.
+        broadcasts: how many frames without a target came from the ground.
     """
 
     def __init__(self, ground_port: int) -> None:
-        self.to_everybody = 0
+        self.broadcasts = 0
         self._ground = ("127.0.0.1", ground_port)
         self._inner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._outer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -81,7 +81,7 @@ class Router:
                 return
             for frame in split(data).frames:
                 target = target_system(frame)
-                self.to_everybody += target == 0
+                self.broadcasts += target == 0
                 known = tuple(self._vehicles.items())
                 for address in [at for system_id, at in known if target in (0, system_id)]:
                     self._inner.sendto(frame.raw, address)

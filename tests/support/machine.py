@@ -10,9 +10,7 @@ from types import TracebackType
 from typing import Self
 
 FIRST_PORT, LAST_PORT = 16000, 32000
-"""Below the ports that the kernel gives to whoever asks for any (32768 and up on Linux): nobody takes one of
-these between the moment it was found free and the moment it is opened.
-"""
+"""Below the ports that the kernel assigns (32768 and up on Linux): no program is given one meanwhile."""
 
 WORKERS = 8
 """Of pytest-xdist, each with a share of these ports: no test takes what another has found free."""

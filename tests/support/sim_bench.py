@@ -75,7 +75,7 @@ class Bench:
 
     def send_bytes(self, datagram: bytes) -> None:
         self.fleet.receiver.hear([(self._circle, datagram)])
-        self._hear(self.fleet.take_frames(streams=False))
+        self._receive(self.fleet.take_frames(streams=False))
 
     def run(self, duration_s: float) -> Bench:
         for _ in range(round(duration_s / STEP_S)):
@@ -85,7 +85,7 @@ class Bench:
                 self.send(self.repeated)
             self._ticks += 1
             self.fleet.step()
-            self._hear(self.fleet.take_frames())
+            self._receive(self.fleet.take_frames())
         return self
 
     def until(self, condition: Any, limit_s: float) -> float:
@@ -175,7 +175,7 @@ class Bench:
             texts[message.id] = texts.get(message.id, "") + message.text
         return [text.strip() for text in texts.values()]
 
-    def _hear(self, stated: dict[int, list[bytes]]) -> None:
+    def _receive(self, stated: dict[int, list[bytes]]) -> None:
         for frame in chain.from_iterable(stated.values()):
             assert frame[0] == 0xFD
             self.received.append((self.now_s, self._receivers.decode(bytearray(frame))))

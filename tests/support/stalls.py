@@ -37,5 +37,5 @@ def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> 
 
 def floor_violations(show: Show, true_m: Array) -> int:
     """Number of steps at which the true positions of a pair were inside the floor."""
-    floor, everybody = show.config.control.safety.floor, np.ones(len(show.config.ids), dtype=np.bool_)
-    return sum(minimum_separation(here_m, everybody, floor)[1] > 0 for here_m in true_m)
+    floor, all_vehicles = show.config.control.safety.floor, np.ones(len(show.config.ids), dtype=np.bool_)
+    return sum(minimum_separation(here_m, all_vehicles, floor)[1] > 0 for here_m in true_m)

@@ -274,9 +274,9 @@ class Show:
 
     def floor_violations(self, track: Track | None = None) -> int:
         """Ticks with a true pair distance inside the floor; pairs low over their pads do not count."""
-        floor, everybody = self.config.control.safety.floor, np.ones(len(self.config.ids), dtype=np.bool_)
+        floor, all_vehicles = self.config.control.safety.floor, np.ones(len(self.config.ids), dtype=np.bool_)
         true_m = (self.track if track is None else track).true_m
-        return sum(minimum_separation(here_m, everybody, floor)[1] > 0 for here_m in true_m)
+        return sum(minimum_separation(here_m, all_vehicles, floor)[1] > 0 for here_m in true_m)
 
     def ellipse(self, obstacle_id: str) -> Ellipse:
         """An obstacle of the plan, without the law's margins."""

@@ -1,4 +1,4 @@
-"""Many clients ask the API for more than it can answer, while vehicles fly: nobody in the air notices."""
+"""Many clients ask the API for more than it can answer: no vehicle in the air is affected."""
 
 import asyncio
 import subprocess

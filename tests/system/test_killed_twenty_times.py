@@ -114,7 +114,7 @@ FLIES = {"assembling", "running", "paused"}
 
 
 def home(client: Client) -> bool:
-    """Order what an operator would, from whatever was left. Returns: whether everybody is down."""
+    """Order what an operator would, from whatever was left. Returns: whether every vehicle is down."""
     shown = client.fleet()
     found = shown.interrupted
     with suppress(GcsError):  # not yet

@@ -66,9 +66,9 @@ def test_kill_without_the_service_is_recorded(tmp_path: Path) -> None:
         assert last_known(record).vehicles["d2"].phase == "killed"
         found = interruption(record)
         assert found is not None
-        assert set(found.vehicles) == {"d1"}, "nobody offers to take over what was killed"
-        everybody = gcs_kill(record, "--all")
-        assert gcs_kill(record, "--all", "--confirm", code_in(everybody.stdout)).returncode == 0
+        assert set(found.vehicles) == {"d1"}, "no command offers to recover what was killed"
+        everything = gcs_kill(record, "--all")
+        assert gcs_kill(record, "--all", "--confirm", code_in(everything.stdout)).returncode == 0
         assert armed(tmp_path) == [False, False]
 
 

@@ -35,7 +35,7 @@ LEFT_ALONE_S = PATIENT_S + 2.0
 
 
 def config_of(port_base: int) -> Config:
-    raw = flying_config(len(IDS), port_base, silence_s=20.0).model_dump()  # nobody is lost
+    raw = flying_config(len(IDS), port_base, silence_s=20.0).model_dump()  # no vehicle is lost
     raw["formation"] = {"radius_m": 6.0, "height_m": 12.0}
     return Config.model_validate(raw)
 
@@ -86,7 +86,7 @@ def test_airborne_vehicles_are_recovered_on_request_only(tmp_path: Path) -> None
             wait_until("recorded", SOON_S, lambda: is_recorded(tmp_path / "first"))
             process.kill()
             process.wait()
-        everybody_stands_in_the_record(tmp_path / "first", base)
+        the_record_holds_every_vehicle(tmp_path / "first", base)
         with service(config, tmp_path / "second") as (client, process):
             found_and_left_alone(client, tmp_path)
             each(client, "take-control")
@@ -121,7 +121,7 @@ def is_recorded(folder: Path) -> bool:
     return any(tick.status["show"] in {"assembling", "running"} for tick in ticks)
 
 
-def everybody_stands_in_the_record(folder: Path, port_base: int) -> None:
+def the_record_holds_every_vehicle(folder: Path, port_base: int) -> None:
     """What a restart, or a kill without the service, needs to know of a flight that was cut off."""
     known = last_known(folder)
     assert known.session is not None

@@ -52,7 +52,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkUdpLink, float, 
     config = flying_config(
         2,
         base,
-        silence_s=60.0,  # nobody is lost meanwhile
+        silence_s=60.0,  # no vehicle is lost meanwhile
         setpoint_loss_action="descend",  # seen at once, from outside
         require_safe_setpoint_loss=False,
         setpoint_loss_s=3.0,  # so that it is the stop they notice and not a pause of the machine
@@ -103,4 +103,4 @@ def test_setpoints_stop_with_control_and_the_failsafe_begins(tmp_path: Path, sto
         # the record says when the call that sends returned: a pause of the machine between may be in it
         assert machine.awake_s(last_tick_s, times_s[-1]) <= SETPOINT_TIMEOUT_S
     if stop is block_the_loop:
-        assert phases == [Phase.PILOT, Phase.PILOT], "the failsafe's mode is nobody's order: hands off"
+        assert phases == [Phase.PILOT, Phase.PILOT], "no operator commanded the failsafe's mode: hands off"

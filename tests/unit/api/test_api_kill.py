@@ -34,8 +34,8 @@ def test_kill_without_names_means_all_that_are_not_offline(api: Api) -> None:
     assert api("POST", "/api/v1/kill").json()["vehicles"] == ["d1", "d2"]
     api.service.phases = dict.fromkeys(api.service.phases, Phase.OFFLINE)
     api.service.tick()
-    nobody = api("POST", "/api/v1/kill")
-    assert (nobody.status_code, "--direct" in nobody.json()["detail"]) == (409, True)
+    empty = api("POST", "/api/v1/kill")
+    assert (empty.status_code, "--direct" in empty.json()["detail"]) == (409, True)
 
 
 def test_unknown_or_offline_vehicles_are_named(api: Api) -> None:

@@ -190,7 +190,7 @@ def test_start_takes_the_vehicles_named(api: Api) -> None:
 
 
 def test_start_with_an_unknown_vehicle_is_404_and_starts_nothing(api: Api) -> None:
-    answer = api("POST", "/api/v1/show/start", json={"vehicles": ["d1", "nobody"]})
+    answer = api("POST", "/api/v1/show/start", json={"vehicles": ["d1", "d99"]})
     assert answer.status_code == 404
     assert api.service.show is ShowPhase.IDLE
 

@@ -148,7 +148,7 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
         lambda raw: raw.update(control={"law": {"speed_kmh": 9}}),
         ("control.law.speed_kmh", "9"),
     ),
-    "a start place of nobody": (
+    "a start place of no vehicle": (
         lambda raw: raw.update(preflight={"start_places": {"z": {"x_m": 0, "y_m": 0}}}),
         ("preflight.start_places", "there is no vehicle z"),
     ),
@@ -355,8 +355,11 @@ BAD: dict[str, tuple[Callable[[dict[str, Any]], object], tuple[str, ...]]] = {
         ("position", "4000", "within 288.0 m"),
     ),
     "ticks too slow": (lambda raw: raw.update(tick_rate_hz=1.0), ("tick_rate_hz", "1.0")),
-    "a deadman too patient": (lambda raw: raw.update(setpoint_timeout_s=0.5), ("setpoint_timeout_s", "0.5")),
-    "an action nobody takes": (
+    "a setpoint watchdog too patient": (
+        lambda raw: raw.update(setpoint_timeout_s=0.5),
+        ("setpoint_timeout_s", "0.5"),
+    ),
+    "an action that does not exist": (
         lambda raw: raw.update(operation={"setpoint_loss_action": "panic"}),
         ("operation.setpoint_loss_action", "panic"),
     ),

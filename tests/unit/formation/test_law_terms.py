@@ -248,8 +248,10 @@ def test_vehicle_that_responds_as_expected_is_not_trimmed() -> None:
 
 
 def test_trim_of_an_uncommanded_vehicle_is_forgotten() -> None:
-    here, nobody = np.ones((1, 3)), np.zeros(1, dtype=bool)
-    trim, expected = correct_trim(here, here, here, here, here, nobody, here, here, 0.05, 0.4, 1.0, 0.5, 4.0)
+    here, no_vehicle = np.ones((1, 3)), np.zeros(1, dtype=bool)
+    trim, expected = correct_trim(
+        here, here, here, here, here, no_vehicle, here, here, 0.05, 0.4, 1.0, 0.5, 4.0
+    )
     assert (trim == 0.0).all()
     assert np.isnan(expected).all()
 

@@ -1,4 +1,4 @@
-"""Intervals are asked for one after the other, of everybody at once, and again when a vehicle forgot."""
+"""Intervals are asked for one after the other, of every vehicle at once, and again when a vehicle forgot."""
 
 import numpy as np
 

@@ -59,7 +59,7 @@ def test_restart_or_silence_requests_streams_again() -> None:
 def test_unobserved_silence_is_noticed_afterwards() -> None:
     vehicle = Vehicle()
     assert vehicle.run(2.0) == ALL
-    vehicle.now_s += 3.1  # nobody looked meanwhile
+    vehicle.now_s += 3.1  # nothing looked meanwhile
     assert vehicle.run(2.0) == ALL
 
 

@@ -15,7 +15,7 @@ ROW_OF[[7, 9, 250]] = 0, 1, 2
 
 VELOCITY_M_S = np.array([[1.0, -2.0, 0.5], [0.0, 0.0, 0.0], [3.0, 0.1, -0.1]])
 BITS = VELOCITY_M_S.astype(np.float32).view(np.uint32)
-EVERYBODY = np.ones(3, bool)
+ALL = np.ones(3, bool)
 
 
 def setpoint(system_id: int, velocity_m_s: np.ndarray) -> bytes:
@@ -37,7 +37,7 @@ def written(datagrams: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
     return data, np.array([*map(len, datagrams), *[0] * (ROOM - len(datagrams))])
 
 
-def leaving(datagrams: list[bytes], awaited: np.ndarray = EVERYBODY) -> list[tuple[int, int]]:
+def leaving(datagrams: list[bytes], awaited: np.ndarray = ALL) -> list[tuple[int, int]]:
     """(datagram, row) of those that may leave."""
     data, length = written(datagrams)
     found = are_setpoints(data, length, len(datagrams))
@@ -57,7 +57,7 @@ def test_each_expected_setpoint_leaves_once_the_last_of_equals() -> None:
     [
         pytest.param(setpoint(7, VELOCITY_M_S[2]), id="what another was told"),
         pytest.param(setpoint(7, np.nextafter(VELOCITY_M_S[0], 9.0, dtype=np.float32)), id="nearly that"),
-        pytest.param(setpoint(9, -VELOCITY_M_S[1]), id="minus zero, which nobody asked for"),
+        pytest.param(setpoint(9, -VELOCITY_M_S[1]), id="minus zero, which the flight did not request"),
         pytest.param(setpoint(8, VELOCITY_M_S[0]), id="to somebody who is not ours"),
     ],
 )

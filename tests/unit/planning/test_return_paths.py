@@ -1,4 +1,4 @@
-"""Ways home for a whole fleet: nobody meets anybody, everybody gets down; where none is found it is said."""
+"""Paths home for a whole fleet: no two vehicles meet, all land; a fleet without a path is reported."""
 
 import numpy as np
 import pytest

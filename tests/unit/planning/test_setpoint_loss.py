@@ -1,4 +1,4 @@
-"""Who would come together if everybody lost the ground station at once, and that START is refused for it."""
+"""Vehicles that would come together if all lost the ground station at once: START is refused."""
 
 import numpy as np
 import pytest

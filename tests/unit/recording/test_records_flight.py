@@ -214,7 +214,7 @@ def test_failing_disk_is_reported_and_a_new_file_follows(
 
 
 def test_frames_beyond_the_disk_rate_are_counted_and_dropped(tmp_path: Path) -> None:
-    file = FlightFile(tmp_path, ABOUT)  # nobody writes yet: a disk that hangs
+    file = FlightFile(tmp_path, ABOUT)  # nothing writes yet: a disk that hangs
     for _ in range(WAITING_MAX + 100):
         file.add(sample())
     assert file.dropped == 100
@@ -245,7 +245,7 @@ def test_work_per_tick_grows_linearly_with_the_fleet() -> None:
 
 
 def test_producer_faster_than_the_writer_is_delayed(tmp_path: Path) -> None:
-    record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # nobody writes yet
+    record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # nothing writes yet
     for _ in range(WAITING_MAX // 2):
         assert record.has_room
         record.note(sample(), [])

@@ -21,8 +21,8 @@ BOX = Ellipse.around(Obstacle("b", 0.0, 0.0, 3.0, 6.0, 10.0), margin_m=2.0, head
 
 
 def closest_m(place_m: Array, taken_m: Array = NO_ROW) -> float:
-    everybody = np.vstack([place_m, taken_m])
-    distance = np.linalg.norm(place_m[:, None] - everybody[None], axis=2)
+    all_places = np.vstack([place_m, taken_m])
+    distance = np.linalg.norm(place_m[:, None] - all_places[None], axis=2)
     distance[np.arange(len(place_m)), np.arange(len(place_m))] = np.inf
     return float(distance.min())
 

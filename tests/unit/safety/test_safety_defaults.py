@@ -1,4 +1,4 @@
-"""What is kept to where nobody configures anything."""
+"""The defaults that hold without configuration."""
 
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import Limits, SafetySettings
@@ -8,7 +8,7 @@ from gcs.safety.walls import Fence
 
 
 def test_default_safety_settings_are_those_derived_and_flown() -> None:
-    # docs/decisions/0004: who changes one of these changes how far apart everybody is held
+    # docs/decisions/0004: a change of one of these changes how far apart the vehicles are held
     assert SafetySettings() == SafetySettings(
         limits=Limits(horizontal_m_s=8.0, up_m_s=2.5, down_m_s=1.4),
         floor=Floor(

@@ -1,4 +1,4 @@
-"""Who would come closer than the floor if everybody lost the ground station at once, computed by hand."""
+"""Vehicles that would come closer than the floor if all lost the ground station at once, computed by hand."""
 
 import numpy as np
 import pytest
@@ -173,7 +173,7 @@ def test_descending_meets_a_vehicle_arriving_lower_beside_it(apart_m: float, cla
         (1.9, 50.0, 0.0, 60.0, False),  # it passes above
         (0.0, 50.0, 0.0, 52.9, True),
         (0.0, 50.0, 0.0, 53.1, False),
-        (0.0, 50.0, 32.9, 20.0, True),  # a pad on a roof: nobody comes down farther
+        (0.0, 50.0, 32.9, 20.0, True),  # a pad on a roof: no vehicle comes down farther
         (0.0, 50.0, 33.1, 20.0, False),
     ],
 )

@@ -85,7 +85,7 @@ def test_wall_removes_excess_speed_of_one_metre_a_second() -> None:
 
 
 def test_column_shortened_one_by_one_ends_in_rest() -> None:
-    # nobody may come up with the one before it by more than 1 cm/s; the first of all meets a wall
+    # no vehicle may come up with the one before it by more than 1 cm/s; the first of all meets a wall
     column = Constraints.joined(
         *(half_space(row, row + 1, (-1.0, 0.0, 0.0), -0.01) for row in range(SHRINKS + 20)),
         half_space(SHRINKS + 20, NO_ROW, (-1.0, 0.0, 0.0), 0.0),

@@ -76,12 +76,12 @@ def test_coincident_vehicles_are_parted_vertically() -> None:
 
 def test_no_commanded_vehicle_means_no_constraints() -> None:
     position = np.array([[0.0, 0.0, -20.0], [1.0, 0.0, -20.0]])
-    nobody = np.zeros(2, dtype=bool)
+    no_vehicle = np.zeros(2, dtype=bool)
     found = separation_constraints(
         position,
         np.zeros((2, 3)),
-        nobody,
-        ~nobody,
+        no_vehicle,
+        ~no_vehicle,
         floor=FLOOR,
         braking=BRAKING,
         uncertainty_m=np.zeros(2),
@@ -93,7 +93,7 @@ def test_no_commanded_vehicle_means_no_constraints() -> None:
     assert (
         len(
             keepout_constraints(
-                position, nobody, paths, floor=FLOOR, braking=BRAKING, uncertainty_m=np.zeros(2)
+                position, no_vehicle, paths, floor=FLOOR, braking=BRAKING, uncertainty_m=np.zeros(2)
             )
         )
         == 0
@@ -114,7 +114,7 @@ FAR_APART = np.array([[0.0, 500.0 * row, -20.0] for row in range(1, 25)])
 
 
 def test_single_push_in_a_large_fleet_is_checked_again() -> None:
-    # a pilot's vehicle pushes d1 onto d2; the others are in nobody's way
+    # a pilot's vehicle pushes d1 onto d2; the others are in no other's way
     position = np.vstack([[[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [4.4, 0.0, -20.0]], FAR_APART])
     fence = SETTINGS.fence.model_copy(update={"distance_max_m": 1e5})
     hard = BRAKING.model_copy(update={"escape_rate_per_s": 3.0})
@@ -252,5 +252,5 @@ def test_push_passed_round_a_bend_is_followed_to_the_end() -> None:
 
 
 def test_empty_fleet_needs_no_separation() -> None:
-    nobody = np.zeros((0, 3))
-    assert filter_velocities(nobody, surroundings(nobody), SETTINGS)[1] == ()
+    no_vehicle = np.zeros((0, 3))
+    assert filter_velocities(no_vehicle, surroundings(no_vehicle), SETTINGS)[1] == ()

@@ -1,4 +1,4 @@
-"""What the filter leaves out at first, because nobody was thought to be led there, breaks nothing."""
+"""What the filter leaves out at first, because no vehicle was expected there, breaks nothing."""
 
 import numpy as np
 import pytest
@@ -17,10 +17,10 @@ def around(position_m: Array, velocity_m_s: Array) -> Surroundings:
     count = len(position_m)
     everyone = np.ones(count, dtype=bool)
     ids = tuple(f"d{i}" for i in range(count))
-    nobody = np.zeros((0, 2, 3))
+    no_vehicle = np.zeros((0, 2, 3))
     none, limits = np.zeros(count), np.full(count, np.inf)
     return Surroundings(
-        position_m, velocity_m_s, everyone, everyone, ~everyone, nobody, {}, ids, none, limits
+        position_m, velocity_m_s, everyone, everyone, ~everyone, no_vehicle, {}, ids, none, limits
     )
 
 

@@ -14,15 +14,15 @@ def to_goals(
     position: Array, goal: Array, desired: Array, *, turned: list[bool] | None = None, angle: float = 45.0
 ) -> Array:
     n = len(position)
-    everybody = np.ones(n, dtype=bool)
+    all_vehicles = np.ones(n, dtype=bool)
     return keep_right(
         desired,
         position,
         np.zeros((n, 3)),
         goal,
-        to_goal=everybody if turned is None else np.array(turned),
-        commanded=everybody,
-        airborne=everybody,
+        to_goal=all_vehicles if turned is None else np.array(turned),
+        commanded=all_vehicles,
+        airborne=all_vehicles,
         flatness=2.0 / 3.0,
         settings=Traffic(angle_max_deg=angle),
     )
@@ -64,8 +64,8 @@ def test_only_vehicles_with_a_goal_turn_and_none_at_zero_angle() -> None:
     some = to_goals(HEAD_ON, HEAD_ON[::-1], desired, turned=[False, True])
     assert some[0].tolist() == desired[0].tolist()
     assert some[1, 1] < 0.0
-    nobody = to_goals(HEAD_ON, HEAD_ON[::-1], desired, turned=[False, False])
-    assert nobody.tolist() == desired.tolist()
+    no_vehicle = to_goals(HEAD_ON, HEAD_ON[::-1], desired, turned=[False, False])
+    assert no_vehicle.tolist() == desired.tolist()
     assert to_goals(HEAD_ON, HEAD_ON[::-1], desired, angle=0.0).tolist() == desired.tolist()
 
 
@@ -311,8 +311,8 @@ def test_coincident_vehicles_give_no_way() -> None:
 def test_giving_way_may_begin_at_one_metre() -> None:
     position, goal, desired = head_on(0.4)
     near = Traffic(give_way_m=1.0, give_way_fully_m=0.5)
-    everybody = np.ones(2, dtype=bool)
-    given = give_way(desired, position, goal, to_goal=everybody, flatness=1.0, settings=near)
+    all_vehicles = np.ones(2, dtype=bool)
+    given = give_way(desired, position, goal, to_goal=all_vehicles, flatness=1.0, settings=near)
     assert given[0] == pytest.approx([-3.0, 0.0, 0.0])
 
 

@@ -299,7 +299,7 @@ def test_rotated_pattern_is_refused_with_angle_and_heading(
     if abs(by_deg) < 180.0:
         assert ("counterclockwise" in check.problem) == (by_deg < 0.0)
         assert f"heading {(30.0 + by_deg) % 360.0:.1f} deg" in check.to_do
-    assert all(check.passes for own in found.of.values() for check in own), "everybody is on its place in it"
+    assert all(check.passes for own in found.of.values() for check in own), "every vehicle is on its pad"
 
 
 def test_pattern_shifted_by_5_m_is_refused_with_its_offset() -> None:
@@ -385,6 +385,6 @@ def test_shared_problem_is_reported_once_with_its_remedy() -> None:
     red, blue = (
         Check("c", State.FAIL, problem=f"is {colour}", to_do="paint it") for colour in ("red", "blue")
     )
-    fleet = Check("f", State.UNKNOWN, problem="nobody knows")
+    fleet = Check("f", State.UNKNOWN, problem="not known")
     found = [("a", red), ("b", blue), ("c", red), (None, fleet), ("d", Check("c", State.PASS))]
-    assert describe(found) == "a, c: is red; b: is blue; nobody knows; a, b, c: paint it"
+    assert describe(found) == "a, c: is red; b: is blue; not known; a, b, c: paint it"

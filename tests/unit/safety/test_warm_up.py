@@ -40,7 +40,7 @@ def crowd(count: int, seed: int) -> tuple[Array, Array]:
 
 
 def tasks_of(count: int, *, segments_m: Array) -> Tasks:
-    """Most in formation, some to goals, one that nobody commands, one on its way down."""
+    """Most in formation, some to goals, one that is not commanded, one on its way down."""
     task = np.full(count, Task.FORMATION, dtype=np.int8)
     task[count // 2 :] = Task.GOAL
     task[-1] = Task.NONE

@@ -88,7 +88,7 @@ def test_an_unknown_name_is_refused_with_those_there_are() -> None:
         (PLAIN.replace("{kind: formation}", "{kind: goals, layout: cube}"), "extent_m"),
         (PLAIN + "control: {law: {speed_m_s: .nan}}", "speed_m_s"),
         ("like: 3", "name of another scenario"),
-        ("like: nobody", "nobody"),
+        ("like: unknown", "unknown"),
         ("like: trial", "no longer chain"),
         ("about: \x00", "YAML"),
     ],
@@ -96,7 +96,7 @@ def test_an_unknown_name_is_refused_with_those_there_are() -> None:
 def test_impossible_scenario_is_refused(tmp_path: Path, text: str, reported: str) -> None:
     message = refusal(tmp_path, text)
     assert reported in message
-    assert "trial.yaml" in message or reported == "nobody"
+    assert "trial.yaml" in message or reported == "unknown"
 
 
 def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
