@@ -33,7 +33,7 @@ from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.control import warm_up
 from gcs.flight.orchestrator import Orchestrator
-from gcs.links.vehicle_ids import SYSTEM_ID_MAX
+from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.preflight.parameters import requirements, settings_of

@@ -9,24 +9,24 @@ import getpass
 import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from selectors import DefaultSelector
 from typing import Final
 
+import numpy as np
 from pydantic import ValidationError
 
 from gcs.cli.output import note
 from gcs.config.schema import Config
 from gcs.config.sections import LinkSettings
 from gcs.config.setting_errors import explained
-from gcs.links.address_book import Address
-from gcs.links.endpoints import Arrival, Endpoint, make
-from gcs.links.endpoints.udp import Udp
-from gcs.links.mavsdk.binding import COMPONENT_ID
-from gcs.links.signing_keys import Signing
-from gcs.links.vehicle_ids import station_id
-from gcs.mavlink.framing import COMMAND_ACK, HEARTBEAT, Frame, heartbeat, kill_frame
+from gcs.links.endpoints.ports import Datagrams, host_number, source_of
+from gcs.links.endpoints.streams import LinkPorts
+from gcs.links.settings import station_id
+from gcs.links.signing import Signing
+from gcs.mavlink.codec import ARM_DISARM, encode, find, frame, joined, kill_message
+from gcs.mavlink.framing import COMMAND_ACK, COMMAND_LONG, HEARTBEAT, Frame, heartbeat
+from gcs.mavlink.kernels import DATAGRAM
 from gcs.mavlink.signing import Judgement
 from gcs.model.errors import ConfigError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.model.state import VehicleId
@@ -111,7 +111,6 @@ WITHIN_S: Final = 5.0
 REPEAT_S: Final = 0.1
 LOOK_S: Final = 0.01
 _AUTOPILOT: Final = 1
-_ARM_DISARM: Final = 400
 
 
 @dataclass(slots=True)
@@ -120,7 +119,7 @@ class _Target:
 
     vehicle: KnownVehicle
     sent: int = 0
-    received_at: Address | None = None
+    received_at: int | None = None  # source of its newest frame
     acknowledged: int | None = None  # the newest MAV_RESULT
     armed: bool | None = None  # from heartbeats after the first command
     failure: str = ""  # why the last command could not be sent
@@ -128,29 +127,21 @@ class _Target:
 
 @dataclass(slots=True)
 class _KillLink:
-    """The endpoints of one link, and its vehicles."""
+    """The ports of one link, and its vehicles."""
 
     settings: LinkSettings
-    endpoints: list[Endpoint]
+    ports: LinkPorts
     signing: Signing | None
-    source: int
+    station_id: int
     targets: dict[int, _Target]  # by system id
     problem: str = ""
     sequence: int = 0
-    selector: DefaultSelector = field(default_factory=DefaultSelector)
 
     def open(self) -> None:
         """Open the configured ports; for a UDP port in use, any free one."""
-        now_s = time.monotonic()
-        for index, endpoint in enumerate(self.endpoints):
-            try:
-                endpoint.open(self.selector, now_s)
-            except LinkError as error:
-                self.problem = f"{error}: does a service hold it?"
-                if isinstance(endpoint, Udp):
-                    other = Udp(self.settings.name, index)
-                    other.open(self.selector, now_s)
-                    self.endpoints[index] = other
+        self.ports.open()
+        if self.ports.problems:
+            self.problem = f"{self.ports.problems[-1]}: does a service hold it?"
         if self.signing is not None:
             try:
                 self.signing.open()
@@ -158,9 +149,7 @@ class _KillLink:
                 self.problem = str(error)
 
     def close(self) -> None:
-        for endpoint in self.endpoints:
-            endpoint.close()
-        self.selector.close()
+        self.ports.close()
         if self.signing is not None:
             self.signing.close()
 
@@ -169,58 +158,52 @@ class _KillLink:
         for system_id, target in self.targets.items():
             if target.armed is False:
                 continue
-            raw = kill_frame(
-                system_id,
-                sequence=self.sequence,
-                source_system=self.source,
-                source_component=COMPONENT_ID,
-            )
+            sequence = np.array([self.sequence % 256], np.uint8)
+            frames = encode(COMMAND_LONG, kill_message(system_id), sequence, system_id=self.station_id)
             self.sequence += 1
-            signed = raw if self.signing is None else self.signing.sign(raw)
-            for address in self._addresses(target):
-                if signed is None:
-                    continue
-                try:
-                    self.endpoints[address.socket_index].send(signed, address, perishable=False)
-                except OSError as error:
-                    target.failure = f"{address}: {error.strerror or error}"
-                else:
-                    target.sent += 1
+            raw: bytes | None = frames.data[0, : frames.length[0]].tobytes()
+            if self.signing is not None and raw is not None:
+                raw = self.signing.sign(raw)
+            sources = self._sources(target)
+            if raw is None or not sources:
+                continue
+            data, length = joined([raw] * len(sources))
+            left = self.ports.send(data, length, np.array(sources, np.int64))
+            target.sent += int(left.sum())
+            for source in np.array(sources)[~left].tolist():
+                target.failure = f"{self.ports.address(source)}: {self.ports.failures.get(source, 'no room')}"
 
-    def _addresses(self, target: _Target) -> list[Address]:
+    def _sources(self, target: _Target) -> list[int]:
         """Return the vehicle's address; before it is received, all standing and recorded addresses."""
         if target.received_at is not None:
             return [target.received_at]
-        standing = [address for endpoint in self.endpoints for address in endpoint.standing]
+        standing = [*self.ports.standing()]
         known = target.vehicle
-        if not known.host or not known.port:
-            return standing
-        ports = [index for index, endpoint in enumerate(self.endpoints) if isinstance(endpoint, Udp)]
-        if not ports:
+        if not known.host or not known.port or not self.ports.udp_count:
             return standing
         ids = [one.id for one in self.settings.fleet]
-        row = ids.index(known.id) if known.id in ids and len(ports) == len(ids) else 0
-        return [*standing, Address(known.host, known.port, ports[row])]
+        port = ids.index(known.id) if known.id in ids and self.ports.udp_count == len(ids) else 0
+        return [*standing, source_of(host_number(known.host), known.port, port)]
 
     def receive(self) -> None:
         """Process the received frames."""
-        now_s = time.monotonic()
-        for endpoint in self.endpoints:
-            endpoint.tend(now_s)
-        for key, _ in self.selector.select(0):
-            for arrival in key.data(now_s):
-                self._take(arrival)
+        self.ports.receive(self._take)
+        for source in self.ports.gone():
+            for target in self.targets.values():
+                if target.received_at == source:
+                    target.received_at = None
 
-    def _take(self, arrival: Arrival) -> None:
-        for frame in arrival.parts.frames:
-            target = self.targets.get(frame.system_id)
-            if target is None or frame.component_id != _AUTOPILOT:
+    def _take(self, arrived: Datagrams) -> None:
+        for found in find(arrived.data, arrived.start, arrived.length).frames.tolist():
+            received = frame(arrived.data, found)
+            target = self.targets.get(received.system_id)
+            if target is None or received.component_id != _AUTOPILOT:
                 continue
-            if self.signing is not None and self.signing.judge(frame) is not Judgement.GOOD:
+            if self.signing is not None and self.signing.judge(received) is not Judgement.GOOD:
                 continue
-            target.received_at = arrival.address
+            target.received_at = int(arrived.source[found[DATAGRAM]])
             if target.sent:
-                _note(target, frame)
+                _note(target, received)
 
     @property
     def done(self) -> bool:
@@ -228,12 +211,12 @@ class _KillLink:
         return all(target.armed is False for target in self.targets.values())
 
 
-def _note(target: _Target, frame: Frame) -> None:
-    if frame.message_id == HEARTBEAT:
-        target.armed = heartbeat(frame).armed
-    elif frame.message_id == COMMAND_ACK:
-        command, result = int.from_bytes(frame.payload[:2], "little"), (*frame.payload[2:3], 0)[0]
-        if command == _ARM_DISARM:
+def _note(target: _Target, received: Frame) -> None:
+    if received.message_id == HEARTBEAT:
+        target.armed = heartbeat(received).armed
+    elif received.message_id == COMMAND_ACK:
+        command, result = int.from_bytes(received.payload[:2], "little"), (*received.payload[2:3], 0)[0]
+        if command == ARM_DISARM:
             target.acknowledged = result
 
 
@@ -278,10 +261,10 @@ def _lines(config: Config, vehicles: Sequence[KnownVehicle]) -> list[_KillLink]:
         targets = {one.system_id: _Target(one) for one in vehicles if one.link == link.name}
         if not targets:
             continue
-        endpoints = list(make(link.name, link.places))
+        ports = LinkPorts(link.name, link.places, time.monotonic, replace_busy=True)
         signing = None if link.signing is None else Signing(link.signing.key_file, link.signing.link_id)
-        source = station_id([one.system_id for one in link.fleet])
-        lines.append(_KillLink(link, endpoints, signing, source, targets))
+        own = station_id([one.system_id for one in link.fleet])
+        lines.append(_KillLink(link, ports, signing, own, targets))
     return lines
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from gcs.api.auth.tokens import create_token, read_tokens, revoke_token
 from gcs.cli.output import REFUSED, answer, failed, note, print_json
-from gcs.links.signing_keys import create_key
+from gcs.links.signing import create_key
 from gcs.model.errors import ConfigError, GcsError
 from gcs.service.access import Role
 

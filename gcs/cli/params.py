@@ -14,7 +14,7 @@ from gcs.cli.process import set_up_log
 from gcs.cli.serve import load_here, make_link
 from gcs.config.schema import Config
 from gcs.links import Link, ParameterValue
-from gcs.links.supervision import leaves
+from gcs.links.link_set import leaves
 from gcs.model.errors import CommandError, ConfigError, LinkError
 from gcs.model.state import Mode, Setpoints, VehicleId
 from gcs.preflight.parameters import Requirement, requirements

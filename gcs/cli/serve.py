@@ -32,12 +32,11 @@ from gcs.config.setting_errors import Misfit, explained
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.links import Link
-from gcs.links.endpoints.urls import Listen, TcpIn
-from gcs.links.framed.link import MavsdkLink
-from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
-from gcs.links.signing_keys import Signing
-from gcs.links.stream_rates import desired
+from gcs.links.settings import Listen, TcpIn
+from gcs.links.signing import Signing
+from gcs.links.stream_requests import desired_rates
 from gcs.model.errors import ConfigError, FileError, GcsError, LinkError, Problem, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
@@ -56,39 +55,16 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
 
     Raises: ConfigError for an invalid signing key.
     """
-    vehicles = {vehicle.id: vehicle.system_id for vehicle in settings.fleet}
-    if settings.transport == "native":
-        return NativeLink(
-            settings.name,
-            vehicles,
-            settings.udp_ports,
-            config.frame,
-            setpoint_timeout_s=config.setpoint_timeout_s,
-            heartbeat_hold_s=settings.heartbeat_hold_s,
-            rates_hz=desired(settings.streams),
-            record=record,
-        )
+    transport = NativeLink if settings.transport == "native" else MavsdkLink
     signing = settings.signing
-    places = [place for place in settings.places if isinstance(place, Listen)]
-    if len(places) == len(settings.places) and signing is None and not settings.forward:
-        return MavsdkUdpLink(
-            settings.name,
-            vehicles,
-            places,
-            config.frame,
-            setpoint_timeout_s=config.setpoint_timeout_s,
-            heartbeat_hold_s=settings.heartbeat_hold_s,
-            rates_hz=desired(settings.streams),
-            record=record,
-        )
-    return MavsdkLink(
+    return transport(
         settings.name,
-        vehicles,
+        {vehicle.id: vehicle.system_id for vehicle in settings.fleet},
         settings.places,
         config.frame,
         setpoint_timeout_s=config.setpoint_timeout_s,
         heartbeat_hold_s=settings.heartbeat_hold_s,
-        rates_hz=desired(settings.streams),
+        rates_hz=desired_rates(settings.streams),
         record=record,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),
         forward=settings.forward,

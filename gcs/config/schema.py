@@ -29,9 +29,7 @@ from gcs.control import ControlSettings
 from gcs.estimation.fleet_state import Positioning
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
-from gcs.links.endpoints.urls import occupied
-from gcs.links.settings import RecordSettings
-from gcs.links.vehicle_ids import INSTANCES_MAX, instances
+from gcs.links.settings import INSTANCES_MAX, RecordSettings, instances, occupied
 from gcs.model.errors import FileError, InvalidError, Problem
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw

@@ -10,10 +10,15 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from gcs.config.setting_errors import located
-from gcs.links.endpoints.urls import Listen, Place, occupied
-from gcs.links.endpoints.urls import parse as place_at
-from gcs.links.settings import Forward, SigningSettings, StreamSettings
-from gcs.links.vehicle_ids import SYSTEM_ID_MAX
+from gcs.links.settings import (
+    SYSTEM_ID_MAX,
+    Forward,
+    Place,
+    SigningSettings,
+    StreamSettings,
+    occupied,
+)
+from gcs.links.settings import parse as place_at
 from gcs.model.errors import ConfigError
 from gcs.model.plan import Direction, YawPolicy
 from gcs.model.settings import NotNegative, Positive, Settings
@@ -167,14 +172,6 @@ class LinkSettings(Settings):
         """Endpoints of `listen`. Raises: ConfigError."""
         return tuple(place_at(url, self.ports) for url in self.listen)
 
-    @property
-    def udp_ports(self) -> Listen:
-        """UDP ports of `listen`, for the native transport. Raises: ConfigError for any other endpoint."""
-        places = self.places
-        if len(places) != 1 or not isinstance(places[0], Listen):
-            raise ConfigError("transport native needs one udpin://HOST:PORT")
-        return places[0]
-
     @model_validator(mode="after")
     def _check(self) -> "LinkSettings":
         try:
@@ -183,23 +180,12 @@ class LinkSettings(Settings):
             raise ValueError(f"listen: {error}") from None
         if len(set(taken)) < len(taken):
             raise ValueError("listen: the same place is there twice")
-        if self.transport == "native":
-            self._check_native()
         seen: set[int] = set()
         for vehicle in self.fleet:
             if vehicle.system_id in seen:
                 raise ValueError(f"vehicles: system id {vehicle.system_id} is there twice")
             seen.add(vehicle.system_id)
         return self
-
-    def _check_native(self) -> None:
-        try:
-            _ = self.udp_ports
-        except ConfigError as error:
-            raise ValueError(f"listen: {error}") from None
-        for key, value in (("signing", self.signing), ("forward", self.forward)):
-            if value:
-                raise ValueError(f"{key}: transport native has none; transport: mavsdk has")
 
 
 class ApiSettings(Settings):

@@ -28,8 +28,7 @@ from gcs.flight.show_progress import ShowProgress
 from gcs.flight.snapshots import fleet_view, record_sample
 from gcs.flight.ticker import TickClock, ticks
 from gcs.links import Link
-from gcs.links.routing import SetpointRouting
-from gcs.links.supervision import keep_open
+from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.planning.return_paths import warm_up as warm_up_paths
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit

@@ -5,12 +5,11 @@ MAVSDK does. So neither an acknowledgement alone nor its absence (a lost datagra
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import isfinite
 from typing import Final, Protocol, TypeVar
 
-from gcs.links.kill_latch import KillLatch
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.model.errors import CommandError
 from gcs.model.state import Landed, Mode, VehicleId
@@ -36,8 +35,39 @@ _DESIRED_MODE: Final = {
 }
 
 
+class KillLatch:
+    """After a kill no command given before it may reach the vehicle: one latch per system.
+
+    MAVSDK repeats an unanswered command for 2 s. An arm command repeated after the kill would start the
+    motors again, so while the latch is shut the link drops commands and setpoints for that system.
+    Any thread may call anything: each method reads or writes single values of a dictionary whose keys never
+    change, and a command that lost the race leaves the latch shut.
+    """
+
+    def __init__(self, system_ids: Iterable[int]) -> None:
+        self._kills = dict.fromkeys(system_ids, 0)
+        self._redeemed = dict(self._kills)
+
+    def shut(self, system_id: int) -> None:
+        """Record a kill command. One thread at a time."""
+        self._kills[system_id] += 1
+
+    def ticket(self, system_id: int) -> int:
+        """To be taken when a command is given, and redeemed when it is executed."""
+        return self._kills[system_id]
+
+    def redeem(self, system_id: int, ticket: int) -> bool:
+        """Open the latch for a command; False, and still shut, when a kill came after the command."""
+        self._redeemed[system_id] = ticket
+        return ticket == self._kills[system_id]
+
+    def is_shut(self, system_id: int) -> bool:
+        """Whether commands and setpoints for this system are to be dropped."""
+        return self._redeemed.get(system_id) != self._kills.get(system_id)
+
+
 class ReportedState(Protocol):
-    """A vehicle's state from its own frames, for example `gcs.links.telemetry.VehicleTelemetry`."""
+    """A vehicle's state from its own frames."""
 
     @property
     def heartbeat_time_s(self) -> float:
@@ -65,7 +95,7 @@ class ReportedState(Protocol):
         ...
 
     @property
-    def news(self) -> asyncio.Event:
+    def next_heartbeat(self) -> asyncio.Event:
         """Fires at its next heartbeat; afterwards this is another event."""
         ...
 
@@ -96,7 +126,7 @@ class CommandChannel(Protocol):
         ...
 
 
-def obeyed(verb: Verb, reported: ReportedState, landed: Landed) -> bool:
+def is_confirmed(verb: Verb, reported: ReportedState, landed: Landed) -> bool:
     """Whether a vehicle's heartbeat (for TAKEOFF and LAND also its landed state) confirms the command."""
     match verb:
         case Verb.ARM:
@@ -182,7 +212,7 @@ class CommandProtocol:
         with self._awaiting():
             while self._clock() - began_s < CONFIRM_S:
                 send_kill()
-                await _news(reported, _KILL_REPEAT_S)
+                await _await_heartbeat(reported, _KILL_REPEAT_S)
                 if reported.heartbeat_time_s > began_s and not reported.armed:
                     return
             raise CommandError(self._failure(command, None, reported, began_s))
@@ -201,12 +231,12 @@ class CommandProtocol:
         """Whether a heartbeat younger than the command confirms it within `wait_s`."""
         until_s = self._clock() + wait_s
         while not self._closed:  # a closed link's vehicles must not be queried any more
-            if reported.heartbeat_time_s > began_s and obeyed(verb, reported, channel.landed()):
+            if reported.heartbeat_time_s > began_s and is_confirmed(verb, reported, channel.landed()):
                 return True
             left_s = until_s - self._clock()
             if left_s <= 0:
                 return False
-            await _news(reported, left_s)
+            await _await_heartbeat(reported, left_s)
         return False
 
     def _failure(self, command: Command, cause: str | None, reported: ReportedState, began_s: float) -> str:
@@ -215,7 +245,7 @@ class CommandProtocol:
         state = f"it reports {reported.mode}, {'armed' if reported.armed else 'disarmed'}"
         if silent_s > CONFIRM_S:
             state = f"silent for {silent_s:.1f} s" if isfinite(silent_s) else "never received"
-        words = f'; it says "{reported.text}"' if reported.text_time_s >= began_s else ""
+        words = f'; it reports "{reported.text}"' if reported.text_time_s >= began_s else ""
         failure = "sent, but not seen to happen" if cause is None else f"failed ({cause})"
         return f"{command.vehicle_id}: {command.verb} {failure}: {state}{words}"
 
@@ -233,11 +263,11 @@ async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
         raise CommandError(f"{vehicle_id}: parameter {name}: {why}") from error
 
 
-async def _news(reported: ReportedState, wait_s: float) -> None:
+async def _await_heartbeat(reported: ReportedState, wait_s: float) -> None:
     """Wait for the next heartbeat, at most `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):
-            await reported.news.wait()
+            await reported.next_heartbeat.wait()
     except TimeoutError:
         return
 

@@ -1,16 +1,165 @@
-"""Settings of recording, signing, streams and forwarding."""
+"""Settings of a link: endpoints, system ids, recording, signing, streams and forwarding. No I/O."""
 
 import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, TypeAlias
 
 from pydantic import Field, model_validator
 
-from gcs.model.errors import ConfigError
+from gcs.model.errors import ConfigError, InvalidError
 from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import VehicleId
 
-_URL: Final = re.compile(r"^udp://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{1,5})$")
+FORMS: Final = (
+    "udpin://HOST:PORT, udpout://HOST:PORT, tcpin://HOST:PORT, tcpout://HOST:PORT or serial://DEVICE:BAUD"
+)
+
+_NETWORK: Final = re.compile(r"^(?P<kind>udpin|udpout|tcpin|tcpout)://(?P<host>[^:/]+):(?P<port>\d{1,5})$")
+_SERIAL: Final = re.compile(r"^serial://(?P<device>/?[^:]+):(?P<baud>\d{1,8})$")
+_PORT_MAX: Final = 65535
+_BAUD_MIN, _BAUD_MAX = 1200, 12_000_000
+
+SYSTEM_ID_MAX: Final = 250
+
+VEHICLES_MAX: Final = 64
+"""Per MAVSDK instance."""
+
+INSTANCES_MAX: Final = 16
+"""Per process; the 20th was measured to speak MAVLink 1."""
+
+_MAVSDK_ID: Final = 245
+_SPARE_ID: Final = 254  # 255 is used by most other stations
+
+_FORWARD: Final = re.compile(r"^udp://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{1,5})$")
+
+
+@dataclass(frozen=True, slots=True)
+class Listen:
+    """UDP ports to listen on: one per vehicle, or one for all behind a radio or router."""
+
+    host: str
+    first_port: int
+    port_count: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class UdpOut:
+    """Consecutive UDP ports of one host to send to first: one per vehicle, or one for all."""
+
+    host: str
+    first_port: int
+    port_count: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class TcpIn:
+    """A TCP port to which vehicles or routers connect."""
+
+    host: str
+    port: int
+
+
+@dataclass(frozen=True, slots=True)
+class TcpOut:
+    """A TCP server to connect to, and to reconnect to."""
+
+    host: str
+    port: int
+
+
+@dataclass(frozen=True, slots=True)
+class SerialPort:
+    """A serial device, whether present or not."""
+
+    device: str
+    baud: int
+
+
+Place: TypeAlias = Listen | UdpOut | TcpIn | TcpOut | SerialPort
+
+
+def parse(url: str, port_count: int = 1) -> Place:
+    """The description of a URL.
+
+    Args:
+        url: one of `FORMS`.
+        port_count: consecutive ports, of the UDP forms only.
+
+    Raises: ConfigError with the URL and what is allowed.
+    """
+    serial = _SERIAL.match(url)
+    if serial is not None:
+        baud = int(serial["baud"])
+        if not _BAUD_MIN <= baud <= _BAUD_MAX:
+            raise ConfigError(f"{url}: a baud rate from {_BAUD_MIN} to {_BAUD_MAX} is needed")
+        _refuse_many(url, port_count)
+        return SerialPort(serial["device"], baud)
+    network = _NETWORK.match(url)
+    if network is None:
+        raise ConfigError(f"{url}: {FORMS} is needed")
+    kind, host, port = network["kind"], _numeric(url, network["host"]), int(network["port"])
+    if not 1 <= port <= _PORT_MAX + 1 - port_count:
+        raise ConfigError(f"{url}: ports {port} to {port + port_count - 1}: 1 to {_PORT_MAX} are possible")
+    if kind == "udpin":
+        return Listen(host, port, port_count)
+    if kind == "udpout":
+        return UdpOut(host, port, port_count)
+    _refuse_many(url, port_count)
+    return TcpIn(host, port) if kind == "tcpin" else TcpOut(host, port)
+
+
+def _numeric(url: str, host: str) -> str:
+    """An IPv4 address. A host name would have to be resolved, which blocks, also in flight."""
+    if host == "localhost":
+        return "127.0.0.1"
+    try:
+        return str(IPv4Address(host))
+    except AddressValueError:
+        raise ConfigError(f"{url}: {host}: an IPv4 address in numbers is needed (or localhost)") from None
+
+
+def _refuse_many(url: str, port_count: int) -> None:
+    if port_count != 1:
+        raise ConfigError(f"{url}: ports = {port_count}: only udpin and udpout can have more than one")
+
+
+def occupied(place: Place) -> tuple[str, ...]:
+    """What only one endpoint can use at a time: ports to listen on, devices."""
+    match place:
+        case Listen(host, first, count):
+            return tuple(f"{host}:{port}" for port in range(first, first + count))
+        case TcpIn(host, port):
+            return (f"{host}:{port} (TCP)",)
+        case SerialPort(device, _):
+            return (device,)
+        case _:
+            return ()
+
+
+def station_id(vehicles: Collection[int]) -> int:
+    """This station's own: MAVSDK's usual one, unless a vehicle has it."""
+    return _SPARE_ID if _MAVSDK_ID in vehicles else _MAVSDK_ID
+
+
+def instances(vehicle_count: int) -> int:
+    """Number of MAVSDK instances for the vehicles of one link."""
+    return -(-vehicle_count // VEHICLES_MAX)
+
+
+def check_system_ids(vehicles: Mapping[VehicleId, int]) -> None:
+    """Raises: InvalidError for an id out of range or used twice."""
+    owners: dict[int, VehicleId] = {}
+    for vehicle_id, system_id in vehicles.items():
+        if not 1 <= system_id <= SYSTEM_ID_MAX:
+            raise InvalidError(f"vehicles.{vehicle_id}", system_id, f"1 to {SYSTEM_ID_MAX}")
+        if system_id in owners:
+            raise InvalidError(
+                f"vehicles.{vehicle_id}", system_id, f"another system id: {owners[system_id]} has it"
+            )
+        owners[system_id] = vehicle_id
 
 
 class RecordSettings(Settings):
@@ -43,13 +192,13 @@ class StreamSettings(Settings):
 class Forward(Settings):
     """A further ground station. What one that is not read-only may do: docs/decisions/0009."""
 
-    url: Annotated[str, Field(pattern=_URL.pattern)]
+    url: Annotated[str, Field(pattern=_FORWARD.pattern)]
     read_only: bool = True
 
     @property
     def address(self) -> tuple[str, int]:
         """Host and port. Raises: ConfigError."""
-        found = _URL.match(self.url)
+        found = _FORWARD.match(self.url)
         if found is None:
             raise ConfigError(f"forward: {self.url}: udp://ADDRESS:PORT is needed")
         return found["host"], int(found["port"])

@@ -1,173 +1,138 @@
-"""Telemetry of one vehicle from its frames: arrival times, and mode and arming from HEARTBEAT."""
+"""Telemetry of the vehicles of a link, in columns: read for all of them at once, message by message."""
 
 import asyncio
-from collections import Counter
-from math import inf, nan
-from typing import Final
+from collections.abc import Callable, Sequence
+from types import MappingProxyType
+from typing import Any, Final, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.address_book import SILENT_AFTER_S
-from gcs.links.battery_packs import BatteryPacks
+from gcs.mavlink.codec import Records, decode, frame
 from gcs.mavlink.framing import (
+    AHRS,
     ATTITUDE,
     BATTERY_STATUS,
     EXTENDED_SYS_STATE,
+    FAILSAFE_STATES,
+    FIX_3D,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
     HEARTBEAT,
     LOCAL_POSITION_NED,
+    METRES_PER_DILUTION,
     ODOMETRY,
+    PREARM_CHECK,
+    SENSORS,
     STATUSTEXT,
     SYS_STATUS,
     SYSTEM_TIME,
-    Accuracy,
-    Frame,
-    Motion,
+    UNIX_KNOWN_S,
+    UNKNOWN_DILUTION,
     TextChunk,
-    battery_percent,
-    boot_time_ms,
-    fix_type,
-    gps_accuracy,
-    heartbeat,
-    landed,
-    motion,
-    prearm_ok,
-    reset_counter,
+    px4_mode,
     status_text,
-    total_percent,
-    unhealthy_sensors,
-    unix_time_s,
 )
-from gcs.model.state import Landed, Mode, StatusText
+from gcs.mavlink.kernels import COMPONENT, MESSAGE, Bytes, Whole
+from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
-_AUTOPILOT_COMPONENT = 1
-_TEXT_CHUNKS_MAX = 8
+Value = TypeVar("Value")
+
+_AUTOPILOT_COMPONENT: Final = 1
+_ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+_CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+_PX4: Final = int(dialect.MAV_AUTOPILOT_PX4)
+_HEADING_MAX_CDEG: Final = 36000  # above: unknown
+_REBOOTED_MS: Final = 1000
+"""A boot clock that goes back by more than this has restarted; by less, datagrams are out of order."""
+
+_UNKNOWN, _OTHER = -1, -2
+"""Custom modes that no autopilot sends: none received yet, and one that is not PX4's."""
+
+_LANDED: Final = tuple(Landed)
+
+_TEXT_CHUNKS_MAX: Final = 8
 _TEXTS_KEPT: Final = 6
-_ROW: Final = (0,)  # of the one vehicle in `BatteryPacks`
-_CLOCKS: Final = frozenset({ATTITUDE, LOCAL_POSITION_NED})
-"""Not requested, but sent by an autopilot that has just restarted, seconds before its first position."""
 
-_REORDERED_MS: Final = 1000
-"""A boot clock that goes back by less comes from a late datagram."""
+_BATTERY_IDS: Final = 256
+_NO_PERCENT: Final = 127
+"""In int8, above every percentage, so that the minimum ignores it."""
 
 
-class VehicleTelemetry:
-    """Newest values of one vehicle, and their arrival. Written and read on the loop's thread.
+class _Reported(Generic[Value]):
+    """A column as Python values: converted again only after a change, which is rare."""
+
+    def __init__(self, value_of: Callable[[Any], Value]) -> None:
+        self._value_of = value_of
+        self._column = b""
+        self._values: tuple[Value, ...] = ()
+
+    def of(self, column: NDArray[Any]) -> tuple[Value, ...]:
+        """(n,) numbers, always of one type."""
+        now = column.tobytes()
+        if now != self._column:
+            self._column, self._values = now, tuple(map(self._value_of, column.tolist()))
+        return self._values
+
+
+class BatteryPacks:
+    """The newest percentage of every pack, and of each vehicle the least of them.
+
+    PX4 sends one BATTERY_STATUS for each pack, and a SYS_STATUS that reports its emptiest pack. A vehicle
+    with a full and an empty pack is in danger, thus the least counts, whichever message arrived last. A
+    pack that reports an unknown percentage (-1) is left out until it reports one again. A pack that stops
+    reporting keeps its last percentage until the autopilot restarts: a connection that broke in flight has
+    not charged it.
 
     Attributes:
-        time_s: arrival of any frame; `heartbeat_time_s` and `position_time_s` of their own, -inf before.
-        motion: of the newest position.
-        life_time_s: arrival of any frame of the autopilot: every one is a sign of life.
-        armed, mode, in_failsafe: from the autopilot's heartbeat only.
-        prearm_ok: the autopilot's own pre-arm checks pass, from SYS_STATUS.
-        unhealthy_sensors: sensors enabled and unhealthy, from SYS_STATUS; -1 before.
-        accuracy, fix_type: of the newest GPS_RAW_INT.
-        clock_base_s: its own clock (Unix time) less ours, as its SYSTEM_TIME arrived; NaN where not known.
-        landed: from the newest EXTENDED_SYS_STATE.
-        reboot_count: how often the boot clock has jumped back: a reboot, or a simulator that was paused.
-        position_resets: how often the estimator's reset counter (ODOMETRY) has changed.
-        text, text_time_s: the newest status text, and its arrival.
+        remaining: (n,) 0 to 1; NaN where no pack reports.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.remaining: Array = np.full(count, np.nan)
+        self._percent = np.full(
+            (count, _BATTERY_IDS + 1), _NO_PERCENT, np.int8
+        )  # the last column: SYS_STATUS
+
+    def take_packs(self, rows: ArrayLike, ids: ArrayLike, percent: ArrayLike) -> None:
+        """Read BATTERY_STATUS messages: (k,) rows, battery ids, and percentages in order of arrival."""
+        self._take(np.asarray(rows), np.asarray(ids), np.asarray(percent))
+
+    def take_totals(self, rows: ArrayLike, percent: ArrayLike) -> None:
+        """Read SYS_STATUS messages: (k,) rows, and percentages in order of arrival."""
+        rows = np.asarray(rows)
+        self._take(rows, np.full(rows.shape, _BATTERY_IDS), np.asarray(percent))
+
+    def forget(self, rows: ArrayLike) -> None:
+        """The autopilots of (k,) rows have restarted: their packs may have been replaced."""
+        rows = np.asarray(rows)
+        self._percent[rows] = _NO_PERCENT
+        self.remaining[rows] = np.nan
+
+    def _take(self, rows: NDArray[np.int_], ids: NDArray[np.int_], percent: NDArray[np.int_]) -> None:
+        self._percent[rows, ids] = np.where(percent >= 0, np.minimum(percent, 100), _NO_PERCENT)
+        least = self._percent[rows].min(axis=1)
+        self.remaining[rows] = np.where(least == _NO_PERCENT, np.nan, least / 100.0)
+
+
+class StatusTexts:
+    """The newest status texts of one vehicle. Texts longer than 50 bytes arrive in chunks.
+
+    Attributes:
+        text, text_time_s: the newest text, and its arrival.
         texts: the newest few, the oldest first.
-        connection_count: how often it connected: at first, after a restart, after a silence. It may have
-            forgotten its streams.
-        counts: number of messages of each kind from the autopilot.
-        news: fires at the next heartbeat, and is then replaced.
     """
 
     def __init__(self) -> None:
-        self.time_s = -inf
-        self.life_time_s = -inf
-        self.heartbeat_time_s = -inf
-        self.position_time_s = -inf
-        self.motion = Motion(nan, nan, nan, nan, nan, nan, nan)
-        self.armed = False
-        self.mode = Mode.UNKNOWN
-        self.in_failsafe = False
-        self.prearm_ok = False
-        self.unhealthy_sensors = -1
-        self.accuracy = Accuracy(nan, nan)
-        self.fix_type = nan
-        self.clock_base_s = nan
-        self.landed = Landed.UNKNOWN
-        self._batteries = BatteryPacks(1)
-        self.reboot_count = 0
-        self.position_resets = 0
         self.text = ""
-        self.text_time_s = -inf
+        self.text_time_s = -np.inf
         self.texts: tuple[StatusText, ...] = ()
-        self.connection_count = 0
-        self.counts: Counter[int] = Counter()
-        self.news = asyncio.Event()
-        self._boot_time_ms = 0
         self._chunks: list[TextChunk] = []
-        self._reset_counter: int | None = None
 
-    @property
-    def battery_remaining(self) -> float:
-        """Least of its packs, 0 to 1; NaN where none reports. See `BatteryPacks`."""
-        return float(self._batteries.remaining[0])
-
-    def take(self, frame: Frame, time_s: float) -> None:
-        """Read one checked frame of this vehicle. Frames of its other components count as arrivals only."""
-        self.time_s = time_s
-        if frame.component_id != _AUTOPILOT_COMPONENT:
-            return
-        self.life_time_s = time_s
-        message_id = frame.message_id
-        self.counts[message_id] += 1
-        if message_id == GLOBAL_POSITION_INT:
-            self.position_time_s, self.motion = time_s, motion(frame)
-            self._take_boot_clock(boot_time_ms(frame))
-        elif message_id == HEARTBEAT:
-            self._take_heartbeat(frame, time_s)
-        elif message_id in _CLOCKS:
-            self._take_boot_clock(boot_time_ms(frame))
-        else:
-            self._take_rarely(frame, time_s)
-
-    def _take_rarely(self, frame: Frame, time_s: float) -> None:
-        """Read messages that come once or twice a second, or on an event."""
-        message_id = frame.message_id
-        if message_id == SYS_STATUS:
-            self.prearm_ok, self.unhealthy_sensors = prearm_ok(frame), unhealthy_sensors(frame)
-            self._batteries.take_totals(_ROW, [total_percent(frame)])
-        elif message_id == EXTENDED_SYS_STATE:
-            self.landed = landed(frame)
-        elif message_id == BATTERY_STATUS:
-            battery_id, percent = battery_percent(frame)
-            self._batteries.take_packs(_ROW, [battery_id], [percent])
-        elif message_id == GPS_RAW_INT:
-            self.accuracy, self.fix_type = gps_accuracy(frame), float(fix_type(frame))
-        elif message_id == SYSTEM_TIME:
-            self.clock_base_s = unix_time_s(frame) - time_s
-        elif message_id == ODOMETRY:
-            counted, self._reset_counter = self._reset_counter, reset_counter(frame)
-            self.position_resets += counted is not None and counted != self._reset_counter
-        elif message_id == STATUSTEXT:
-            self._take_text(status_text(frame), time_s)
-
-    def _take_boot_clock(self, now_ms: int) -> None:
-        """Not used as an anchor for times: it drifts against the wall clock, and restarts unannounced."""
-        if now_ms < self._boot_time_ms - _REORDERED_MS:
-            self.reboot_count += 1
-            self.connection_count += 1
-            self._reset_counter = None  # of the time before the restart
-            self.prearm_ok = False
-            self._batteries.forget(_ROW)
-            self._boot_time_ms = now_ms
-        self._boot_time_ms = max(self._boot_time_ms, now_ms)
-
-    def _take_heartbeat(self, frame: Frame, time_s: float) -> None:
-        reported = heartbeat(frame)
-        if not reported.autopilot:
-            return
-        self.connection_count += not time_s - self.heartbeat_time_s <= SILENT_AFTER_S
-        self.heartbeat_time_s = time_s
-        self.armed, self.mode, self.in_failsafe = reported.armed, reported.mode, reported.in_failsafe
-        fired, self.news = self.news, asyncio.Event()
-        fired.set()
-
-    def _take_text(self, chunk: TextChunk, time_s: float) -> None:
-        """Assemble long texts; one with a missing chunk is shown with the chunks received."""
+    def take(self, chunk: TextChunk, time_s: float) -> None:
+        """Read one STATUSTEXT; a text with a missing chunk is shown with the chunks received."""
         follows = self._chunks and chunk.text_id == self._chunks[0].text_id and chunk.text_id != 0
         self._chunks = [*self._chunks, chunk][-_TEXT_CHUNKS_MAX:] if follows else [chunk]
         self.text = b"".join(part.text for part in self._chunks).decode(errors="replace").strip()
@@ -176,3 +141,268 @@ class VehicleTelemetry:
         self.texts = (*earlier, StatusText(time_s, chunk.severity, self.text))[-_TEXTS_KEPT:]
         if chunk.last:
             self._chunks = []
+
+
+class FleetTelemetry:
+    """Newest values of n vehicles, rows as on the link. Arrays are updated row by row as frames arrive.
+
+    Attributes:
+        heartbeat_time_s, position_time_s, life_time_s: (n,) of arrival, -inf before; the last of any message.
+        armed, in_failsafe: (n,) from the autopilot's heartbeat only.
+        landed: (n,) of `Landed`.
+        prearm_ok: (n,) the autopilot's own pre-arm checks pass.
+        connection_count: (n,) how often it connected: at first, after a restart, after a silence.
+        reboot_count: (n,) how often the boot clock has jumped back.
+        position_resets: (n,) how often the estimator's reset counter has changed.
+    """
+
+    def __init__(self, ids: Sequence[VehicleId]) -> None:
+        n = len(ids)
+        self.heartbeat_time_s, self.position_time_s = np.full(n, -np.inf), np.full(n, -np.inf)
+        self.life_time_s, self.in_failsafe = np.full(n, -np.inf), np.zeros(n, np.bool_)
+        self.armed, self.prearm_ok = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.connection_count = np.zeros(n, np.int64)
+        self.reboot_count, self.position_resets = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.landed = np.zeros(n, np.int64)
+        self._ids = tuple(ids)
+        self._mode = np.full(n, _UNKNOWN, np.int64)  # custom_mode
+        self._boot_ms = np.full(n, -1, np.int64)
+        self._reset_counter = np.full(n, -1, np.int64)
+        self._accuracy_m = np.full((n, 2), np.nan)  # horizontal, vertical
+        self._fix_type, self._clock_base_s = np.full(n, np.nan), np.full(n, np.nan)
+        self._unhealthy_sensors = np.full(n, -1, np.int64)
+        self._place = np.full((n, 3), np.nan)  # degrees, degrees, m AMSL
+        self._velocity_m_s = np.full((n, 3), np.nan)
+        self._yaw_deg = np.full(n, np.nan)
+        self._batteries = BatteryPacks(n)
+        self._texts = tuple(StatusTexts() for _ in ids)
+        self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
+        self._waiting: dict[int, asyncio.Event] = {}
+        self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
+        self._armed_reported, self._ready_reported = _Reported(bool), _Reported(bool)
+        self._failsafe_reported = _Reported(bool)
+        self._reboot_count_reported, self._resets_reported = _Reported(int), _Reported(int)
+        self._modes_reported, self._landed_reported = _Reported(self._mode_of), _Reported(_LANDED.__getitem__)
+        self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
+            {
+                GLOBAL_POSITION_INT: self._take_positions,
+                ATTITUDE: self._take_clocks,
+                LOCAL_POSITION_NED: self._take_clocks,
+                HEARTBEAT: self._take_heartbeats,
+                SYS_STATUS: self._take_status,
+                EXTENDED_SYS_STATE: self._take_landed,
+                BATTERY_STATUS: self._take_batteries,
+                GPS_RAW_INT: self._take_accuracies,
+                SYSTEM_TIME: self._take_times,
+                ODOMETRY: self._take_reset_counters,
+            }
+        )
+
+    def take(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
+        """Read checked frames of our vehicles.
+
+        Args:
+            data: buffer that contains them.
+            frames: (k, FRAME_COLUMNS) in order of arrival.
+            rows: (k,) vehicle of each.
+            time_s: (k,) of arrival.
+        """
+        autopilots = frames[:, COMPONENT] == _AUTOPILOT_COMPONENT
+        self.life_time_s[rows[autopilots]] = time_s[autopilots]  # in order of arrival: the newest stays
+        message = np.where(autopilots, frames[:, MESSAGE], -1)
+        for message_id, read in self._readers.items():
+            mine = np.flatnonzero(message == message_id)
+            if len(mine):
+                read(rows[mine], decode(message_id, data, frames[mine]), time_s[mine])
+        texts = np.flatnonzero(message == STATUSTEXT).tolist()
+        for at in texts:
+            self._texts[rows[at]].take(status_text(frame(data, frames[at].tolist())), float(time_s[at]))
+        if texts:
+            self._texts_reported = tuple(each.texts for each in self._texts)
+
+    def mode(self, row: int) -> Mode:
+        """From its newest heartbeat."""
+        return self._mode_of(int(self._mode[row]))
+
+    def reported(self, row: int) -> "VehicleReport":
+        """View of one vehicle."""
+        return VehicleReport(self, row)
+
+    def text(self, row: int) -> tuple[str, float]:
+        """Its newest status text, and that text's arrival."""
+        return self._texts[row].text, self._texts[row].text_time_s
+
+    def next_heartbeat(self, row: int) -> asyncio.Event:
+        """Event that fires at the vehicle's next heartbeat."""
+        return self._waiting.setdefault(row, asyncio.Event())
+
+    @property
+    def awaited(self) -> bool:
+        """Whether a heartbeat is awaited."""
+        return bool(self._waiting)
+
+    def telemetry(self, *, may_be_ready: Mask | bool = True, met: Mask | None = None) -> Telemetry:
+        """A copy of all values.
+
+        Args:
+            may_be_ready: (n,) vehicles that count as ready if they report it.
+            met: (n,) vehicles with a position in the result; None: all.
+        """
+        unmet = np.zeros(len(self._ids), np.bool_) if met is None else ~met
+        complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(self._place[:, 0])
+        ready = self.prearm_ok & complete & may_be_ready
+        return Telemetry(
+            ids=self._ids,
+            position_time_s=np.where(unmet, -np.inf, self.position_time_s),
+            heartbeat_time_s=self.heartbeat_time_s.copy(),
+            life_time_s=self.life_time_s.copy(),
+            latitude_deg=np.where(unmet, np.nan, self._place[:, 0]),
+            longitude_deg=np.where(unmet, np.nan, self._place[:, 1]),
+            altitude_amsl_m=np.where(unmet, np.nan, self._place[:, 2]),
+            velocity_ned_m_s=np.where(unmet[:, None], np.nan, self._velocity_m_s),
+            yaw_deg=np.where(unmet, np.nan, self._yaw_deg),
+            battery_remaining=self._batteries.remaining.copy(),
+            armed=self._armed_reported.of(self.armed),
+            mode=self._modes_reported.of(self._mode),
+            in_failsafe=self._failsafe_reported.of(self.in_failsafe),
+            landed=self._landed_reported.of(self.landed),
+            ready=self._ready_reported.of(ready),
+            horizontal_accuracy_m=self._accuracy_m[:, 0].copy(),
+            vertical_accuracy_m=self._accuracy_m[:, 1].copy(),
+            reboot_count=self._reboot_count_reported.of(self.reboot_count),
+            position_resets=self._resets_reported.of(self.position_resets),
+            fix_type=self._fix_type.copy(),
+            unhealthy_sensors=self._unhealthy_sensors.copy(),
+            clock_base_s=self._clock_base_s.copy(),
+            texts=self._texts_reported,
+        )
+
+    def _mode_of(self, custom_mode: int) -> Mode:
+        known = self._modes.get(custom_mode)
+        if known is None:
+            known = px4_mode(custom_mode)
+            if known is not Mode.OTHER:  # the others are too many to cache
+                self._modes[custom_mode] = known
+        return known
+
+    def _take_clocks(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        """From messages not requested, but sent by an autopilot that has just restarted."""
+        boot_ms = reported["time_boot_ms"].astype(np.int64)
+        again = np.unique(rows[boot_ms < self._boot_ms[rows] - _REBOOTED_MS])
+        self.reboot_count[again] += 1
+        self.connection_count[again] += 1
+        self._reset_counter[again] = -1  # of the time before the restart
+        self.prearm_ok[again] = False
+        if len(again):
+            self._batteries.forget(again)
+        restarted = np.isin(rows, again)
+        self._boot_ms[rows[restarted]] = boot_ms[restarted]
+        np.maximum.at(self._boot_ms, rows[~restarted], boot_ms[~restarted])  # late datagrams change nothing
+
+    def _take_positions(self, rows: Whole, reported: Records, time_s: Array) -> None:
+        self._take_clocks(rows, reported, time_s)
+        self.position_time_s[rows] = time_s
+        self._place[rows, 0] = reported["lat"] * 1e-7
+        self._place[rows, 1] = reported["lon"] * 1e-7
+        self._place[rows, 2] = reported["alt"] * 1e-3
+        for axis, name in enumerate(("vx", "vy", "vz")):
+            self._velocity_m_s[rows, axis] = reported[name] * 0.01
+        known = reported["hdg"] <= _HEADING_MAX_CDEG
+        self._yaw_deg[rows] = np.where(known, reported["hdg"] * 0.01, np.nan)
+
+    def _take_heartbeats(self, rows: Whole, reported: Records, time_s: Array) -> None:
+        autopilots = reported["autopilot"] == _PX4
+        rows, reported, time_s = rows[autopilots], reported[autopilots], time_s[autopilots]
+        base: NDArray[np.int64] = reported["base_mode"].astype(np.int64)
+        met = np.unique(rows[~(time_s - self.heartbeat_time_s[rows] <= SILENT_AFTER_S)])
+        self.connection_count[met] += 1
+        self.heartbeat_time_s[rows] = time_s
+        self.armed[rows] = (base & _ARMED) != 0
+        self.in_failsafe[rows] = self.armed[rows] & np.isin(reported["system_status"], FAILSAFE_STATES)
+        self._mode[rows] = np.where(base & _CUSTOM, reported["custom_mode"].astype(np.int64), _OTHER)
+        if self._waiting:
+            for row in rows.tolist():
+                event = self._waiting.pop(row, None)
+                if event is not None:
+                    event.set()
+
+    def _take_status(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        health = reported["onboard_control_sensors_health"].astype(np.int64)
+        enabled = reported["onboard_control_sensors_enabled"].astype(np.int64)
+        self.prearm_ok[rows] = (health & PREARM_CHECK) != 0
+        self._unhealthy_sensors[rows] = (enabled & SENSORS | AHRS) & ~health
+        self._batteries.take_totals(rows, reported["battery_remaining"])
+
+    def _take_batteries(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        self._batteries.take_packs(rows, reported["id"], reported["battery_remaining"])
+
+    def _take_accuracies(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        """As `gcs.mavlink.framing.gps_accuracy`."""
+        self._fix_type[rows] = reported["fix_type"]
+        fixed = reported["fix_type"] >= FIX_3D
+        fields = (("eph", "h_acc"), ("epv", "v_acc"))
+        for column, ((dilution, accuracy_field), metres) in enumerate(
+            zip(fields, METRES_PER_DILUTION, strict=True)
+        ):
+            known = reported[dilution] != UNKNOWN_DILUTION
+            by_dilution_m = np.where(known, reported[dilution] / 100 * metres, np.nan)
+            accuracy_m = np.where(
+                reported[accuracy_field] != 0, reported[accuracy_field] / 1000, by_dilution_m
+            )
+            self._accuracy_m[rows, column] = np.where(fixed, accuracy_m, np.inf)
+
+    def _take_times(self, rows: Whole, reported: Records, time_s: Array) -> None:
+        unix_s = reported["time_unix_usec"] * 1e-6
+        self._clock_base_s[rows] = np.where(unix_s >= UNIX_KNOWN_S, unix_s, np.nan) - time_s
+
+    def _take_reset_counters(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        for row, counted in zip(rows.tolist(), reported["reset_counter"].tolist(), strict=True):
+            self.position_resets[row] += 0 <= self._reset_counter[row] != counted
+            self._reset_counter[row] = counted
+
+    def _take_landed(self, rows: Whole, reported: Records, _time_s: Array) -> None:
+        landed = reported["landed_state"]
+        self.landed[rows] = np.where(landed < len(_LANDED), landed, Landed.UNKNOWN)
+
+
+class VehicleReport:
+    """One vehicle's view of `FleetTelemetry`, for `gcs.links.command_protocol`."""
+
+    def __init__(self, fleet: FleetTelemetry, row: int) -> None:
+        self._fleet = fleet
+        self._row = row
+
+    @property
+    def heartbeat_time_s(self) -> float:
+        """Arrival of its newest heartbeat, -inf before the first."""
+        return float(self._fleet.heartbeat_time_s[self._row])
+
+    @property
+    def armed(self) -> bool:
+        """From the newest heartbeat."""
+        return bool(self._fleet.armed[self._row])
+
+    @property
+    def mode(self) -> Mode:
+        """From the newest heartbeat."""
+        return self._fleet.mode(self._row)
+
+    @property
+    def landed(self) -> Landed:
+        """From the newest EXTENDED_SYS_STATE."""
+        return _LANDED[int(self._fleet.landed[self._row])]
+
+    @property
+    def text(self) -> str:
+        """Its newest status text."""
+        return self._fleet.text(self._row)[0]
+
+    @property
+    def text_time_s(self) -> float:
+        """Arrival of that text."""
+        return self._fleet.text(self._row)[1]
+
+    @property
+    def next_heartbeat(self) -> asyncio.Event:
+        """Fires at its next heartbeat."""
+        return self._fleet.next_heartbeat(self._row)

@@ -14,8 +14,8 @@ from struct import Struct
 from time import time as wall_time_s
 from typing import Final
 
-from gcs.links.counters import Direction
 from gcs.links.disk_writer import DiskWriter
+from gcs.links.link import Direction
 
 log = logging.getLogger(__name__)
 

@@ -5,6 +5,7 @@ byte pymavlink's (tests/properties/test_codec.py). A record has the fields of th
 names, in the units of its definition.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -12,17 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED, Frame
 from gcs.mavlink.kernels import (
+    BEGIN,
+    COMPONENT,
+    END,
     FRAME_COLUMNS,
     LENGTH,
+    MESSAGE,
     PAYLOAD,
     SHORTEST_FRAME,
+    SYSTEM,
     Bytes,
+    Number,
     Whole,
     cut_out,
     find_frames,
     put_frames,
+    whole_until,
 )
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
 
 Records: TypeAlias = NDArray[np.void]
 
@@ -39,6 +50,26 @@ _NUMPY: Final = {"b": "i1", "h": "i2", "i": "i4", "q": "i8", "B": "u1", "H": "u2
     "d": "f8",
     "c": "u1",  # text as bytes: numpy's own strings would lose zeros
 }
+
+
+VELOCITY_AND_YAW: Final = 0x9C7
+"""Type mask: velocity and yaw count; the same as MAVSDK's."""
+
+_AUTOPILOT_COMPONENT: Final = 1
+
+ARM_DISARM: Final = int(dialect.MAV_CMD_COMPONENT_ARM_DISARM)
+_KILL_MAGIC: Final = 21196.0  # param2: also in flight
+
+FLOAT: Final = int(dialect.MAV_PARAM_TYPE_REAL32)
+_WHOLE: Final = {
+    int(dialect.MAV_PARAM_TYPE_UINT8): np.uint32,
+    int(dialect.MAV_PARAM_TYPE_INT8): np.int32,
+    int(dialect.MAV_PARAM_TYPE_UINT16): np.uint32,
+    int(dialect.MAV_PARAM_TYPE_INT16): np.int32,
+    int(dialect.MAV_PARAM_TYPE_UINT32): np.uint32,
+    int(dialect.MAV_PARAM_TYPE_INT32): np.int32,
+}
+INT32: Final = int(dialect.MAV_PARAM_TYPE_INT32)
 
 
 class Layout(NamedTuple):
@@ -131,6 +162,27 @@ def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
     return Found(frames[:count], garbage, unknown)
 
 
+def end_of_frames(data: bytes) -> int:
+    """Number of bytes of a stream to search for frames; the rest, at most one frame, waits for more bytes."""
+    return int(whole_until(np.frombuffer(bytearray(data), np.uint8), _extras()))
+
+
+def frame(data: Bytes, found: Sequence[int]) -> Frame:
+    """One frame that `find` found in `data`."""
+    payload = data[found[PAYLOAD] : found[PAYLOAD] + found[LENGTH]].tobytes()
+    raw = data[found[BEGIN] : found[END]].tobytes()
+    return Frame(found[MESSAGE], found[SYSTEM], found[COMPONENT], payload, raw)
+
+
+def joined(raws: Sequence[bytes]) -> Frames:
+    """Whole frames as rows."""
+    length = np.array([len(raw) for raw in raws], np.int64)
+    data = np.zeros((len(raws), length.max(initial=0)), np.uint8)
+    for at, raw in enumerate(raws):
+        data[at, : len(raw)] = np.frombuffer(raw, np.uint8)
+    return Frames(data, length)
+
+
 def decode(message_id: int, data: Bytes, frames: Whole) -> Records:
     """Messages from (k, FRAME_COLUMNS) frames of one kind, as `find` found them in `data`."""
     dtype = layout(message_id).dtype
@@ -150,8 +202,151 @@ def text_field(value: str, length: int) -> Bytes:
     return np.frombuffer(value.encode()[:length].ljust(length, b"\0"), np.uint8)
 
 
+def setpoint_messages(
+    system_ids: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
+) -> Records:
+    """Setpoint messages, one for each vehicle.
+
+    Args:
+        system_ids: (n,).
+        velocity_ned_m_s: (n, 3).
+        yaw_rad: (n,) clockwise from north, within [-pi, pi).
+        time_s: of our clock.
+    """
+    messages = records(SET_POSITION_TARGET_LOCAL_NED, len(system_ids))
+    messages["time_boot_ms"] = int(time_s * 1e3) & 0xFFFFFFFF
+    messages["target_system"], messages["target_component"] = system_ids, _AUTOPILOT_COMPONENT
+    messages["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
+    messages["type_mask"] = VELOCITY_AND_YAW
+    for axis, field in enumerate(("vx", "vy", "vz")):
+        messages[field] = velocity_ned_m_s[:, axis]
+    messages["yaw"] = yaw_rad
+    return messages
+
+
+def heartbeats(count: int) -> Records:
+    """`count` heartbeats of a ground station."""
+    messages = records(HEARTBEAT, count)
+    messages["type"], messages["autopilot"] = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID
+    messages["system_status"], messages["mavlink_version"] = dialect.MAV_STATE_ACTIVE, 3
+    return messages
+
+
+def kill_message(system_id: int) -> Records:
+    """COMMAND_LONG that stops the motors at once, also in flight."""
+    message = records(COMMAND_LONG, 1)
+    message["target_system"], message["target_component"] = system_id, _AUTOPILOT_COMPONENT
+    message["command"] = ARM_DISARM
+    message["param2"] = _KILL_MAGIC
+    return message
+
+
+def parameter_values(reported: Records) -> list[tuple[str, int | float]]:
+    """Names and values of PARAM_VALUEs, integers encoded bytewise, as PX4 does."""
+    values: list[tuple[str, int | float]] = []
+    for message in reported:
+        whole = _WHOLE.get(int(message["param_type"]))
+        value: int | float = float(message["param_value"])
+        if whole is not None:
+            value = int(np.array([message["param_value"]], np.float32).view(whole)[0])
+        values.append((text(message["param_id"]), value))
+    return values
+
+
+SETPOINT_FRAME: Final = np.dtype(
+    [
+        ("magic", "u1"),
+        ("length", "u1"),
+        ("incompatible", "u1"),  # flags; 1: signed
+        ("before_id", "V4"),
+        ("message_id", "u1", 3),
+        ("message", layout(SET_POSITION_TARGET_LOCAL_NED).dtype),
+        ("checksum", "<u2"),
+    ]
+)
+"""A MAVLink 2 frame with a SET_POSITION_TARGET_LOCAL_NED; its last byte is never 0 and so never cut off."""
+
+NO_ROW: Final = -1
+
+_MAGIC_2: Final = 0xFD
+_LONG: Final = SETPOINT_FRAME.itemsize
+_PAYLOAD_LONG: Final = SETPOINT_FRAME.itemsize - HEADER_LENGTH
+_SETPOINT: Final = int(SET_POSITION_TARGET_LOCAL_NED)
+
+
+def _begin_of(field: str) -> int:
+    """Offset of a message field in a frame."""
+    frame = np.zeros(1, SETPOINT_FRAME)
+    return frame["message"][field].ctypes.data - frame.ctypes.data
+
+
+_TARGET_AT: Final = _begin_of("target_system")
+_VELOCITY_AT: Final = _begin_of("vx")
+
+
+@kernel
+def are_setpoints(data: Bytes, length: Whole, count: Number) -> Mask:
+    """(count,) whether each of the first `count` datagrams is one unsigned velocity setpoint, whole.
+
+    Args:
+        data: (room, longest) bytes of each.
+        length: (room,) of each.
+        count: number of datagrams.
+    """
+    are = np.zeros(count, np.bool_)
+    for at in range(count):
+        message = data[at]
+        number = np.int64(message[7]) | np.int64(message[8]) << 8 | np.int64(message[9]) << 16
+        whole = length[at] == _LONG and message[0] == _MAGIC_2 and message[1] == _PAYLOAD_LONG
+        are[at] = whole and message[2] == 0 and number == _SETPOINT
+    return are
+
+
+@kernel
+def awaited_setpoints(
+    data: Bytes, setpoints: Mask, row_of: Whole, awaited: Mask, velocity: NDArray[np.uint32]
+) -> tuple[Whole, Whole]:
+    """The setpoints with the awaited velocity; of several equal ones for one vehicle the last.
+
+    Args:
+        data: (room, longest) bytes of each datagram.
+        setpoints: (k,) which of the first k are setpoints.
+        row_of: (256,) the row of each system id, NO_ROW without one.
+        awaited: (n,) rows whose setpoint is to leave.
+        velocity: (n, 3) awaited velocities, as bits of single-precision numbers.
+
+    Returns: (m,) their places in `data`, and (m,) their rows, all different.
+    """
+    place = np.full(len(awaited), -1, np.int64)
+    rows, found = np.empty(len(awaited), np.int64), 0
+    for at in range(len(setpoints)):
+        if not setpoints[at]:
+            continue
+        message = data[at]
+        row = row_of[message[_TARGET_AT]]
+        if row == NO_ROW or not awaited[row]:
+            continue
+        same = True
+        for axis in range(3):
+            bits = np.uint32(0)
+            for byte in range(4):
+                bits |= np.uint32(message[_VELOCITY_AT + 4 * axis + byte]) << np.uint32(8 * byte)
+            same = same and bits == velocity[row, axis]
+        if not same:
+            continue
+        if place[row] < 0:
+            rows[found] = row
+            found += 1
+        place[row] = at
+    return place[rows[:found]], rows[:found]
+
+
 def warm_up() -> None:
     """Compile, or load, the kernels of this module, with the types used in flight."""
     sent = encode(0, records(0, 1), np.zeros(1, np.uint8))
     data, starts = sent.data.reshape(-1), np.zeros(1, np.int64)
     decode(0, data, find(data, starts, sent.length).frames)
+    end_of_frames(data.tobytes())
+    data, length, row_of = np.zeros((1, _LONG), np.uint8), np.zeros(1, np.int64), np.zeros(256, np.int64)
+    found = are_setpoints(data, length, 1)
+    awaited_setpoints(data, found, row_of, np.zeros(1, np.bool_), np.zeros((1, 3), np.uint32))

@@ -138,6 +138,29 @@ def find_frames(
 
 
 @kernel
+def whole_until(data: Bytes, extras: NDArray[np.int16]) -> Number:
+    """Bytes of a stream, up to the first place from which on they may be a frame that is not whole yet."""
+    end = len(data)
+    place: Number
+    place = np.int64(0)
+    while place < end:
+        room = end - place
+        magic = data[place]
+        if magic in (_MAGIC_1, _MAGIC_2):
+            if room < 3:
+                return place
+            length, flags = np.int64(data[place + 1]), data[place + 2]
+            if magic == _MAGIC_1 and room < length + 8:
+                return place
+            tail = _SIGNATURE_LENGTH if flags else 0
+            if magic == _MAGIC_2 and not flags & ~_SIGNED and room < length + 12 + tail:
+                return place
+        behind = _behind(data, place, end, extras)
+        place = behind if behind > 0 else place + 1
+    return end
+
+
+@kernel
 def cut_out(data: Bytes, starts: Whole, lengths: Whole, payloads: Bytes) -> None:
     """Copy payloads to the rows of `payloads` (k, size), padded with the zeros that MAVLink 2 leaves out."""
     size = payloads.shape[1]

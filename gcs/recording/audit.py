@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final, Self
 
-from gcs.links.address_book import Address
+from gcs.links.link import Address
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import plan_json

@@ -16,21 +16,22 @@ import time
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.framed.router import Listen
-from gcs.links.udp.commands import COMMAND_ACK
-from gcs.links.udp.sockets import Datagrams, Packets, source_of
+from gcs.links.endpoints.ports import Datagrams, source_of
+from gcs.links.endpoints.udp import UdpPorts
+from gcs.links.settings import Listen
 from gcs.mavlink import codec
 from gcs.mavlink.framing import (
     BATTERY_STATUS,
+    COMMAND_ACK,
     COMMAND_LONG,
     EXTENDED_SYS_STATE,
     GLOBAL_POSITION_INT,
     HEARTBEAT,
     PREARM_CHECK,
+    SET_POSITION_TARGET_LOCAL_NED,
     SYS_STATUS,
 )
 from gcs.mavlink.kernels import DATAGRAM, MESSAGE, Bytes, Whole
-from gcs.mavlink.outgoing import SETPOINT
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 
@@ -82,7 +83,7 @@ class Namespace:
         self._position_m = position_m
         self._velocity_m_s, self._desired_m_s = np.zeros((n, 3)), np.zeros((n, 3))
         self._sequence: Bytes = np.zeros(n, np.uint8)
-        self._packets = Packets("traffic", Listen(HOST, 0), time.monotonic)
+        self._packets = UdpPorts("traffic", Listen(HOST, 0), time.monotonic)
         self._packets.open()
         self._ground = source_of(int.from_bytes(b"\x7f\0\0\1", "big"), port, 0) + own_ports * np.arange(n)
         phase = np.random.default_rng(port).random(n)
@@ -114,11 +115,12 @@ class Namespace:
 
     def _take(self, arrived: Datagrams) -> None:
         frames = codec.find(arrived.data, arrived.start, arrived.length).frames
-        setpoints = codec.decode(SETPOINT, arrived.data, frames[frames[:, MESSAGE] == SETPOINT])
+        kind = SET_POSITION_TARGET_LOCAL_NED
+        setpoints = codec.decode(kind, arrived.data, frames[frames[:, MESSAGE] == kind])
         rows = setpoints["target_system"].astype(int) - 1
         self._desired_m_s[rows] = np.stack([setpoints[axis] for axis in ("vx", "vy", "vz")], axis=1)
         self.setpoints += len(setpoints)
-        arrived_s = arrived.time_s[frames[frames[:, MESSAGE] == SETPOINT][:, DATAGRAM]]
+        arrived_s = arrived.time_s[frames[frames[:, MESSAGE] == SET_POSITION_TARGET_LOCAL_NED][:, DATAGRAM]]
         self._take_answers(rows, np.round(setpoints["yaw"] * 1e3).astype(int), arrived_s)
         commands = codec.decode(COMMAND_LONG, arrived.data, frames[frames[:, MESSAGE] == COMMAND_LONG])
         for command in commands:

@@ -11,7 +11,7 @@ from threading import Event, Thread
 import pytest
 
 from gcs.links.mavsdk.binding import MavsdkBinding
-from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkLink
 from tests.support.link_bench import a_link, running, until
 from tests.support.link_peer import Peer
 from tests.support.machine import free_ports
@@ -27,7 +27,7 @@ OPENINGS = 20
 async def open_and_close(port: int) -> None:
     """Leave the vehicles in a cycle, as a traceback or a callback can, and collect while the link closes."""
     link = a_link(port, range(1, VEHICLES + 1))
-    assert isinstance(link, MavsdkUdpLink)
+    assert isinstance(link, MavsdkLink)
     closed = Event()
 
     def collect() -> None:

@@ -1,22 +1,20 @@
 """UDP out, TCP and serial: reached, lost, found again; frames cut in two; nothing ever waits."""
 
 import asyncio
-import os
-import pty
 import socket
 import time
-import tty
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 
-from gcs.links.endpoints import SerialPort, TcpIn, TcpOut, UdpOut
+from gcs.links.settings import SerialPort, TcpIn, TcpOut, UdpOut
 from gcs.model.errors import LinkError
 from tests.support.link_bench import until
+from tests.support.link_lines import Cable
 from tests.support.machine import free_ports
-from tests.support.wire_bench import a_socket, arrived, beat, bench, command, setpoint
+from tests.support.wire_bench import a_socket, arrived, beat, bench, command, is_our_heartbeat, setpoint
 
 
 def free_tcp_port() -> int:
@@ -63,16 +61,17 @@ def test_udp_out_sends_first_and_accepts_only_its_peer() -> None:
         with a_socket() as vehicle, a_socket() as other:
             place = UdpOut("127.0.0.1", vehicle.getsockname()[1])
             async with bench(1, listen=place) as made:
-                made.router.send(beat(245))
+                made.broadcast()
                 async with asyncio.timeout(120):
                     data, ground = await asyncio.get_running_loop().sock_recvfrom(vehicle, 2048)
-                assert data == beat(245)
+                assert is_our_heartbeat(data)
                 other.sendto(beat(1), ground)
                 vehicle.sendto(beat(1), ground)
                 await until(lambda: made.delivered)
-                made.router.send(command(1) + beat(245))
+                made.send(command(1))
+                made.broadcast()
                 assert await arrived(vehicle) == command(1)
-                assert await arrived(vehicle) == beat(245)
+                assert is_our_heartbeat(await arrived(vehicle))
                 assert len(made.delivered) == 1
 
     asyncio.run(main())
@@ -82,16 +81,16 @@ def test_tcp_client_connects_whenever_its_server_appears() -> None:
     async def main() -> None:
         port = free_tcp_port()
         async with bench(1, listen=TcpOut("127.0.0.1", port)) as made:
-            made.router.send(command(1))
+            made.send(command(1))
             await asyncio.sleep(0.1)
             for turn in range(1, 3):
                 with closing(listening(port)) as listener, closing(await accepted(listener)) as vehicle:
                     vehicle.send(beat(1))
-                    await until(lambda: made.router.address(1) is not None)
+                    await until(lambda: made.address(1) is not None)
                     assert len(made.delivered) == turn
-                    made.router.send(command(1))
+                    made.send(command(1))
                     assert await received(vehicle, len(command(1))) == command(1)
-                await until(lambda: made.router.address(1) is None)
+                await until(lambda: made.address(1) is None)
 
     asyncio.run(main())
 
@@ -104,11 +103,11 @@ def test_frame_split_anywhere_is_reassembled() -> None:
                 data = b"\x00\xfd" + beat(1) + beat(2) + b"\xfe\x09" + beat(1)
                 for byte in data:
                     vehicle.send(bytes((byte,)))
-                    made.router.receive()
+                    made.receive()
                 vehicle.send(bytes(300))  # what looks like a beginning is one until it cannot be any more
                 await until(lambda: len(made.delivered) == 3)
                 assert [frame.system_id for frame in made.delivered] == [1, 2, 1]
-                assert made.router.counters.garbage_bytes >= 4
+                assert made.counters.garbage_bytes >= 4
 
     asyncio.run(main())
 
@@ -122,15 +121,15 @@ def test_tcp_server_serves_several_and_reconnecting_vehicles() -> None:
                 with closing(await connected(port)) as going:
                     going.send(beat(1))
                     await until(lambda: len(made.delivered) == 2)
-                    made.router.send(command(1) + command(2))
+                    made.send(command(1) + command(2))
                     assert await received(going, len(command(1))) == command(1)
                     assert await received(staying, len(command(2))) == command(2)
-                await until(lambda: made.router.address(1) is None)
+                await until(lambda: made.address(1) is None)
                 with closing(await connected(port)) as back:
                     back.send(beat(1))
                     await until(lambda: len(made.delivered) == 3)
-                    assert made.router.conflicts() == {}
-                    made.router.send(command(1))
+                    assert made.link.conflicts == {}
+                    made.send(command(1))
                     assert await received(back, len(command(1))) == command(1)
 
     asyncio.run(main())
@@ -153,56 +152,23 @@ def test_slow_reader_loses_whole_frames_and_delays_no_other() -> None:
             with closing(await connected(port)) as slow:
                 slow.send(beat(1))
                 await until(lambda: made.delivered)
-                made.setpoint_watchdog.refresh([1], time.monotonic() + 60.0)
                 slowest_s = 0.0
                 sent = 0
-                while made.router.counters.no_room < 1000:
+                while made.counters.no_room < 1000:
                     began_s = time.thread_time()
-                    made.router.send(command(1))
+                    made.send(command(1))
                     slowest_s = max(slowest_s, time.thread_time() - began_s)
                     sent += 1
                     assert sent < 1_000_000
-                refused = made.router.counters.setpoints_sent
-                made.router.send(setpoint(1))
-                assert made.router.counters.setpoints_sent == refused, "a setpoint waits behind others"
+                before = made.counters.sent
+                made.send(setpoint(1))
+                assert made.counters.sent == before, "a setpoint waits behind others"
                 assert slowest_s < 0.05
-                whole = sent - made.router.counters.no_room
+                whole = before
                 data = await received(slow, whole * len(command(1)))
                 assert data == command(1) * whole
 
     asyncio.run(main())
-
-
-class Cable:
-    """A pseudo terminal whose near end lies at a path of its own, so that it can be pulled and put back."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.master = -1
-
-    def plug(self) -> None:
-        self.master, near = pty.openpty()
-        tty.setraw(near)  # a terminal would echo what comes before somebody opens the port
-        os.set_blocking(self.master, False)
-        self.path.symlink_to(os.ttyname(near))
-        self._near = near
-
-    def pull(self) -> None:
-        if self.master < 0:
-            return
-        os.close(self._near)
-        os.close(self.master)
-        self.path.unlink()
-        self.master = -1
-
-    def write(self, data: bytes) -> None:
-        os.write(self.master, data)
-
-    def read(self) -> bytes:
-        try:
-            return os.read(self.master, 4096)
-        except BlockingIOError:
-            return b""
 
 
 @contextmanager
@@ -215,7 +181,7 @@ def cable(folder: Path) -> Iterator[Cable]:
         made.pull()
 
 
-async def stated(line: Cable, size: int) -> bytes:
+async def read_from(line: Cable, size: int) -> bytes:
     data = b""
     async with asyncio.timeout(120):
         while len(data) < size:
@@ -228,16 +194,16 @@ def test_a_serial_port_carries_frames_both_ways(tmp_path: Path) -> None:
     async def main() -> None:
         with cable(tmp_path) as line:
             async with bench(1, 2, listen=SerialPort(str(line.path), 57600)) as made:
-                made.router.send(beat(245))
-                assert await stated(line, len(beat(245))) == beat(245)
+                made.broadcast()
+                assert is_our_heartbeat(await read_from(line, len(beat(245))))
                 line.write(b"\x13\x11\r\n" + beat(1)[:7])
                 await asyncio.sleep(0.05)
                 line.write(beat(1)[7:] + beat(2))
                 await until(lambda: len(made.delivered) == 2)
-                made.router.send(command(2))
-                assert await stated(line, len(command(2))) == command(2)
-                assert made.router.counters.garbage_bytes == 4
-                assert str(made.router.address(1)) == str(line.path)
+                made.send(command(2))
+                assert await read_from(line, len(command(2))) == command(2)
+                assert made.counters.garbage_bytes == 4
+                assert str(made.address(1)) == str(line.path)
 
     asyncio.run(main())
 
@@ -249,15 +215,16 @@ def test_reconnected_serial_port_is_found(tmp_path: Path) -> None:
                 line.write(beat(1))
                 await until(lambda: made.delivered)
                 line.pull()
-                await until(lambda: made.router.address(1) is None)
-                made.router.send(command(1) + beat(245))
+                await until(lambda: made.address(1) is None)
+                made.send(command(1))
+                made.broadcast()
                 line.plug()
                 async with asyncio.timeout(120):
                     while len(made.delivered) < 2:
                         line.write(beat(1))
                         await asyncio.sleep(0.1)
-                made.router.send(command(1))
-                assert await stated(line, len(command(1))) == command(1)
+                made.send(command(1))
+                assert await read_from(line, len(command(1))) == command(1)
 
     asyncio.run(main())
 

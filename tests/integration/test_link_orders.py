@@ -8,18 +8,7 @@ import pytest
 from gcs.links import Command, Link, Verb
 from gcs.model.errors import CommandError, LinkError, UnknownError
 from gcs.model.state import Landed, Mode, Setpoints
-from tests.support.link_bench import (
-    EVERY,
-    PERIOD_S,
-    AnyLink,
-    Ticks,
-    a_link,
-    do,
-    ready,
-    repeated,
-    running,
-    until,
-)
+from tests.support.link_bench import PERIOD_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from tests.support.link_peer import Peer
 from tests.support.machine import STALL_S, Witness, free_ports
 
@@ -122,7 +111,6 @@ def test_invalid_commands_are_refused_before_sending() -> None:
         asyncio.run(main(peer, a_link(port, [1, 2])))
 
 
-@EVERY
 def test_kill_overtakes_and_outlives_a_waiting_command() -> None:
     async def main(peer: Peer, link: AnyLink, machine: Witness) -> None:
         async with running(link):

@@ -12,8 +12,8 @@ import pytest
 from pymavlink import mavutil
 
 from gcs.links import Verb
-from gcs.links.counters import Direction
-from gcs.links.endpoints import Listen
+from gcs.links.link import Direction
+from gcs.links.settings import Listen
 from gcs.model.frames import ShowFrame
 from tests.support.link_bench import KINDS, AnyLink, do, ready, running, until
 from tests.support.link_peer import Peer
@@ -33,7 +33,7 @@ def recorded(path: Path) -> list[bytes]:
         return frames
 
 
-@pytest.mark.parametrize(("kind", "station_id"), [("mavsdk", 245), ("wire", 245), ("native", 254)])
+@pytest.mark.parametrize(("kind", "station_id"), [("mavsdk", 245), ("native", 254)])
 def test_recording_holds_every_frame_in_order(tmp_path: Path, kind: str, station_id: int) -> None:
     seen: list[bytes] = []
 

@@ -9,10 +9,9 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links import Verb
-from gcs.links.endpoints import Listen
-from gcs.links.framed.link import MavsdkLink
-from gcs.links.settings import Forward
-from gcs.links.signing_keys import Signing
+from gcs.links.mavsdk.link import MavsdkLink
+from gcs.links.settings import Forward, Listen
+from gcs.links.signing import Signing
 from gcs.model.frames import ShowFrame
 from tests.support.link_bench import Ticks, do, ready, running, until
 from tests.support.link_peer import Peer
@@ -69,16 +68,16 @@ def test_only_signed_frames_pass_and_each_refusal_logs_once(
                     bytes(radio.pack(dialect.MAVLink(None, srcSystem=1, srcComponent=68))),
                 ):
                     vehicle.sendto(data, ground)
-                await until(lambda: made.router.counters.strangers == 1)
+                await until(lambda: made.counters.strangers == 1)
                 await asyncio.sleep(0.05)
-                counters = made.router.counters
+                counters = made.counters
                 assert [frame.raw for frame in made.delivered] == [good]
                 assert (counters.unsigned, counters.wrongly_signed, counters.replayed) == (3, 1, 1)
-                made.router.send(command(1))
+                made.send(command(1))
                 receiver = a_packer(255)
                 (message,) = receiver.parse_buffer(await arrived(vehicle))
                 assert message.get_signed()
-                made.router.send_kill(command(1))
+                made.link._send_kill(0)
                 (message,) = receiver.parse_buffer(await arrived(vehicle))
                 assert message.get_signed()
         causes = [vars(each)["cause"] for each in caplog.records if each.msg == "signature_refused"]
@@ -99,7 +98,7 @@ def test_another_station_must_sign_too(signing: Signing) -> None:
                     _, address = await asyncio.get_running_loop().sock_recvfrom(station, 2048)
                 ground = ("127.0.0.1", address[1])
                 station.sendto(command(1), ground)
-                await until(lambda: made.router.counters.refused_from_others == 1)
+                await until(lambda: made.counters.refused_from_others == 1)
                 other = a_packer(255)
                 other.signing.timestamp = signing._signer.time
                 given = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)

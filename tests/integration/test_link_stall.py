@@ -10,18 +10,7 @@ from pymavlink.dialects.v20.common import MAV_TYPE_GCS
 from gcs.links import Verb
 from gcs.links.native.link import NativeLink
 from gcs.model.state import Mode, Setpoints
-from tests.support.link_bench import (
-    EVERY,
-    VELOCITY_M_S,
-    AnyLink,
-    Ticks,
-    a_link,
-    do,
-    ready,
-    repeated,
-    running,
-    until,
-)
+from tests.support.link_bench import VELOCITY_M_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from tests.support.link_peer import Peer
 from tests.support.machine import free_ports
 
@@ -61,7 +50,6 @@ async def into_offboard(link: AnyLink, ticks: Ticks) -> None:
     assert link.snapshot().mode == (Mode.OFFBOARD,)
 
 
-@EVERY
 def test_setpoints_stop_when_the_loop_blocks_for_three_seconds() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
@@ -111,7 +99,6 @@ def test_setpoints_stop_when_a_computation_keeps_the_gil() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
-@EVERY
 def test_unlisted_vehicle_gets_nothing_from_that_call_on() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):
@@ -131,7 +118,6 @@ def test_unlisted_vehicle_gets_nothing_from_that_call_on() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
-@EVERY
 def test_stale_batch_is_not_sent() -> None:
     async def main(link: AnyLink) -> None:
         async with running(link):
@@ -163,7 +149,6 @@ def test_setpoints_are_turned_from_the_show_frame(
         asyncio.run(main(peer, a_link(port, [1], heading_deg=heading_deg)))
 
 
-@EVERY
 def test_heartbeat_stops_and_resumes_with_control() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):

@@ -5,8 +5,8 @@ import time
 from collections.abc import Mapping
 
 from gcs.links import Verb
-from gcs.links.endpoints import Listen
-from gcs.links.framed.link import MavsdkLink
+from gcs.links.mavsdk.link import MavsdkLink
+from gcs.links.settings import Listen
 from gcs.model.frames import ShowFrame
 from tests.support.link_bench import do, ready, running, until
 from tests.support.link_peer import Peer

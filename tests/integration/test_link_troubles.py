@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from gcs.links.framed.link import MavsdkLink
-from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkLink
 from tests.support.link_bench import DatedTicks, a_link, asked_s, ready, running, until
 from tests.support.link_peer import Peer
 from tests.support.link_station import a_station, go_on, stop
@@ -105,29 +104,28 @@ def test_control_loop_late() -> None:
             assert machine.awake_s(last_s, between_s[-1]) <= SETPOINT_TIMEOUT_S
 
 
-@pytest.mark.parametrize("transport", ["mavsdk", "wire"], indirect=True)
+@pytest.mark.parametrize("transport", ["mavsdk"], indirect=True)
 @pytest.mark.usefixtures("transport")
 def test_mavsdk_thread_stuck() -> None:
     """What MAVSDK's thread writes late is old when it comes, whatever the ticks have allowed since."""
 
     async def main(peer: Peer) -> list[float]:
         link = a_link(port, [1])
-        assert isinstance(link, MavsdkUdpLink | MavsdkLink)
+        assert isinstance(link, MavsdkLink)
         frees_s: list[float] = []
         async with running(link):
             await ready(link)
             fleet = link._fleet
             assert fleet is not None
-            take, pass_on = fleet.take, fleet.pass_on
+            take = fleet.take
             async with DatedTicks(link, "v1").running():
                 for _ in range(5):
                     before = len(arrivals_s(peer))
                     await until(lambda before=before: len(arrivals_s(peer)) > before + 10)  # type: ignore[misc]
                     dropped = link.counters.setpoints_dropped
                     fleet.take = lambda room: 0  # type: ignore[method-assign]  # nothing comes, and all waits
-                    fleet.pass_on = lambda sender: None  # type: ignore[method-assign]
                     await asyncio.sleep(0.5)
-                    fleet.take, fleet.pass_on = take, pass_on  # type: ignore[method-assign]
+                    fleet.take = take  # type: ignore[method-assign]
                     frees_s.append(time.monotonic())
                     await until(lambda dropped=dropped: link.counters.setpoints_dropped > dropped + 5)  # type: ignore[misc]
                 await until(lambda: arrivals_s(peer)[-1] > frees_s[-1])

@@ -7,9 +7,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.framed.router import Listen
+from gcs.links.endpoints.ports import Datagrams, source_of
 from gcs.links.native.link import NativeLink
-from gcs.links.udp.sockets import Datagrams, source_of
+from gcs.links.settings import Listen
 from gcs.mavlink import codec
 from gcs.mavlink.framing import split
 from gcs.mavlink.kernels import BEGIN, COMPONENT, END, MESSAGE, SYSTEM
@@ -131,7 +131,7 @@ def mutated(draw: st.DrawFn) -> bytes:
 
 @given(st.one_of(mutated(), st.binary(max_size=600)))
 @settings(max_examples=300, deadline=None)
-def test_bytes_are_split_as_in_the_framed_link(data: bytes) -> None:
+def test_datagrams_are_split_as_split_does(data: bytes) -> None:
     known = split(data)
     assume(not any(frame.raw[0] == 0xFD and frame.raw[2] & ~1 for frame in known.frames))
     datagram = arrived(data)

@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from gcs.links import Command, Verb
-from gcs.links.endpoints import Listen
-from gcs.links.framed.link import MavsdkLink
-from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
-from gcs.links.udp.link import UdpLink
+from gcs.links.settings import Forward, Listen, Place
+from gcs.links.signing import Signing
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints
 
@@ -29,16 +27,9 @@ VELOCITY_M_S = (1.0, 0.5, -0.25)
 AGE_S = 1000.0
 """After so long the dates of `DatedTicks` begin again."""
 
-AnyLink = MavsdkLink | UdpLink
+AnyLink = MavsdkLink | NativeLink
 
-KINDS: dict[str, type[MavsdkLink] | type[MavsdkUdpLink] | type[NativeLink]] = {
-    "mavsdk": MavsdkUdpLink,
-    "wire": MavsdkLink,
-    "native": NativeLink,
-}
-
-EVERY = pytest.mark.parametrize("transport", list(KINDS), indirect=True)
-"""The test holds for MAVSDK over the wire, too, which serial ports and the like need."""
+KINDS: dict[str, type[MavsdkLink] | type[NativeLink]] = {"mavsdk": MavsdkLink, "native": NativeLink}
 
 chosen = "mavsdk"
 """What `a_link` makes; the fixture `transport` sets it for tests that hold for both."""
@@ -52,15 +43,20 @@ def a_link(
     heading_deg: float = 0.0,
     heartbeat_hold_s: float = 3.0,
     record: Path | None = None,
+    places: Sequence[Place] | None = None,
+    signing: Signing | None = None,
+    forward: Sequence[Forward] = (),
 ) -> AnyLink:
-    """Vehicle "v3" has system id 3."""
+    """Vehicle "v3" has system id 3. `places` take the place of UDP ports from `first_port` on."""
     return KINDS[chosen](
         "bench",
         {f"v{system_id}": system_id for system_id in system_ids},
-        Listen("127.0.0.1", first_port, port_count),
+        Listen("127.0.0.1", first_port, port_count) if places is None else places,
         ShowFrame(47.4, 8.5, 500.0, heading_deg),
         heartbeat_hold_s=heartbeat_hold_s,
         record=record,
+        signing=signing,
+        forward=forward,
     )
 
 

@@ -1,11 +1,9 @@
-"""A minimal vehicle: real MAVLink frames over a real UDP socket, from its own thread.
+"""A minimal vehicle: real MAVLink frames over a real UDP socket, or another line, from its own thread.
 
 It obeys at once and has no dynamics; the fake fleet of `sim` flies. Unlike the fake fleet it can share a
 system id, fall silent, refuse commands, and keep every frame that it received.
 """
 
-import socket
-import struct
 import threading
 import time
 from types import TracebackType
@@ -13,17 +11,18 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import common as dialect
 
+from tests.support.link_lines import Line, UdpLine
+
 PREARM = 0x10000000
 GYRO_ACCEL_MAG_GPS = 0x1 | 0x2 | 0x4 | 0x20
 FIRST_BEATS_S = 0.1
 """Between heartbeats until the ground has said something: no vehicle waits to be discovered."""
 
-SO_TIMESTAMPNS, TIMESPEC = 35, struct.Struct("@qq")
 HOLD, OFFBOARD, TAKEOFF, LAND, RETURN = (4, 3), (6, 0), (4, 2), (4, 6), (4, 5)
 
 
 class Peer:
-    """One PX4-like vehicle, sending to `port` on this host until closed."""
+    """One PX4-like vehicle, sending to `port` on this host, or over a line, until closed."""
 
     def __init__(
         self,
@@ -34,7 +33,11 @@ class Peer:
         answers: bool = True,
         position_s: float = 0.02,
         beat_s: float = 1.0,
+        line: Line | None = None,
+        key: bytes | None = None,
+        signs_as: int = 0,
     ) -> None:
+        """With a `key` it signs its frames, and accepts no unsigned ones; `signs_as` is its link id."""
         self.system_id = system_id
         self.refuses = refuses
         self.answers = answers  # to commands; its streams go on
@@ -48,14 +51,16 @@ class Peer:
         self._position_period_s = position_s
         self._beat_period_s = beat_s
         self.received: list[tuple[float, Any]] = []
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.settimeout(0.01)
-        self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        self._ground = ("127.0.0.1", port)
+        self.parameters: dict[str, tuple[float, int]] = {}  # value as it is sent, and its type
+        self.line = UdpLine(port) if line is None else line
         self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
         self._parser = dialect.MAVLink(None)
         self._parser.robust_parsing = True
+        if key is not None:
+            self._packer.signing.secret_key = self._parser.signing.secret_key = key
+            self._packer.signing.sign_outgoing = True
+            self._packer.signing.link_id = signs_as
+            self._packer.signing.timestamp = int((time.time() - 1_420_070_400) * 1e5)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._live, name=f"peer/{system_id}")
         self._thread.start()
@@ -63,8 +68,7 @@ class Peer:
     @property
     def port(self) -> int:
         """The local port."""
-        port: int = self._socket.getsockname()[1]
-        return port
+        return self.line.address[1]
 
     def __enter__(self) -> Self:
         return self
@@ -74,7 +78,7 @@ class Peer:
     ) -> None:
         self._stopped.set()
         self._thread.join()
-        self._socket.close()
+        self.line.close()
 
     def messages(self, name: str) -> list[tuple[float, Any]]:
         """Arrival time and message of every received message of one type.
@@ -89,7 +93,7 @@ class Peer:
 
     def send_bytes(self, data: bytes) -> None:
         """Send these bytes."""
-        self._socket.sendto(data, self._ground)
+        self.line.send(data)
 
     def say(self, text: str) -> None:
         """Send a status text."""
@@ -116,11 +120,10 @@ class Peer:
             self._listen()
 
     def _listen(self) -> None:
-        try:
-            data, ancillary, *_ = self._socket.recvmsg(2048, 64)
-        except TimeoutError:
+        arrived = self.line.receive()
+        if arrived is None:
             return
-        arrived_s = _arrived_s(ancillary)
+        data, arrived_s = arrived
         for message in self._parser.parse_buffer(data) or []:
             self.received.append((arrived_s, message))
             if self.answers:
@@ -155,11 +158,14 @@ class Peer:
         if name == "COMMAND_LONG":
             self._obey(message)
         elif name == "PARAM_SET":
-            self.send(
-                dialect.MAVLink_param_value_message(
-                    message.param_id.encode(), message.param_value, message.param_type, 1, 0
-                )
-            )
+            self.parameters[message.param_id] = message.param_value, message.param_type
+            self._send_parameter(message.param_id)
+        elif name == "PARAM_REQUEST_READ" and message.param_id in self.parameters:
+            self._send_parameter(message.param_id)
+
+    def _send_parameter(self, name: str) -> None:
+        value, kind = self.parameters[name]
+        self.send(dialect.MAVLink_param_value_message(name.encode(), value, kind, 1, 0))
 
     def _obey(self, message: Any) -> None:
         command = message.command
@@ -189,14 +195,3 @@ class Peer:
             self.mode, self.landed = LAND, 4
         elif command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self.mode = RETURN
-
-
-def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """Arrival time on the monotonic clock, read without a pause of the machine between the two readings."""
-    ((_, _, stamp),) = ancillary
-    seconds, nanoseconds = TIMESPEC.unpack(stamp)
-    while True:
-        now_s, wall_s, later_s = time.monotonic(), time.time(), time.monotonic()
-        if later_s - now_s < 0.001:
-            arrived_s: float = now_s - (wall_s - (seconds + nanoseconds * 1e-9))
-            return arrived_s

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from gcs.links import Command, ParameterValue
-from gcs.links.address_book import Address
+from gcs.links.link import Address
 from gcs.model.errors import CommandError
 from gcs.model.state import Landed, Mode, Setpoints, Telemetry, VehicleId
 

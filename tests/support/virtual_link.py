@@ -17,10 +17,10 @@ from pymavlink.dialects.v20 import common
 
 from gcs.config.schema import Config
 from gcs.links import Verb
+from gcs.links.endpoints.ports import Datagrams, Ports, source_of
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import StreamSettings
-from gcs.links.stream_rates import desired
-from gcs.links.udp.sockets import Datagrams, source_of
+from gcs.links.stream_requests import desired_rates
 from gcs.mavlink.kernels import Bytes, Whole
 from gcs.model.errors import LinkError
 from gcs.model.state import Setpoints, VehicleId
@@ -35,7 +35,7 @@ UNREAD: Final = (
     common.MAVLINK_MSG_ID_ATTITUDE_TARGET,
     common.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,
 )
-_RATES_HZ: Final = {**RECORDED_HZ, **desired(StreamSettings()), **dict.fromkeys(UNREAD, 0.0)}
+_RATES_HZ: Final = {**RECORDED_HZ, **desired_rates(StreamSettings()), **dict.fromkeys(UNREAD, 0.0)}
 STREAMS_HZ: Final = {message_id: rate_hz for message_id, rate_hz in _RATES_HZ.items() if rate_hz}
 """For `sim.fleet.Settings`: what the link requests, and no stream without a reader, for speed."""
 
@@ -61,8 +61,8 @@ class SentCommand(NamedTuple):
     verb: Verb
 
 
-class VirtualPorts:
-    """Datagrams between a link and a fake fleet. A `gcs.links.udp.sockets.Ports`. Steps the fleet.
+class VirtualPorts(Ports):
+    """Datagrams between a link and a fake fleet. Steps the fleet.
 
     Attributes:
         fault_injector: its faults lose, delay and damage datagrams.
@@ -252,7 +252,7 @@ class VirtualLink(NativeLink):
             (),
             config.frame,
             setpoint_timeout_s=config.setpoint_timeout_s,
-            rates_hz=desired(StreamSettings()),
+            rates_hz=desired_rates(StreamSettings()),
             clock=clock,
             ports=self.ports,
         )

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.cli.serve import make_link
 from gcs.flight.orchestrator import Orchestrator
-from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from tests.support.machine import Witness, free_ports
@@ -46,7 +46,7 @@ def failsafe_has_begun(truth: dict[str, object]) -> bool:
     return truth["mode"] == "POSITION" and float(str(truth["velocity_down_m_s"])) > 0.5
 
 
-async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkUdpLink, float, list[Phase]]:
+async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, list[Phase]]:
     """Fly two vehicles, stop control, wait for the failsafe: link, time of the last tick, phases after."""
     base = free_ports(2)
     config = flying_config(
@@ -59,7 +59,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkUdpLink, float, 
     )
     with vehicles(2, base, folder, *proper(config)):
         link = make_link(config.links[0], config)
-        assert isinstance(link, MavsdkUdpLink)
+        assert isinstance(link, MavsdkLink)
         orchestrator = Orchestrator(config, [link])
         view = orchestrator.view
         control = asyncio.create_task(orchestrator.run())

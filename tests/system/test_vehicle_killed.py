@@ -15,7 +15,7 @@ from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.flight.orchestrator import Orchestrator
 from gcs.formation.thomson import best_configuration, energy
-from gcs.links.mavsdk.link import MavsdkUdpLink
+from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView
 from tests.support.machine import Witness, free_ports
@@ -40,7 +40,7 @@ FORMED = 1.01
 class Seen:
     """What became of the flight."""
 
-    link: MavsdkUdpLink
+    link: MavsdkLink
     killed_s: float
     phases: Mapping[str, str]  # as the API has them
     ratio: float  # of the survivors' shape, once formed or when there was no more waiting
@@ -76,7 +76,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
     config = flying_config(8, base, silence_s=2.0)
     with vehicles(8, base, folder, *proper(config), apart=4) as fifth:
         link = make_link(config.links[0], config)
-        assert isinstance(link, MavsdkUdpLink)
+        assert isinstance(link, MavsdkLink)
         orchestrator = Orchestrator(config, [link])
         async with served(orchestrator) as port:
             view = orchestrator.view

@@ -1,116 +1,299 @@
-"""UDP, listening or sending first, with the kernel's times of arrival."""
+"""UDP ports of a link: datagrams in batches, with the kernel's times of arrival.
 
-import errno
+Where the platform has no calls for that (see `mmsg`), one datagram at a time, with the same interface.
+"""
+
+import logging
+import selectors
 import socket
 import sys
-from collections.abc import Iterator
-from selectors import EVENT_READ, BaseSelector
+from collections.abc import Callable, Iterable, Sequence
+from math import inf
 from struct import Struct
 from time import time as wall_time_s
 from typing import Final
 
-from gcs.links.address_book import Address
-from gcs.links.endpoints.endpoint import Arrival
-from gcs.links.mmsg import Batch
-from gcs.mavlink.framing import split
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.links.endpoints import mmsg
+from gcs.links.endpoints.ports import Datagrams, Ports, host_number, source_of
+from gcs.links.settings import Listen, Place, UdpOut
+from gcs.mavlink.kernels import Bytes, Whole
 from gcs.model.errors import LinkError
 
-_DATAGRAM_MAX_BYTES: Final = 65535
-_READS_PER_CALL: Final = 4096  # empties a socket after a stall; a flood cannot block the loop
-_GARBAGE_MAX_BYTES: Final = 2048  # of a datagram; costs at most 2 us a byte
-_RECEIVE_BUFFER_BYTES: Final = 4 << 20
-_SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
+log = logging.getLogger(__name__)
+
+_ROOM: Final = 512
+"""Datagrams that are read before they are processed."""
+
+_LONGEST: Final = 2048
+"""Bytes of a datagram that are read; an Ethernet frame carries 1500."""
+
+_BATCH: Final = 256
+TURN_S: Final = 0.02
+"""Time of one `receive`: a flood delays neither the loop nor other ports, and the rest waits for the next."""
+
+_ANY: Final = -1
+_ROUNDS: Final = 16
+"""Batches that a socket may fill in one turn, so that a flood cannot block the loop."""
+
+_ERRORS: Final = 16
+"""Errors of earlier sends that a socket may report in one turn."""
+
+_BUFFER_BYTES: Final = 4 << 20
 _TIMESPEC: Final = Struct("@ll")
+_SO_RCVBUFFORCE: Final = 33  # Linux; beyond the system's limit, where permitted
 
 
-class Udp:
-    """One UDP socket: bound, for any sender, or with exactly one far end."""
+class UdpPorts(Ports):
+    """UDP sockets, bound for any sender or with exactly one far end.
+
+    Attributes:
+        udp_count: number of UDP ports.
+        problems: ports that were in use, where `replace_busy` allows another port.
+        failures: the newest cause, by source, of a frame that could not be sent.
+    """
 
     def __init__(
         self,
         name: str,
-        index: int,
+        places: Place | Sequence[Place],
+        clock: Callable[[], float],
         *,
-        bound: tuple[str, int] | None = None,
-        far: tuple[str, int] | None = None,
+        batched: bool = mmsg.available(),
+        replace_busy: bool = False,
     ) -> None:
-        """Give `bound` to listen there, or `far` to send there first. `name` is the link's, for errors."""
+        """Nothing is opened yet.
+
+        Args:
+            name: the link's, for errors and logs.
+            places: those without UDP are left to subclasses.
+            clock: the loop's.
+            batched: False as on a platform without batches.
+            replace_busy: open any free port instead of one in use.
+        """
+        self.problems: list[str] = []
+        self.failures: dict[int, str] = {}
         self._name = name
-        self._index = index
-        self._bound = bound
-        self._far = far
-        self._standing = () if far is None else (Address(*far, index),)
-        self._socket: socket.socket | None = None
-        self._selector: BaseSelector | None = None
-        self._drained_s = 0.0
+        self._clock = clock
+        self._batched = batched
+        self._replace_busy = replace_busy
+        self._bound: list[tuple[str, int]] = []
+        far: list[int] = []
+        for each in places if isinstance(places, Sequence) else (places,):
+            match each:
+                case Listen(host, first, count):
+                    self._bound += [(host, port) for port in range(first, first + count)]
+                    far += [_ANY] * count
+                case UdpOut(host, first, count):
+                    for port in range(first, first + count):
+                        far.append(source_of(host_number(host), port, len(self._bound)))
+                        self._bound.append(("0.0.0.0", 0))  # noqa: S104  answers come to any address of ours
+        self.udp_count = len(far)
+        self._far: Whole = np.array(far, np.int64)
+        self._filtered = bool((self._far != _ANY).any())
+        self._sockets: tuple[socket.socket, ...] = ()
+        self._selector: selectors.BaseSelector | None = None
+        self._drained_s = np.zeros(0)
+        self._room = mmsg.Batch(_ROOM, _LONGEST)
+        self._start = np.arange(_ROOM, dtype=np.int64) * _LONGEST
+        self._index = np.zeros(_ROOM, np.int64)
+        self._outbox = mmsg.Batch(1, 1)
+        self._in_runs = False
 
-    @property
-    def standing(self) -> tuple[Address, ...]:
-        """The far end, if it has one."""
-        return self._standing
+    def open(self) -> None:
+        """Bind every port. Raises: LinkError naming the port."""
+        opened: list[socket.socket] = []
+        for host, port in self._bound:
+            try:
+                opened.append(_bound(host, port))
+            except (OSError, OverflowError) as error:
+                problem = f"{self._name}: UDP port {port} on {host}: {error}"
+                if not self._replace_busy:
+                    for other in opened:
+                        other.close()
+                    raise LinkError(problem) from error
+                self.problems.append(problem)
+                opened.append(_bound("0.0.0.0", 0))  # noqa: S104  answers come to any address of ours
+        self._sockets = tuple(opened)
+        self._in_runs = self._batched and all(map(mmsg.sends_runs, opened))
+        self._drained_s = np.full(len(opened), self._clock())
+        self._selector = selectors.DefaultSelector()
+        for index, opened_socket in enumerate(opened):
+            self._selector.register(opened_socket, selectors.EVENT_READ, index)
 
-    def open(self, selector: BaseSelector, now_s: float) -> None:
-        """Bind. Raises: LinkError naming the port."""
-        host, port = self._bound or ("0.0.0.0", 0)  # noqa: S104  answers come to any of our addresses
-        try:
-            self._socket = _bound(host, port)
-        except (OSError, OverflowError) as error:
-            raise LinkError(f"{self._name}: UDP port {port} on {host}: {error}") from error
-        self._drained_s = now_s
-        selector.register(self._socket, EVENT_READ, self._read)
-        self._selector = selector
+    def standing(self) -> Iterable[int]:
+        """The far ends."""
+        return self._far[self._far != _ANY].tolist() if self._filtered else ()
 
     def close(self) -> None:
-        """Release the port."""
-        gone, self._socket = self._socket, None
-        if gone is not None:
-            if self._selector is not None:
-                self._selector.unregister(gone)
-            gone.close()
+        """Release the ports; what is sent afterwards is lost."""
+        sockets, self._sockets = self._sockets, ()
+        if self._selector is not None:
+            self._selector.close()
+            self._selector = None
+        for open_socket in sockets:
+            open_socket.close()
 
-    def tend(self, now_s: float) -> None:
-        """Nothing to do."""
+    def receive(self, take: Callable[[Datagrams], None]) -> None:
+        """See `Ports.receive`. The sockets that are ready share a turn's time: none is left out."""
+        if self._selector is None:
+            return
+        filled = 0
+        now_s, wall_s = self._clock(), wall_time_s()
+        empty = np.ones(len(self._sockets), np.bool_)
+        ready = self._selector.select(0)
+        for turn, (key, _) in enumerate(ready, 1):
+            index: int = key.data
+            empty[index] = False
+            for _ in range(_ROUNDS):
+                if _ROOM - filled < _BATCH:
+                    take(self._datagrams(filled, now_s, wall_s))
+                    filled = 0
+                count = self._read(index, filled, _BATCH)
+                self._index[filled : filled + count] = index
+                filled += count
+                if count < _BATCH:
+                    empty[index] = True
+                    break
+                if self._clock() > now_s + TURN_S * turn / len(ready):
+                    break
+        if filled:
+            take(self._datagrams(filled, now_s, wall_s))
+        self._drained_s[empty] = now_s
 
-    def gone(self) -> tuple[Address, ...]:
-        """None: UDP has no connections."""
-        return ()
+    def send(
+        self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
+    ) -> NDArray[np.bool_]:
+        """See `Ports.send`."""
+        left = np.zeros(len(destination), np.bool_)
+        if not self._sockets or not len(destination):
+            return left
+        index = np.where(destination < 0, -1, destination >> 48)
+        changes = np.flatnonzero(np.diff(index)) + 1
+        if len(changes) >= len(np.unique(index)):  # one call for each socket, not for each change of socket
+            order = np.argsort(index, kind="stable")
+            left[order] = self.send(data[order], length[order], destination[order], until_s=until_s)
+            return left
+        outbox = self._filled(data, length, destination)
+        for first, end in zip([0, *changes.tolist()], [*changes.tolist(), len(index)], strict=True):
+            if 0 <= index[first] < len(self._sockets):
+                self._send_all(outbox, self._sockets[int(index[first])], first, end, left, until_s)
+        return left
 
-    def send(self, data: bytes, address: Address, *, perishable: bool) -> None:  # noqa: ARG002
-        """Send one datagram. Raises: OSError; after an ICMP error this may be that of an earlier datagram."""
-        opened = self._socket
-        if opened is None:
-            raise OSError(errno.ENOTCONN, "closed")
-        opened.sendto(data, (address.host, address.port))
+    def _filled(self, data: Bytes, length: Whole, destination: Whole) -> mmsg.Batch:
+        """The outbox filled with these datagrams, enlarged if necessary."""
+        n, longest = data.shape
+        if self._outbox.data.shape[0] < n or self._outbox.data.shape[1] < longest:
+            rows, columns = self._outbox.data.shape
+            self._outbox = mmsg.Batch(max(n, rows), max(longest, columns))
+        outbox = self._outbox
+        outbox.data[:n, :longest] = data
+        outbox.length[:n] = length
+        outbox.host[:n] = destination >> 16 & 0xFFFFFFFF
+        outbox.port[:n] = destination & 0xFFFF
+        return outbox
 
-    def send_batch(self, batch: Batch, first: int, end: int) -> int:
-        """Send rows `first` to `end` - 1 of a batch, in order. Returns: number of rows sent.
-
-        Raises: OSError when the first of them could not be sent.
-        """
-        opened = self._socket
-        if opened is None:
-            raise OSError(errno.ENOTCONN, "closed")
-        return batch.send(opened.fileno(), first, end)
-
-    def _read(self, now_s: float) -> Iterator[Arrival]:
-        """Read until the socket is empty."""
-        wall_s = wall_time_s()
-        oldest_s = self._drained_s
-        for _ in range(_READS_PER_CALL):
-            if self._socket is None:
-                return
+    def _send_all(
+        self,
+        outbox: mmsg.Batch,
+        through: socket.socket,
+        first: int,
+        end: int,
+        left: NDArray[np.bool_],
+        until_s: float,
+    ) -> None:
+        # Check again right before every call: the process may have been suspended since the last check.
+        while first < end and self._clock() <= until_s:
             try:
-                data, ancillary, _, sender = self._socket.recvmsg(_DATAGRAM_MAX_BYTES, 64)
+                count = self._send_some(outbox, through, first, end)
+            except OSError as error:  # a full buffer, no route: it may come back
+                if self._in_runs and error.errno in mmsg.REFUSALS:
+                    self._in_runs = False  # not possible on this route: one by one from now on
+                    continue
+                destination = source_of(
+                    int(outbox.host[first]), int(outbox.port[first]), self._sockets.index(through)
+                )
+                self._note_failure(destination, error)
+                first += 1
+                continue
+            left[first : first + count] = True
+            first += count
+
+    def _note_failure(self, destination: int, error: OSError) -> None:
+        """Count and log a frame that could not be sent."""
+        if isinstance(error, BlockingIOError):  # slow: this frame is lost, later ones may leave
+            self.no_room += 1
+            return
+        self.send_errors += 1  # no route, or the far end's port is closed: it may come back
+        if destination not in self.failures:
+            about = {"link": self._name, "address": str(self.address(destination)), "cause": str(error)}
+            log.warning("send_failed", extra=about)
+        self.failures[destination] = error.strerror or str(error)
+
+    def _send_some(self, outbox: mmsg.Batch, through: socket.socket, first: int, end: int) -> int:
+        """Number of these rows that were sent. Raises: OSError when the first could not be."""
+        if not self._batched:
+            return _send_one(through, outbox, first)
+        send = outbox.send_runs if self._in_runs else outbox.send
+        return send(through.fileno(), first, end)
+
+    def _read(self, index: int, first: int, most: int) -> int:
+        """Read up to `most` datagrams of a socket. Returns: number."""
+        source = self._sockets[index]
+        for _ in range(_ERRORS):
+            try:
+                if self._batched:
+                    return self._room.receive(source.fileno(), first, most)
+                return _receive_some(source, self._room, first, most)
             except BlockingIOError:
-                self._drained_s = now_s
-                return
-            except OSError:  # an ICMP error of an earlier send, reported here; the socket still works
+                return 0
+            except OSError:  # an error of an earlier send, reported here; the socket still works
                 continue
-            if self._far is not None and sender != self._far:
-                continue
-            parts = split(data, garbage_max_bytes=_GARBAGE_MAX_BYTES)
-            time_s = _arrival_s(ancillary, now_s, wall_s, oldest_s)
-            yield Arrival(Address(sender[0], sender[1], self._index), parts, time_s)
+        return 0
+
+    def _datagrams(self, count: int, now_s: float, wall_s: float) -> Datagrams:
+        """Rows up to `count`, with times on our clock.
+
+        The kernel stamps with the wall clock, which may be set meanwhile; but nothing read now can have
+        arrived before the socket was last empty, which bounds the error.
+        """
+        room, index = self._room, self._index[:count]
+        source = index << 48 | room.host[:count].astype(np.int64) << 16 | room.port[:count]
+        stamped_s = now_s - (wall_s - room.time_s[:count])
+        bounded_s = np.minimum(np.maximum(stamped_s, self._drained_s[index]), now_s)
+        time_s = np.where(np.isnan(stamped_s), now_s, bounded_s)
+        length = np.minimum(room.length[:count], _LONGEST)
+        arrived = Datagrams(room.data.reshape(-1), self._start[:count], length, source, time_s)
+        if not self._filtered:
+            return arrived
+        mine = (self._far[index] == _ANY) | (self._far[index] == source)
+        return Datagrams(arrived.data, *(column[mine] for column in arrived[1:]))
+
+
+def _receive_some(source: socket.socket, room: mmsg.Batch, first: int, most: int) -> int:
+    """One by one, as long as there are any."""
+    for row in range(first, first + most):
+        try:
+            count, ancillary, _, sender = source.recvmsg_into([room.data[row]], 64)
+        except BlockingIOError:
+            return row - first
+        room.length[row] = count
+        room.host[row] = int.from_bytes(socket.inet_aton(sender[0]), "big")
+        room.port[row] = sender[1]
+        room.time_s[row] = np.nan
+        for level, kind, value in ancillary:
+            if (level, kind) == (socket.SOL_SOCKET, mmsg.SO_TIMESTAMPNS) and len(value) == _TIMESPEC.size:
+                seconds, nanoseconds = _TIMESPEC.unpack(value)
+                room.time_s[row] = seconds + nanoseconds * 1e-9
+    return most
+
+
+def _send_one(through: socket.socket, outbox: mmsg.Batch, row: int) -> int:
+    host = socket.inet_ntoa(int(outbox.host[row]).to_bytes(4, "big"))
+    through.sendto(outbox.data[row, : outbox.length[row]].tobytes(), (host, int(outbox.port[row])))
+    return 1
 
 
 def _bound(host: str, port: int) -> socket.socket:
@@ -118,28 +301,16 @@ def _bound(host: str, port: int) -> socket.socket:
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         bound.setblocking(False)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
         if sys.platform == "linux":
-            bound.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            bound.setsockopt(socket.SOL_SOCKET, mmsg.SO_TIMESTAMPNS, 1)
+            try:
+                bound.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
+            except PermissionError:
+                log.debug("receive_buffer_limited", extra={"port": port})
         bound.bind((host, port))
     except (OSError, OverflowError):
         bound.close()
         raise
     return bound
-
-
-def _arrival_s(
-    ancillary: list[tuple[int, int, bytes]], now_s: float, wall_s: float, oldest_s: float
-) -> float:
-    """Time of a datagram's arrival on our clock; after a stall of the loop this is not the present.
-
-    The kernel stamps with the wall clock, which may be set meanwhile; but nothing read now can have arrived
-    before the socket was last empty, which bounds the error.
-    """
-    for level, kind, value in ancillary:
-        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) == _TIMESPEC.size:
-            seconds, nanoseconds = _TIMESPEC.unpack(value)
-            age_s = wall_s - (seconds + nanoseconds * 1e-9)
-            arrival_s: float = min(now_s, max(oldest_s, now_s - age_s))
-            return arrival_s
-    return now_s

@@ -1,1 +1,1 @@
-"""The MAVSDK transport over UDP: the only package that imports the MAVSDK library."""
+"""The MAVSDK transport: the only package that imports the MAVSDK library."""

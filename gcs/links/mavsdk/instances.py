@@ -6,35 +6,25 @@ vehicles only.
 
 import selectors
 from collections.abc import Collection, Sequence
-from typing import Final, Protocol
+from typing import Final
 
-from gcs.links import mmsg
+from gcs.links.endpoints import mmsg
 from gcs.links.mavsdk.binding import MavsdkBinding, MavsdkVehicle
-from gcs.links.vehicle_ids import instances
+from gcs.links.settings import instances
 
 _DATAGRAM_BYTES: Final = 1400
 """MAVSDK reads 2048 bytes of one."""
-
-_ROOM: Final = 256
-_LONGEST_BYTES: Final = 300
-"""Longest frame: 280 bytes."""
-
-
-class Sender(Protocol):
-    """Sends frames; see `Router`."""
-
-    def send_batch(self, written: mmsg.Batch, count: int, *, to_everybody: bool = True) -> None: ...
 
 
 class MavsdkInstances:
     """The instances of one link.
 
-    `open`, `discover` and `destroy` block, see `MavsdkBinding`; all else belongs on the loop's thread,
-    between `open` and `destroy`.
+    `open`, `discover` and `close` block, see `MavsdkBinding`; all else belongs on the loop's thread,
+    between `open` and `close`.
     """
 
     def __init__(self, system_ids: Sequence[int], station_id: int) -> None:
-        """As many instances as needed, of similar size. Only the first one's broadcasts leave."""
+        """As many instances as needed, of similar size."""
         count = instances(len(system_ids))
         self._fleets = tuple(MavsdkBinding(station_id) for _ in range(count))
         self._ids = tuple(frozenset(system_ids[index::count]) for index in range(count))
@@ -42,7 +32,6 @@ class MavsdkInstances:
         self._of = {
             system_id: fleet for fleet, ids in zip(self._fleets, self._ids, strict=True) for system_id in ids
         }
-        self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
         self._written = selectors.DefaultSelector()
 
     def open(self) -> None:
@@ -50,15 +39,6 @@ class MavsdkInstances:
         for fleet in self._fleets:
             fleet.open()
             self._written.register(fleet.loopback.fd, selectors.EVENT_READ, fleet)
-
-    def pass_on(self, sender: Sender) -> None:
-        """Send what they have written until now. Never blocks."""
-        for key, _ in self._written.select(0):
-            fleet: MavsdkBinding = key.data
-            count = _ROOM
-            while count == _ROOM:
-                count = fleet.loopback.take(self._room)
-                sender.send_batch(self._room, count, to_everybody=fleet is self._fleets[0])
 
     def take(self, room: mmsg.Batch) -> int:
         """Fill `room` with what they have written, in each one's order. Returns: number. Never blocks."""
@@ -94,7 +74,7 @@ class MavsdkInstances:
                 found |= fleet.discover(missing)
         return found
 
-    def destroy(self) -> None:
+    def close(self) -> None:
         """End all instances; their plugins may not be used afterwards."""
         self._written.close()
         for fleet in self._fleets:

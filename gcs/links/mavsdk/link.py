@@ -1,8 +1,7 @@
-"""The link over MAVSDK where all vehicles are on UDP: MAVSDK's commands and setpoints, our batches.
+"""The link over MAVSDK: MAVSDK's commands and setpoints, our ports and telemetry.
 
 MAVSDK's bytes leave only through `SetpointFilter`: MAVSDK repeats setpoints without end, from its own
-threads, whatever happens to the program that set them. `MavsdkLink` has serial ports, TCP, signing and
-further stations.
+threads, whatever happens to the program that set them.
 """
 
 import asyncio
@@ -16,19 +15,21 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links import mmsg
+from gcs.links.batch_link import BatchLink, Coroutines
 from gcs.links.command_protocol import CommandProtocol
-from gcs.links.endpoints import Listen
+from gcs.links.endpoints import mmsg
+from gcs.links.endpoints.ports import Ports
 from gcs.links.mavsdk.binding import MavsdkVehicle
-from gcs.links.mavsdk.frame_filter import FrameFilter
 from gcs.links.mavsdk.instances import MavsdkInstances
 from gcs.links.mavsdk.setpoint_filter import SetpointFilter
-from gcs.links.mavsdk.threads import LinkThread
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
-from gcs.links.stream_rates import SETTLE_S
-from gcs.links.udp.link import Coroutines, SetpointBatch, UdpLink
-from gcs.links.vehicle_ids import station_id
-from gcs.mavlink.kernels import BEGIN, END, Bytes, Whole
+from gcs.links.sender import SetpointBatch
+from gcs.links.settings import Forward, Place, station_id
+from gcs.links.signing import Signing
+from gcs.links.stream_requests import NOT_FOR_MAVSDK, REQUESTING_COMPONENT, SETTLE_S
+from gcs.mavlink import codec
+from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
+from gcs.mavlink.kernels import BEGIN, END, MESSAGE, Bytes, Whole
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Mask, Telemetry, VehicleId
 
@@ -50,40 +51,71 @@ _HEALTH_SHARES: Final = 5
 _URGENT: Final = 32
 """Setpoints of this many vehicles leave before the others are set."""
 
+_POSITION_PERIOD_S: Final = 0.5
+"""Period of the positions that MAVSDK receives; the tick uses all of them."""
+
 _ROOM: Final = 1024
 _LONGEST_BYTES: Final = 300
 """Longest frame: 280 bytes."""
 
 
-class MavsdkUdpLink(UdpLink):
-    """Up to 250 vehicles over UDP, 64 for each MAVSDK instance. A `gcs.links.Link`."""
+class FrameFilter:
+    """Chooses the frames for MAVSDK, whose threads pay more for each than the link does."""
+
+    def __init__(self, count: int) -> None:
+        self._hidden: Whole = np.array(sorted(NOT_FOR_MAVSDK), np.int64)
+        self._position_s = np.full(count, -np.inf)  # arrival of the newest position given to MAVSDK
+
+    def of(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> Mask:
+        """(k,) which frames MAVSDK receives; arguments as of `FleetTelemetry.take`."""
+        message = frames[:, MESSAGE]
+        shown: Mask = ~np.isin(message, self._hidden)
+        positions = np.flatnonzero(message == GLOBAL_POSITION_INT)
+        due = time_s[positions] - self._position_s[rows[positions]] >= _POSITION_PERIOD_S
+        shown[positions] = due
+        self._position_s[rows[positions[due]]] = time_s[positions[due]]
+        answers = np.flatnonzero(message == COMMAND_ACK)
+        if len(answers):  # MAVSDK did not send these requests
+            reported = codec.decode(COMMAND_ACK, data, frames[answers])
+            shown[answers] = reported["target_component"] != REQUESTING_COMPONENT
+        return shown
+
+
+class MavsdkLink(BatchLink):
+    """Up to 250 vehicles, 64 for each MAVSDK instance. A `gcs.links.Link`."""
 
     def __init__(
         self,
         name: str,
         vehicles: Mapping[VehicleId, int],
-        listen: Listen | Sequence[Listen],
+        places: Place | Sequence[Place],
         frame: ShowFrame,
         *,
         setpoint_timeout_s: float = 0.2,
         heartbeat_hold_s: float = 3.0,
         rates_hz: Mapping[int, float] | None = None,
         record: Path | None = None,
+        signing: Signing | None = None,
+        forward: Sequence[Forward] = (),
         clock: Callable[[], float] = monotonic,
+        ports: Ports | None = None,
     ) -> None:
-        """See `UdpLink`."""
+        """See `BatchLink`."""
         self._station_id = station_id(vehicles.values())
         super().__init__(
             name,
             vehicles,
-            listen,
+            places,
             frame,
             station_id=self._station_id,
             setpoint_timeout_s=setpoint_timeout_s,
             heartbeat_hold_s=heartbeat_hold_s,
             rates_hz=rates_hz,
             record=record,
+            signing=signing,
+            forward=forward,
             clock=clock,
+            ports=ports,
         )
         n = len(self._ids)
         self._setpoint_filter = SetpointFilter(
@@ -106,17 +138,20 @@ class MavsdkUdpLink(UdpLink):
     async def _opened(self) -> AsyncIterator[Coroutines]:
         fleet = MavsdkInstances(tuple(self._system_ids.tolist()), self._station_id)
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
-        link_thread = LinkThread(fleet, self._recorder, None)
-        try:
-            await asyncio.to_thread(link_thread.open)
+        async with self._parts_open(fleet, workers):
             self._fleet, self._protocol, self._workers = fleet, protocol, workers
-            yield {"pass on": self._pass_on_behind_ticks(), "discover": self._discover(fleet)}
-        finally:
-            await self._shut(link_thread, protocol, workers)
+            try:
+                yield {"pass on": self._pass_on_behind_ticks(), "discover": self._discover(fleet)}
+            finally:  # from the inside out: setpoints, calls; then MAVSDK ends, and the ports are closed
+                self._setpoint_filter.forbid(slice(None))
+                self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
+                self._is_met[:], self._healthy[:], self._since_s[:] = False, False, inf
+                protocol.close()
+                workers.stop()
 
     def snapshot(self) -> Telemetry:
-        """See `UdpLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
-        self._hear()
+        """See `BatchLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
+        self._receive_for_tick()
         return self._telemetry.telemetry(may_be_ready=self._healthy, met=self._is_met)
 
     def _poll_health(self) -> None:
@@ -126,8 +161,8 @@ class MavsdkUdpLink(UdpLink):
             vehicle = self._met.get(row)
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
-    def _tell_setpoints(self, desired: SetpointBatch) -> None:
-        self._setpoint_filter.ask(desired)  # discards the previous tick's setpoints
+    def _send_setpoints(self, desired: SetpointBatch) -> None:
+        self._setpoint_filter.expect(desired)  # discards the previous tick's setpoints
         began_s = desired.until_s - self._hold_s
         yaw_deg = np.degrees(desired.yaw_rad)[:, None]
         rows, values = desired.rows.tolist(), np.hstack([desired.velocity_ned_m_s, yaw_deg]).tolist()
@@ -141,7 +176,11 @@ class MavsdkUdpLink(UdpLink):
             self._ticked.set()
 
     def _await(self, rows: Whole, began_s: float) -> None:
-        """Send what MAVSDK's threads write for these; sleeping leaves the core to them."""
+        """Send what MAVSDK's threads write for these. The only place where a tick sleeps.
+
+        MAVSDK writes a setpoint from its own thread, which needs the core that the tick holds. Without these
+        pauses setpoints would leave after the tick's other work, and the next tick would begin without them.
+        """
         for pause_s in _PAUSES_S:
             if not self._setpoint_filter.awaits(rows) or self._clock() > began_s + _PATIENCE_S:
                 return
@@ -157,7 +196,7 @@ class MavsdkUdpLink(UdpLink):
     def _forget_commands(self, row: int) -> None:
         self._setpoint_filter.forbid(np.array([row]))  # the latch drops what MAVSDK still repeats
 
-    def _orderable(self) -> Mask:
+    def _commandable(self) -> Mask:
         return self._is_met
 
     def _is_awaiting(self) -> bool:
@@ -177,7 +216,7 @@ class MavsdkUdpLink(UdpLink):
         self._since_s[anew] = now_s
         self._connection_count = self._telemetry.connection_count.copy()
         may_be_asked = self._connected(now_s) & (now_s - self._since_s >= SETTLE_S)
-        self._streams.watch(may_be_asked, self._telemetry.connection_count, self._telemetry.positions, now_s)
+        self._streams.watch(may_be_asked, self._telemetry.connection_count, now_s)
 
     def _move_bytes(self) -> None:
         """Send what MAVSDK has written, then give it the received frames: setpoints do not wait for them."""
@@ -223,17 +262,3 @@ class MavsdkUdpLink(UdpLink):
                     self._is_met[list(self._met)] = True
                     log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
             await asyncio.sleep(_DISCOVER_S)
-
-    async def _shut(self, link_thread: LinkThread, protocol: CommandProtocol, workers: Workers) -> None:
-        """Close from the inside out: setpoints, calls, MAVSDK; then the link closes the sockets."""
-        self._setpoint_filter.forbid(slice(None))
-        self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
-        self._is_met[:], self._healthy[:], self._since_s[:] = False, False, inf
-        protocol.close()
-        workers.close()
-
-        def end() -> None:
-            workers.join()
-            link_thread.close()
-
-        await asyncio.to_thread(end)

@@ -1,21 +1,18 @@
 """MAVSDK's output, before it leaves: setpoints are checked and sent together, other frames one by one."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.counters import Counters
-from gcs.links.kill_latch import KillLatch
-from gcs.links.mmsg import Batch
-from gcs.links.udp.link import SetpointBatch
-from gcs.links.udp.send_times import Sent
-from gcs.links.udp.sender import Outbox
-from gcs.mavlink.codec import Frames
+from gcs.links.command_protocol import KillLatch
+from gcs.links.endpoints.mmsg import Batch
+from gcs.links.link import Counters
+from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch
+from gcs.mavlink.codec import NO_ROW, SETPOINT_FRAME, Frames, are_setpoints, awaited_setpoints
 from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves, split, target_system
 from gcs.mavlink.kernels import Whole
-from gcs.mavlink.setpoint_kernels import FRAME, NO_ROW, are_setpoints, awaited_setpoints, warm_up
 from gcs.model.state import Array, Mask
 
 _ALL: Final = slice(None)
@@ -32,12 +29,11 @@ class SetpointFilter:
         outbox: Outbox,
         system_ids: Whole,
         latch: KillLatch,
-        sent: Sent,
+        sent: SentSetpoints,
         counters: Counters,
         clock: Callable[[], float],
     ) -> None:
         """No setpoint is expected. Rows as on the link."""
-        warm_up()
         n = len(system_ids)
         self._outbox = outbox
         self._latch = latch
@@ -54,11 +50,11 @@ class SetpointFilter:
         """Whether a setpoint of the newest tick has still to leave to one of these rows."""
         return bool(self._awaited[rows].any())
 
-    def ask(self, desired: SetpointBatch) -> None:
+    def expect(self, desired: SetpointBatch) -> None:
         """Let these setpoints leave, once each, and no earlier ones."""
         self._awaited[:] = False
         self._awaited[desired.rows] = True
-        self._velocity[desired.rows] = _on_the_wire(desired.velocity_ned_m_s)
+        self._velocity[desired.rows] = _encoded(desired.velocity_ned_m_s)
         self._until_s = desired.until_s
 
     def forbid(self, rows: Whole | slice) -> None:
@@ -77,11 +73,14 @@ class SetpointFilter:
             if self._may_leave(frame)
         ]
         if others:
-            self._pass_on([frame.raw for frame, _ in others], np.array([row for _, row in others]))
+            rows = np.array([row for _, row in others])
+            self._outbox.send_raw([frame.raw for frame, _ in others], rows, self._clock())
 
     def _take_setpoints(self, written: Batch, setpoints: Mask) -> None:
         at, leaving = awaited_setpoints(written.data, setpoints, self._row_of, self._awaited, self._velocity)
-        frames = Frames(written.data[at, : FRAME.itemsize], np.full(len(at), FRAME.itemsize))
+        frames = Frames(
+            written.data[at, : SETPOINT_FRAME.itemsize], np.full(len(at), SETPOINT_FRAME.itemsize)
+        )
         left = self._outbox.send(frames, leaving, self._clock(), until_s=self._until_s)
         left_s = self._clock()  # after the call: never earlier than the datagrams
         self._awaited[leaving] = False
@@ -106,14 +105,7 @@ class SetpointFilter:
             return True
         return False
 
-    def _pass_on(self, raws: Sequence[bytes], rows: Whole) -> None:
-        length = np.array([len(raw) for raw in raws])
-        data = np.zeros((len(raws), length.max()), np.uint8)
-        for at, raw in enumerate(raws):
-            data[at, : len(raw)] = np.frombuffer(raw, np.uint8)
-        self._outbox.send(Frames(data, length), rows, self._clock())
 
-
-def _on_the_wire(velocity_m_s: Array) -> NDArray[np.uint32]:
+def _encoded(velocity_m_s: Array) -> NDArray[np.uint32]:
     """(k, 3) bits of the single-precision values."""
     return velocity_m_s.astype(np.float32).view(np.uint32)

@@ -43,11 +43,14 @@ class Workers:
         """The command channel of this vehicle."""
         return MavsdkCommandChannel(vehicle, received, self._workers[vehicle_id], lambda: self._closed)
 
-    def close(self) -> None:
-        """Start no further call. On the loop's thread, before `join`."""
+    def open(self) -> None:
+        """Threads start with the first call."""
+
+    def stop(self) -> None:
+        """Start no further call. On the loop's thread, before `close`."""
         self._closed = True
 
-    def join(self) -> None:
+    def close(self) -> None:
         """Wait for the calls under way, 5 s at most. Blocks."""
         for worker in self._workers.values():
             worker.shutdown(wait=True)

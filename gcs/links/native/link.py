@@ -3,7 +3,6 @@
 Setpoints leave in `send` only, so nothing repeats them: when the ticks end, the setpoints end.
 """
 
-import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -11,77 +10,78 @@ from time import monotonic
 
 import numpy as np
 
+from gcs.links.batch_link import BatchLink, Coroutines
 from gcs.links.command_protocol import CommandProtocol
-from gcs.links.endpoints import Listen
-from gcs.links.udp.commands import Commands
-from gcs.links.udp.link import Coroutines, SetpointBatch, UdpLink
-from gcs.links.udp.px4_commands import NativeCommandChannel
-from gcs.links.udp.sockets import Ports
-from gcs.mavlink.codec import SYSTEM_ID
-from gcs.mavlink.outgoing import SETPOINT, setpoint_messages
+from gcs.links.endpoints.ports import Ports
+from gcs.links.native.commands import Commands, NativeCommandChannel
+from gcs.links.sender import SetpointBatch
+from gcs.links.settings import Forward, Place
+from gcs.links.signing import Signing
+from gcs.mavlink.codec import SYSTEM_ID, setpoint_messages
+from gcs.mavlink.framing import SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Mask, VehicleId
 
 
-class NativeLink(UdpLink):
-    """Up to 250 vehicles over UDP, without MAVSDK. A `gcs.links.Link`. Used on the loop's thread only."""
+class NativeLink(BatchLink):
+    """Up to 250 vehicles, without MAVSDK. A `gcs.links.Link`. Used on the loop's thread only."""
 
     def __init__(
         self,
         name: str,
         vehicles: Mapping[VehicleId, int],
-        listen: Listen | Sequence[Listen],
+        places: Place | Sequence[Place],
         frame: ShowFrame,
         *,
         setpoint_timeout_s: float = 0.2,
         heartbeat_hold_s: float = 3.0,
         rates_hz: Mapping[int, float] | None = None,
         record: Path | None = None,
+        signing: Signing | None = None,
+        forward: Sequence[Forward] = (),
         clock: Callable[[], float] = monotonic,
         ports: Ports | None = None,
     ) -> None:
-        """See `UdpLink`."""
+        """See `BatchLink`."""
         super().__init__(
             name,
             vehicles,
-            listen,
+            places,
             frame,
             station_id=SYSTEM_ID,
             setpoint_timeout_s=setpoint_timeout_s,
             heartbeat_hold_s=heartbeat_hold_s,
             rates_hz=rates_hz,
             record=record,
+            signing=signing,
+            forward=forward,
             clock=clock,
             ports=ports,
         )
-        self._commands = Commands(self._system_ids, self._tell)
-        self._everybody: Mask = np.ones(len(self._ids), np.bool_)
+        self._commands = Commands(self._system_ids, self._send_message)
+        self._all: Mask = np.ones(len(self._ids), np.bool_)
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Coroutines]:
-        recorder = self._recorder
         protocol = CommandProtocol(self._vehicles, self._latch, self._clock)
-        self._commands = self._inbox.commands = Commands(self._system_ids, self._tell)
-        try:
-            if recorder is not None:
-                recorder.open()
+        async with self._parts_open():
+            self._commands = self._inbox.commands = Commands(self._system_ids, self._send_message)
             self._protocol = protocol
-            yield {}
-        finally:
-            self._protocol, self._inbox.commands = None, None
-            protocol.close()
-            self._commands.close()
-            if recorder is not None:
-                await asyncio.to_thread(recorder.close)
+            try:
+                yield {}
+            finally:
+                self._protocol, self._inbox.commands = None, None
+                protocol.close()
+                self._commands.close()
 
-    def _tell_setpoints(self, desired: SetpointBatch) -> None:
+    def _send_setpoints(self, desired: SetpointBatch) -> None:
         rows, now_s = desired.rows, self._clock()
         if not len(rows):
             return
         messages = setpoint_messages(
             self._system_ids[rows], desired.velocity_ned_m_s, desired.yaw_rad, time_s=now_s
         )
-        frames = self._outbox.encode(SETPOINT, messages, rows)
+        frames = self._outbox.encode(SET_POSITION_TARGET_LOCAL_NED, messages, rows)
         left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
         left_s = self._clock()  # after the call: never earlier than the datagrams
         if left_s > desired.until_s:
@@ -98,8 +98,11 @@ class NativeLink(UdpLink):
     def _forget_commands(self, row: int) -> None:
         self._counters.commands_dropped += self._commands.fail(lambda other: other == row, "killed meanwhile")
 
-    def _orderable(self) -> Mask:
-        return self._everybody
+    def _commandable(self) -> Mask:
+        return self._all
 
     def _is_awaiting(self) -> bool:
         return self._commands.awaited
+
+    def _move_bytes(self) -> None:
+        """All leaves as it is written."""

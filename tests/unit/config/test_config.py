@@ -10,7 +10,7 @@ import yaml
 from gcs.cli.serve import load_here
 from gcs.config.schema import Config, find, load, parse
 from gcs.config.yaml_files import CONFIGURATIONS
-from gcs.links.endpoints import Listen, SerialPort, TcpIn, TcpOut, UdpOut
+from gcs.links.settings import Listen, SerialPort, TcpIn, TcpOut, UdpOut
 from gcs.model.errors import ConfigError
 from gcs.model.plan import Direction, YawPolicy
 

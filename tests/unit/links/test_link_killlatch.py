@@ -1,4 +1,4 @@
-from gcs.links.kill_latch import KillLatch
+from gcs.links.command_protocol import KillLatch
 
 
 def test_the_latch_is_open_until_a_kill() -> None:

@@ -1,6 +1,10 @@
+from time import monotonic
+
 import pytest
 
-from gcs.links.endpoints import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut, make, occupied, parse
+from gcs.links.endpoints.ports import host_number, source_of
+from gcs.links.endpoints.streams import LinkPorts
+from gcs.links.settings import Listen, Place, SerialPort, TcpIn, TcpOut, UdpOut, occupied, parse
 from gcs.model.errors import ConfigError
 
 
@@ -42,13 +46,18 @@ def test_invalid_endpoint_is_refused_by_name(url: str, ports: int, cause: str) -
     assert str(refused.value).startswith(f"{url}: ")
 
 
-def test_every_port_has_an_endpoint_and_some_may_send_first() -> None:
+def test_every_port_has_an_index_and_some_may_send_first() -> None:
     places: list[Place] = [
-        Listen("127.0.0.1", 14540, 2),
-        UdpOut("10.0.0.7", 14580, 2),
         TcpOut("10.0.0.7", 5760),
+        Listen("127.0.0.1", 14540, 2),
+        SerialPort("/dev/ttyACM0", 57600),
+        UdpOut("10.0.0.7", 14580, 2),
     ]
-    endpoints = make("link", places)
-    assert len(endpoints) == 5
-    standing = [address for endpoint in endpoints for address in endpoint.standing]
-    assert standing == [("10.0.0.7", 14580, 2), ("10.0.0.7", 14581, 3)]
+    ports = LinkPorts("link", places, monotonic)
+    assert ports.udp_count == 4
+    assert [ports.address(source) for source in ports.standing()] == [
+        ("10.0.0.7", 14580, 2),
+        ("10.0.0.7", 14581, 3),
+    ]
+    assert ports.address(source_of(host_number("10.0.0.7"), 5760, 4)) == ("10.0.0.7", 5760, 4)
+    assert str(ports.address(source_of(0, 0, 5))) == "/dev/ttyACM0"

@@ -10,7 +10,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.counters import Direction
+from gcs.links.link import Direction
 from gcs.links.tlog import Recorder, record
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.mavlink.setpoint_kernels import FRAME, NO_ROW, are_setpoints, awaited_setpoints
+from gcs.mavlink.codec import NO_ROW, SETPOINT_FRAME, are_setpoints, awaited_setpoints
 
 ROOM, LONGEST = 16, 300
 
@@ -75,15 +75,15 @@ def test_setpoint_is_exactly_one_whole_unsigned_frame(
     datagrams: list[bytes],
 ) -> None:
     data, length = written(datagrams)
-    known = [each[:3] == bytes([0xFD, FRAME.itemsize - 12, 0]) for each in datagrams]
+    known = [each[:3] == bytes([0xFD, SETPOINT_FRAME.itemsize - 12, 0]) for each in datagrams]
     are = [
-        is_begun and len(each) == FRAME.itemsize and each[7:10] == bytes([84, 0, 0])
+        is_begun and len(each) == SETPOINT_FRAME.itemsize and each[7:10] == bytes([84, 0, 0])
         for is_begun, each in zip(known, datagrams, strict=True)
     ]
     assert are_setpoints(data, length, len(datagrams)).tolist() == are
 
 
-@pytest.mark.parametrize("cut", [1, 12, 40, FRAME.itemsize - 1])
+@pytest.mark.parametrize("cut", [1, 12, 40, SETPOINT_FRAME.itemsize - 1])
 def test_partial_and_double_setpoints_are_rejected(cut: int) -> None:
     whole = setpoint(7, VELOCITY_M_S[0])
     assert leaving([whole[:cut], whole + whole, whole]) == [(2, 0)]

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from gcs.links.framed.link import MavsdkLink
-from gcs.links.framed.router import Listen
+from gcs.links.mavsdk.link import MavsdkLink
+from gcs.links.settings import Listen
 from gcs.model.errors import InvalidError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints

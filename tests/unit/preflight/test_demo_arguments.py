@@ -1,11 +1,13 @@
 """What `gcs demo` makes of its arguments."""
 
 import argparse
+from dataclasses import replace
 
 import pytest
 
 from gcs.cli import demo, options
 from gcs.config.schema import Config
+from gcs.links.settings import Listen
 from gcs.model.errors import ConfigError
 from gcs.preflight.parameters import requirements, settings_of
 
@@ -22,8 +24,9 @@ def test_three_hundred_fly_on_two_links_with_equal_system_ids() -> None:
     assert ids == [list(range(1, 151))] * 2
     assert {link.transport for link in config.links} == {"native"}
     assert len(set(config.ids)) == 300
-    first, second = (link.udp_ports.first_port for link in config.links)
-    assert second == first + 1
+    first, second = (link.places[0] for link in config.links)
+    assert isinstance(first, Listen)
+    assert second == replace(first, first_port=first.first_port + 1)
 
 
 @pytest.mark.parametrize(("count", "links"), [(2, [2]), (250, [250]), (251, [126, 125]), (1000, [250] * 4)])

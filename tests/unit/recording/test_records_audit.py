@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.links.address_book import Address
+from gcs.links.link import Address
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle, Plan

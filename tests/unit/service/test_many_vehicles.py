@@ -9,7 +9,7 @@ import pytest
 
 from gcs.config.schema import find, load, parse
 from gcs.flight.vehicle import Vehicle, VehicleStatus
-from gcs.links.routing import SetpointRouting
+from gcs.links.link_set import SetpointRouting
 from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints

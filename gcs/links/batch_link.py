@@ -1,0 +1,466 @@
+"""Common part of both transports: a fleet's frames moved in batches.
+
+Received frames are addressed and read here for all vehicles at once; so are our heartbeats, and the requests
+for streams. Signing and forwarding are filters that only links with them pay for.
+"""
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from math import radians
+from pathlib import Path
+from threading import Lock
+from types import MappingProxyType
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from gcs.links.address_book import SILENT_AFTER_S, Addresses
+from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
+from gcs.links.endpoints.ports import Ports
+from gcs.links.endpoints.streams import LinkPorts
+from gcs.links.forwarding import Forwarding
+from gcs.links.link import Address, Command, Counters, Observer, ParameterValue, Verb
+from gcs.links.receiver import Inbox, ParameterUpdates
+from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s
+from gcs.links.settings import Forward, Place, check_system_ids
+from gcs.links.signing import SignatureFilter, Signing
+from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
+from gcs.links.telemetry import FleetTelemetry
+from gcs.links.tlog import Recorder
+from gcs.mavlink import codec
+from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
+from gcs.mavlink.kernels import Whole
+from gcs.model.errors import CommandError, UnknownError
+from gcs.model.frames import ShowFrame, wrap_rad
+from gcs.model.state import Mask, Setpoints, Telemetry, VehicleId
+
+_BEAT_S: Final = 1.0
+_BUSY_S: Final = 0.005
+_IDLE_S: Final = 0.05
+"""Periods of reading the sockets: while an answer is awaited, and otherwise. Each tick also reads, which then
+suffices.
+"""
+
+_AHEAD_S: Final = 0.002
+"""Time before a tick is due at which the sockets are read, so that the tick itself finds little to read."""
+
+_WATCH_S: Final = 0.1
+"""Period of looking for vehicles that connected, or that have forgotten their streams."""
+
+Coroutines = Mapping[str, Coroutine[Any, Any, None]]
+"""By name, a transport's additional tasks while the link runs."""
+
+
+class Part(Protocol):
+    """What a link opens and closes, and what blocks when it does."""
+
+    def open(self) -> None:
+        """Raises: LinkError."""
+        ...
+
+    def close(self) -> None:
+        """May be called without `open`."""
+        ...
+
+
+class LinkParts:
+    """The parts of one run. A thread cannot be cancelled, so `close` waits for `open`, or prevents it."""
+
+    def __init__(self, *parts: Part | None) -> None:
+        """Parts that are opened in this order, and closed in the other."""
+        self._parts = [part for part in parts if part is not None]
+        self._lock = Lock()
+        self._closed = False
+
+    async def open(self) -> None:
+        """Raises: LinkError."""
+        if self._parts:
+            await asyncio.to_thread(self._open)
+
+    async def close(self) -> None:
+        if self._parts:
+            await asyncio.to_thread(self._close)
+
+    def _open(self) -> None:
+        with self._lock:
+            for part in () if self._closed else self._parts:
+                part.open()
+
+    def _close(self) -> None:
+        with self._lock:
+            self._closed = True
+            for part in reversed(self._parts):
+                part.close()
+
+
+class BatchLink(ABC):
+    """Up to 250 vehicles. A `gcs.links.Link`. Used on the loop's thread only."""
+
+    def __init__(
+        self,
+        name: str,
+        vehicles: Mapping[VehicleId, int],
+        places: Place | Sequence[Place],
+        frame: ShowFrame,
+        *,
+        station_id: int,
+        setpoint_timeout_s: float,
+        heartbeat_hold_s: float,
+        rates_hz: Mapping[int, float] | None,
+        record: Path | None,
+        signing: Signing | None,
+        forward: Sequence[Forward],
+        clock: Callable[[], float],
+        ports: Ports | None,
+    ) -> None:
+        """Nothing is opened before `run`. Kernels are compiled here.
+
+        Args:
+            name: the name in the configuration.
+            vehicles: system id of each vehicle, 1 to 250, each once.
+            places: where the vehicles are.
+            frame: to turn setpoints from the show frame to NED.
+            station_id: our own system id.
+            setpoint_timeout_s: no setpoint leaves later than this after the time of its tick.
+            heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
+            rates_hz: rate to request for each message; without it no rates are requested.
+            record: a folder for recordings of every frame.
+            signing: signs sent frames, refuses unsigned ones. Of this link alone.
+            forward: further ground stations.
+            clock: the loop's, ``loop.time``.
+            ports: used instead of ports at `places`, such as datagrams in memory.
+
+        Raises:
+            InvalidError: a system id is out of range or used twice, or `setpoint_timeout_s` leaves no time
+            to send.
+        """
+        check_system_ids(vehicles)
+        system_ids = tuple(vehicles.values())
+        self._name = name
+        self._vehicles = MappingProxyType(dict(vehicles))
+        self._ids = tuple(vehicles)
+        self._row = {vehicle_id: row for row, vehicle_id in enumerate(vehicles)}
+        self._system_ids: Whole = np.array(system_ids, np.int64)
+        self._frame = frame
+        self._clock = clock
+        self._hold_s = before_it_leaves_s(setpoint_timeout_s)
+        self._heartbeat_hold_s = heartbeat_hold_s
+        self._counters = Counters()
+        self._recorder = None if record is None else Recorder(record, name, clock)
+        self._signing = signing
+        self._ports = LinkPorts(name, places, clock) if ports is None else ports
+        address = self._ports.address
+        self._addresses = Addresses(name, system_ids, address, self._counters, clock)
+        signatures = (
+            None if signing is None else SignatureFilter(name, signing, system_ids, address, self._counters)
+        )
+        self._outbox = Outbox(
+            self._ports, self._addresses, self._counters, self._system_ids, station_id, signatures
+        )
+        self._telemetry = FleetTelemetry(self._ids)
+        self._streams = StreamRequests(self._system_ids, rates_hz or {}, self._request_streams)
+        self._parameter_updates = ParameterUpdates()
+        self._inbox = Inbox(
+            self._addresses,
+            self._telemetry,
+            self._streams,
+            self._counters,
+            self._note_parameter,
+            signatures,
+        )
+        self._latch = KillLatch(system_ids)
+        self._forwarding = Forwarding(
+            forward,
+            self._counters,
+            rows={system_id: row for row, system_id in enumerate(system_ids)},
+            station_id=station_id,
+            latch=self._latch,
+            outbox=self._outbox,
+            signatures=signatures,
+            clock=clock,
+        )
+        if forward:
+            self._inbox.observers = (self._forwarding.offer,)
+        self._killed: set[int] = set()
+        self._sent = SentSetpoints(len(self._ids))
+        self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
+        self._ticked_s = -np.inf
+        self._received_s = -np.inf
+        self._snapshot_s = self._snapshot_before_s = -np.inf  # of the newest snapshots
+        self._protocol: CommandProtocol | None = None  # while the link is open
+        codec.warm_up()
+
+    # what transports do differently
+
+    @abstractmethod
+    def _opened(self) -> AbstractAsyncContextManager[Coroutines]:
+        """Open what the transport needs, `_protocol` last; close it again, `_protocol` first."""
+
+    @asynccontextmanager
+    async def _parts_open(self, *parts: Part) -> AsyncIterator[None]:
+        """Open signing first, so that nothing leaves unsigned; end it last, after recording."""
+        opened = LinkParts(self._signing, self._recorder, *parts)
+        try:
+            await opened.open()
+            yield
+        finally:
+            await opened.close()
+
+    @abstractmethod
+    def _send_setpoints(self, desired: SetpointBatch) -> None:
+        """Send these setpoints, and none of earlier ticks; not called while the link is not open."""
+
+    @abstractmethod
+    def _command_channel(self, row: int, otherwise: str) -> CommandChannel:
+        """The command channel of a vehicle. Raises: CommandError for one without frames so far."""
+
+    @abstractmethod
+    def _forget_commands(self, row: int) -> None:
+        """A kill was commanded: end what is under way with this vehicle."""
+
+    @abstractmethod
+    def _commandable(self) -> Mask:
+        """(n,) vehicles that the transport can send commands to, connected or not."""
+
+    @abstractmethod
+    def _is_awaiting(self) -> bool:
+        """Whether an answer may come at any moment."""
+
+    @abstractmethod
+    def _move_bytes(self) -> None:
+        """Move the transport's own bytes, also between ticks."""
+
+    # the link
+
+    @property
+    def name(self) -> str:
+        """The name in the configuration."""
+        return self._name
+
+    @property
+    def ids(self) -> tuple[VehicleId, ...]:
+        """The vehicles configured on this link, whether connected or not."""
+        return self._ids
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """See `Link.problems`."""
+        problem = "" if self._recorder is None else self._recorder.problem
+        return (f"link {self._name}: {problem}",) if problem else ()
+
+    @property
+    def conflicts(self) -> Mapping[VehicleId, str]:
+        """Vehicles whose system id has recent frames from two addresses: both named in the text."""
+        texts = self._addresses.conflicts()
+        if not texts:
+            return {}
+        return {name: texts[system_id] for name, system_id in self._vehicles.items() if system_id in texts}
+
+    @property
+    def setpoints_sent(self) -> int:
+        """Total of setpoints sent."""
+        return self._counters.setpoints_sent
+
+    @property
+    def addresses(self) -> Mapping[VehicleId, Address]:
+        """Source of each vehicle's newest frame: all that a kill from another process needs."""
+        known = {name: self._addresses.address(system_id) for name, system_id in self._vehicles.items()}
+        return {name: address for name, address in known.items() if address is not None}
+
+    def watch_parameters(self, names: Collection[str]) -> None:
+        """See `Link.watch_parameters`."""
+        self._parameter_updates.watch(names)
+
+    def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """See `Link.reported_parameters`."""
+        return self._parameter_updates.drain()
+
+    @property
+    def counters(self) -> Counters:
+        """Totals since the link was created: setpoints sent, setpoints dropped by the watchdog, and so on."""
+        return self._counters
+
+    def observe(self, observer: Observer) -> Callable[[], None]:
+        """Pass every frame to `observer` from now on; call the result to stop. See `Observer`."""
+        boxes = self._inbox, self._outbox
+        for box in boxes:
+            box.observers = (*box.observers, observer)
+
+        def stop() -> None:
+            for box in boxes:
+                box.observers = tuple(other for other in box.observers if other is not observer)
+
+        return stop
+
+    def setpoint_times_s(self, vehicle_id: VehicleId) -> tuple[float, ...]:
+        """Times at which the latest setpoints to this vehicle left our socket, oldest first; bounded."""
+        return self._sent.times_s(self._row[vehicle_id])
+
+    async def run(self) -> None:
+        """Move bytes until cancelled. Raises: LinkError naming the port that cannot be opened."""
+        stop_recording = None if self._recorder is None else self.observe(self._recorder.record)
+        try:
+            self._ports.open()
+            self._forwarding.open()
+            self._ticked_s = self._clock()  # control gets time to start
+            async with self._opened() as coroutines, asyncio.TaskGroup() as group:
+                group.create_task(self._keep_receiving(), name=f"link/{self._name}/receive")
+                group.create_task(self._keep_beating(), name=f"link/{self._name}/beat")
+                for name, work in coroutines.items():
+                    group.create_task(work, name=f"link/{self._name}/{name}")
+        finally:
+            self._forwarding.close()
+            self._ports.close()
+            self._addresses.forget(self._ports.gone())
+            if stop_recording is not None:
+                stop_recording()
+
+    def snapshot(self) -> Telemetry:
+        """The newest telemetry of every vehicle, with arrival times; pending datagrams are read first."""
+        self._receive_for_tick()
+        return self._telemetry.telemetry(may_be_ready=self._protocol is not None)
+
+    def _receive_for_tick(self) -> None:
+        """Read pending datagrams for a tick, and schedule the next reading shortly before the next tick."""
+        self._receive()
+        self._snapshot_before_s, self._snapshot_s = self._snapshot_s, self._received_s
+        ahead_s = 2.0 * self._snapshot_s - self._snapshot_before_s - _AHEAD_S
+        if self._protocol is not None and self._snapshot_s < ahead_s < self._snapshot_s + _IDLE_S:
+            asyncio.get_running_loop().call_at(ahead_s, self._receive)
+
+    def send(self, setpoints: Setpoints) -> None:
+        """Send one tick's setpoints, now. Waits some milliseconds at most, for MAVSDK's threads.
+
+        A batch that is already older than the watchdog's time is not sent at all. A row that is not finite,
+        and one for a vehicle that is not connected or was killed, is left out, as if it were not listed.
+        """
+        now_s = self._clock()
+        self._ticked_s = now_s
+        if self._protocol is None:
+            return
+        if setpoints.ids != self._listed[0]:
+            self._listed = self._places(setpoints.ids)
+        _, at, rows = self._listed
+        velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s[at])
+        yaw_rad = wrap_rad(setpoints.yaw_rad[at] + radians(self._frame.heading_deg))
+        fit = np.isfinite(velocity_ned_m_s).all(axis=1) & np.isfinite(yaw_rad)
+        fit &= (self._connected(now_s) & self._commandable())[rows]
+        for row in [row for row in self._killed if self._latch.is_shut(int(self._system_ids[row]))]:
+            fit &= rows != row
+        until_s = min(now_s, setpoints.time_s) + self._hold_s
+        chosen = np.flatnonzero(fit)[self._by_urgency(rows[fit])]
+        self._send_setpoints(SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
+
+    async def execute(self, command: Command) -> None:
+        """Send a command, and return when the vehicle's heartbeat confirms it. See `Link.execute`.
+
+        Raises: UnknownError for a vehicle of another link; CommandError.
+        """
+        otherwise = f"{command.verb} impossible"
+        protocol, row = self._protocol_for(command.vehicle_id, otherwise)
+        reported = self._telemetry.reported(row)
+        if command.verb is Verb.KILL:
+            self._killed.add(row)
+            killing = protocol.kill(command, reported, lambda: self._send_kill(row))
+            self._forget_commands(row)
+            await killing
+            return
+        channel = self._command_channel(row, otherwise)
+        if command.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
+            raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
+        await protocol.execute(command, channel, reported)
+
+    async def read_parameters(
+        self, vehicle_id: VehicleId, names: Sequence[str]
+    ) -> Mapping[str, ParameterValue]:
+        """See `Link.read_parameters`."""
+        otherwise = "its parameters cannot be read"
+        protocol, row = self._protocol_for(vehicle_id, otherwise)
+        return await protocol.read_parameters(vehicle_id, names, self._command_channel(row, otherwise))
+
+    async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+        """See `Link.set_parameter`."""
+        otherwise = f"{name} cannot be set"
+        protocol, row = self._protocol_for(vehicle_id, otherwise)
+        await protocol.set_parameter(vehicle_id, name, value, self._command_channel(row, otherwise))
+
+    def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
+        """The command protocol, and the vehicle's row. Raises: UnknownError, CommandError."""
+        row = self._row.get(vehicle_id)
+        if row is None:
+            raise UnknownError(f"{vehicle_id} is not on link {self._name}")
+        if self._protocol is None:
+            raise CommandError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
+        return self._protocol, row
+
+    def _never_connected(self, row: int, otherwise: str) -> CommandError:
+        return CommandError(f"{self._ids[row]}: {otherwise}: never received on link {self._name}")
+
+    def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
+        """The ids; the indices of this link's vehicles (k,); their rows here (k,). A later mention counts."""
+        ours = {self._row[name]: at for at, name in enumerate(ids) if name in self._row}
+        return ids, np.array(list(ours.values()), np.int64), np.array(list(ours), np.int64)
+
+    def _by_urgency(self, rows: Whole) -> Whole:
+        """(k,) an order of `rows`: the oldest newest telemetry first, vehicles without any last."""
+        newest_s = self._telemetry.position_time_s[rows]
+        order: Whole = np.argsort(
+            np.where(newest_s > self._snapshot_before_s, newest_s, np.inf), kind="stable"
+        )
+        return order
+
+    def _connected(self, now_s: float) -> Mask:
+        """(n,) vehicles with a sign of life and a known mode."""
+        alive: Mask = now_s - self._telemetry.life_time_s <= SILENT_AFTER_S
+        connected: Mask = alive & np.isfinite(self._telemetry.heartbeat_time_s)
+        return connected
+
+    def _send_message(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
+        self._outbox.send_message(message_id, messages, rows, self._clock())
+
+    def _request_streams(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
+        now_s = self._clock()
+        self._outbox.send_message(message_id, messages, rows, now_s, component_id=REQUESTING_COMPONENT)
+
+    def _send_kill(self, row: int) -> None:
+        self._send_message(COMMAND_LONG, codec.kill_message(int(self._system_ids[row])), np.array([row]))
+
+    def _note_parameter(self, row: int, name: str, value: ParameterValue) -> None:
+        self._parameter_updates.take(self._ids[row], name, value)
+
+    def _receive(self) -> None:
+        """Read what has arrived."""
+        self._received_s = self._clock()
+        self._ports.receive(self._inbox.take)
+        self._addresses.forget(self._ports.gone())
+        self._forwarding.exchange()
+
+    async def _keep_receiving(self) -> None:
+        watched_s = -np.inf
+        while True:
+            busy = self._is_awaiting() or self._telemetry.awaited
+            now_s = self._clock()
+            if busy or now_s - self._received_s >= _IDLE_S:
+                self._receive()
+            self._move_bytes()
+            if now_s - watched_s >= _WATCH_S:
+                watched_s = now_s
+                self._watch(now_s)
+            await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
+
+    def _watch(self, now_s: float) -> None:
+        """Look after what changes slowly."""
+        may_be_asked = self._connected(now_s) & self._commandable()
+        self._streams.watch(may_be_asked, self._telemetry.connection_count, now_s)
+
+    async def _keep_beating(self) -> None:
+        """Send our heartbeat while control runs: autopilots have a failsafe for its end."""
+        while True:
+            now_s = self._clock()
+            if now_s - self._ticked_s > self._heartbeat_hold_s:
+                self._counters.heartbeats_withheld += 1
+            else:
+                self._outbox.broadcast(HEARTBEAT, codec.heartbeats(1), now_s)
+            await asyncio.sleep(_BEAT_S)

@@ -1,0 +1,171 @@
+"""Forwarding to further ground stations: they receive the vehicles' frames, and may answer where configured.
+
+Only UDP, which never waits: what a slow or dead station does not accept is lost to that station only.
+"""
+
+import socket
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from gcs.links.command_protocol import KillLatch
+from gcs.links.link import Counters, Direction
+from gcs.links.sender import Outbox
+from gcs.links.settings import Forward
+from gcs.links.signing import SignatureFilter
+from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves, split, target_system
+from gcs.model.errors import LinkError
+
+_DATAGRAM_BYTES: Final = 1400
+_READS_PER_CALL: Final = 32
+_GARBAGE_PER_CALL_BYTES: Final = 2048
+_SETUP_SIGNING: Final = 256
+_NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
+
+
+def may_pass(frame: Frame, vehicles: Collection[int], own_system_id: int) -> bool:
+    """Whether a frame from another station may go to the vehicle it targets.
+
+    Never setpoints, manual control or a key: only this station flies the vehicles of a link. Never a frame
+    for all systems, since a heartbeat of the other station would hide from the vehicles that ours has ended.
+    Never in the name of a vehicle or of this station.
+    """
+    if frame.system_id in vehicles or frame.system_id in (0, own_system_id):
+        return False
+    return frame.message_id not in _NEVER and target_system(frame) in vehicles
+
+
+class Forwarder:
+    """One further station. Used on the loop's thread only."""
+
+    def __init__(self, to: Forward, counters: Counters) -> None:
+        """Nothing is opened yet."""
+        self._far = to.address
+        self._read_only = to.read_only
+        self._counters = counters
+        self._socket: socket.socket | None = None
+        self._waiting: list[bytes] = []
+        self._waiting_bytes = 0
+
+    def open(self) -> None:
+        """Raises: LinkError when no socket can be opened."""
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            made.setblocking(False)
+            made.bind(("0.0.0.0", 0))  # noqa: S104  reachable on any address
+        except OSError as error:
+            made.close()
+            raise LinkError(f"forward to {self._far[0]}:{self._far[1]}: {error}") from error
+        self._socket = made
+
+    def close(self) -> None:
+        gone, self._socket = self._socket, None
+        if gone is not None:
+            gone.close()
+
+    def offer(self, raw: bytes) -> None:
+        """Queue a frame; several share a datagram."""
+        if self._waiting_bytes + len(raw) > _DATAGRAM_BYTES:
+            self.flush()
+        self._waiting.append(raw)
+        self._waiting_bytes += len(raw)
+
+    def flush(self) -> None:
+        """Send the queued frames, or lose them."""
+        waiting, self._waiting, self._waiting_bytes = self._waiting, [], 0
+        if self._socket is None or not waiting:
+            return
+        try:
+            self._socket.sendto(b"".join(waiting), self._far)
+        except OSError:  # the station is absent or slow
+            self._counters.not_forwarded += len(waiting)
+        else:
+            self._counters.forwarded += len(waiting)
+
+    def read(self) -> Iterator[Frame]:
+        """Frames that this station sent; none from other senders, and none if it is read-only."""
+        if self._socket is None or self._read_only:
+            return
+        for _ in range(_READS_PER_CALL):
+            try:
+                data, sender = self._socket.recvfrom(65535)
+            except BlockingIOError:
+                return
+            except OSError:  # an ICMP error of an earlier send
+                continue
+            if sender == self._far:
+                yield from split(data, garbage_max_bytes=_GARBAGE_PER_CALL_BYTES).frames
+
+
+class Forwarding:
+    """All further stations of a link: offers them accepted frames, and judges what they send."""
+
+    def __init__(
+        self,
+        stations: Sequence[Forward],
+        counters: Counters,
+        *,
+        rows: Mapping[int, int],
+        station_id: int,
+        latch: KillLatch,
+        outbox: Outbox,
+        signatures: SignatureFilter | None,
+        clock: Callable[[], float],
+    ) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            stations: where they are.
+            counters: the link's.
+            rows: row on the link by system id.
+            station_id: our own system id.
+            latch: drops what moves a killed vehicle.
+            outbox: sends what may pass.
+            signatures: judges their frames; None: they need no signature.
+            clock: the link's.
+        """
+        self._forwarders = tuple(Forwarder(each, counters) for each in stations)
+        self._counters = counters
+        self._rows = rows
+        self._station_id = station_id
+        self._latch = latch
+        self._outbox = outbox
+        self._signatures = signatures
+        self._clock = clock
+
+    def open(self) -> None:
+        """Raises: LinkError when no socket can be opened."""
+        for forwarder in self._forwarders:
+            forwarder.open()
+
+    def close(self) -> None:
+        for forwarder in self._forwarders:
+            forwarder.close()
+
+    def offer(self, _time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:
+        """Queue an accepted frame. An `Observer` of received frames."""
+        for forwarder in self._forwarders:
+            forwarder.offer(raw)
+
+    def exchange(self) -> None:
+        """Send the queued frames; pass what the stations sent on to vehicles, where that is allowed."""
+        for forwarder in self._forwarders:
+            forwarder.flush()
+            for frame in forwarder.read():
+                if self._passes(frame):
+                    self._counters.taken_from_others += 1
+                else:
+                    self._counters.refused_from_others += 1
+
+    def _passes(self, frame: Frame) -> bool:
+        """Whether a frame of another station was sent to its vehicle."""
+        if self._signatures is not None and not self._signatures.is_signed(frame):
+            return False
+        if not may_pass(frame, self._rows, self._station_id):
+            return False
+        target = target_system(frame)
+        if self._latch.is_shut(target) and moves(frame):
+            self._counters.commands_dropped += 1
+            return False
+        return bool(self._outbox.send_raw([frame.raw], np.array([self._rows[target]]), self._clock())[0])

@@ -1,1 +1,0 @@
-"""The MAVSDK transport frame by frame: serial ports, TCP, signing and forwarding."""

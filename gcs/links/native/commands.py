@@ -1,0 +1,221 @@
+"""Commands and parameters as MAVLink for PX4, and the vehicles' answers. Tasks of the loop, no threads."""
+
+import asyncio
+from collections.abc import Callable
+from math import nan
+from typing import Final, NamedTuple
+
+import numpy as np
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.links.command_protocol import CLOSED, TIMEOUT
+from gcs.links.link import Command, ParameterValue, Verb
+from gcs.links.telemetry import VehicleReport
+from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32, Records, parameter_values, records, text_field
+from gcs.mavlink.framing import COMMAND_LONG
+from gcs.mavlink.kernels import Whole
+from gcs.model.errors import CommandError
+from gcs.model.state import Landed
+
+PARAM_REQUEST_READ: Final = 20
+PARAM_SET: Final = 23
+
+ANSWER_S: Final = 0.5
+TRIES: Final = 4
+LONGEST_S: Final = 10.0
+"""Longest time for an answer after IN_PROGRESS."""
+
+_AUTOPILOT_COMPONENT: Final = 1
+_NAME_LENGTH: Final = 16
+_IN_PROGRESS: Final = int(dialect.MAV_RESULT_IN_PROGRESS)
+_FAILURES: Final = {
+    int(dialect.MAV_RESULT_TEMPORARILY_REJECTED): "COMMAND_REJECTED_FOR_NOW",
+    int(dialect.MAV_RESULT_DENIED): "COMMAND_DENIED",
+    int(dialect.MAV_RESULT_UNSUPPORTED): "COMMAND_UNSUPPORTED",
+    int(dialect.MAV_RESULT_FAILED): "COMMAND_FAILED",
+    6: "COMMAND_CANCELLED",
+}
+
+SET_MODE: Final = int(dialect.MAV_CMD_DO_SET_MODE)
+TAKEOFF: Final = int(dialect.MAV_CMD_NAV_TAKEOFF)
+LAND: Final = int(dialect.MAV_CMD_NAV_LAND)
+TAKEOFF_HEIGHT: Final = "MIS_TAKEOFF_ALT"
+
+_CUSTOM: Final = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+_FROM_HERE: Final = (nan,) * 7  # at its position, with the configured parameters
+
+_COMMANDS: Final[dict[Verb, tuple[int, tuple[float, ...]]]] = {
+    Verb.ARM: (ARM_DISARM, (1.0,)),
+    Verb.DISARM: (ARM_DISARM, (0.0,)),
+    Verb.TAKEOFF: (TAKEOFF, _FROM_HERE),
+    Verb.HOLD: (SET_MODE, (_CUSTOM, 4.0, 3.0)),
+    Verb.OFFBOARD: (SET_MODE, (_CUSTOM, 6.0, 0.0)),
+    Verb.RETURN: (SET_MODE, (_CUSTOM, 4.0, 5.0)),
+    Verb.LAND: (LAND, _FROM_HERE),
+}
+"""PX4's main and sub mode where a mode is set."""
+
+Gate = Callable[[], None]
+"""Called before anything leaves; raises CommandError when it may not."""
+
+
+class Answer(NamedTuple):
+    """A command's result, or a parameter's value."""
+
+    result: int = 0
+    value: ParameterValue = 0
+
+
+class Commands:
+    """Repeats commands until they are answered, matching answers by vehicle and command (or parameter).
+
+    At most one of a kind at a time for each vehicle: a second waits for the first.
+    """
+
+    def __init__(self, system_ids: Whole, send: Callable[[int, Records, Whole], object]) -> None:
+        """`send` sends messages of one kind to rows of the link."""
+        self._system_ids = system_ids
+        self._send = send
+        self._closed = False
+        self._pending: dict[tuple[int, int | str], asyncio.Future[Answer]] = {}
+        self._locks: dict[tuple[int, int | str], asyncio.Lock] = {}
+
+    @property
+    def awaited(self) -> bool:
+        """Whether an answer is awaited."""
+        return bool(self._pending)
+
+    def close(self) -> None:
+        """Send nothing more; all waiting calls fail."""
+        self._closed = True
+        self.fail(lambda _row: True, CLOSED)
+
+    def fail(self, which: Callable[[int], bool], reason: str) -> int:
+        """End what is under way with these rows. Returns: number of calls ended."""
+        ended = [key for key, waiting in self._pending.items() if which(key[0]) and not waiting.done()]
+        for key in ended:
+            self._pending[key].set_exception(CommandError(reason))
+        return len(ended)
+
+    async def command(self, row: int, command: int, values: tuple[float, ...], may_leave: Gate) -> None:
+        """Send a COMMAND_LONG until answered. Raises: CommandError named after its answer, or TIMEOUT."""
+        message = records(COMMAND_LONG, 1)
+        message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
+        message["command"] = command
+        for number, value in enumerate(values, 1):
+            message[f"param{number}"] = value
+
+        def again(attempt: int) -> None:
+            message["confirmation"] = attempt
+            self._send(COMMAND_LONG, message, np.array([row]))
+
+        answer = await self._request((row, command), again, may_leave)
+        if answer.result:
+            raise CommandError(_FAILURES.get(answer.result, f"COMMAND_RESULT_{answer.result}"))
+
+    async def get_parameter(self, row: int, name: str, may_leave: Gate) -> ParameterValue:
+        """A parameter's value. Raises: CommandError, TIMEOUT for one that the vehicle does not have."""
+        message = records(PARAM_REQUEST_READ, 1)
+        message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
+        message["param_index"] = -1  # by its name
+        message["param_id"] = text_field(name, _NAME_LENGTH)
+        answer = await self._request(
+            (row, name), lambda _attempt: self._send(PARAM_REQUEST_READ, message, np.array([row])), may_leave
+        )
+        return answer.value
+
+    async def set_parameter(self, row: int, name: str, value: ParameterValue, may_leave: Gate) -> None:
+        """Set a parameter: integers stay integers, encoded bytewise, as PX4 requires.
+
+        Raises: CommandError when the vehicle answers with another value, or not at all.
+        """
+        message = records(PARAM_SET, 1)
+        message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
+        message["param_id"] = text_field(name, _NAME_LENGTH)
+        message["param_type"] = INT32 if isinstance(value, int) else FLOAT
+        message["param_value"] = (
+            np.array([value], np.int32).view(np.float32) if isinstance(value, int) else value
+        )
+        answer = await self._request(
+            (row, name), lambda _attempt: self._send(PARAM_SET, message, np.array([row])), may_leave
+        )
+        if answer.value != (value if isinstance(value, int) else float(np.float32(value))):
+            raise CommandError(f"the vehicle reports {answer.value:g}")
+
+    def take_acks(self, rows: Whole, reported: Records) -> None:
+        """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""
+        for row, command, result in zip(
+            rows.tolist(), reported["command"].tolist(), reported["result"].tolist(), strict=True
+        ):
+            self._resolve((row, command), Answer(result))
+
+    def take_values(self, rows: Whole, reported: Records) -> None:
+        """Read PARAM_VALUEs."""
+        for row, (name, value) in zip(rows.tolist(), parameter_values(reported), strict=True):
+            self._resolve((row, name), Answer(value=value))
+
+    def _resolve(self, key: tuple[int, int | str], answer: Answer) -> None:
+        waiting = self._pending.get(key)
+        if waiting is not None and not waiting.done():
+            waiting.set_result(answer)
+
+    async def _request(
+        self, key: tuple[int, int | str], send: Callable[[int], object], may_leave: Gate
+    ) -> Answer:
+        """Send until there is an answer. Raises: CommandError."""
+        loop = asyncio.get_running_loop()
+        async with self._locks.setdefault(key, asyncio.Lock()):
+            may_leave()
+            give_up_s = loop.time() + LONGEST_S
+            attempt, patient = 0, False
+            while attempt < TRIES and loop.time() < give_up_s:
+                if self._closed:
+                    raise CommandError(CLOSED)
+                waiting: asyncio.Future[Answer] = loop.create_future()
+                self._pending[key] = waiting
+                if not patient:
+                    send(attempt)
+                try:
+                    async with asyncio.timeout(LONGEST_S if patient else ANSWER_S):
+                        answer = await waiting
+                except TimeoutError:
+                    attempt += 1
+                    continue
+                finally:
+                    del self._pending[key]
+                if answer.result != _IN_PROGRESS:
+                    return answer
+                patient = True
+        raise CommandError(TIMEOUT)
+
+
+class NativeCommandChannel:
+    """One vehicle. A `gcs.links.command_protocol.CommandChannel`."""
+
+    def __init__(self, row: int, commands: Commands, reported: VehicleReport) -> None:
+        self._row = row
+        self._commands = commands
+        self._reported = reported
+
+    def landed(self) -> Landed:
+        """From the newest EXTENDED_SYS_STATE."""
+        return self._reported.landed
+
+    async def command(self, given: Command, may_leave: Callable[[], None]) -> None:
+        """Send it and wait for the acknowledgement. Raises: CommandError."""
+        if given.verb is Verb.TAKEOFF:
+            await self._commands.set_parameter(self._row, TAKEOFF_HEIGHT, float(given.height_m), may_leave)
+        command, values = _COMMANDS[given.verb]
+        await self._commands.command(self._row, command, values, may_leave)
+
+    async def parameter(self, name: str) -> ParameterValue:
+        """The autopilot's value. Raises: CommandError."""
+        return await self._commands.get_parameter(self._row, name, _moves_nothing)
+
+    async def set_parameter(self, name: str, value: ParameterValue) -> None:
+        """Set the value; returns when the vehicle reports it. Raises: CommandError."""
+        await self._commands.set_parameter(self._row, name, value, _moves_nothing)
+
+
+def _moves_nothing() -> None:
+    """Parameters may also be read and set after a kill."""

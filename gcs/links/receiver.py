@@ -1,0 +1,126 @@
+"""Received datagrams: split into frames, checked, and passed to their readers."""
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from gcs.links.address_book import Addresses
+from gcs.links.endpoints.ports import Datagrams
+from gcs.links.link import Counters, Direction, Observer, ParameterValue
+from gcs.links.signing import SignatureFilter
+from gcs.links.stream_requests import StreamRequests
+from gcs.links.telemetry import FleetTelemetry
+from gcs.mavlink import codec
+from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
+from gcs.mavlink.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Bytes, Whole
+from gcs.model.state import Array, VehicleId
+
+_AUTOPILOT_COMPONENT = 1
+
+
+class ParameterUpdates:
+    """Newest values of watched parameters that vehicles announce without a request, until they are read.
+
+    PX4 answers each PARAM_SET with a PARAM_VALUE to all.
+    """
+
+    def __init__(self) -> None:
+        self._names: frozenset[str] = frozenset()
+        self._updates: dict[VehicleId, dict[str, ParameterValue]] = {}
+
+    def watch(self, names: Collection[str]) -> None:
+        """Watch these parameters from now on, and no others."""
+        self._names = frozenset(names)
+
+    def take(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+        """Record a value that a vehicle has announced."""
+        if name in self._names:
+            self._updates.setdefault(vehicle_id, {})[name] = value
+
+    def drain(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """The values announced since the last call."""
+        updates, self._updates = self._updates, {}
+        return updates
+
+
+class Answers(Protocol):
+    """Reads vehicles' answers to a transport's commands."""
+
+    def take_acks(self, rows: Whole, reported: codec.Records) -> None:
+        """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""
+        ...
+
+    def take_values(self, rows: Whole, reported: codec.Records) -> None:
+        """Read PARAM_VALUEs."""
+        ...
+
+
+class Inbox:
+    """Reads what arrived. Whatever the bytes, it never raises.
+
+    Attributes:
+        observers: receive every frame; replace the tuple, do not mutate it.
+        commands: reads answers; None: no reader.
+        pass_on: called with (data, frames, rows, times) of accepted frames, as `FleetTelemetry.take`; None:
+            not called.
+    """
+
+    def __init__(
+        self,
+        addresses: Addresses,
+        telemetry: FleetTelemetry,
+        streams: StreamRequests,
+        counters: Counters,
+        note_parameter: Callable[[int, str, ParameterValue], None],
+        signatures: SignatureFilter | None = None,
+    ) -> None:
+        """`note_parameter` is called with row, name and value of every PARAM_VALUE."""
+        self.observers: tuple[Observer, ...] = ()
+        self.commands: Answers | None = None
+        self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
+        self._addresses = addresses
+        self._telemetry = telemetry
+        self._streams = streams
+        self._counters = counters
+        self._note_parameter = note_parameter
+        self._signatures = signatures
+
+    def take(self, arrived: Datagrams) -> None:
+        """Read a batch of datagrams."""
+        found = codec.find(arrived.data, arrived.start, arrived.length)
+        self._counters.garbage_bytes += found.garbage_bytes
+        self._counters.unknown_bytes += found.unknown_bytes
+        frames = found.frames
+        if self._signatures is not None:
+            frames = frames[self._signatures.accepted(arrived.data, frames, arrived.source)]
+        rows, taken = self._addresses.judge(frames, arrived)
+        frames, rows = frames[taken], rows[taken]
+        time_s = arrived.time_s[frames[:, DATAGRAM]]
+        self._counters.received += len(frames)
+        self._telemetry.take(arrived.data, frames, rows, time_s)
+        self._take_answers(arrived.data, frames, rows)
+        if self.pass_on is not None:
+            self.pass_on(arrived.data, frames, rows, time_s)
+        for observer in self.observers:
+            for frame, at_s in zip(frames.tolist(), time_s.tolist(), strict=True):
+                raw = arrived.data[frame[BEGIN] : frame[END]].tobytes()
+                observer(at_s, Direction.RECEIVED, raw, frame[SYSTEM])
+
+    def _take_answers(self, data: Bytes, frames: Whole, rows: Whole) -> None:
+        message = np.where(frames[:, COMPONENT] == _AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
+        self._streams.count(rows, message)
+        acks = np.flatnonzero(message == COMMAND_ACK)
+        if len(acks):
+            ack_records = codec.decode(COMMAND_ACK, data, frames[acks])
+            self._streams.take_acks(rows[acks], ack_records)
+            if self.commands is not None:
+                self.commands.take_acks(rows[acks], ack_records)
+        values = np.flatnonzero(message == PARAM_VALUE)
+        if len(values):
+            value_records = codec.decode(PARAM_VALUE, data, frames[values])
+            if self.commands is not None:
+                self.commands.take_values(rows[values], value_records)
+            parameters = codec.parameter_values(value_records)
+            for row, (name, value) in zip(rows[values].tolist(), parameters, strict=True):
+                self._note_parameter(row, name, value)

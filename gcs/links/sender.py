@@ -1,0 +1,161 @@
+"""Frames sent to vehicles: numbered, addressed, signed, and dropped after their time."""
+
+from collections.abc import Sequence
+from math import inf
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from gcs.links.address_book import NOWHERE, Addresses
+from gcs.links.endpoints.ports import Ports
+from gcs.links.link import Counters, Direction, Observer
+from gcs.links.signing import SignatureFilter
+from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined
+from gcs.mavlink.kernels import Bytes, Whole
+from gcs.model.errors import InvalidError
+from gcs.model.state import Array, Mask
+
+_SEND_MARGIN_S: Final = 0.02
+"""Between the last reading of the clock and the datagram's leaving, other threads may hold the GIL."""
+
+REMEMBERED: Final = 512
+"""Times of setpoints that are kept for each vehicle."""
+
+
+class SentSetpoints:
+    """Times of the latest setpoints to n vehicles, rows as on the link.
+
+    Attributes:
+        newest_s: (n,) when the newest left, -inf before the first.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.newest_s: Array = np.full(count, -np.inf)
+        self._times_s = np.zeros((count, REMEMBERED))
+        self._count = np.zeros(count, np.int64)
+
+    def note(self, rows: Whole, time_s: float) -> None:
+        """Record a setpoint to each of `rows`, which are all different."""
+        self.newest_s[rows] = time_s
+        self._times_s[rows, self._count[rows] % REMEMBERED] = time_s
+        self._count[rows] += 1
+
+    def times_s(self, row: int) -> tuple[float, ...]:
+        """Times of one vehicle, oldest first."""
+        count = int(self._count[row])
+        places = np.arange(max(0, count - REMEMBERED), count) % REMEMBERED
+        return tuple(self._times_s[row, places].tolist())
+
+
+def before_it_leaves_s(setpoint_timeout_s: float) -> float:
+    """Greatest age of a setpoint at its last check, so that it leaves within `setpoint_timeout_s`.
+
+    Raises: InvalidError when no time is left.
+    """
+    if not setpoint_timeout_s > _SEND_MARGIN_S:
+        raise InvalidError("setpoint_timeout_s", setpoint_timeout_s, f"above {_SEND_MARGIN_S} s")
+    return setpoint_timeout_s - _SEND_MARGIN_S
+
+
+class SetpointBatch(NamedTuple):
+    """A tick's setpoints for the vehicles of a link that can receive them, the most urgent first."""
+
+    rows: Whole  # (k,) none twice
+    velocity_ned_m_s: Array  # (k, 3)
+    yaw_rad: Array  # (k,) clockwise from north, within [-pi, pi)
+    until_s: float  # none of these may leave later
+
+
+class Outbox:
+    """Sends messages to rows of a link.
+
+    Attributes:
+        observers: receive every frame; replace the tuple, do not mutate it.
+    """
+
+    def __init__(
+        self,
+        ports: Ports,
+        addresses: Addresses,
+        counters: Counters,
+        system_ids: Whole,
+        station_id: int = SYSTEM_ID,
+        signatures: SignatureFilter | None = None,
+    ) -> None:
+        """`station_id` is our own system id."""
+        self.observers: tuple[Observer, ...] = ()
+        self._ports = ports
+        self._addresses = addresses
+        self._counters = counters
+        self._system_ids = system_ids
+        self._station_id = station_id
+        self._signatures = signatures
+        self._sequence: Bytes = np.zeros(len(system_ids), np.uint8)
+
+    def encode(
+        self, message_id: int, messages: Records, rows: Whole, *, component_id: int = COMPONENT_ID
+    ) -> Frames:
+        """Frames for `rows` (k,), all different, each vehicle's numbered in order; `component_id` is ours."""
+        sequence = self._sequence[rows]
+        self._sequence[rows] = sequence + np.uint8(1)
+        return encode(message_id, messages, sequence, system_id=self._station_id, component_id=component_id)
+
+    def send(self, frames: Frames, rows: Whole, now_s: float, *, until_s: float = inf) -> Mask:
+        """Send frame i to the source of row i of `rows`. Never blocks, never raises.
+
+        Args:
+            frames: (k,) whole.
+            rows: (k,) their targets.
+            now_s: the link's clock.
+            until_s: no frame leaves later.
+
+        Returns: (k,) whether each left.
+        """
+        return self._send(frames, self._addresses.source[rows], self._system_ids[rows], now_s, until_s)
+
+    def send_message(
+        self,
+        message_id: int,
+        messages: Records,
+        rows: Whole,
+        now_s: float,
+        *,
+        component_id: int = COMPONENT_ID,
+    ) -> Mask:
+        """Encode and send."""
+        return self.send(self.encode(message_id, messages, rows, component_id=component_id), rows, now_s)
+
+    def send_raw(self, raws: Sequence[bytes], rows: Whole, now_s: float) -> Mask:
+        """Send whole frames that were encoded elsewhere."""
+        return self.send(joined(raws), rows, now_s)
+
+    def broadcast(self, message_id: int, message: Records, now_s: float) -> None:
+        """Send one message to all systems: once to each known address, and to far ends still silent."""
+        rows = self._addresses.one_per_source()
+        known = self._addresses.source[rows]
+        silent = np.setdiff1d(np.array([*self._ports.standing()], np.int64), known)
+        frames = [self.encode(message_id, message.repeat(len(rows)), rows)]
+        if len(silent):
+            unnumbered = np.zeros(len(silent), np.uint8)
+            frames.append(
+                encode(message_id, message.repeat(len(silent)), unnumbered, system_id=self._station_id)
+            )
+        data, length = (np.concatenate(parts) for parts in zip(*frames, strict=True))
+        destination = np.concatenate([known, silent])
+        self._send(Frames(data, length), destination, np.zeros(len(destination), np.int64), now_s, inf)
+
+    def _send(self, frames: Frames, destination: Whole, targets: Whole, now_s: float, until_s: float) -> Mask:
+        """`targets` (k,) are the system ids that observers receive."""
+        self._counters.unroutable += int((destination == NOWHERE).sum())
+        if self._signatures is not None:
+            frames = self._signatures.signed(frames)
+            destination = np.where(frames.length == 0, NOWHERE, destination)
+        left = self._ports.send(frames.data, frames.length, destination, until_s=until_s)
+        self._counters.sent += int(left.sum())
+        self._counters.send_errors, self._counters.no_room = self._ports.send_errors, self._ports.no_room
+        if self.observers:
+            for at in np.flatnonzero(left).tolist():
+                raw = frames.data[at, : frames.length[at]].tobytes()
+                for observer in self.observers:
+                    observer(now_s, Direction.SENT, raw, int(targets[at]))
+        return left

@@ -1,0 +1,214 @@
+"""Signing on a link: the key's file, the newest signing time beside it, and the filter for frames."""
+
+import logging
+import os
+from base64 import b64decode
+from binascii import Error as Base64Error
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from pathlib import Path
+from stat import S_IRWXG, S_IRWXO
+from threading import Event, Thread
+from time import time as wall_time_s
+from typing import Final
+
+import numpy as np
+
+from gcs.links.link import Address, Counters
+from gcs.mavlink.codec import Frames, frame, joined
+from gcs.mavlink.framing import RADIO_STATUS, Frame
+from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Bytes, Whole
+from gcs.mavlink.signing import KEY_BYTES, TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
+from gcs.model.errors import ConfigError, LinkError
+from gcs.model.state import Mask
+
+log = logging.getLogger(__name__)
+
+_AHEAD_UNITS: Final = 60 * UNITS_PER_S
+"""The file holds a time in the future, so that no signing time is used again after a crash."""
+
+_LOOK_S: Final = 1.0
+
+
+def load_key(path: Path) -> bytes:
+    """32 bytes: as they are, or written in hex or base64. Raises: ConfigError naming file and length."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(4096)
+            mode = os.fstat(file.fileno()).st_mode
+    except OSError as error:
+        raise ConfigError(f"{path}: the signing key cannot be read: {error.strerror}") from None
+    if mode & (S_IRWXG | S_IRWXO):
+        log.warning("key_file_open", extra={"file": str(path), "fix": f"chmod 600 {path}"})
+    for key in (data, _decoded(data)):
+        if len(key) == KEY_BYTES:
+            return key
+    raise ConfigError(
+        f"{path}: {len(data)} bytes; a signing key is {KEY_BYTES} bytes, or those in hex or base64"
+    )
+
+
+def create_key(path: Path) -> None:
+    """Write a new key, in hex, readable for its owner only. Raises: ConfigError; it overwrites nothing."""
+    try:
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be made: {error.strerror}") from None
+    with os.fdopen(file, "w", encoding="ascii") as opened:
+        opened.write(os.urandom(KEY_BYTES).hex() + "\n")
+
+
+class Signing:
+    """A signer whose time outlasts the process.
+
+    `open` and `close` wait for a disk: one after the other, on any thread but the loop's.
+    """
+
+    def __init__(
+        self, key_file: Path, link_id: int, *, wall_clock: Callable[[], float] = wall_time_s
+    ) -> None:
+        """Read the key. Raises: ConfigError."""
+        self._key = load_key(key_file)
+        self._link_id = link_id
+        self._wall_clock = wall_clock
+        self._file = key_file.with_name(f"{key_file.name}.link{link_id}.time")
+        self._signer = Signer(self._key, link_id, start=0, clock=self._now)
+        self._reserved = 0
+        self._failed = False
+        self._closed = Event()
+        self._keeper: Thread | None = None
+
+    def open(self) -> None:
+        """Continue where the last process ended. Raises: LinkError when the file cannot be used."""
+        start = max(self._signer.time, _stored(self._file), self._now())
+        try:
+            self._reserve(start + _AHEAD_UNITS)
+        except OSError as error:
+            raise LinkError(f"{self._file}: the time of signatures cannot be kept: {error}") from error
+        self._signer.begin(start)
+        self._closed.clear()
+        self._keeper = Thread(target=self._keep, name=f"signing/{self._link_id}", daemon=True)
+        self._keeper.start()
+
+    def close(self) -> None:
+        """End signing; the next process may continue from this time."""
+        if self._keeper is not None:
+            self._closed.set()
+            self._keeper.join()
+            self._keeper = None
+            with suppress(OSError):  # the file then holds a later time, which is also correct
+                self._reserve(self._signer.time)
+
+    def sign(self, raw: bytes) -> bytes | None:
+        """See `Signer.sign`."""
+        return self._signer.sign(raw)
+
+    def judge(self, frame: Frame) -> Judgement:
+        """See `Signer.judge`."""
+        return self._signer.judge(frame)
+
+    def _now(self) -> int:
+        return signing_time(self._wall_clock())
+
+    def _keep(self) -> None:
+        while not self._closed.wait(_LOOK_S):
+            if self._signer.time > self._reserved - _AHEAD_UNITS // 2:
+                try:
+                    self._reserve(self._signer.time + _AHEAD_UNITS)
+                except OSError as error:
+                    if not self._failed:  # the flight continues, and so does the time in this process
+                        log.error("signing_time_not_kept", extra={"cause": str(error)})
+                    self._failed = True
+                else:
+                    self._failed = False
+
+    def _reserve(self, time: int) -> None:
+        """Write a time to the file, whole or not at all."""
+        time = min(time, TIME_MAX)
+        new = self._file.with_name(f"{self._file.name}.new")
+        with new.open("w", encoding="ascii") as file:
+            file.write(f"{time}\n")
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(self._file)
+        self._reserved = time
+
+
+class SignatureFilter:
+    """Judges received frames, and signs sent ones. Only links with a key have one."""
+
+    def __init__(
+        self,
+        name: str,
+        signing: Signing,
+        system_ids: Collection[int],
+        address_of: Callable[[int], Address],
+        counters: Counters,
+    ) -> None:
+        """`name` is the link's, for logs. Frames of other systems are left to the address book."""
+        self._name = name
+        self._signing = signing
+        self._system_ids = frozenset(system_ids)
+        self._address_of = address_of
+        self._counters = counters
+        self._refused: set[tuple[int, Judgement]] = set()
+
+    def accepted(self, data: Bytes, frames: Whole, source: Whole) -> Mask:
+        """(k,) which of the frames found in `data` are accepted; `source` (m,) of each datagram."""
+        accepted: Mask = np.ones(len(frames), np.bool_)
+        for at, row in enumerate(frames.tolist()):
+            if row[SYSTEM] in self._system_ids:
+                accepted[at] = self._is_accepted(frame(data, row), int(source[row[DATAGRAM]]))
+        return accepted
+
+    def is_signed(self, received: Frame) -> bool:
+        """Whether a frame of another station comes from a holder of the key."""
+        return self._signing.judge(received) is Judgement.GOOD
+
+    def signed(self, frames: Frames) -> Frames:
+        """The frames with signatures; length 0 where the CRC extra byte of the message is unknown."""
+        raws = [
+            self._signing.sign(data[:length].tobytes()) or b""
+            for data, length in zip(frames.data, frames.length.tolist(), strict=True)
+        ]
+        self._counters.not_signed += raws.count(b"")
+        return joined(raws)
+
+    def _is_accepted(self, received: Frame, source: int) -> bool:
+        judgement = self._signing.judge(received)
+        if judgement is Judgement.GOOD:
+            return True
+        if received.message_id == RADIO_STATUS:
+            return False  # made by the radio, which has no key: not accepted, and not counted
+        self._counters.unsigned += judgement is Judgement.UNSIGNED
+        self._counters.wrongly_signed += judgement is Judgement.WRONG
+        self._counters.replayed += judgement is Judgement.REPLAYED
+        if (received.system_id, judgement) not in self._refused:
+            self._refused.add((received.system_id, judgement))
+            about = {"link": self._name, "system_id": received.system_id}
+            about |= {"address": str(self._address_of(source)), "cause": judgement.name.lower()}
+            log.error("signature_refused", extra=about)
+        return False
+
+
+def _decoded(data: bytes) -> bytes:
+    """Key from hex or base64, with white space around it; empty when it is neither."""
+    text = data.strip()
+    with suppress(ValueError):
+        return bytes.fromhex(text.decode("ascii"))
+    with suppress(Base64Error, ValueError):
+        return b64decode(text, validate=True)
+    return b""
+
+
+def _stored(file: Path) -> int:
+    """The time in the file; 0 when there is none. Raises: LinkError."""
+    try:
+        text = file.read_text(encoding="ascii").strip()
+    except FileNotFoundError:
+        return 0
+    except (OSError, UnicodeDecodeError) as error:
+        raise LinkError(f"{file}: the time of signatures cannot be read: {error}") from error
+    if not text.isdecimal() or int(text) > TIME_MAX:
+        raise LinkError(f"{file}: holds no time of signatures")
+    return int(text)

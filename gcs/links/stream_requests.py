@@ -1,0 +1,171 @@
+"""Requests for message rates, to every vehicle when it connects, after a reboot, and where a rate is wrong.
+
+One interval after the other, since the acknowledgement does not name the message; for all vehicles at once.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+
+from gcs.links.settings import StreamSettings
+from gcs.mavlink.codec import Records, records
+from gcs.mavlink.framing import (
+    BATTERY_STATUS,
+    COMMAND_LONG,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
+    GPS_RAW_INT,
+    ODOMETRY,
+    SET_MESSAGE_INTERVAL,
+    SYS_STATUS,
+    SYSTEM_TIME,
+)
+from gcs.mavlink.kernels import Whole
+from gcs.model.state import Mask
+
+_NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
+"""Frequent, and read by no part of the service: attitudes, local position, servos, HUD, targets, IMU, clocks,
+range, altitude, the estimator, vibration.
+"""
+
+NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {ODOMETRY}
+"""Messages that MAVSDK does not receive. Of ODOMETRY the link itself reads the reset counter."""
+
+REQUESTING_COMPONENT: Final = 191
+"""Our component that requests streams. Not MAVSDK's: it would receive answers to requests it did not send."""
+
+SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it discovers a vehicle; ours come after
+
+_ANSWER_S: Final = 0.5
+_TRIES: Final = 4
+_AUTOPILOT_COMPONENT: Final = 1
+_ANY_COMPONENT: Final = 0
+
+_WINDOW_S: Final = 4.0
+"""Time in which received messages are counted, before the rates are checked."""
+
+_PAUSE_MAX_S: Final = 60.0
+_MESSAGES_MIN: Final = 4  # in a window; rarer streams are not checked
+
+
+def desired_rates(streams: StreamSettings) -> dict[int, float]:
+    """Rate in Hz of every message that is requested; 0 ends the stream."""
+    return {
+        GLOBAL_POSITION_INT: streams.position_hz,
+        EXTENDED_SYS_STATE: streams.state_hz,
+        SYS_STATUS: min(streams.state_hz, 2.0),
+        GPS_RAW_INT: min(streams.state_hz, 2.0),
+        ODOMETRY: 1.0,
+        BATTERY_STATUS: 0.5,
+        SYSTEM_TIME: 1.0,
+        **dict.fromkeys(sorted(_NOT_NEEDED), streams.others_hz),
+    }
+
+
+class StreamRequests:
+    """State of the requests to each of n vehicles. Rows as on the link, columns: messages of `rates_hz`."""
+
+    def __init__(
+        self, system_ids: Whole, rates_hz: Mapping[int, float], send: Callable[[int, Records, Whole], object]
+    ) -> None:
+        """Nothing is requested yet.
+
+        Args:
+            system_ids: (n,) of the vehicles.
+            rates_hz: by message id, 0 for not at all.
+            send: sends messages of one kind to rows, from `REQUESTING_COMPONENT`.
+        """
+        n, kinds = len(system_ids), len(rates_hz)
+        self._message = np.array(list(rates_hz), np.int64)
+        self._sorter = np.argsort(self._message)
+        self._rate_hz = np.array(list(rates_hz.values()))
+        self._interval_us = np.where(self._rate_hz > 0, 1e6 / np.maximum(self._rate_hz, 1e-9), -1.0)
+        self._system_ids = system_ids
+        self._send = send
+        self._due: Mask = np.zeros((n, kinds), np.bool_)  # intervals still to be requested
+        self._tries = np.zeros(n, np.int64)
+        self._requested_s = np.full(n, -np.inf)
+        self._connection_count = np.zeros(n, np.int64)
+        self._counts = np.zeros((n, kinds), np.int64)  # messages received
+        self._counts_before = np.zeros((n, kinds), np.int64)  # as the window began
+        self._window_s = np.full(n, np.nan)  # when the window began, NaN: none has
+        self._pause_s = np.full(n, _WINDOW_S)
+
+    @property
+    def settled(self) -> Mask:
+        """(n,) whether all intervals have been requested from a vehicle."""
+        settled: Mask = np.logical_not(self._due.any(axis=1))
+        return settled
+
+    def count(self, rows: Whole, messages: Whole) -> None:
+        """Count received messages: (k,) rows and message ids."""
+        if len(self._message):
+            place = np.searchsorted(self._message, messages, sorter=self._sorter)
+            column = self._sorter[np.minimum(place, len(self._message) - 1)]
+            known = self._message[column] == messages
+            np.add.at(self._counts, (rows[known], column[known]), 1)
+
+    def watch(self, connected: Mask, connection_count: Whole, now_s: float) -> None:
+        """Begin with vehicles that have connected, also again; send the requests that are due.
+
+        Args:
+            connected: (n,) recently received, and may be sent requests.
+            connection_count: (n,) how often each connected, see `FleetTelemetry`.
+            now_s: the link's clock.
+        """
+        new = connection_count != self._connection_count
+        self._connection_count = connection_count.copy()
+        self._due[new], self._pause_s[new] = True, _WINDOW_S
+        self._tries[new], self._requested_s[new] = 0, -np.inf
+        self._check_rates(connected, now_s)
+        due = connected & ~self.settled & (now_s - self._requested_s >= _ANSWER_S)
+        self._request(np.flatnonzero(due), now_s)
+
+    def take_acks(self, rows: Whole, reported: Records) -> None:
+        """Continue with the vehicles that answered: (k,) rows and COMMAND_ACKs, whatever the result."""
+        is_ours = np.isin(reported["target_component"], (REQUESTING_COMPONENT, _ANY_COMPONENT))
+        answered = np.unique(rows[is_ours & (reported["command"] == SET_MESSAGE_INTERVAL)])
+        self._go_on(answered[np.isfinite(self._requested_s[answered])])
+
+    def _go_on(self, rows: Whole) -> None:
+        """Continue with the next interval of each row."""
+        if len(rows):
+            self._due[rows, self._due[rows].argmax(axis=1)] = False
+            self._tries[rows] = 0
+            self._requested_s[rows] = -np.inf
+
+    def _request(self, rows: Whole, now_s: float) -> None:
+        """Request the next interval of each row; continue without an answer after some tries."""
+        self._go_on(rows[self._tries[rows] >= _TRIES])
+        rows = rows[self._due[rows].any(axis=1)]
+        if not len(rows):
+            return
+        column = self._due[rows].argmax(axis=1)
+        messages = records(COMMAND_LONG, len(rows))
+        messages["target_system"] = self._system_ids[rows]
+        messages["target_component"] = _AUTOPILOT_COMPONENT
+        messages["command"] = SET_MESSAGE_INTERVAL
+        messages["confirmation"] = self._tries[rows]
+        messages["param1"], messages["param2"] = self._message[column], self._interval_us[column]
+        self._send(COMMAND_LONG, messages, rows)
+        self._tries[rows] += 1
+        self._requested_s[rows] = now_s
+
+    def _check_rates(self, connected: Mask, now_s: float) -> None:
+        """Request streams again that come at a wrong rate: forgotten, or an answer mistaken."""
+        ready = connected & self.settled
+        over = ready & (now_s - self._window_s >= self._pause_s)
+        rows = np.flatnonzero(over)
+        if len(rows):
+            expected = self._rate_hz * (now_s - self._window_s[rows, None])
+            received = self._counts[rows] - self._counts_before[rows]
+            checked = expected >= _MESSAGES_MIN
+            off = checked & ((received < expected / 2) | (received > expected * 2))
+            off |= (self._rate_hz == 0) & (received > _MESSAGES_MIN)
+            self._due[rows] = off
+            longer_s = np.minimum(2 * self._pause_s[rows], _PAUSE_MAX_S)
+            self._pause_s[rows] = np.where(off.any(axis=1), longer_s, _WINDOW_S)
+        begin = (ready & np.isnan(self._window_s)) | over
+        self._window_s[begin], self._counts_before[begin] = now_s, self._counts[begin]
+        self._window_s[~ready] = np.nan

@@ -1,0 +1,222 @@
+"""What is read of many vehicles at once: each value, and only of the vehicle that sent it."""
+
+from math import inf, isnan, nan
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.links.telemetry import FleetTelemetry
+from gcs.mavlink import codec
+from gcs.mavlink.framing import PREARM_CHECK
+from gcs.mavlink.kernels import SYSTEM
+from gcs.model.state import Mode, Telemetry
+
+IDS = ("a", "b")
+ROW = 1
+
+
+def take(fleet: FleetTelemetry, time_s: float, *messages: Any, component: int = 1) -> Telemetry:
+    """The second vehicle sends these messages in one datagram."""
+    sender = dialect.MAVLink(None, srcSystem=ROW + 1, srcComponent=component)
+    data = np.frombuffer(bytearray(b"".join(bytes(each.pack(sender)) for each in messages)), np.uint8)
+    frames = codec.find(data, np.array([0]), np.array([len(data)])).frames
+    fleet.take(data, frames, frames[:, SYSTEM] - 1, np.full(len(frames), time_s))
+    return fleet.telemetry()
+
+
+def gps(h_acc_mm: int, v_acc_mm: int, *, eph: int = 70, epv: int = 110, fix: int = 3) -> Any:
+    return dialect.MAVLink_gps_raw_int_message(0, fix, 1, 2, 3, eph, epv, 0, 0, 9, 0, h_acc_mm, v_acc_mm)
+
+
+def odometry(counter: int) -> Any:
+    nothing, covariance = (0.0, 0.0, 0.0), [nan] * 21
+    q = (1.0, 0.0, 0.0, 0.0)
+    return dialect.MAVLink_odometry_message(
+        0, 1, 1, *nothing, q, *nothing, *nothing, covariance, covariance, counter, 8, 0
+    )
+
+
+def position(clock_ms: int) -> Any:
+    return dialect.MAVLink_global_position_int_message(clock_ms, 1, 2, 3, 4, 5, 6, 7, 8)
+
+
+def attitude(clock_ms: int) -> Any:
+    return dialect.MAVLink_attitude_message(clock_ms, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+
+
+def beat(autopilot: int = 12) -> Any:
+    return dialect.MAVLink_heartbeat_message(2, autopilot, 0x81, 6 << 16, 4, 3)
+
+
+def status(enabled: int, health: int) -> Any:
+    return dialect.MAVLink_sys_status_message(0x3F, enabled, health, 0, 0, 0, 80, 0, 0, 0, 0, 0, 0)
+
+
+def system_time(unix_s: float) -> Any:
+    return dialect.MAVLink_system_time_message(int(unix_s * 1e6), 5)
+
+
+def text(part: bytes, text_id: int = 0, chunk: int = 0) -> Any:
+    return dialect.MAVLink_statustext_message(4, part, text_id, chunk)
+
+
+def test_nothing_is_known_before_the_first_frame() -> None:
+    reported = FleetTelemetry(IDS).telemetry()
+    assert (reported.heartbeat_time_s == -inf).all()
+    assert (reported.position_time_s == -inf).all()
+    assert (reported.armed[ROW], reported.mode[ROW], reported.ready[ROW]) == (False, Mode.UNKNOWN, False)
+
+
+def test_heartbeats_and_positions_have_separate_times() -> None:
+    fleet = FleetTelemetry(IDS)
+    take(fleet, 1.0, beat())
+    reported = take(fleet, 2.0, position(0))
+    assert (reported.heartbeat_time_s[ROW], reported.position_time_s[ROW]) == (1.0, 2.0)
+    assert (reported.armed, reported.mode) == ((False, True), (Mode.UNKNOWN, Mode.OFFBOARD))
+
+
+def test_onboard_camera_does_not_count_as_the_autopilot() -> None:
+    fleet = FleetTelemetry(IDS)
+    take(fleet, 1.0, beat(), position(0), component=100)
+    reported = take(fleet, 1.5, beat(autopilot=8))
+    assert (reported.heartbeat_time_s[ROW], reported.position_time_s[ROW]) == (-inf, -inf)
+    assert reported.mode[ROW] is Mode.UNKNOWN
+
+
+def test_only_a_heartbeat_fires_the_event() -> None:
+    fleet = FleetTelemetry(IDS)
+    waiting = fleet.reported(ROW).next_heartbeat
+    take(fleet, 1.0, position(0))
+    assert not waiting.is_set()
+    take(fleet, 1.0, beat())
+    assert waiting.is_set()
+    assert not fleet.reported(ROW).next_heartbeat.is_set()
+
+
+def test_long_text_is_joined_from_its_chunks() -> None:
+    fleet = FleetTelemetry(IDS)
+    take(fleet, 1.0, text(b"a" * 50, 9, 0), text(b"b" * 50, 9, 1), text(b"end", 9, 2))
+    assert fleet.text(ROW) == ("a" * 50 + "b" * 50 + "end", 1.0)
+    reported = take(fleet, 2.0, text(b"next"))
+    assert fleet.text(ROW) == ("next", 2.0)
+    assert [each.text[-4:] for each in reported.texts[ROW]] == ["bend", "next"]
+    assert reported.texts[0] == ()
+
+
+def test_endless_chunks_stay_bounded() -> None:
+    fleet = FleetTelemetry(IDS)
+    for chunk in range(200):
+        take(fleet, 1.0, text(b"a" * 50, 9, chunk))
+    assert len(fleet.text(ROW)[0]) == 8 * 50
+
+
+@pytest.mark.parametrize(
+    ("message", "expected_m"),
+    [
+        (gps(900, 1780), (0.9, 1.78)),
+        (gps(0, 0, eph=100, epv=200), (1.3, 3.2)),  # by dilution
+        (gps(0, 0, eph=65535, epv=65535), (nan, nan)),
+        (gps(900, 1780, fix=1), (inf, inf)),
+        (gps(900, 0), (0.9, 1.76)),
+    ],
+)
+def test_accuracy_is_reported_or_by_dilution_and_needs_a_fix(
+    message: Any, expected_m: tuple[float, float]
+) -> None:
+    reported = take(FleetTelemetry(IDS), 1.0, message)
+    accuracy_m = reported.horizontal_accuracy_m[ROW], reported.vertical_accuracy_m[ROW]
+    assert accuracy_m == pytest.approx(expected_m, nan_ok=True)
+    assert isnan(reported.horizontal_accuracy_m[0])
+
+
+def test_boot_clock_going_back_is_a_reboot_unless_late() -> None:
+    fleet = FleetTelemetry(IDS)
+    for clock_ms, reboot_count in ((5000, 0), (6000, 0), (5500, 0), (200, 1), (300, 1), (900_000, 1), (0, 2)):
+        assert take(fleet, 1.0, position(clock_ms)).reboot_count == (0, reboot_count), clock_ms
+
+
+def test_reboot_shows_in_messages_before_the_first_position() -> None:
+    fleet = FleetTelemetry(IDS)
+    take(fleet, 0.9, status(PREARM_CHECK, PREARM_CHECK))
+    assert (fleet.reboot_count[ROW], fleet.prearm_ok[ROW]) == (0, True)
+    take(fleet, 1.0, position(60_000))
+    reported = take(fleet, 1.2, attitude(400))
+    assert (reported.reboot_count[ROW], fleet.connection_count[ROW]) == (1, 1)
+    assert (reported.position_time_s[ROW], fleet.prearm_ok[ROW]) == (1.0, False), "of the time before"
+    take(fleet, 1.3, dialect.MAVLink_local_position_ned_message(410, 0, 0, 0, 0, 0, 0))
+    take(fleet, 4.0, position(3100))
+    assert (fleet.reboot_count[ROW], fleet.connection_count[ROW]) == (1, 1)
+
+
+def test_a_reset_counter_that_changes_is_a_reset_of_the_position() -> None:
+    fleet = FleetTelemetry(IDS)
+    for counter, resets in ((3, 0), (3, 0), (4, 1), (4, 1), (0, 2)):
+        assert take(fleet, 1.0, odometry(counter)).position_resets == (0, resets)
+    take(fleet, 2.0, position(9000))
+    take(fleet, 3.0, position(100))
+    assert take(fleet, 3.0, odometry(7)).position_resets == (0, 2), "a restart is no reset"
+
+
+def test_silent_vehicle_that_returns_is_discovered_again() -> None:
+    fleet = FleetTelemetry(IDS)
+    for time_s, connection_count in ((1.0, 1), (3.9, 1), (7.0, 2), (8.0, 2), (20.0, 3)):
+        take(fleet, time_s, beat(), beat())
+        assert fleet.connection_count.tolist() == [0, connection_count]
+
+
+RECORDED = 0x301402F, 0x320C83F  # of PX4 SITL, which has no remote control
+
+
+@pytest.mark.parametrize(
+    ("message", "described", "expected"),
+    [
+        (gps(900, 1780, fix=6), "fix_type", 6.0),
+        (gps(900, 1780, fix=0), "fix_type", 0.0),
+        (status(*RECORDED), "unhealthy_sensors", 0),
+        (status(RECORDED[0], RECORDED[1] & ~0x24), "unhealthy_sensors", 0x24),
+        (status(RECORDED[0], RECORDED[1] & ~0x200000), "unhealthy_sensors", 0x200000),
+        (status(RECORDED[0] & ~0x4, RECORDED[1] & ~0x4), "unhealthy_sensors", 0),  # not enabled
+        (system_time(1.7e9), "clock_base_s", 1.7e9 - 8.0),
+        (system_time(0.0), "clock_base_s", nan),  # PX4 does not know yet
+        (system_time(1e9), "clock_base_s", nan),  # nor does it now
+    ],
+)
+def test_fix_unhealthy_sensors_and_clock_are_read(message: Any, described: str, expected: float) -> None:
+    fleet = FleetTelemetry(IDS)
+    before = getattr(fleet.telemetry(), described)
+    reported = getattr(take(fleet, 8.0, message), described)
+    assert reported[ROW] == pytest.approx(expected, nan_ok=True)
+    assert reported[0] == pytest.approx(before[0], nan_ok=True)
+
+
+def pack(battery_id: int, percent: int) -> Any:
+    return dialect.MAVLink_battery_status_message(battery_id, 1, 1, 2500, [4000] * 10, -100, -1, -1, percent)
+
+
+def total(percent: int) -> Any:
+    return dialect.MAVLink_sys_status_message(0, 0, 0, 0, 16000, -100, percent, 0, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("story", "expected"),
+    [
+        ((pack(0, 80), pack(1, 15)), (0.80, 0.15)),
+        ((pack(1, 15), pack(0, 80)), (0.15, 0.15)),
+        ((pack(0, 80), total(15), pack(0, 79), total(14)), (0.80, 0.15, 0.15, 0.14)),
+        ((pack(0, 80), pack(1, 15), pack(0, 79), pack(1, 14)), (0.80, 0.15, 0.15, 0.14)),
+        ((pack(0, 80), pack(1, -1), pack(1, 70), pack(1, -1)), (0.80, 0.80, 0.70, 0.80)),
+        ((pack(126, 33), pack(0, 80)), (0.33, 0.33)),  # of CAN, where the id is the node's
+        ((pack(0, -1), total(-1)), (nan, nan)),
+        ((position(9000), pack(1, 15), position(100), pack(0, 100)), (nan, 0.15, nan, 1.0)),
+    ],
+)
+def test_the_emptiest_battery_counts(story: tuple[Any, ...], expected: tuple[float, ...]) -> None:
+    """A vehicle with two packs never flaps between them; a restart may have brought new ones."""
+    fleet = FleetTelemetry(IDS)
+    read = [
+        take(fleet, float(time_s), message).battery_remaining.tolist() for time_s, message in enumerate(story)
+    ]
+    np.testing.assert_allclose(np.array(read)[:, ROW], expected)
+    assert np.isnan(np.array(read)[:, 0]).all()
