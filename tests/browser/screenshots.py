@@ -211,6 +211,8 @@ def main() -> None:
             for width, height in ((1440, 900), (390, 844)) if camera.every else ((1440, 900),):
                 ui.page.set_viewport_size({"width": width, "height": height})
                 camera.take(ui.page, f"docs-{width}x{height}")
+            process.send_signal(signal.SIGINT)  # as an operator ends it: its flight data end whole
+            process.wait(SOON_S)
         with (
             replay(folder.name, "--speed", "4", folder=folder.parent) as url,
             Client(url, timeout_s=30.0) as client,

@@ -8,19 +8,20 @@ from itertools import pairwise
 import numpy as np
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
+from gcs.flight.commander import STOPS_WITHIN_S
 from gcs.formation.thomson import best_configuration, energy, nearest_m
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
+from gcs.planning.return_paths import is_above, may_hand_over
 from gcs.safety.separation import minimum_separation
 from gcs.sim.vehicle import noise
 from gcs.sim.vehicle.dynamics import PointMasses, Response, step
+from gcs.simulation.flight import HANDOVER_HEIGHT_M
+from gcs.simulation.world import TOUCHDOWN_M_S
 
 TICK_S = 0.05
 STEP_S = 0.01
 TAKEOFF_HEIGHT_M = 5.0
-ABOVE_HOME_M = 0.8  # as gcs.flight.maneuvers
-HANDOVER_HEIGHT_M = 1.5
-TOUCHDOWN_M_S = 0.7  # PX4 lands at 0.7
 SETTINGS = ControlSettings()
 PX4 = Response()
 
@@ -162,10 +163,10 @@ class Flight:
     # what the maneuvers and the commander do
 
     def hold_in_place(self) -> None:
-        """Pause: every vehicle stops where its velocity takes it in 0.8 s."""
+        """Pause: every vehicle stops where its velocity takes it."""
         self.formation_waits, self.center_moves = True, False
         self.task[:] = Task.GOAL
-        self.goal_m = self.believed_m + 0.8 * self.believed_m_s
+        self.goal_m = self.believed_m + STOPS_WITHIN_S * self.believed_m_s
 
     def resume(self) -> None:
         """Return every vehicle to the formation."""
@@ -184,11 +185,10 @@ class Flight:
         """Descend above the pad; just above it use the autopilot's LAND."""
         here_m = self.believed_m
         flown = self.task == Task.GOAL
-        above = np.hypot(*(here_m - self.pads_m)[:, :2].T) < ABOVE_HOME_M
-        arrived = flown & above & ~self.descending
+        arrived = flown & is_above(here_m, self.pads_m) & ~self.descending
         self.descending |= arrived
         self.goal_m[arrived] = self.pads_m[arrived]
-        low = flown & self.descending & (self.pads_m[:, 2] - here_m[:, 2] < HANDOVER_HEIGHT_M)
+        low = flown & self.descending & may_hand_over(here_m, self.pads_m, HANDOVER_HEIGHT_M)
         self.handed_over |= low
         self.task[low] = Task.NONE
 
