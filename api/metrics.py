@@ -10,7 +10,6 @@ from prometheus_client import CollectorRegistry
 from prometheus_client.core import (
     CounterMetricFamily,
     GaugeMetricFamily,
-    HistogramMetricFamily,
     InfoMetricFamily,
     Metric,
 )
@@ -21,7 +20,7 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import TOKEN
 from gcs.api.schemas.convert import current_alarms as current
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.service import FleetView, Histogram
+from gcs.service import FleetView
 from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
 from gcs.service.vehicle_table import VehicleView
 
@@ -74,8 +73,8 @@ class FleetCollector:
         yield _gauge("gcs_state_age_seconds", "Since the newest state was made.", self.age_s)
         yield _counter("gcs_ticks", "Ticks of the control loop.", tick.count)
         yield _counter("gcs_ticks_missed", "Ticks that were dropped, being too late.", tick.missed)
-        yield _histogram("gcs_tick_duration_seconds", "How long a tick took.", tick.durations)
-        yield _histogram("gcs_tick_lateness_seconds", "How late a tick began.", tick.latenesses)
+        for histogram in tick.histograms:
+            yield from histogram.collect()
         yield _counter("gcs_setpoints_sent", "Velocity setpoints that left.", view.setpoints_sent)
         yield _counter("gcs_filter_interventions", "Vehicle-ticks that safety changed.", view.interventions)
         yield _gauge(
@@ -149,16 +148,6 @@ def _alarms(view: FleetView, problem: str) -> Iterator[Metric]:
     yield state
     is_open = sum(alarm.acknowledged_by is None for alarm in current(view, problem))
     yield _gauge("formation_alarms_unacknowledged", "Alarms not acknowledged yet.", float(is_open))
-
-
-def _histogram(name: str, text: str, seen: Histogram) -> Metric:
-    family = HistogramMetricFamily(name, text)
-    total, buckets = 0, []
-    for bound_s, count in zip((*seen.bounds_s, None), seen.counts, strict=True):
-        total += count
-        buckets.append(("+Inf" if bound_s is None else f"{bound_s:g}", float(total)))
-    family.add_metric([], buckets, seen.sum_s)
-    return family
 
 
 @router.get(

@@ -1,13 +1,13 @@
 """The control loop's clock, and its timing statistics."""
 
 import asyncio
-from bisect import bisect_left
 from collections import deque
 from collections.abc import AsyncIterator
 
 import numpy as np
+from prometheus_client import Histogram
 
-from gcs.service import Histogram, TickView
+from gcs.service import TickView
 
 REMEMBERED = 2000
 
@@ -31,21 +31,6 @@ async def ticks(period_s: float) -> AsyncIterator[tuple[float, float, int]]:
         await asyncio.sleep(start_s + index * period_s - loop.time())
 
 
-class Counted:
-    """Counts values for a `Histogram`."""
-
-    def __init__(self) -> None:
-        self._counts = [0] * (len(BOUNDS_S) + 1)
-        self._sum_s = 0.0
-
-    def note(self, seconds: float) -> None:
-        self._counts[bisect_left(BOUNDS_S, seconds)] += 1
-        self._sum_s += seconds
-
-    def histogram(self) -> Histogram:
-        return Histogram(BOUNDS_S, tuple(self._counts), self._sum_s)
-
-
 class TickClock:
     """Counts ticks, and keeps the durations and delays of the last ones."""
 
@@ -58,7 +43,8 @@ class TickClock:
         self._began_s = 0.0
         self._duration_s: deque[float] = deque(maxlen=REMEMBERED)
         self._lateness_s: deque[float] = deque(maxlen=REMEMBERED)
-        self._durations, self._latenesses = Counted(), Counted()
+        self._durations = _histogram("gcs_tick_duration_seconds", "How long a tick took.")
+        self._latenesses = _histogram("gcs_tick_lateness_seconds", "How late a tick began.")
         self._summary = self._summarised(0.0, 0.0, 0.0)
 
     def gap_before(self, now_s: float) -> float:
@@ -74,8 +60,8 @@ class TickClock:
         self.missed += missed
         self._duration_s.append(duration_s)
         self._lateness_s.append(lateness_s)
-        self._durations.note(duration_s)
-        self._latenesses.note(lateness_s)
+        self._durations.observe(duration_s)
+        self._latenesses.observe(lateness_s)
 
     def summary(self) -> TickView:
         """Percentiles over the last ticks, recomputed once a second for display."""
@@ -94,6 +80,9 @@ class TickClock:
             duration_p50_ms=p50_ms,
             duration_p99_ms=p99_ms,
             lateness_p99_ms=late_ms,
-            durations=self._durations.histogram(),
-            latenesses=self._latenesses.histogram(),
+            histograms=(self._durations, self._latenesses),
         )
+
+
+def _histogram(name: str, text: str) -> Histogram:
+    return Histogram(name, text, buckets=BOUNDS_S, registry=None)

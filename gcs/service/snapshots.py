@@ -5,6 +5,8 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
+from prometheus_client import Histogram
+
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.errors import Problem
 from gcs.model.interrupted_flight import InterruptedFlight
@@ -63,15 +65,6 @@ class SelectedShow:
 
 
 @dataclass(frozen=True, slots=True)
-class Histogram:
-    """Durations counted in buckets since the start."""
-
-    bounds_s: tuple[float, ...]  # upper, rising
-    counts: tuple[int, ...]  # of each bound separately; last those above all bounds
-    sum_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class TickView:
     """Timing of the control loop."""
 
@@ -81,8 +74,7 @@ class TickView:
     duration_p50_ms: float
     duration_p99_ms: float
     lateness_p99_ms: float
-    durations: Histogram
-    latenesses: Histogram
+    histograms: tuple[Histogram, ...] = ()  # since the start, for metrics; not a copy: they change
 
 
 @dataclass(frozen=True, slots=True)

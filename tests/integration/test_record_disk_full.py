@@ -15,7 +15,6 @@ from gcs.model.plan import Formation, Plan
 from gcs.model.state import FleetState, Landed, Mode, Setpoints
 from gcs.recording.audit_reader import commands, last_known
 from gcs.recording.mcap_reader import FlightData
-from gcs.recording.replay.service import NOTHING_COUNTED
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import TickView
@@ -53,7 +52,7 @@ def sample(tick: int) -> Sample:
         center_velocity_m_s=None,
         radius_m=None,
         minimum_separation_m=None,
-        timing=TickView(20.0, tick, 0, 0.0, 0.0, 0.0, NOTHING_COUNTED, NOTHING_COUNTED),
+        timing=TickView(20.0, tick, 0, 0.0, 0.0, 0.0),
         control_alive=True,
         setpoints_sent=0,
         alarms=(),

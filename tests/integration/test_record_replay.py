@@ -24,7 +24,6 @@ from gcs.recording.audit import Audit
 from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT, PAD
 from gcs.recording.mcap_writer import FlightFile
-from gcs.recording.replay.service import NOTHING_COUNTED
 from gcs.recording.sample import Sample
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
@@ -75,7 +74,7 @@ def sample(at_s: float) -> Sample:
         center_velocity_m_s=(0.0, 0.0, 0.0),
         radius_m=10.0,
         minimum_separation_m=9.0,
-        timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
+        timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0),
         control_alive=True,
         setpoints_sent=7,
         alarms=(LOST,),

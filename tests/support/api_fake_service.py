@@ -10,6 +10,7 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
+from prometheus_client import Histogram
 
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
@@ -27,7 +28,6 @@ from gcs.service import (
     CommandRecord,
     FleetView,
     FlightEnvelope,
-    Histogram,
     Latest,
     NoAudit,
     Outcome,
@@ -48,6 +48,14 @@ from gcs.shows.library import ShowLibrary
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0
+HISTOGRAMS = tuple(
+    Histogram(f"gcs_tick_{what}_seconds", what, buckets=(0.01, 0.1), registry=None)
+    for what in ("duration", "lateness")
+)
+for seconds in (0.005, 0.005, 0.01, 0.05, 0.1, 0.33):
+    HISTOGRAMS[0].observe(seconds)
+    HISTOGRAMS[1].observe(0.001)
+
 
 EVENT = {
     VehicleAction.HOLD: Event.HOLD,
@@ -363,8 +371,7 @@ class FakeService:
                 duration_p50_ms=float("nan"),
                 duration_p99_ms=float("nan"),
                 lateness_p99_ms=float("nan"),
-                durations=Histogram((0.01, 0.1), (3, 2, 1), 0.5),
-                latenesses=Histogram((0.01, 0.1), (6, 0, 0), 0.01),
+                histograms=HISTOGRAMS,
             ),
             control_alive=self.control_alive,
             setpoints_sent=self.ticks * len(self.phases),

@@ -8,7 +8,6 @@ from gcs.control import ControlSettings
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Landed, Mode, Setpoints
-from gcs.recording.replay.service import NOTHING_COUNTED
 from gcs.recording.sample import Colours, Sample
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
@@ -77,7 +76,7 @@ def sample(
         center_velocity_m_s=(1.0, 0.0, 0.0),
         radius_m=10.0,
         minimum_separation_m=9.5,
-        timing=TickView(20.0, 7, 0, 1.0, 2.0, 3.0, NOTHING_COUNTED, NOTHING_COUNTED),
+        timing=TickView(20.0, 7, 0, 1.0, 2.0, 3.0),
         control_alive=True,
         setpoints_sent=42,
         alarms=(FULL,),

@@ -25,7 +25,6 @@ from gcs.service import (
     CheckState,
     CommandRecord,
     FleetView,
-    Histogram,
     Latest,
     NoAudit,
     Playback,
@@ -53,8 +52,6 @@ DUE_S: Final = 1e-3
 PASSED: Final = 100
 """After this many skipped states other tasks of the loop may run."""
 
-NOTHING_COUNTED: Final = Histogram((), (0,), 0.0)
-"""Counts for metrics are not recorded."""
 
 REPORT_WITHIN_S: Final = 1800.0
 
@@ -340,7 +337,7 @@ class Replay:
             radius_m=tick["radius_m"],
             target_m=(tick["target_m"][0], tick["target_m"][1]),
             minimum_separation_m=tick["minimum_separation_m"],
-            tick=TickView(**timing, durations=NOTHING_COUNTED, latenesses=NOTHING_COUNTED),
+            tick=TickView(**timing),
             control_alive=tick["control_alive"],
             setpoints_sent=tick["setpoints_sent"],
             interventions=0,
