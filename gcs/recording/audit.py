@@ -180,12 +180,12 @@ class Audit:
 
     def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:
         """Record the vehicles' addresses if they are new."""
-        news = [(name, at) for name, at in addresses.items() if self._addresses.get(name) != at]
+        changed = [(name, at) for name, at in addresses.items() if self._addresses.get(name) != at]
         nothing = (None,) * 7
-        for name, at in news:
+        for name, at in changed:
             known = (*self._vehicles[name], at.host, at.port)
             self._put(_VEHICLE, name, self._session, time.time(), *known, *nothing)
-        self._addresses.update(news)
+        self._addresses.update(changed)
 
     def _put(self, sql: str, *values: Value) -> None:
         self._journal.put([Row(sql, values)])

@@ -245,11 +245,11 @@ class _Newest:
 
     def __init__(self) -> None:
         self._topics = dict(layout.TOPICS)
-        self._stated: dict[str, bytes] = {}
+        self._messages: dict[str, bytes] = {}
 
     def forget(self) -> None:
         """Discard the state before a gap: it is not valid after it."""
-        self._stated.clear()
+        self._messages.clear()
 
     def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Sample]:
         """Yield the complete ticks of a chunk."""
@@ -258,9 +258,9 @@ class _Newest:
                 self._topics[record.id] = record.topic
             elif isinstance(record, Message):
                 topic = self._topics.get(record.channel_id, "")
-                self._stated[topic] = record.data
-                if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= self._stated.keys():
-                    vehicles, status = self._stated["/fleet/vehicles"], self._stated["/fleet/status"]
+                self._messages[topic] = record.data
+                if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= self._messages.keys():
+                    vehicles, status = self._messages["/fleet/vehicles"], self._messages["/fleet/status"]
                     yield Sample(record.log_time * 1e-9, vehicles, record.data, status)
 
 

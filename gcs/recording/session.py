@@ -108,11 +108,11 @@ class _LogHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Record one log message. On any thread."""
-        stated, name = details(record), vehicle_of(record)
+        fields, name = details(record), vehicle_of(record)
         level, event = record.levelname.lower(), record.getMessage()
-        self._audit.event(record.created, level, event, name, stated)
+        self._audit.event(record.created, level, event, name, fields)
         if self._flight is not None:
-            reported = " ".join(f"{key}={plain(value)}" for key, value in stated.items())
+            reported = " ".join(f"{key}={plain(value)}" for key, value in fields.items())
             self._flight.add(LogLine(record.created, level, event, f"{name or ''} {reported}".strip()))
 
 

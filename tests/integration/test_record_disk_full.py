@@ -1,4 +1,4 @@
-"""The disk is full, really: what was kept is whole, the operator is told, and it goes on once it can."""
+"""A full disk: what was recorded is whole, the operator is notified, and recording resumes with room."""
 
 import asyncio
 import multiprocessing
@@ -11,51 +11,28 @@ from pathlib import Path
 import numpy as np
 
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Formation, Plan
-from gcs.model.state import FleetState, Landed, Mode, Setpoints
+from gcs.model.state import Mode
 from gcs.recording.audit_reader import commands, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
-from gcs.service import TickView
 from gcs.service.commands import CommandLog
+from tests.support import record_samples
 
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 101)}
 ROOM_BYTES = 150_000
-PLAN = Plan(Formation(10.0, 20.0))
 
 
 def sample(tick: int) -> Sample:
-    n, noise = len(VEHICLES), np.random.default_rng(tick)
-    here_m, still = noise.normal(size=(n, 3)), np.zeros((n, 3))
-    return Sample(
-        unix_time_s=1.7e9 + tick / 20,
-        fleet=FleetState(tick / 20, tuple(VEHICLES), here_m, still, np.zeros(n), np.zeros(n)),
-        setpoints=Setpoints(tick / 20, (), np.zeros((0, 3)), np.zeros(0)),
-        uncertainty_m=np.zeros(n),
-        heartbeat_age_s=np.zeros(n),
-        battery_remaining=np.ones(n),
+    n = len(VEHICLES)
+    return record_samples.sample(
+        n,
+        time_s=tick / 20,
+        position_m=np.random.default_rng(tick).normal(size=(n, 3)),
         phases=(Phase.STANDBY,) * n,
-        reasons=("on the ground",) * n,
         modes=(Mode.HOLD,) * n,
         armed=(False,) * n,
-        landed=(Landed.ON_GROUND,) * n,
-        ready=(True,) * n,
-        homes=(None,) * n,
-        limited_by={},
         show=ShowPhase.IDLE,
-        reason="",
-        plan=PLAN,
-        selected=None,
-        start_unix_time_s=None,
-        center_m=None,
-        center_velocity_m_s=None,
-        radius_m=None,
-        minimum_separation_m=None,
-        timing=TickView(20.0, tick, 0, 0.0, 0.0, 0.0),
-        control_alive=True,
-        setpoints_sent=0,
-        alarms=(),
     )
 
 

@@ -1,4 +1,4 @@
-"""The service's process is killed at any moment: what anybody was told of is in the record."""
+"""The service's process is killed at any moment: every acknowledged command is in the record."""
 
 import asyncio
 import multiprocessing
@@ -18,7 +18,7 @@ VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 21)}
 
 
 def command_for_ever(root: Path, reported: Connection) -> None:
-    """Accept commands as fast as the disk takes them, four at a time, and report each once it is kept."""
+    """Accept commands as fast as the disk takes them, four at a time; send the kept ones."""
 
     async def commands_of_one(record: Record, book: CommandLog) -> None:
         while True:
@@ -55,7 +55,7 @@ def test_no_acknowledged_command_is_missing_after_kill_9(tmp_path: Path) -> None
         while receiver.poll():
             try:
                 acknowledged.add(receiver.recv())
-            except (EOFError, OSError):  # killed while it told
+            except (EOFError, OSError):  # killed while it sent
                 break
     kept = {(command.session, command.id): command for command in commands(tmp_path)}
     assert len({session for session, _ in acknowledged}) == KILLS

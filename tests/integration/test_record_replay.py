@@ -3,6 +3,7 @@
 import asyncio
 import json
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ from gcs.cli.main import main
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.model.errors import InvalidError, RefusedError
-from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.lifecycle import Phase
 from gcs.model.plan import Formation, Obstacle, Plan
-from gcs.model.state import FleetState, Landed, Mode, Setpoints
+from gcs.model.state import Mode
 from gcs.recording import mcap_layout as layout
 from gcs.recording.audit import Audit
 from gcs.recording.audit_database import Journal
@@ -27,6 +28,7 @@ from gcs.recording.mcap_writer import FlightFile
 from gcs.recording.sample import Sample
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
+from tests.support import record_samples
 from tests.support.replays import replay
 
 SECONDS, SPEED = 20.0, 10.0
@@ -48,35 +50,24 @@ LOST = Alarm(
 
 
 def sample(at_s: float) -> Sample:
-    place_m = np.array([[at_s, 0.0, -20.0], [0.0, 10.0, -20.0]])
-    ids = ("d1", "d2")
-    return Sample(
-        unix_time_s=1.7e9 + at_s,
-        fleet=FleetState(500.0 + at_s, ids, place_m, np.zeros((2, 3)), np.zeros(2), np.full(2, 0.1)),
-        setpoints=Setpoints(500.0 + at_s, ("d1",), np.array([[1.0, 0.0, 0.0]]), np.zeros(1)),
-        uncertainty_m=np.full(2, 0.35),
-        heartbeat_age_s=np.full(2, 0.4),
-        battery_remaining=np.array([0.8, np.nan]),
+    made = record_samples.sample(
+        time_s=500.0 + at_s,
+        position_m=np.array([[at_s, 0.0, -20.0], [0.0, 10.0, -20.0]]),
         phases=(Phase.FORMATION, Phase.LOST),
         reasons=("flies", "silent for 2.1 s in the air"),
         modes=(Mode.OFFBOARD, Mode.HOLD),
-        armed=(True, True),
-        landed=(Landed.IN_AIR, Landed.IN_AIR),
-        ready=(True, False),
-        homes=(None, None),
-        limited_by={"d1": "limits"},
-        show=ShowPhase.RUNNING,
-        reason="the sphere stands",
         plan=Plan(Formation(10.0, 20.0), obstacles=(BOX,)),
         selected=SelectedShow("small", "ab" * 32, "walk", ("stand", "walk"), at_s, 42.0, True, False),
+    )
+    return replace(
+        made,
+        unix_time_s=1.7e9 + at_s,
+        battery_remaining=np.array([0.8, np.nan]),
+        ready=(True, False),
+        limited_by={"d1": "limits"},
         start_unix_time_s=1.7e9 + 60.0,
-        center_m=(0.0, 0.0, -20.0),
-        center_velocity_m_s=(0.0, 0.0, 0.0),
-        radius_m=10.0,
         minimum_separation_m=9.0,
         timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0),
-        control_alive=True,
-        setpoints_sent=7,
         alarms=(LOST,),
     )
 

@@ -5,6 +5,7 @@ import random
 import socket
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
@@ -77,3 +78,11 @@ class Witness:
             if now_s - before_s > STALL_S:
                 self._stalls_s.append((before_s, now_s))
             before_s = now_s
+
+
+def soon(holds: Callable[[], bool]) -> None:
+    """Wait until something holds, as long as a slow machine may need."""
+    end_s = time.monotonic() + 120.0
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)

@@ -1,14 +1,14 @@
 """The disk never blocks a caller: a disk that hangs, fails for a while, or a defect in the writer."""
 
 import asyncio
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from threading import Event
 
 import pytest
 
 from gcs.links.disk_writer import DiskWriter
+from tests.support.machine import soon
 
 
 class Disk(DiskWriter[int]):
@@ -32,13 +32,6 @@ class Disk(DiskWriter[int]):
 
     def _end(self) -> None:
         pass
-
-
-def soon(holds: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 120.0
-    while not holds():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 def test_a_disk_that_hangs_blocks_neither_put_nor_close(monkeypatch: pytest.MonkeyPatch) -> None:

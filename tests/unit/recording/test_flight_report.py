@@ -1,4 +1,4 @@
-"""A flight judged: what was broken is found, named and timed; what is no record is refused."""
+"""The flight report: violations are found with vehicle and time, files that are no record are refused."""
 
 import json
 import os

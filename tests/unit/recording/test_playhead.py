@@ -1,4 +1,4 @@
-"""Where in a record a replay is."""
+"""The playhead: the time in the record that a replay shows."""
 
 from math import inf, nan
 

@@ -1,4 +1,4 @@
-"""What the audit tells of a session that is replayed."""
+"""Events of a replayed session, read from the audit."""
 
 from pathlib import Path
 

@@ -4,7 +4,6 @@ import json
 import os
 import random
 import time
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -22,16 +21,10 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
+from tests.support.machine import soon
 from tests.support.record_samples import sample
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
-
-
-def soon(holds: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 120.0
-    while not holds():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 def flight(folder: Path, samples: list[Sample]) -> Path:
@@ -124,8 +117,8 @@ def test_events_are_in_the_log_of_the_file(tmp_path: Path) -> None:
 
 
 def test_unknown_value_is_null(tmp_path: Path) -> None:
-    unheard = sample(position_m=np.full((2, 3), np.nan))
-    (tick,) = FlightData(flight(tmp_path, [replace(unheard, minimum_separation_m=None)])).ticks()
+    unknown = sample(position_m=np.full((2, 3), np.nan))
+    (tick,) = FlightData(flight(tmp_path, [replace(unknown, minimum_separation_m=None)])).ticks()
     assert np.isnan(layout.positions_m(tick.vehicles)).all()
     assert tick.tick["minimum_separation_m"] is None
 
@@ -214,7 +207,7 @@ def test_failing_disk_is_reported_and_a_new_file_follows(
 
 
 def test_frames_beyond_the_disk_rate_are_counted_and_dropped(tmp_path: Path) -> None:
-    file = FlightFile(tmp_path, ABOUT)  # nothing writes yet: a disk that hangs
+    file = FlightFile(tmp_path, ABOUT)  # not opened: a disk that hangs
     for _ in range(WAITING_MAX + 100):
         file.add(sample())
     assert file.dropped == 100
@@ -245,7 +238,7 @@ def test_work_per_tick_grows_linearly_with_the_fleet() -> None:
 
 
 def test_producer_faster_than_the_writer_is_delayed(tmp_path: Path) -> None:
-    record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # nothing writes yet
+    record = Record(tmp_path, "{}", {"d1": (1, "radio"), "d2": (2, "radio")})  # not entered
     for _ in range(WAITING_MAX // 2):
         assert record.has_room
         record.note(sample(), [])

@@ -1,10 +1,9 @@
-"""The audit: what was noted is read back, what is not ours is refused, a bad disk is told of."""
+"""The audit: rows are read back, files of others are refused, a failing disk is reported."""
 
 import asyncio
 import logging
 import sqlite3
 import time
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from gcs.recording.audit_reader import AUDIT, calls, commands, events, exclusion
 from gcs.recording.session import Record
 from gcs.service import CALLER, Call, Outcome, SelectedShow
 from gcs.service.commands import CommandLog
+from tests.support.machine import soon
 from tests.support.record_samples import PLAN, sample
 
 VEHICLES = {"d1": (1, "radio"), "d2": (2, "radio")}
@@ -30,17 +30,10 @@ CONFIG = '{"show_frame": {}}'
 
 
 class Places:
-    """As much of a link as is asked for addresses."""
+    """The addresses of a link."""
 
     def __init__(self, **addresses: Address) -> None:
         self.addresses = addresses
-
-
-def soon(holds: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 120.0
-    while not holds():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 def test_command_is_read_back_with_operator_and_outcomes(tmp_path: Path) -> None:
@@ -124,10 +117,10 @@ def test_session_without_telemetry_keeps_the_previous_one(tmp_path: Path) -> Non
     with Record(tmp_path, CONFIG, VEHICLES) as first:
         first.note(sample(homes=[home_m, None]), [places])  # type: ignore[list-item]
     with Record(tmp_path, CONFIG, VEHICLES) as second:
-        unheard = sample(
+        unknown = sample(
             phases=[Phase.OFFLINE] * 2, modes=[Mode.UNKNOWN] * 2, armed=[False] * 2, show=ShowPhase.IDLE
         )
-        second.note(unheard, [Places()])  # type: ignore[list-item]
+        second.note(unknown, [Places()])  # type: ignore[list-item]
     known = last_known(tmp_path)
     assert known.session is not None
     assert known.session.id == second.session != first.session
@@ -142,7 +135,7 @@ def test_unchanged_state_writes_nothing(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         for tick in range(100):
             record.note(sample(time_s=100.0 + tick / 20), [])
-    assert len(events(tmp_path)) == 2  # the modes as first heard
+    assert len(events(tmp_path)) == 2  # the modes as first received
     assert PLAN.formation.radius_m == last_known(tmp_path).show.plan["formation"]["radius_m"]  # type: ignore[union-attr]
 
 
