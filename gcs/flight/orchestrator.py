@@ -33,7 +33,7 @@ from gcs.planning.return_paths import warm_up as warm_up_paths
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit
 from gcs.service.commands import CommandLog
-from gcs.service.event_log import EventLog, received
+from gcs.service.event_log import EventLog, attached
 from gcs.shows.library import ShowLibrary
 
 
@@ -126,7 +126,7 @@ class Orchestrator:
     async def run(self) -> None:
         """Fly until cancelled."""
         try:
-            with received(self.events):
+            with attached(self.events):
                 async with self._group as group:
                     self.recovery.log_found()
                     for link in self._flight.links:

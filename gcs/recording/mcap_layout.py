@@ -7,7 +7,7 @@ cost as little as ten. The rest has this project's schemas (`gcs.Tick`, `gcs.Sta
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from math import isfinite
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.lifecycle import Phase
-from gcs.model.state import Array, Mask, Mode
+from gcs.model.state import Mask, Mode
 from gcs.recording.sample import Sample
 
 VERSION: Final = 2
@@ -35,10 +35,11 @@ MODES: Final = tuple(Mode)
 _PHASE_NUMBER: Final = {phase: number for number, phase in enumerate(PHASES)}
 _MODE_NUMBER: Final = {mode: number for number, mode in enumerate(MODES)}
 
+POSITION: Final = ("x", "y", "z")  # show frame, m
+VELOCITY: Final = ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")
+SETPOINT: Final = ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")  # NaN: none
 _FIRST: Final[list[tuple[str, str]]] = [
-    *((name, "<f4") for name in ("x", "y", "z")),  # show frame, m
-    *((name, "<f4") for name in ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")),
-    *((name, "<f4") for name in ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")),  # NaN: none
+    *((name, "<f4") for name in (*POSITION, *VELOCITY, *SETPOINT)),
     ("yaw_rad", "<f4"),  # from the show's x axis
     ("position_age_s", "<f4"),
     ("position_uncertainty_m", "<f4"),
@@ -368,21 +369,9 @@ def as_json(value: Any) -> bytes:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()
 
 
-def positions_m(table: NDArray[np.void]) -> Array:
-    """(n, 3) Positions of VEHICLE rows, show frame."""
-    return np.stack([table["x"], table["y"], table["z"]], axis=-1).astype(np.float64)
-
-
-def velocities_m_s(table: NDArray[np.void]) -> Array:
-    """(n, 3) Velocities of VEHICLE rows, show frame."""
-    names = ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")
-    return np.stack([table[name] for name in names], axis=-1).astype(np.float64)
-
-
-def setpoints_m_s(table: NDArray[np.void]) -> Array:
-    """(n, 3) Setpoints, NaN where none was sent."""
-    names = ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")
-    return np.stack([table[name] for name in names], axis=-1).astype(np.float64)
+def vectors(table: NDArray[np.void], names: Sequence[str]) -> NDArray[np.float32]:
+    """(..., 3) POSITION, VELOCITY or SETPOINT of VEHICLE rows (...)."""
+    return np.stack([table[name] for name in names], axis=-1)
 
 
 def lights(table: NDArray[np.void]) -> tuple[NDArray[np.uint8], Mask]:

@@ -18,7 +18,7 @@ from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
-from gcs.service.event_log import details, received, vehicle_of
+from gcs.service.event_log import attached, details, vehicle_of
 from gcs.service.event_texts import plain
 
 WHEREABOUTS_S: Final = 1.0
@@ -55,8 +55,8 @@ class Record:
         self.audit = Audit(self._journal, self.session, vehicles)
         about = layout.about(self.session, config_json, vehicles)
         self._flight = FlightFile(self.folder, about) if flight else None
-        self._received = _LogHandler(self.audit, self._flight)
-        self._listening = ExitStack()
+        self._handler = _LogHandler(self.audit, self._flight)
+        self._attached = ExitStack()
         self._whereabouts_due_s = 0.0
 
     def __enter__(self) -> Self:
@@ -65,12 +65,12 @@ class Record:
         self.audit.begin(self.folder, self._config_json, self.found)
         if self._flight is not None:
             self._flight.open()
-        self._listening.enter_context(received(self._received))
+        self._attached.enter_context(attached(self._handler))
         return self
 
     def __exit__(self, *_error: object) -> None:
         """Write what is left, and record the end of the session. Blocks for some milliseconds."""
-        self._listening.close()
+        self._attached.close()
         if self._flight is not None:
             self._flight.close()
         self.audit.end()

@@ -14,6 +14,7 @@ from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Phase
 from gcs.model.state import Array, Landed, Mask, VehicleId
+from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData, RecordedSample
 
 Single = NDArray[np.float32]
@@ -69,7 +70,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
     uncertainty_m = table["position_uncertainty_m"]
     flown = _among(data, table, FLOWN) & np.isfinite(table["setpoint_x_m_s"])
     widest_m = float(np.nanmax(uncertainty_m[airborne], initial=0.0))
-    position_m = _triples(table, "x", "y", "z")
+    position_m = layout.vectors(table, layout.POSITION)
     return _with_gaps(
         Trajectories(
             "estimated positions",
@@ -78,12 +79,12 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
             data.about.ids,
             time_s,
             position_m,
-            _triples(table, "velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s"),
+            layout.vectors(table, layout.VELOCITY),
             uncertainty_m,
             airborne,
             flown,
             flown & _among(data, table, {Phase.FORMATION}),
-            _triples(table, "setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s"),
+            layout.vectors(table, layout.SETPOINT),
             (),
             (
                 *_before(data, ticks[0], flies=bool(airborne[0].any())),
@@ -196,10 +197,6 @@ def _among(data: FlightData, table: NDArray[np.void], phases: frozenset[Phase] |
     numbers = [number for number, phase in enumerate(data.about.phases) if phase in phases]
     among: Mask = np.isin(table["phase"], numbers)
     return among
-
-
-def _triples(table: NDArray[np.void], *names: str) -> Single:
-    return np.stack([table[name] for name in names], axis=-1)
 
 
 def true(

@@ -72,7 +72,7 @@ class EventLog(logging.Handler):
 
 
 @contextmanager
-def received(handler: logging.Handler) -> Iterator[None]:
+def attached(handler: logging.Handler) -> Iterator[None]:
     """Attach a handler to the service's loggers at level INFO, until the block ends.
 
     The API's logger is left out: denied calls would displace the flight's own events.

@@ -99,7 +99,7 @@ def test_every_tick_is_recorded_with_its_estimates(flown: tuple[Path, Track]) ->
         for row, vehicle in enumerate(view.vehicles):
             if vehicle.position_m is not None:
                 np.testing.assert_allclose(
-                    layout.positions_m(tick.vehicles)[row], vehicle.position_m, atol=1e-4
+                    layout.vectors(tick.vehicles, layout.POSITION)[row], vehicle.position_m, atol=1e-4
                 )
             assert tick.vehicles["armed"][row] == vehicle.armed
             assert np.isfinite(tick.vehicles["setpoint_x_m_s"][row]) == (vehicle.setpoint_m_s is not None)

@@ -362,7 +362,7 @@ class Replay:
 
     def _rows(self, flown: RecordedSample) -> VehicleTable:
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
-        position_m = layout.positions_m(table)
+        position_m = layout.vectors(table, layout.POSITION).astype(np.float64)
         latitude_deg, longitude_deg, altitude_m = self.frame.geodetic(position_m)
         colour, lit = layout.lights(table)
         limited_by: dict[str, str] = flown.tick["limited_by"]
@@ -381,8 +381,8 @@ class Replay:
             landed=[Landed(number) for number in table["landed"].tolist()],
             ready=table["ready"].astype(np.bool_).tolist(),
             position_m=position_m,
-            velocity_m_s=layout.velocities_m_s(table),
-            setpoint_m_s=layout.setpoints_m_s(table),
+            velocity_m_s=layout.vectors(table, layout.VELOCITY).astype(np.float64),
+            setpoint_m_s=layout.vectors(table, layout.SETPOINT).astype(np.float64),
             yaw_rad=column("yaw_rad"),
             latitude_deg=latitude_deg,
             longitude_deg=longitude_deg,

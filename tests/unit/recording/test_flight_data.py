@@ -59,10 +59,12 @@ def test_every_tick_is_read_back_unchanged(tmp_path: Path) -> None:
     assert len(ticks) == len(samples)
     for tick, was in zip(ticks, samples, strict=True):
         assert tick.unix_s == pytest.approx(was.unix_time_s, abs=2e-6)
-        np.testing.assert_allclose(layout.positions_m(tick.vehicles), was.fleet.position_m, atol=1e-5)
-        np.testing.assert_allclose(layout.velocities_m_s(tick.vehicles), was.fleet.velocity_m_s)
-        np.testing.assert_allclose(layout.setpoints_m_s(tick.vehicles)[0], [1.0, 0.0, -0.5])
-        assert np.isnan(layout.setpoints_m_s(tick.vehicles)[1]).all()
+        np.testing.assert_allclose(
+            layout.vectors(tick.vehicles, layout.POSITION), was.fleet.position_m, atol=1e-5
+        )
+        np.testing.assert_allclose(layout.vectors(tick.vehicles, layout.VELOCITY), was.fleet.velocity_m_s)
+        np.testing.assert_allclose(layout.vectors(tick.vehicles, layout.SETPOINT)[0], [1.0, 0.0, -0.5])
+        assert np.isnan(layout.vectors(tick.vehicles, layout.SETPOINT)[1]).all()
         assert [data.about.phases[number] for number in tick.vehicles["phase"]] == list(was.phases)
         assert [data.about.modes[number] for number in tick.vehicles["mode"]] == [Mode.OFFBOARD] * 2
         assert tick.status["reasons"] == list(was.reasons)
@@ -119,7 +121,7 @@ def test_events_are_in_the_log_of_the_file(tmp_path: Path) -> None:
 def test_unknown_value_is_null(tmp_path: Path) -> None:
     unknown = sample(position_m=np.full((2, 3), np.nan))
     (tick,) = FlightData(flight(tmp_path, [replace(unknown, minimum_separation_m=None)])).ticks()
-    assert np.isnan(layout.positions_m(tick.vehicles)).all()
+    assert np.isnan(layout.vectors(tick.vehicles, layout.POSITION)).all()
     assert tick.tick["minimum_separation_m"] is None
 
 
@@ -233,7 +235,7 @@ def test_work_per_tick_grows_linearly_with_the_fleet() -> None:
     fleet = replace(one.fleet, ids=ids)
     reported = Setpoints(one.fleet.time_s, ids[::-1], desired_m_s, np.zeros(count))
     table = layout.packed(replace(one, fleet=fleet, setpoints=reported))
-    np.testing.assert_allclose(layout.setpoints_m_s(table), desired_m_s[::-1])
+    np.testing.assert_allclose(layout.vectors(table, layout.SETPOINT), desired_m_s[::-1])
     assert Name.looked_up < 10 * count
 
 

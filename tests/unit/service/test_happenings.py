@@ -2,7 +2,7 @@
 
 import logging
 
-from gcs.service.event_log import KEPT, EventLog, Severity, received
+from gcs.service.event_log import KEPT, EventLog, Severity, attached
 
 
 def test_newest_log_lines_are_kept_with_their_vehicles() -> None:
@@ -10,7 +10,7 @@ def test_newest_log_lines_are_kept_with_their_vehicles() -> None:
     log = logging.getLogger("gcs.flight.vehicle")
     logger = logging.getLogger("gcs")
     before = logger.level, list(logger.handlers)
-    with received(events):
+    with attached(events):
         stated = {"vehicle": "d1", "was": "hold", "phase": "formation", "reason": "offboard accepted"}
         log.info("vehicle_phase", extra=stated)
         logging.getLogger("gcs.api.auth.authorization").warning("access_denied")  # no event of the flight
@@ -26,7 +26,7 @@ def test_newest_log_lines_are_kept_with_their_vehicles() -> None:
 
 def test_event_log_is_limited_to_a_page() -> None:
     events = EventLog()
-    with received(events):
+    with attached(events):
         for number in range(KEPT + 7):
             logging.getLogger("gcs").info("vehicle_connected", extra={"vehicle": f"d{number}"})
     newest = events.newest()
