@@ -147,9 +147,9 @@ class TickInputs:
         """(n, 3) with `formed` (m, 3) in the rows in formation, and `others` in all other rows."""
         if len(self.rows) == len(self.formed):
             return formed
-        everybody = np.full((len(self.formed), 3), others)
-        everybody[self.rows] = formed
-        return everybody
+        all_rows = np.full((len(self.formed), 3), others)
+        all_rows[self.rows] = formed
+        return all_rows
 
     @staticmethod
     def of(

@@ -60,9 +60,9 @@ def due(
         if (rows := tuple(row for row, best in own.items() if best is request))
     ]
     shows = [request for request in fresh if request.whole_show]
-    everybody = _together(requests, grouped, standing, together_share)
-    if everybody is not None:
-        shows.append(everybody)
+    all_vehicles = _together(requests, grouped, standing, together_share)
+    if all_vehicles is not None:
+        shows.append(all_vehicles)
     able = [w for w in shows if w.severity > standing.show and w.action in standing.possible]
     chosen = max(able, key=lambda request: request.severity, default=None)
     if chosen is not None:  # what the show does is not commanded again for one vehicle

@@ -216,12 +216,12 @@ def correct_trim(
 @kernel
 def shared(formed: Mask, vector: Array) -> Array:
     """(n, 3) with the common vector (3,) in the rows in formation (n,), and 0 in the others."""
-    everybody = np.zeros((len(formed), 3))
+    vectors = np.zeros((len(formed), 3))
     for i in range(len(formed)):
         if formed[i]:
             for k in range(3):
-                everybody[i, k] = vector[k]
-    return everybody
+                vectors[i, k] = vector[k]
+    return vectors
 
 
 @kernel

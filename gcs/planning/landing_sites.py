@@ -184,18 +184,18 @@ def swept_segments_m(
     stops_m[:, 2] = min(float(last_m[2]), float(last_m[2] + drift_m[2]))
     lowest_z_m = max(0.0, float(last_m[2]))
     columns = [np.array([stop_m, (stop_m[0], stop_m[1], lowest_z_m)]) for stop_m in stops_m]
-    ways = [np.array([stops_m[0], stops_m[-1]])] if steps else []
+    paths = [np.array([stops_m[0], stops_m[-1]])] if steps else []
     if climbing_to_m is not None and home_m is not None and home_m[2] - last_m[2] < climbing_to_m:
         top_m = home_m - (0.0, 0.0, climbing_to_m + OVERSHOOT_M)
         columns.append(np.array([top_m, home_m]))
     if action != "return" or home_m is None:
-        return np.array([*columns, *ways])
+        return np.array([*columns, *paths])
     top_z_m = min(float(stops_m[0, 2]), float(home_m[2]) - return_height_m)
     above_home = np.array([home_m[0], home_m[1], top_z_m])
     for stop_m in stops_m:
         corner = np.array([stop_m[0], stop_m[1], top_z_m])
-        ways += [np.array([stop_m, corner]), np.array([corner, above_home])]
-    return np.array([*columns, *ways, np.array([above_home, home_m])])
+        paths += [np.array([stop_m, corner]), np.array([corner, above_home])]
+    return np.array([*columns, *paths, np.array([above_home, home_m])])
 
 
 TURNS = 200

@@ -114,8 +114,8 @@ def _places(
     found: Stand,
 ) -> None:
     """Compare each vehicle with its own place in the pattern as fitted."""
-    whose = {row: name for name, row in pattern.place_of.items()}
-    whose |= {int(row): name for name, row in zip(names, place, strict=True)}
+    owner_of = {row: name for name, row in pattern.place_of.items()}
+    owner_of |= {int(row): name for name, row in zip(names, place, strict=True)}
     lies_m = fitted.placed_m(pattern.places_m)
     most_m = inputs.settings.place_max_m
     for index, name in enumerate(names):
@@ -125,7 +125,7 @@ def _places(
             away_m = np.linalg.norm(lies_m - inputs.fleet.position_m[at[index], :2], axis=1)
             nearest = int(away_m.argmin())
             if away_m[nearest] <= most_m + inputs.uncertainty_m[at[index]] and nearest != place[index]:
-                owner = f"that of {whose[nearest]}" if nearest in whose else "another"
+                owner = f"that of {owner_of[nearest]}" if nearest in owner_of else "another"
                 problem += f", on {owner}"
         found.of[name].append(
             judged(

@@ -202,14 +202,14 @@ def _battery(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
         return Check("battery", State.UNKNOWN, finite(left), "of 1", "the show's need", problem, to_do)
     least = max(need, flat)
     level = "unknown" if isnan(left) else f"at {left:.0%}"
-    whose = " for this show" if need > flat else ""
+    show_note = " for this show" if need > flat else ""
     to_do = "charge it, or put in a full one" if least <= 1.0 else "choose a shorter show"
     return judged(
         "battery",
         left,
-        f"at least {least:.0%}{whose}",
+        f"at least {least:.0%}{show_note}",
         good=left >= least,
-        problem=f"battery {level}, at least {least:.0%} is needed{whose}",
+        problem=f"battery {level}, at least {least:.0%} is needed{show_note}",
         to_do=to_do,
         unit="of 1",
     )

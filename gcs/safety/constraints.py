@@ -42,8 +42,8 @@ class Constraints:
 
     @staticmethod
     def none() -> "Constraints":
-        nobody = np.zeros(0, dtype=np.intp)
-        return Constraints(nobody, nobody, np.zeros((0, 3)), np.zeros(0), ())
+        no_rows = np.zeros(0, dtype=np.intp)
+        return Constraints(no_rows, no_rows, np.zeros((0, 3)), np.zeros(0), ())
 
     @staticmethod
     def joined(*parts: "Constraints") -> "Constraints":

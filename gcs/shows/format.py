@@ -187,8 +187,8 @@ class Show(Settings):
     @cached_property
     def digest(self) -> str:
         """SHA-256, hexadecimal, of everything that is flown (docs/decisions/0011)."""
-        stated = self.model_dump(mode="json", exclude={"about"})
-        return sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
+        content = self.model_dump(mode="json", exclude={"about"})
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
     def pads_m(self) -> Array:

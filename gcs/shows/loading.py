@@ -163,13 +163,13 @@ def _limits(show: Show, control: ControlSettings) -> Iterator[Flaw]:
 
 def _take_off(show: Show, operation: OperationSettings) -> Iterator[Flaw]:
     for key in ("takeoff_height_m", "takeoff_stagger_s"):
-        asked, given = getattr(show.fleet, key), getattr(operation, key)
-        if asked != given:
-            text = f"fleet.{key} = {asked:g}: the service's operation.{key} is {given:g}"
+        required, configured = getattr(show.fleet, key), getattr(operation, key)
+        if required != configured:
+            text = f"fleet.{key} = {required:g}: the service's operation.{key} is {configured:g}"
             yield Flaw(("fleet", key), text)
 
 
 def _vehicles(show: Show, vehicles: int) -> Iterator[Flaw]:
-    asked = show.fleet.vehicles
-    if asked > vehicles:
-        yield Flaw(("fleet", "vehicles"), f"fleet.vehicles = {asked}: the service has {vehicles}")
+    required = show.fleet.vehicles
+    if required > vehicles:
+        yield Flaw(("fleet", "vehicles"), f"fleet.vehicles = {required}: the service has {vehicles}")

@@ -200,7 +200,7 @@ def _transitions(timeline: Timeline) -> list[Flaw]:
     acceleration = limits.formation_acceleration_max_m_s2
     found: dict[Loc, Flaw] = {}
 
-    def tell(loc: Loc, text: str) -> None:
+    def add(loc: Loc, text: str) -> None:
         found.setdefault(loc, Flaw(loc, text))
 
     kinds: tuple[tuple[str, tuple[Glide | Curve | Live, ...], str, float, float], ...] = (
@@ -213,22 +213,22 @@ def _transitions(timeline: Timeline) -> list[Flaw]:
     for key, legs, unit, rate, rate_change in kinds:
         for leg in legs:
             if isinstance(leg, Glide):
-                _slow_enough(tell, key, leg, unit, rate, rate_change)
+                _slow_enough(add, key, leg, unit, rate, rate_change)
         for before, leg in pairwise(legs):
             if before.to_s > leg.from_s + NEARLY:
                 cue = timeline.show.timeline[before.cue].cue
-                tell(
+                add(
                     ("timeline", leg.cue, key),
                     f"{key}: '{cue}' is on its way until {before.to_s:.1f} s, this begins at {leg.from_s:g} s"
                     f" of the show{_written(timeline, leg.cue, leg.from_s)}",
                 )
         last = legs[-1]
         if last.to_s > timeline.duration_s + NEARLY:
-            tell(
+            add(
                 ("timeline", last.cue, key),
                 f"{key} is on its way until {last.to_s:.1f} s, the show ends at {timeline.duration_s:g} s",
             )
-    _paths_begin(timeline, tell)
+    _paths_begin(timeline, add)
     return list(found.values())
 
 
@@ -239,7 +239,7 @@ def _written(timeline: Timeline, index: int, at_s: float) -> str:
 
 
 def _slow_enough(
-    tell: Callable[[Loc, str], None], key: str, glide: Glide, unit: str, rate: float, rate_change: float
+    add: Callable[[Loc, str], None], key: str, glide: Glide, unit: str, rate: float, rate_change: float
 ) -> None:
     size = float(np.linalg.norm(glide.after - glide.before)) if key == "target" else 0.0
     size = size or float(np.abs(glide.after - glide.before).max())
@@ -247,14 +247,14 @@ def _slow_enough(
         return
     needed_s, given_s = shortest_s(size, rate, rate_change), glide.to_s - glide.from_s
     if given_s < needed_s - NEARLY:
-        tell(
+        add(
             ("timeline", glide.cue, "over_s"),
             f"over_s = {given_s:g}: {key} changes by {size:.3g} {unit}, that takes at least {needed_s:.1f} s"
             f" at {rate:g} {unit}/s and {rate_change:g} {unit}/s^2",
         )
 
 
-def _paths_begin(timeline: Timeline, tell: Callable[[Loc, str], None]) -> None:
+def _paths_begin(timeline: Timeline, add: Callable[[Loc, str], None]) -> None:
     """Check that each path begins at the target's position then."""
     for before, leg in pairwise(timeline.legs):
         if isinstance(before, Live) or not isinstance(leg, Curve):
@@ -262,7 +262,7 @@ def _paths_begin(timeline: Timeline, tell: Callable[[Loc, str], None]) -> None:
         off_m = leg.value(leg.from_s) - before.value(leg.from_s)
         if hypot(*off_m.tolist()) > 0.05:
             there = "({:.1f}, {:.1f}) m".format(*before.value(leg.from_s).tolist())
-            tell(
+            add(
                 ("timeline", leg.cue, "target", "path", 0),
                 f"the path begins {hypot(*off_m.tolist()):.1f} m from the target, which is at {there} at"
                 f" {leg.from_s:g} s of the show{_written(timeline, leg.cue, leg.from_s)}",
@@ -280,24 +280,24 @@ def _moments(timeline: Timeline) -> list[Flaw]:
     for time_s in np.arange(0.0, timeline.duration_s + SAMPLED_S / 2, SAMPLED_S).tolist():
         one = timeline.cue_at(time_s)
         for key, text in _moment(timeline, time_s, control):
-            index = _asked_by(timeline, key, one, time_s)
+            index = _index_of(timeline, key, one, time_s)
             if (index, key) in found and key == "target":
                 continue  # a path is reported where the violation begins, a size or speed where it ends
             from_s = began_s.setdefault((index, key), time_s)
             cue = timeline.show.timeline[index]
-            loc = ("timeline", index, key) if _says(cue, key) else ("timeline", index)
+            loc = ("timeline", index, key) if _sets(cue, key) else ("timeline", index)
             found[index, key] = Flaw(loc, f"{text} (from {from_s:.1f} s of the show)")
     return list(found.values())
 
 
-def _says(cue: Cue, key: str) -> bool:
+def _sets(cue: Cue, key: str) -> bool:
     return getattr(cue, key) is not None
 
 
-def _asked_by(timeline: Timeline, key: str, one: Played, time_s: float) -> int:
+def _index_of(timeline: Timeline, key: str, one: Played, time_s: float) -> int:
     """Return the newest cue so far that sets `key`."""
-    stated = [other.index for other in timeline.played if other.at_s <= time_s and _says(other.cue, key)]
-    return stated[-1] if stated else one.index
+    setting = [other.index for other in timeline.played if other.at_s <= time_s and _sets(other.cue, key)]
+    return setting[-1] if setting else one.index
 
 
 def _moment(timeline: Timeline, time_s: float, control: ControlSettings) -> Iterator[tuple[str, str]]:

@@ -164,11 +164,11 @@ def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: floa
 
 
 def _keep(record: Record, time_s: float, formation: VirtualFormation, course: Course) -> None:
-    everyone = np.ones(record.count, dtype=bool)
+    all_rows = np.ones(record.count, dtype=bool)
     record.time_s.append(time_s)
     record.position_m.append(formation.position_m.astype(np.float32))
-    record.formed.append(everyone)
-    record.in_air.append(everyone)
+    record.formed.append(all_rows)
+    record.in_air.append(all_rows)
     record.center_m.append(formation.center.position_m)
     record.radius_m.append(course.flight.parameters.radius_m)
     record.target_m.append(course.target_m(time_s))

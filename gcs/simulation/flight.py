@@ -90,7 +90,7 @@ class SimulatedFlight:
         return spread
 
     def _tick(self) -> None:
-        fleet = self.world.hear()
+        fleet = self.world.receive()
         tasks = Tasks(
             self.task.copy(),
             self.goal_m.copy(),
@@ -106,7 +106,7 @@ class SimulatedFlight:
         took_s = time.thread_time() - began_s
         self.memory = decided.memory
         self._keep(decided, took_s)
-        self.world.say(decided.setpoints)
+        self.world.send(decided.setpoints)
         seen_m = self.world.advance()
         self.record.closest_m.append(min(self._closest_m(position_m) for position_m in seen_m))
 
@@ -200,9 +200,9 @@ class FormationRun(SimulatedFlight):
     def __init__(self, scenario: Scenario, flight: FormationFlight, count: int, seed: int) -> None:
         self.flight = flight
         self._random = np.random.default_rng([seed, 1])
-        everyone = count + flight.join
-        start_m = layout.formation_start_m(flight, everyone, self._random)
-        radius_m = flight.radius_m or layout.assembly_radius_m(everyone)
+        total = count + flight.join
+        start_m = layout.formation_start_m(flight, total, self._random)
+        radius_m = flight.radius_m or layout.assembly_radius_m(total)
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         orbit = Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction)
         self._boxes = _boxes_of(flight)
@@ -215,16 +215,16 @@ class FormationRun(SimulatedFlight):
             self._target_m = np.array(drawn.target_m)
             start_m = start_m + np.array([drawn.orbit_radius_m, 0.0, 0.0])
         plan = Plan(Formation(radius_m, height_m), orbit)
-        super().__init__(scenario, start_m, np.full((everyone, 3), np.nan), plan, seed)
+        super().__init__(scenario, start_m, np.full((total, 3), np.nan), plan, seed)
         if flight.pads == "shuffled":
-            grid_m = layout.grid_m(everyone, flight.spacing_m, 0.0)
-            self.pads_m = grid_m[self._random.permutation(everyone)]
+            grid_m = layout.grid_m(total, flight.spacing_m, 0.0)
+            self.pads_m = grid_m[self._random.permutation(total)]
         self.record.orbit_radius_m = orbit.radius_m
         self.task[:count] = Task.FORMATION
-        self._joining = np.arange(everyone) >= count
+        self._joining = np.arange(total) >= count
         self._changed = self._ended = False
         self._passing_s = 0.0
-        rows = np.arange(everyone)
+        rows = np.arange(total)
         charge = np.array(flight.charges)[rows % len(flight.charges)]
         self.record.charge = charge
         speeds_m_s = np.array(flight.speeds_m_s or (np.inf,))

@@ -205,7 +205,7 @@ class _Judge:
     def _home_s(self) -> float | None:
         in_air = np.array([rows.any() for rows in self._record.in_air])
         if in_air[-1] or self._flight.ended_s is None:
-            self._found.append(Flaw(("duration_s",), "not everybody has come home"))
+            self._found.append(Flaw(("duration_s",), "not all vehicles have come home"))
             return None
         return float(self._time_s[-1]) - self._ended_s
 
@@ -242,13 +242,13 @@ class _Judge:
 
     def _reached(self) -> None:
         """Check that every orbit and every resting target is reached before the next one begins."""
-        asked = [
+        requested = [
             (one, at)
             for one, at, _ in self._passages()
             if one.cue.orbit is not None or one.cue.target is not None
         ]
-        ends = [at for _, at in asked[1:]] + [self._loaded.timeline.duration_s]
-        for (one, at_s), to_s in zip(asked, ends, strict=True):
+        ends = [at for _, at in requested[1:]] + [self._loaded.timeline.duration_s]
+        for (one, at_s), to_s in zip(requested, ends, strict=True):
             off_m = [
                 self._off_m(tick, self._loaded.timeline.plan_at(float(self._time_s[tick]) - self._began_s))
                 for tick in self._ticks(at_s, to_s).tolist()
@@ -256,7 +256,7 @@ class _Judge:
             if off_m and min(off_m) > REACHED_M:
                 words = (
                     f"the formation never reaches its orbit or target: {off_m[-1]:.1f} m are left at"
-                    f" {to_s:g} s of the show, when the next is asked for"
+                    f" {to_s:g} s of the show, when the next begins"
                 )
                 self._found.append(Flaw(("timeline", one.index), words))
 

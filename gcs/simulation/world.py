@@ -120,7 +120,7 @@ class TrueWorld:
             self.bodies.velocity_m_s + self._error.velocity_m_s,
         )
 
-    def hear(self) -> FleetState:
+    def receive(self) -> FleetState:
         """Receive telemetry. Returns: the state, extrapolated from arrival with the reported velocity."""
         position_m, velocity_m_s = self.estimate()
         n, world = len(self.ids), self._world
@@ -138,7 +138,7 @@ class TrueWorld:
             age_s[self._gone], forward_m[self._gone] = np.inf, np.nan
         return FleetState(self.time_s, self.ids, forward_m, self._received_m_s.copy(), np.zeros(n), age_s)
 
-    def say(self, setpoints: Setpoints) -> None:
+    def send(self, setpoints: Setpoints) -> None:
         """Send setpoints; the world delays all and loses some."""
         n, world = len(self.ids), self._world
         sent_m_s = np.full((n, 3), np.nan)

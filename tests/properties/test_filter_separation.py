@@ -1,4 +1,4 @@
-"""What the filter may never do to a pair, whatever is asked for."""
+"""What the filter may never do to a pair, whatever is desired."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What no tick may do, whatever is asked for."""
+"""What no tick may do, whatever is desired."""
 
 from dataclasses import replace
 from math import radians

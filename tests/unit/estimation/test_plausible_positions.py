@@ -1,4 +1,4 @@
-"""Positions are believed only where a vehicle can be."""
+"""Positions are accepted only where a vehicle can be."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The table over many runs: medians, worst cases, who never did, what failed."""
+"""The table over many runs: medians, worst cases, runs that never did, what failed."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The flown law as a whole: each drone's way to its place, and what breaks symmetry."""
+"""The flown law as a whole: each vehicle's path to its slot, and what breaks symmetry."""
 
 import numpy as np
 import pytest

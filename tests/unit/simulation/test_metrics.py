@@ -1,4 +1,4 @@
-"""The judge: figures of flights whose figures are known beforehand."""
+"""Figures of flights whose figures are known beforehand."""
 
 from dataclasses import replace
 from math import sqrt
