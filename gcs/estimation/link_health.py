@@ -3,7 +3,7 @@
 Pure; times are given. Rows are as in FleetState.
 """
 
-from math import isfinite
+from math import inf, isfinite
 from typing import Final
 
 import numpy as np
@@ -131,6 +131,31 @@ ten heartbeats in a row are lost once in ten million.
 
 ARRIVES_S: Final = 1.0
 """An autopilot sends several messages a second: when the newest is older, none arrives."""
+
+
+def are_silent(
+    now_s: float,
+    life_s: Array,
+    beat_s: Array,
+    position_s: Array,
+    silence_s: float,
+    *,
+    judged_s: Array | float = inf,
+) -> Mask:
+    """(n,) Which vehicles are silent: a sign of life is older than `silence_s`, or has never arrived.
+
+    The only rule for it: phases, failsafes and alarms follow from this column.
+
+    Args:
+        now_s: of this tick.
+        life_s: (n,) arrival of any message from its autopilot, -inf before the first.
+        beat_s: (n,) arrival of its newest heartbeat, with the time by which the next may be late added.
+        position_s: (n,) arrival of its newest position.
+        silence_s: `operation.silence_s`; a sign of exactly this age is fresh.
+        judged_s: (n,) the longest silence that can be known: after a stall messages may not be read yet.
+    """
+    age_s = now_s - np.minimum(np.minimum(life_s, position_s), beat_s)
+    return np.asarray(~(np.minimum(age_s, judged_s) <= silence_s))
 
 
 def lacking(now_s: float, life_s: float, beat_s: float, position_s: float, silence_s: float) -> str:

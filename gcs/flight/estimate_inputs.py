@@ -58,8 +58,7 @@ class Estimating:
         flight = self._flight
         self._phases = [vehicle.phase for vehicle in flight.vehicles.values()]
         remaining = flight.in_rows([part.battery_remaining for part in flight.telemetry.parts])
-        beat_s = flight.in_rows([part.heartbeat_time_s for part in flight.telemetry.parts])
-        received = now_s - beat_s < flight.config.operation.silence_s
+        received = flight.has_heartbeat
         flying = self._in(IN_THE_AIR) & received
         self._history.note(remaining, flying, now_s)
         below = flight.config.failsafes.low_battery.below

@@ -106,7 +106,6 @@ class FailsafeMonitor:
         flight = self._flight
         fleet, parts = flight.fleet, flight.telemetry.parts
         position_s = flight.in_rows([part.position_time_s for part in parts])
-        life_s = flight.in_rows([part.life_time_s for part in parts])
         return Seen(
             fleet.time_s,
             fleet.position_m,
@@ -116,7 +115,7 @@ class FailsafeMonitor:
             flight.in_rows([part.horizontal_accuracy_m for part in parts]),
             flight.in_rows([part.vertical_accuracy_m for part in parts]),
             np.isinf(fleet.age_s) & (fleet.time_s - position_s <= flight.control.telemetry_age_max_s),
-            fleet.time_s - np.minimum(position_s, life_s) > flight.config.operation.silence_s,
+            flight.silent,
             flight.reset_time_s,
             flight.control.safety.fence,
             self._show_player.target_age_s,

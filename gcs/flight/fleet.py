@@ -153,10 +153,13 @@ class Fleet:
         self._seen_m = np.full((len(self.vehicles), 3), np.nan)  # last known positions
         self._seen_m_s = self._seen_m.copy()  # last known velocities
         looks_hz = config.tick_rate_hz
-        asked_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
-        self.link_quality = LinkQuality(np.array(asked_hz))
+        requested_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
+        self.link_quality = LinkQuality(np.array(requested_hz))
         self.link_delay = LinkDelay(len(self.vehicles))
         self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
+        # as judged by `telemetry_monitor` at the beginning of the tick, rows as in FleetState:
+        self.silent: Mask = np.ones(len(self.vehicles), dtype=np.bool_)  # see `gcs.estimation.link_health`
+        self.has_heartbeat: Mask = ~self.silent  # within `operation.silence_s`
         self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
         self._ticked = asyncio.Event()
@@ -268,7 +271,7 @@ class Fleet:
             in_failsafe=telemetry.in_failsafe[at],
             battery_remaining=float(telemetry.battery_remaining[at]),
             battery_critical_below=self.config.failsafes.low_battery.critical_below,
-            texts=[stated.text for stated in telemetry.texts[at] if now_s - stated.time_s <= TEXTS_COUNT_S],
+            texts=[text.text for text in telemetry.texts[at] if now_s - text.time_s <= TEXTS_COUNT_S],
             setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row, now_s),
             setpoint_loss_s=self.config.operation.setpoint_loss_s,
             setpoint_loss_action=self.config.operation.setpoint_loss_action,

@@ -40,7 +40,7 @@ class ParameterReader:
         for link in flight.links:
             link.watch_parameters(self._by_name.keys())
         self._reboot_count = np.full(n, -1)
-        self._silent: Mask = np.zeros(n, dtype=bool)
+        self._absent: Mask = np.zeros(n, dtype=bool)
         self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
         self._reading: Mask = np.zeros(n, dtype=bool)
         self._not_before_s = np.full(n, -np.inf)
@@ -51,14 +51,13 @@ class ParameterReader:
         if not flight.config.operation.require_parameters:
             return
         self._take_announced(received)
-        now_s, silence_s = flight.fleet.time_s, flight.config.operation.silence_s
+        now_s, absent = flight.fleet.time_s, ~flight.has_heartbeat
         reboot_count, armed = np.array(received.reboot_count), np.array(received.armed)
-        silent: Mask = ~(now_s - received.beat_s <= silence_s)
-        for row in np.flatnonzero((silent & ~self._silent) | (reboot_count != self._reboot_count)).tolist():
+        for row in np.flatnonzero((absent & ~self._absent) | (reboot_count != self._reboot_count)).tolist():
             self._forget(flight.at_row(row))
-        self._reboot_count, self._silent = reboot_count, silent
+        self._reboot_count, self._absent = reboot_count, absent
         self._due |= armed  # others may change parameters during a flight
-        waits = self._reading | armed | silent | (now_s < self._not_before_s)
+        waits = self._reading | armed | absent | (now_s < self._not_before_s)
         room = AT_ONCE_MAX - int(self._reading.sum())
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
             self._begin(flight.at_row(row))

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking
+from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, are_silent, lacking
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers
@@ -41,16 +41,11 @@ class TelemetryMonitor:
     def look(self) -> None:
         """Let the telemetry change phases, and end maneuvers that no longer apply; called once a tick."""
         flight = self._flight
-        silence_s = flight.config.operation.silence_s
         now_s, telemetry_of = flight.fleet.time_s, flight.newest()
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
-        age_s: Array = now_s - np.minimum(
-            np.minimum(telemetry_of.beat_s, telemetry_of.position_s), telemetry_of.life_s
-        )
-        flight.note_seen(np.asarray(age_s <= silence_s) & known)
-        fresh: Mask = np.asarray(np.minimum(age_s, now_s - self._resumed_s) <= silence_s)
+        fresh = self._judge(now_s, telemetry_of, known)
         self._forget_heartbeats(fresh)
         # All vehicles at once while nothing changes: single inspections of a thousand would be slow.
         vehicles = flight.vehicles.values()
@@ -59,35 +54,47 @@ class TelemetryMonitor:
         if fresh.all() and state == self._calm:
             return
         all_calm = True
-        rows = zip(
-            vehicles, fresh.tolist(), known.tolist(), telemetry_of.mode, telemetry_of.armed, strict=True
-        )
-        for vehicle, is_fresh, is_known, mode, armed in rows:
+        rows = zip(vehicles, fresh.tolist(), telemetry_of.mode, telemetry_of.armed, strict=True)
+        for vehicle, is_fresh, mode, armed in rows:
             if not (is_fresh and vehicle.is_calm(mode, armed=armed)):
                 all_calm = False
-                self._look_at(vehicle, telemetry_of, is_known=is_known)
+                self._look_at(vehicle, telemetry_of)
         self._calm = state if all_calm else None
 
     def inspect(self) -> None:
         """Start the parameter reads that are due; called once a tick, later than `look`."""
         self._parameter_reader.watch(self._flight.newest())
 
-    def _look_at(self, vehicle: Vehicle, telemetry_of: Columns, *, is_known: bool) -> None:
+    def _judge(self, now_s: float, telemetry_of: Columns, known: Mask) -> Mask:
+        """Judge which vehicles are silent, and keep the positions of the others.
+
+        Returns: (n,) which have sent every sign of life lately, a heartbeat as well.
+        """
+        flight, silence_s = self._flight, self._flight.config.operation.silence_s
+        phases = [vehicle.phase for vehicle in flight.vehicles.values()]
+        may_lack_s = np.array([_beats_may_lack_s(phase) for phase in phases])
+        absent = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
+        judged_s: Array = np.where(absent, np.inf, now_s - self._resumed_s)
+        arrivals = telemetry_of.life_s, telemetry_of.beat_s + may_lack_s, telemetry_of.position_s
+        flight.note_seen(~are_silent(now_s, *arrivals, silence_s) & known)  # even without a heartbeat
+        flight.silent = are_silent(now_s, *arrivals, silence_s, judged_s=judged_s)
+        beat_age_s = now_s - telemetry_of.beat_s
+        flight.has_heartbeat = np.asarray(beat_age_s <= silence_s)
+        return np.asarray(~flight.silent & (np.minimum(beat_age_s, judged_s) <= silence_s))
+
+    def _look_at(self, vehicle: Vehicle, telemetry_of: Columns) -> None:
         """Let the telemetry of one vehicle change its phase."""
         flight, row, now_s = self._flight, vehicle.row, self._flight.fleet.time_s
         silence_s = flight.config.operation.silence_s
+        silent, has_heartbeat = bool(flight.silent[row]), bool(flight.has_heartbeat[row])
         position_s, beat_s, life_s = (
             float(column[row])
             for column in (telemetry_of.position_s, telemetry_of.beat_s, telemetry_of.life_s)
         )
-        age_s = now_s - min(life_s, position_s, beat_s + _beats_may_lack_s(vehicle.phase))
-        if age_s <= silence_s and is_known:  # even without a heartbeat
-            flight.note_seen(row)
-        age_s = min(age_s, self._not_judged_s(vehicle.phase))
         lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
         in_failsafe = flight.inputs(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
         status = VehicleStatus(
-            age_s,
+            silent,
             telemetry_of.mode[row],
             telemetry_of.armed[row],
             telemetry_of.landed[row],
@@ -96,27 +103,23 @@ class TelemetryMonitor:
             partial(self._explained, vehicle),
         )
         lost_holds = flight.config.operation.setpoint_loss_action == "hold"
-        if vehicle.observe(status, silence_s, lost_holds=lost_holds):
+        if vehicle.observe(status, lost_holds=lost_holds):
             if vehicle.phase in {Phase.LOST, Phase.PILOT}:
                 self._maneuvers.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             return
         self._note_heartbeats(vehicle, lacks)
         if vehicle.phase is Phase.PILOT:
-            self._mind_failsafe(vehicle, beat_is_fresh=now_s - beat_s <= silence_s)
+            self._mind_failsafe(vehicle, beat_is_fresh=has_heartbeat)
         elif self._maneuvers.running(vehicle):
             return
-        elif vehicle.phase is Phase.OFFLINE and now_s - beat_s <= silence_s:
+        elif vehicle.phase is Phase.OFFLINE and has_heartbeat:
             vehicle.reason = "received, but it has no position yet"
-        elif vehicle.phase is Phase.LOST and age_s <= silence_s and status.mode is not Mode.LAND:
+        elif vehicle.phase is Phase.LOST and not silent and status.mode is not Mode.LAND:
             self._by_itself(vehicle, self._come_back)
         elif vehicle.phase is Phase.STANDBY and status.mode is Mode.OFFBOARD and not status.armed:
             self._by_itself(vehicle, self._maneuvers.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
-
-    def _not_judged_s(self, phase: Phase) -> float:
-        """Start of the time known after a stall: airborne vehicles cannot be judged silent for longer."""
-        return np.inf if phase in {Phase.OFFLINE, Phase.LOST} else self._flight.fleet.time_s - self._resumed_s
 
     def _explained(self, vehicle: Vehicle) -> Explanation:
         """Explain a mode that this station did not command."""

@@ -33,7 +33,7 @@ def _unexplained() -> Explanation:
 class VehicleStatus:
     """The reported status of one vehicle at one tick."""
 
-    age_s: float  # age of the oldest sign of life; a heartbeat may be missing for a while
+    silent: bool  # see `gcs.estimation.link_health`
     mode: Mode
     armed: bool
     landed: Landed
@@ -141,7 +141,7 @@ class Vehicle:
             return armed and mode in self.modes and mode is not Mode.HOLD
         return self.phase is Phase.STANDBY and not armed and mode is not Mode.OFFBOARD
 
-    def observe(self, status: VehicleStatus, silence_s: float, *, lost_holds: bool = True) -> bool:
+    def observe(self, status: VehicleStatus, *, lost_holds: bool = True) -> bool:
         """Let the telemetry change the phase. Returns: whether it did.
 
         A decision of a pilot or of the autopilot is never reverted here: a mode without a command ends
@@ -149,19 +149,16 @@ class Vehicle:
 
         Args:
             status: at this tick.
-            silence_s: without telemetry for longer, it is silent.
             lost_holds: whether its failsafe has it hold, so that HOLD after a silence needs no pilot.
         """
-        event = self._noticed(status, silence_s, lost_holds=lost_holds)
+        event = self._noticed(status, lost_holds=lost_holds)
         if event is None:
             return False
         self.apply(*event)
         return True
 
-    def _noticed(
-        self, status: VehicleStatus, silence_s: float, *, lost_holds: bool
-    ) -> tuple[Event, str] | None:
-        if not status.age_s <= silence_s:
+    def _noticed(self, status: VehicleStatus, *, lost_holds: bool) -> tuple[Event, str] | None:
+        if status.silent:
             return self._silent(status)
         if self.phase in AIRBORNE | {Phase.PILOT}:
             return self._received_in_flight(status)
@@ -181,7 +178,7 @@ class Vehicle:
 
     def _silent(self, status: VehicleStatus) -> tuple[Event, str] | None:
         if self.phase in AIRBORNE | {Phase.PILOT, Phase.STANDBY}:
-            return Event.SILENT, status.lacks or f"no telemetry for {status.age_s:.1f} s"
+            return Event.SILENT, status.lacks or "no telemetry"
         return None
 
     def _received_in_flight(self, status: VehicleStatus) -> tuple[Event, str] | None:

@@ -4,9 +4,12 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from gcs.estimation.link_health import BEATS_LACK_MAX_S
+from gcs.failsafe.policy import Cause
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
+from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.modes import Mode as PilotMode
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 
@@ -106,6 +109,28 @@ def test_long_without_heartbeats_it_is_lost_and_recovers() -> None:
     )
     assert phases == [Phase.FORMATION, Phase.LOST, Phase.HOLD, Phase.FORMATION]
     assert any(text.startswith("Vehicle d2 lost: ") for text in texts)
+
+
+async def lost_without_heartbeats(show: Show) -> tuple[float, float, float]:
+    """Age of the heartbeat when the vehicle is lost, and when its failsafe and its alarm follow."""
+    await show.start()
+    show.ports.beatless.add("d2")
+    await show.until(lambda: show.vehicle("d2").phase is Phase.LOST, 20.0)
+    age_s, lost_s = show.vehicle("d2").heartbeat_age_s or 0.0, show.now_s
+    await show.until(lambda: any(each.cause == Cause.VEHICLE_LOST for each in show.view.failsafes))
+    failsafe_s = show.now_s - lost_s
+    await show.until(lambda: any(each.cause is AlarmCause.VEHICLE_LOST for each in show.view.alarms))
+    return age_s, failsafe_s, show.now_s - lost_s
+
+
+def test_the_failsafe_sees_a_loss_in_the_tick_of_the_phase() -> None:
+    """Before: up to a second later where only heartbeats were missing."""
+    config = show_config(4, operation=HOLDS_WHEN_LOST)
+    age_s, failsafe_s, alarm_s = fly(lost_without_heartbeats, config)
+    limit_s = config.operation.silence_s + BEATS_LACK_MAX_S
+    assert limit_s < age_s < limit_s + 0.1
+    assert failsafe_s < 0.01
+    assert alarm_s < 0.3
 
 
 async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
