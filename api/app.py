@@ -55,7 +55,7 @@ def create_app(
         ground: the map that the console draws; None: only a grid.
     """
     authorization = authorization or Authorization()
-    app = routed(asks_for_tokens=authorization.asks_for_tokens)
+    app = routed(demands_tokens=authorization.demands_tokens)
     app.include_router(page.routes(console, None if ground is None else ground.origin))
     app.state.context = Context(service, authorization, ground)
     app.add_middleware(Methods, routes=lambda: app.routes)
@@ -66,13 +66,13 @@ def create_app(
     return app
 
 
-def routed(*, asks_for_tokens: bool = True) -> FastAPI:
+def routed(*, demands_tokens: bool = True) -> FastAPI:
     """Create an app with every route for its OpenAPI document, without a service: no route can be called.
 
     Args:
-        asks_for_tokens: whether the document demands a token for calls that need a right.
+        demands_tokens: whether the document demands a token for calls that need a right.
     """
-    app = DescribedApp(asks_for_tokens)
+    app = DescribedApp(demands_tokens)
     app.include_router(fleet.health)
     app.include_router(metrics.router)
     routers = (

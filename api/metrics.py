@@ -29,7 +29,7 @@ router = APIRouter()
 Row = Mapping[str, float | None]
 
 VEHICLE_GAUGES: Final = {
-    "gcs_vehicle_link_quality": "Share of the positions asked for that arrive, 0 to 1.",
+    "gcs_vehicle_link_quality": "Share of the requested positions that arrive, 0 to 1.",
     "gcs_vehicle_position_age_seconds": "Since the newest position arrived.",
     "gcs_vehicle_heartbeat_age_seconds": "Since the newest heartbeat arrived.",
     "gcs_vehicle_battery_ratio": "Battery remaining, 0 to 1.",
@@ -84,9 +84,9 @@ class FleetCollector:
         )
         yield _one_of("gcs_show_phase", "1 for the phase that the show is in.", ShowPhase, view.show)
         yield from _alarms(view, self.problem)
-        yield _counter("gcs_calls_denied", "Calls that were turned away.", self.denied)
-        yield _counter("gcs_calls_shed", "Those of them that were too many.", self.shed)
-        yield InfoMetricFamily("gcs_access", "Whether tokens are asked for.", {"access": self.access})
+        yield _counter("gcs_calls_denied", "Calls that were denied.", self.denied)
+        yield _counter("gcs_calls_shed", "Denied calls that exceeded the rate.", self.shed)
+        yield InfoMetricFamily("gcs_access", "Whether the service demands tokens.", {"access": self.access})
 
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:

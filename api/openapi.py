@@ -32,7 +32,7 @@ MEANING: Final = {
     409: "Proper, but not now; `detail` says why and what to do.",
     413: "The body is too large.",
     415: "The body is compressed (`Content-Encoding`), which is not accepted.",
-    429: "Too many calls; `Retry-After` says when to come again.",
+    429: "Too many calls; `Retry-After` says when to retry.",
     422: "Bad input; `problems` names each field, its value and what is allowed.",
     500: "A bug of this service.",
     503: "Control is not alive, or too many connections are open; `detail` says why.",
@@ -67,7 +67,7 @@ AlarmId = Annotated[str, Path(max_length=NAME_MAX)]
 class DescribedApp(FastAPI):
     """FastAPI whose OpenAPI document demands a token only where the service demands one."""
 
-    def __init__(self, asks_for_tokens: bool) -> None:
+    def __init__(self, demands_tokens: bool) -> None:
         super().__init__(
             title="Formation ground station",
             version="1",
@@ -79,7 +79,7 @@ class DescribedApp(FastAPI):
             generate_unique_id_function=lambda route: route.name,
             responses=errors(401, 403, 429, 500, 503),
         )
-        self._asks_for_tokens = asks_for_tokens
+        self._asks_for_tokens = demands_tokens
 
     def openapi(self) -> dict[str, Any]:
         """Return the OpenAPI document; it is made once."""

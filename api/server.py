@@ -216,8 +216,8 @@ class _Server(uvicorn.Server):
             request: Any = getattr(connection, "cycle", connection)  # WebSockets have none, and may be silent
             if request is connection or not (request is None or request.response_complete):
                 continue
-            asked, since_s = before.get(connection, (request, now_s))
-            if asked is not request:
+            last_request, since_s = before.get(connection, (request, now_s))
+            if last_request is not request:
                 since_s = now_s
             if now_s - since_s > patience_s:
                 connection.transport.abort()

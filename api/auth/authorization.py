@@ -166,7 +166,7 @@ class Authorization:
         self.shed = 0
 
     @property
-    def asks_for_tokens(self) -> bool:
+    def demands_tokens(self) -> bool:
         """Whether callers need a token."""
         return self._tokens is not None
 

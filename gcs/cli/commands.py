@@ -30,13 +30,13 @@ class Call(NamedTuple):
     """One call of the REST API: a method of `gcs.client.Client`, or of an object in one of its attributes.
 
     The method's parameters are the arguments. Keyword-only parameters become options, except those in
-    `asked`: they become positional. With `alone` the command has only the parameters in `asked`.
+    `positional`: they become positional. With `alone` the command has only the parameters in `positional`.
     """
 
     name: str
     method: str
     text: str
-    asked: tuple[str, ...] = ()
+    positional: tuple[str, ...] = ()
     alone: bool = False
 
 

@@ -165,7 +165,7 @@ class DemoScript:
             self._sleep(10.0)
             self._until("passing the tower", 60.0, partial(self._clear_of, box))
             self._say("past the tower; the target turns away from it, and they re-form")
-            self._turn_away(box)
+            self._move_target_away(box)
             self._sleep(TURN_S)
             return
         raise CommandError("no place for the obstacle was accepted")
@@ -178,7 +178,7 @@ class DemoScript:
         self.marks.target_to_m = (target.x_m or 0.0, target.y_m or 0.0)
 
     def _come_home(self) -> None:
-        self._stopped = False  # the return that Ctrl-C asked for begins here
+        self._stopped = False  # the return that Ctrl-C requested begins here
         if self._phase() in {"idle", "landed"}:
             return
         try:
@@ -237,7 +237,7 @@ class DemoScript:
             target_m = target_m + step_s * target_m_s
         return float(center_m[0]), float(center_m[1])
 
-    def _turn_away(self, box: Obstacle) -> None:
+    def _move_target_away(self, box: Obstacle) -> None:
         """Move the target straight away from the box, so that nothing disturbs the rest of the orbit."""
         target = self._client.target()
         x_m, y_m = target.x_m or 0.0, target.y_m or 0.0

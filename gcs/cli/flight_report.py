@@ -116,10 +116,10 @@ def summary(flight_report: FlightReport, source: str) -> str:
     lines += [f"note: {remark}" for remark in trajectories.remarks]
     for check in flight_report.checks:
         worst = "nothing to judge" if check.worst is None else f"{check.worst:g}"
-        who = f"{check.vehicle} at {check.at_s:g} s" if check.at_s is not None else check.vehicle
+        where = f"{check.vehicle} at {check.at_s:g} s" if check.at_s is not None else check.vehicle
         mark = {True: "kept  ", False: "BROKEN", None: "-     "}[check.kept]
         limit = f"limit {check.limit:g} {check.unit}{check.leeway}"
-        lines.append(f"  {mark}  {check.name:<36} {worst:>16}  {limit}  {who}".rstrip())
+        lines.append(f"  {mark}  {check.name:<36} {worst:>16}  {limit}  {where}".rstrip())
     lines.append(f"verdict: {flight_report.verdict}: {MEANING[flight_report.verdict]}")
     lines += [f"  not judged: {text}" for text in flight_report.missing]
     return "\n".join(lines)

@@ -128,8 +128,8 @@ async def inspect(
         *(_one(link_of[name], name, needed, apply=apply) for name in chosen if name in received)
     )
     silent = [name for name in chosen if name not in received] if named or not received else []
-    unheard = [Row(name, "-", None, "-", f"not received within {wait_s:g} s") for name in silent]
-    return [row for part in parts for row in part] + unheard
+    not_received = [Row(name, "-", None, "-", f"not received within {wait_s:g} s") for name in silent]
+    return [row for part in parts for row in part] + not_received
 
 
 async def _received(
@@ -182,13 +182,13 @@ async def _read(link: Link, vehicle_id: VehicleId, name: str) -> ParameterValue:
     return (await link.read_parameters(vehicle_id, (name,)))[name]
 
 
-async def _reached(ask: Callable[[], Awaitable[ParameterValue]]) -> ParameterValue:
-    """Return the answer; retry for `REACHED_S` while the link receives the vehicle but cannot ask it yet."""
+async def _reached(read: Callable[[], Awaitable[ParameterValue]]) -> ParameterValue:
+    """Return the answer; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet."""
     loop = asyncio.get_running_loop()
     until_s = loop.time() + REACHED_S
     while True:
         try:
-            return await ask()
+            return await read()
         except CommandError as error:
             if "never received" not in str(error) or loop.time() >= until_s:
                 raise

@@ -107,13 +107,13 @@ def _add_parameters(
     """Add arguments and options for the parameters of a method. Returns: their names."""
     parameters = [each for name, each in inspect.signature(method).parameters.items() if name != "self"]
     if call.alone:
-        parameters = [each for each in parameters if each.name in call.asked]
+        parameters = [each for each in parameters if each.name in call.positional]
     for parameter in parameters:
         kind, is_list = _kind(str(parameter.annotation))
         options: dict[str, Any] = {"type": kind}
         if is_list:
             parser.add_argument(parameter.name, nargs="*", metavar=parameter.name.upper(), **options)
-        elif parameter.kind is inspect.Parameter.KEYWORD_ONLY and parameter.name not in call.asked:
+        elif parameter.kind is inspect.Parameter.KEYWORD_ONLY and parameter.name not in call.positional:
             parser.add_argument(f"--{parameter.name.replace('_', '-')}", **options)
         else:
             parser.add_argument(parameter.name, metavar=parameter.name.upper(), **options)

@@ -63,9 +63,9 @@ def recorded_map(config: Mapping[str, Any], *, as_json: bool = False) -> GroundM
 
 async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Namespace) -> None:
     loop = asyncio.get_running_loop()
-    asked = asyncio.Event()
+    stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, asked.set)
+        loop.add_signal_handler(number, stop.set)
     service = Replay(data, arguments.speed, truths)
     listening: asyncio.Future[int] = loop.create_future()
     app = create_app(
@@ -76,7 +76,7 @@ async def _replay(data: FlightData, truths: list[Path], arguments: argparse.Name
     tasks = [
         asyncio.create_task(serve_api(app, arguments.host, arguments.port, listening=listening), name="api"),
         asyncio.create_task(service.run(), name="replay"),
-        asyncio.create_task(asked.wait(), name="asked"),
+        asyncio.create_task(stop.wait(), name="stop"),
     ]
     listening.add_done_callback(lambda port: _say(data, arguments, port))
     try:

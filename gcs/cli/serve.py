@@ -204,13 +204,13 @@ async def _keep_api(
 
 
 async def serve(config: Config, say: Say, notifier: Notifier) -> None:
-    """Run until asked to stop. The first Ctrl-C brings the fleet home; the second stops at once.
+    """Run until a signal requests a stop. The first Ctrl-C brings the fleet home; the second stops at once.
 
     Raises: GcsError when it cannot start.
     """
-    asked = asyncio.Semaphore(0)  # counts the requests to stop
+    stop_requests = asyncio.Semaphore(0)  # counts the requests to stop
     for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, asked.release)
+        asyncio.get_running_loop().add_signal_handler(number, stop_requests.release)
     async with running(config, notifier) as (orchestrator, port):
         notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
@@ -221,9 +221,9 @@ async def serve(config: Config, say: Say, notifier: Notifier) -> None:
         if config.access.tokens_file is None:
             off = "access is off: every user of this machine can fly; gcs token create makes tokens"
             say("access_off", off)
-        await asked.acquire()
+        await stop_requests.acquire()
         notifier.stopping()
-        if not _anybody_up(orchestrator.view.value):
+        if not _any_airborne(orchestrator.view.value):
             return
         try:
             orchestrator.commands.command_show(ShowAction.STOP)
@@ -234,7 +234,7 @@ async def serve(config: Config, say: Say, notifier: Notifier) -> None:
             "coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)",
         )
         landed = asyncio.create_task(_landed(orchestrator), name="landed")
-        again = asyncio.create_task(asked.acquire(), name="again")
+        again = asyncio.create_task(stop_requests.acquire(), name="again")
         await asyncio.wait((landed, again), return_when=asyncio.FIRST_COMPLETED)
         landed.cancel()
         again.cancel()
@@ -242,11 +242,11 @@ async def serve(config: Config, say: Say, notifier: Notifier) -> None:
 
 async def _landed(orchestrator: Orchestrator) -> None:
     async for view in orchestrator.view.values():
-        if not _anybody_up(view):
+        if not _any_airborne(view):
             return
 
 
-def _anybody_up(view: FleetView) -> bool:
+def _any_airborne(view: FleetView) -> bool:
     """Whether a vehicle that `stop` would bring home is airborne, or about to be."""
     if view.show in {ShowPhase.PREFLIGHT, ShowPhase.ARMING}:
         return True

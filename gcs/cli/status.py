@@ -334,11 +334,11 @@ def run_preflight(arguments: argparse.Namespace) -> int:
 def preflight_board(report: reports.Preflight, *, everything: bool) -> RenderableType:
     """Format the report: failed checks first, what was not checked, and every vehicle that does not fly."""
     table = Table(expand=True)
-    for name in ("whose", "check", "state", "measured", "limit", "what is wrong, and what to do"):
+    for name in ("vehicle", "check", "state", "measured", "limit", "what is wrong, and what to do"):
         table.add_column(name)
-    whose = [("fleet", check) for check in report.fleet]
-    whose += [(one.id, check) for one in report.vehicles if one.flies for check in one.checks]
-    for name, check in whose:
+    checks = [("fleet", check) for check in report.fleet]
+    checks += [(one.id, check) for one in report.vehicles if one.flies for check in one.checks]
+    for name, check in checks:
         if everything or check.state != PASS:
             table.add_row(
                 escape(name),
@@ -348,11 +348,11 @@ def preflight_board(report: reports.Preflight, *, everything: bool) -> Renderabl
                 escape(check.limit),
                 escape(". ".join(text for text in (check.problem, check.to_do) if text)),
             )
-    passed = sum(check.state == PASS for _, check in whose)
+    passed = sum(check.state == PASS for _, check in checks)
     of = "no show is selected" if report.show is None else f"show {report.show}"
     verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
-    head = f"{verdict}: {passed} of {len(whose)} checks pass; {escape(of)}"
+    head = f"{verdict}: {passed} of {len(checks)} checks pass; {escape(of)}"
     left = [f"not flying: {name}: {reason}" for name, reason in report.not_flying.items()]
-    unlooked = [f"not looked at: {text}" for text in report.not_checked]
-    lines = (Text(f"! {text}", style="yellow") for text in (*left, *unlooked))
+    unchecked = [f"not checked: {text}" for text in report.not_checked]
+    lines = (Text(f"! {text}", style="yellow") for text in (*left, *unchecked))
     return Group(head, *([table] if table.row_count else []), *lines)

@@ -74,7 +74,7 @@ class Supervisor:
         self._command = list(command)
         self._watchdog_s = watchdog_s
         self._waits_s = tuple(waits_s)
-        self._asked = 0  # number of requests to stop
+        self._stop_requests = 0  # number of requests to stop
         self._passed_on = 0
         self._selector = selectors.DefaultSelector()
 
@@ -99,31 +99,31 @@ class Supervisor:
             return self._keep(path, notify, wake_in)
 
     def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._asked += 1
+        self._stop_requests += 1
 
     def _keep(self, path: Path, notify: socket.socket, wake: int) -> int:
         failures = 0
         while True:
             child, was_ready = self._watched(path, notify, wake)
             code = child.returncode
-            if self._is_asked() or code == 0 or (not was_ready and failures == 0 and code in HOPELESS):
+            if self._must_stop() or code == 0 or (not was_ready and failures == 0 and code in HOPELESS):
                 _log("info" if code == 0 else "error", "service_ended", code=code, restarted=False)
                 return code if code >= 0 else 128 - code
             failures = 0 if was_ready else failures + 1
             wait_s = self._waits_s[min(failures, len(self._waits_s) - 1)]
             _log("error", "service_ended", code=code, restarted=True, wait_s=wait_s)
             self._pause(wait_s, notify, wake)
-            if self._is_asked():
+            if self._must_stop():
                 return 0
 
     def _pause(self, wait_s: float, notify: socket.socket, wake: int) -> None:
         """Wait until the next restart, or until asked to stop."""
         until_s = time.monotonic() + wait_s
-        while not self._is_asked() and (left_s := until_s - time.monotonic()) > 0:
+        while not self._must_stop() and (left_s := until_s - time.monotonic()) > 0:
             self._wait(left_s, notify, wake)
 
-    def _is_asked(self) -> bool:
-        return self._asked > 0  # a signal handler changes it
+    def _must_stop(self) -> bool:
+        return self._stop_requests > 0  # a signal handler changes it
 
     def _watched(self, path: Path, notify: socket.socket, wake: int) -> tuple[subprocess.Popen[bytes], bool]:
         """Start the service and wait for its end. Returns: its process, and whether it was ever ready."""
@@ -136,17 +136,17 @@ class Supervisor:
         _log("info", "service_started", pid=child.pid)
         is_ready, due_s, looked_s = False, time.monotonic() + START_S, time.monotonic()
         while child.poll() is None:
-            stated = self._wait(LOOK_S, notify, wake)
+            messages = self._wait(LOOK_S, notify, wake)
             now_s = time.monotonic()
-            if b"READY=1" in stated and not is_ready:
+            if b"READY=1" in messages and not is_ready:
                 is_ready = True
                 _log("info", "service_ready", pid=child.pid)
-            if is_ready and (stated & {b"READY=1", b"WATCHDOG=1"} or now_s - looked_s > STOOD_STILL_S):
+            if is_ready and (messages & {b"READY=1", b"WATCHDOG=1"} or now_s - looked_s > STOOD_STILL_S):
                 due_s = (
                     now_s + self._watchdog_s
                 )  # also if this process stood still: the service may have, too
             looked_s = now_s
-            while self._passed_on < self._asked:
+            while self._passed_on < self._stop_requests:
                 self._passed_on += 1
                 child.send_signal(signal.SIGTERM)
             if now_s > due_s:
@@ -167,8 +167,8 @@ class Supervisor:
         self._selector.select(timeout_s)
         with suppress(BlockingIOError):
             os.read(wake, 4096)
-        stated: set[bytes] = set()
+        messages: set[bytes] = set()
         with suppress(BlockingIOError):
             while True:
-                stated.update(notify.recv(4096).split(b"\n"))
-        return stated
+                messages.update(notify.recv(4096).split(b"\n"))
+        return messages

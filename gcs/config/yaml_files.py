@@ -157,10 +157,10 @@ class Source:
 
     def mapping(self, needed: str) -> dict[str, object]:
         """Return the content as a dict. Raises: FileError, with `needed`, when it is not a mapping."""
-        stated = self.value()
-        if not isinstance(stated, dict):
+        content = self.value()
+        if not isinstance(content, dict):
             raise FileError(self.file, [Problem(1, None, f"a mapping is needed, with {needed}")])
-        return stated
+        return content
 
     def line(self, *loc: str | int) -> int:
         """Return the line of the key or list entry at `loc`.

@@ -27,7 +27,7 @@ class Event(StrEnum):
     """What can happen to one vehicle."""
 
     CONNECTED = "connected"  # telemetry is fresh, on the ground
-    CONNECTED_IN_AIR = "heard in the air"
+    CONNECTED_IN_AIR = "received in the air"
     SILENT = "silent"
     TAKE_OFF = "take off"
     HOLD = "hold"

@@ -73,7 +73,7 @@ class PreflightReport:
 class Exclusion:
     """The exclusion of a vehicle from the show."""
 
-    by: str  # who excluded it: see `gcs.service.CALLER`
+    by: str  # the caller: see `gcs.service.CALLER`
     reason: str
     unix_time_s: float
 
@@ -89,17 +89,17 @@ def describe(found: Iterable[tuple[VehicleId | None, Check]]) -> str:
     """
     failed = [(vehicle_id, check) for vehicle_id, check in found if not check.passes]
     problems = _grouped((vehicle_id, check.problem) for vehicle_id, check in failed)
-    mends = _grouped((vehicle_id, check.to_do) for vehicle_id, check in failed if check.to_do)
-    return "; ".join([*problems, *mends])
+    remedies = _grouped((vehicle_id, check.to_do) for vehicle_id, check in failed if check.to_do)
+    return "; ".join([*problems, *remedies])
 
 
 def _grouped(lines: Iterable[tuple[VehicleId | None, str]]) -> list[str]:
-    whose: dict[str, list[VehicleId]] = {}
+    vehicles_of: dict[str, list[VehicleId]] = {}
     for vehicle_id, text in lines:
-        names = whose.setdefault(text, [])
+        names = vehicles_of.setdefault(text, [])
         if vehicle_id is not None and vehicle_id not in names:
             names.append(vehicle_id)
-    return [f"{joined(names)}: {text}" if names else text for text, names in whose.items()]
+    return [f"{joined(names)}: {text}" if names else text for text, names in vehicles_of.items()]
 
 
 def joined(names: Sequence[VehicleId]) -> str:

@@ -449,7 +449,7 @@ def test_preflight_prints_failures_and_sets_the_exit_code(
         assert "preflight is for the ground" in capsys.readouterr().err
     assert "ready to start: 4 of 4 checks pass" in good
     assert "battery" not in good
-    assert "not looked at: start pattern: there is none" in good
+    assert "not checked: start pattern: there is none" in good
     assert "not ready to start: 1 of 3 checks pass" in bad
     (line,) = (line for line in bad.splitlines() if "d1" in line)
     for words in ("battery", "fail", "0.20 of 1", "at least 25%", "battery at 20%"):
