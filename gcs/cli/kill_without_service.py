@@ -25,7 +25,7 @@ from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.settings import station_id
 from gcs.links.signing import Signing
 from gcs.mavlink.codec import ARM_DISARM, encode, find, frame, joined, kill_message
-from gcs.mavlink.framing import COMMAND_ACK, COMMAND_LONG, HEARTBEAT, Frame, heartbeat
+from gcs.mavlink.framing import COMMAND_ACK, COMMAND_LONG, HEARTBEAT, Frame, is_armed
 from gcs.mavlink.kernels import DATAGRAM
 from gcs.mavlink.signing import Judgement
 from gcs.model.errors import ConfigError, InvalidError, LinkError, RefusedError, UnknownError
@@ -213,7 +213,7 @@ class _KillLink:
 
 def _note(target: _Target, received: Frame) -> None:
     if received.message_id == HEARTBEAT:
-        target.armed = heartbeat(received).armed
+        target.armed = is_armed(received)
     elif received.message_id == COMMAND_ACK:
         command, result = int.from_bytes(received.payload[:2], "little"), (*received.payload[2:3], 0)[0]
         if command == ARM_DISARM:

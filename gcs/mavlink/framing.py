@@ -10,14 +10,13 @@ import sys
 from binascii import crc_hqx
 from collections.abc import Iterable
 from functools import cache
-from math import inf, nan
 from struct import Struct, calcsize, unpack_from
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.model.state import Landed, Mode
+from gcs.model.state import Mode
 
 HEARTBEAT: Final = 0
 SYS_STATUS: Final = 1
@@ -61,27 +60,17 @@ _MAGIC_1: Final = 0xFE
 _MAGIC_2: Final = 0xFD
 _SIGNED: Final = 0x01
 _SIGNATURE_LENGTH: Final = 13
-_MAV_AUTOPILOT_PX4: Final = 12
-_CUSTOM_MODE_ENABLED: Final = 0x01
 _ARMED: Final = 0x80
-_WHOLE_KINDS: Final = range(1, 7)  # MAV_PARAM_TYPE of integers up to 32 bits
-_SIGNED_KINDS: Final = (2, 4, 6)
+_BASE_MODE_AT: Final = 6  # in HEARTBEAT
 PARAM_VALUE: Final = 22
 FAILSAFE_STATES: Final = (5, 6)
 """MAV_STATE_CRITICAL and _EMERGENCY: PX4 reports these while its own failsafe acts, never under a pilot."""
-_LANDED_STATES: Final = frozenset(state.value for state in Landed)
-_BATTERY_ID_AT: Final = 32  # in BATTERY_STATUS
-_TOTAL_PERCENT_AT: Final = 30  # in SYS_STATUS
-_FIX_TYPE_AT: Final = 28  # in GPS_RAW_INT
-_RESET_COUNTER_AT: Final = 230  # in ODOMETRY
-_VELOCITY_AT: Final = slice(16, 28)  # in SET_POSITION_TARGET_LOCAL_NED: vx, vy, vz
 FIX_3D: Final = 3
 UNKNOWN_DILUTION: Final = 0xFFFF
 METRES_PER_DILUTION: Final = (1.3, 1.6)
 """For receivers that report no accuracy (eph and epv are dilutions times 100): as PX4's recorded 0.9 m and
 1.78 m go with its 0.70 and 1.10.
 """
-_KILL_MAGIC: Final = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM, param2: also in flight
 
 _PX4_MODES: Final = MappingProxyType(
     {
@@ -112,37 +101,6 @@ class Split(NamedTuple):
     frames: list[Frame]
     garbage_bytes: int
     unknown_bytes: int  # of frames that may be right, but of messages whose CRC extra byte is unknown
-
-
-_HEADING_MAX_CDEG: Final = 36000  # above: unknown
-
-
-class Heartbeat(NamedTuple):
-    """State of a vehicle in a heartbeat."""
-
-    autopilot: bool
-    armed: bool
-    mode: Mode
-    in_failsafe: bool  # armed, and a failsafe of its own acts
-
-
-class Accuracy(NamedTuple):
-    """Accuracy of a receiver's fix, one sigma; NaN where not reported, inf without a fix."""
-
-    horizontal_m: float
-    vertical_m: float
-
-
-class Motion(NamedTuple):
-    """Content of a GLOBAL_POSITION_INT; NaN where not reported."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_amsl_m: float
-    north_m_s: float
-    east_m_s: float
-    down_m_s: float
-    yaw_deg: float
 
 
 class TextChunk(NamedTuple):
@@ -219,26 +177,21 @@ def _frame_at(data: bytes, start: int, *, checked: bool) -> Frame | None:
     return Frame(message_id, system_id, component_id, data[start + header : end - 2], raw)
 
 
-def _is_cut(data: bytes, start: int) -> bool:
-    """Whether the bytes from `start` may be a frame whose rest is still to come."""
-    room = len(data) - start
-    if room < 3:
-        return True
-    length = data[start + 1]
-    if data[start] == _MAGIC_1:
-        return room < length + 8
-    flags = data[start + 2]
-    return not flags & ~_SIGNED and room < length + 12 + (_SIGNATURE_LENGTH if flags else 0)
+def split(data: bytes, *, checked: bool = True, garbage_max_bytes: int = sys.maxsize) -> Split:
+    """Split one datagram into frames. Never raises, whatever the bytes.
 
-
-def _taken_apart(data: bytes, *, checked: bool, goes_on: bool, garbage_max_bytes: int) -> tuple[Split, int]:
-    """The frames in `data`, and the number of bytes used: all, unless the rest may be a frame cut off."""
+    Args:
+        data: one datagram, or several frames end to end.
+        checked: leave out frames with a wrong checksum, and messages unknown to pymavlink's development
+            dialect (PX4 sends some: EVENT, LINK_NODE_STATUS), which cannot be checked. Unchecked is for
+            frames that our own side made.
+        garbage_max_bytes: the search ends after more garbage and unknown messages than this, since it takes
+            time.
+    """
     frames: list[Frame] = []
     start, garbage, unknown, unknown_end, end = 0, 0, 0, 0, len(data)
     while start < end and garbage + unknown <= garbage_max_bytes:
         if data[start] in (_MAGIC_1, _MAGIC_2):
-            if goes_on and _is_cut(data, start):
-                break
             frame = _frame_at(data, start, checked=checked)
             if frame is not None:
                 behind = start + len(frame.raw)
@@ -255,30 +208,7 @@ def _taken_apart(data: bytes, *, checked: bool, goes_on: bool, garbage_max_bytes
         unknown += of_unknown
         garbage += next_start - start - of_unknown
         start = next_start
-    if not goes_on:
-        garbage += end - start  # beyond the limit
-        start = end
-    return Split(frames, garbage, unknown), start
-
-
-def split(data: bytes, *, checked: bool = True, garbage_max_bytes: int = sys.maxsize) -> Split:
-    """Split one datagram into frames. Never raises, whatever the bytes.
-
-    Args:
-        data: one datagram, or several frames end to end.
-        checked: leave out frames with a wrong checksum, and messages unknown to pymavlink's development
-            dialect (PX4 sends some: EVENT, LINK_NODE_STATUS), which cannot be checked. Unchecked is for
-            frames that our own side made.
-        garbage_max_bytes: the search ends after more garbage and unknown messages than this, since it takes
-            time.
-    """
-    return _taken_apart(data, checked=checked, goes_on=False, garbage_max_bytes=garbage_max_bytes)[0]
-
-
-def split_stream(data: bytes) -> tuple[Split, bytes]:
-    """Split received bytes of a stream; the second result, at most one frame, goes before the next bytes."""
-    parts, end = _taken_apart(data, checked=True, goes_on=True, garbage_max_bytes=sys.maxsize)
-    return parts, data[end:]
+    return Split(frames, garbage + end - start, unknown)
 
 
 def is_signed(frame: Frame) -> bool:
@@ -320,121 +250,14 @@ def _padded(frame: Frame) -> bytes:
     return frame.payload.ljust(_layout(frame.message_id).size, b"\0")
 
 
+def is_armed(frame: Frame) -> bool:
+    """Whether a HEARTBEAT reports its vehicle as armed."""
+    return len(frame.payload) > _BASE_MODE_AT and bool(frame.payload[_BASE_MODE_AT] & _ARMED)
+
+
 def px4_mode(custom_mode: int) -> Mode:
     """PX4's custom_mode, main mode << 16 | sub mode << 24, as a Mode; OTHER for modes never commanded."""
     return _PX4_MODES.get((custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF), Mode.OTHER)
-
-
-def motion(frame: Frame) -> Motion:
-    """Read position and velocity of a GLOBAL_POSITION_INT."""
-    _, latitude, longitude, altitude_mm, _, north, east, down, yaw_cdeg = unpack_from(
-        "<IiiiihhhH", _padded(frame)
-    )
-    return Motion(
-        latitude * 1e-7,
-        longitude * 1e-7,
-        altitude_mm * 1e-3,
-        north * 1e-2,
-        east * 1e-2,
-        down * 1e-2,
-        yaw_cdeg * 1e-2 if yaw_cdeg <= _HEADING_MAX_CDEG else nan,
-    )
-
-
-def heartbeat(frame: Frame) -> Heartbeat:
-    """Read a HEARTBEAT; the mode of any autopilot but PX4 is OTHER."""
-    custom_mode, _, autopilot, base_mode, status = unpack_from("<IBBBB", _padded(frame))
-    known = autopilot == _MAV_AUTOPILOT_PX4 and base_mode & _CUSTOM_MODE_ENABLED
-    mode = px4_mode(custom_mode) if known else Mode.OTHER
-    is_px4, armed = autopilot == _MAV_AUTOPILOT_PX4, bool(base_mode & _ARMED)
-    return Heartbeat(is_px4, armed, mode, armed and status in FAILSAFE_STATES)
-
-
-def boot_time_ms(frame: Frame) -> int:
-    """The boot clock of a message that begins with it. It jumps back at a reboot, and after a pause."""
-    return int.from_bytes(frame.payload[:4], "little")
-
-
-def acknowledged_component(frame: Frame) -> int:
-    """Read the target component of a COMMAND_ACK; 0 is any."""
-    return frame.payload[9] if len(frame.payload) > 9 else 0
-
-
-def prearm_ok(frame: Frame) -> bool:
-    """Whether the autopilot's own pre-arm checks pass, from a SYS_STATUS."""
-    (health,) = unpack_from("<I", _padded(frame), 8)
-    return bool(health & PREARM_CHECK)
-
-
-def unhealthy_sensors(frame: Frame) -> int:
-    """Bits of a SYS_STATUS: sensors in use and unhealthy."""
-    words: tuple[int, int, int] = unpack_from("<III", _padded(frame))
-    _, enabled, health = words
-    return (enabled & SENSORS | AHRS) & ~health
-
-
-def unix_time_s(frame: Frame) -> float:
-    """Read a vehicle's own clock in its SYSTEM_TIME; NaN while the vehicle does not know the time."""
-    (time_us,) = unpack_from("<Q", _padded(frame))
-    return time_us * 1e-6 if time_us >= UNIX_KNOWN_S * 1e6 else nan
-
-
-def fix_type(frame: Frame) -> int:
-    """Read the GPS_FIX_TYPE of a GPS_RAW_INT."""
-    return _padded(frame)[_FIX_TYPE_AT]
-
-
-def landed(frame: Frame) -> Landed:
-    """Read the MAV_LANDED_STATE of an EXTENDED_SYS_STATE; UNKNOWN for an undefined number."""
-    number = _padded(frame)[1]
-    return Landed(number) if number in _LANDED_STATES else Landed.UNKNOWN
-
-
-def battery_percent(frame: Frame) -> tuple[int, int]:
-    """Read a BATTERY_STATUS: id of the pack, and its remaining percentage, -1 where it is unknown."""
-    battery_id, percent = unpack_from("<B2xb", _padded(frame), _BATTERY_ID_AT)
-    return battery_id, percent
-
-
-def total_percent(frame: Frame) -> int:
-    """Read the remaining battery percentage of a SYS_STATUS; -1 where it is unknown."""
-    percent: int
-    (percent,) = unpack_from("<b", _padded(frame), _TOTAL_PERCENT_AT)
-    return percent
-
-
-def gps_accuracy(frame: Frame) -> Accuracy:
-    """Read a GPS_RAW_INT: h_acc and v_acc in mm, or else eph and epv."""
-    eph, epv, _, _, fix, _, _, h_acc_mm, v_acc_mm = unpack_from("<HHHHBBiII", _padded(frame), 20)
-    if fix < FIX_3D:
-        return Accuracy(inf, inf)
-    horizontal_m, vertical_m = (
-        nan if dilution == UNKNOWN_DILUTION else dilution / 100 * metres
-        for dilution, metres in zip((eph, epv), METRES_PER_DILUTION, strict=True)
-    )
-    return Accuracy(
-        h_acc_mm / 1000 if h_acc_mm else horizontal_m, v_acc_mm / 1000 if v_acc_mm else vertical_m
-    )
-
-
-def asked_velocity(frame: Frame) -> bytes:
-    """The three single-precision numbers of a velocity setpoint; empty for any other setpoint."""
-    return frame.payload[_VELOCITY_AT] if frame.message_id == SET_POSITION_TARGET_LOCAL_NED else b""
-
-
-def reset_counter(frame: Frame) -> int:
-    """Read the reset counter of an ODOMETRY: resets of the estimator, modulo 256."""
-    return _padded(frame)[_RESET_COUNTER_AT]
-
-
-def parameter_value(frame: Frame) -> tuple[str, int | float]:
-    """Read a PARAM_VALUE: name and value; integers are encoded bytewise, as PX4 does."""
-    raw = _padded(frame)
-    value, _, _, name, kind = unpack_from("<fHH16sB", raw)
-    reported: int | float = value
-    if kind in _WHOLE_KINDS:
-        (reported,) = unpack_from("<i" if kind in _SIGNED_KINDS else "<I", raw)
-    return name.split(b"\0", 1)[0].decode(errors="replace"), reported
 
 
 def status_text(frame: Frame) -> TextChunk:
@@ -442,13 +265,3 @@ def status_text(frame: Frame) -> TextChunk:
     severity, text, text_id, chunk = unpack_from("<B50sHB", _padded(frame))
     shown = text.split(b"\0", 1)[0]
     return TextChunk(severity, shown, text_id, chunk, last=text_id == 0 or len(shown) < len(text))
-
-
-def kill_frame(target: int, *, sequence: int, source_system: int, source_component: int) -> bytes:
-    """COMMAND_LONG that stops the motors at once, also in flight: arm/disarm, 0, 21196."""
-    packer = dialect.MAVLink(None, srcSystem=source_system, srcComponent=source_component)
-    packer.seq = sequence % 256
-    disarm = dialect.MAV_CMD_COMPONENT_ARM_DISARM
-    message = packer.command_long_encode(target, 1, disarm, sequence % 256, 0.0, _KILL_MAGIC, 0, 0, 0, 0, 0)
-    packed: bytes = bytes(message.pack(packer))
-    return packed

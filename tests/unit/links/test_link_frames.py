@@ -1,17 +1,18 @@
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 from pymavlink.generator.mavcrc import x25crc
 
+from gcs.mavlink.codec import encode, kill_message
 from gcs.mavlink.framing import (
+    COMMAND_LONG,
     SETPOINT_MESSAGES,
     Frame,
     checksum,
-    heartbeat,
-    kill_frame,
+    is_armed,
     moves,
-    prearm_ok,
     px4_mode,
     split,
     status_text,
@@ -154,48 +155,11 @@ def test_px4_modes_have_our_names(main: int, sub: int, mode: Mode) -> None:
     assert px4_mode(main << 16 | sub << 24) is mode
 
 
-def test_heartbeat_gives_arming_mode_and_autopilot() -> None:
-    assert heartbeat(only(framed(beat(base_mode=0x81)))) == (True, True, Mode.HOLD, False)
-    assert heartbeat(only(framed(beat(base_mode=0x01)))) == (True, False, Mode.HOLD, False)
-    assert heartbeat(only(framed(beat(base_mode=0x80)))) == (True, True, Mode.OTHER, False)
-    assert heartbeat(only(framed(beat(autopilot=8)))) == (False, False, Mode.OTHER, False)
-
-
-@pytest.mark.parametrize(
-    ("state", "armed", "in_failsafe"), [(4, 0x81, False), (5, 0x81, True), (6, 0x81, True)]
-)
-def test_a_heartbeat_shows_whether_its_autopilot_intervenes(
-    state: int, armed: int, in_failsafe: bool
-) -> None:
-    frame = only(framed(beat(base_mode=armed, system_status=state)))
-    assert heartbeat(frame).in_failsafe is in_failsafe
-    assert not heartbeat(only(framed(beat(base_mode=0x01, system_status=state)))).in_failsafe
-
-
-def test_a_heartbeat_may_lack_its_trailing_zeros() -> None:
-    frame = only(framed(beat(), version_1=True))
-    assert heartbeat(frame._replace(payload=b"")) == (False, False, Mode.OTHER, False)
-
-
-@pytest.mark.parametrize("health", [0, 0x10000000, 0xFFFFFFFF, 0xEFFFFFFF])
-def test_ready_is_the_prearm_bit(health: int) -> None:
-    status = dialect.MAVLink_sys_status_message(0, 0, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-    assert prearm_ok(only(framed(status))) is bool(health & 0x10000000)
-
-
 def test_status_text_ends_at_zero_or_continues_in_a_chunk() -> None:
     short = status_text(only(framed(dialect.MAVLink_statustext_message(4, b"hello"))))
     assert (short.text, short.last) == (b"hello", True)
     long = status_text(only(framed(dialect.MAVLink_statustext_message(4, b"x" * 50, id=3, chunk_seq=0))))
     assert (len(long.text), long.last) == (50, False)
-
-
-def test_kill_command_is_the_one_px4_obeys_in_flight() -> None:
-    data = kill_frame(5, sequence=300, source_system=245, source_component=190)
-    assert target_system(only(data)) == 5
-    (message,) = dialect.MAVLink(None).parse_buffer(data)
-    assert (message.command, message.param1, message.param2) == (400, 0, 21196)
-    assert (message.get_srcSystem(), message.get_srcComponent()) == (245, 190)
 
 
 def test_commands_that_move_a_vehicle_differ_from_queries() -> None:
@@ -208,3 +172,18 @@ def test_commands_that_move_a_vehicle_differ_from_queries() -> None:
     assert moves(only(framed(dialect.MAVLink_set_mode_message(5, 1, 0))))
     assert not moves(command(512))
     assert not moves(only(framed(beat())))
+
+
+def test_kill_command_is_the_one_px4_obeys_in_flight() -> None:
+    frames = encode(COMMAND_LONG, kill_message(5), np.array([44], np.uint8))
+    data = frames.data[0, : frames.length[0]].tobytes()
+    assert target_system(only(data)) == 5
+    (message,) = dialect.MAVLink(None).parse_buffer(data)
+    assert (message.command, message.param1, message.param2) == (400, 0, 21196)
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (254, 190)
+
+
+@pytest.mark.parametrize(("base_mode", "armed"), [(0x81, True), (0x80, True), (0x01, False), (0, False)])
+def test_a_heartbeat_reports_arming(base_mode: int, armed: bool) -> None:
+    assert is_armed(only(framed(beat(base_mode=base_mode)))) is armed
+    assert not is_armed(only(framed(beat(base_mode=base_mode)))._replace(payload=b""))

@@ -95,6 +95,31 @@ def test_only_a_heartbeat_fires_the_event() -> None:
     assert not fleet.reported(ROW).next_heartbeat.is_set()
 
 
+@pytest.mark.parametrize(
+    ("base_mode", "state", "armed", "mode", "in_failsafe"),
+    [
+        (0x81, 4, True, Mode.HOLD, False),
+        (0x01, 5, False, Mode.HOLD, False),
+        (0x80, 4, True, Mode.OTHER, False),  # its custom mode is not valid
+        (0x81, 5, True, Mode.HOLD, True),
+        (0x81, 6, True, Mode.HOLD, True),
+    ],
+)
+def test_heartbeat_gives_arming_mode_and_failsafe(
+    base_mode: int, state: int, armed: bool, mode: Mode, in_failsafe: bool
+) -> None:
+    hold = 4 << 16 | 3 << 24
+    message = dialect.MAVLink_heartbeat_message(2, 12, base_mode, hold, state, 3)
+    reported = take(FleetTelemetry(IDS), 1.0, message)
+    assert (reported.armed[ROW], reported.mode[ROW], reported.in_failsafe[ROW]) == (armed, mode, in_failsafe)
+
+
+@pytest.mark.parametrize("health", [0, 0x10000000, 0xFFFFFFFF, 0xEFFFFFFF])
+def test_ready_is_the_prearm_bit(health: int) -> None:
+    reported = take(FleetTelemetry(IDS), 1.0, beat(), position(0), status(0, health))
+    assert reported.ready[ROW] is bool(health & PREARM_CHECK)
+
+
 def test_long_text_is_joined_from_its_chunks() -> None:
     fleet = FleetTelemetry(IDS)
     take(fleet, 1.0, text(b"a" * 50, 9, 0), text(b"b" * 50, 9, 1), text(b"end", 9, 2))
