@@ -241,26 +241,26 @@ class FleetTelemetry:
         """Whether a heartbeat is awaited."""
         return bool(self._waiting)
 
-    def telemetry(self, *, may_be_ready: Mask | bool = True, met: Mask | None = None) -> Telemetry:
+    def telemetry(self, *, may_be_ready: Mask | bool = True, discovered: Mask | None = None) -> Telemetry:
         """A copy of all values.
 
         Args:
             may_be_ready: (n,) vehicles that count as ready if they report it.
-            met: (n,) vehicles with a position in the result; None: all.
+            discovered: (n,) vehicles with a position in the result; None: all.
         """
-        unmet = np.zeros(len(self._ids), np.bool_) if met is None else ~met
+        undiscovered = np.zeros(len(self._ids), np.bool_) if discovered is None else ~discovered
         complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(self._place[:, 0])
         ready = self.prearm_ok & complete & may_be_ready
         return Telemetry(
             ids=self._ids,
-            position_time_s=np.where(unmet, -np.inf, self.position_time_s),
+            position_time_s=np.where(undiscovered, -np.inf, self.position_time_s),
             heartbeat_time_s=self.heartbeat_time_s.copy(),
             life_time_s=self.life_time_s.copy(),
-            latitude_deg=np.where(unmet, np.nan, self._place[:, 0]),
-            longitude_deg=np.where(unmet, np.nan, self._place[:, 1]),
-            altitude_amsl_m=np.where(unmet, np.nan, self._place[:, 2]),
-            velocity_ned_m_s=np.where(unmet[:, None], np.nan, self._velocity_m_s),
-            yaw_deg=np.where(unmet, np.nan, self._yaw_deg),
+            latitude_deg=np.where(undiscovered, np.nan, self._place[:, 0]),
+            longitude_deg=np.where(undiscovered, np.nan, self._place[:, 1]),
+            altitude_amsl_m=np.where(undiscovered, np.nan, self._place[:, 2]),
+            velocity_ned_m_s=np.where(undiscovered[:, None], np.nan, self._velocity_m_s),
+            yaw_deg=np.where(undiscovered, np.nan, self._yaw_deg),
             battery_remaining=self._batteries.remaining.copy(),
             armed=self._armed_reported.of(self.armed),
             mode=self._modes_reported.of(self._mode),
@@ -314,8 +314,8 @@ class FleetTelemetry:
         autopilots = reported["autopilot"] == _PX4
         rows, reported, time_s = rows[autopilots], reported[autopilots], time_s[autopilots]
         base: NDArray[np.int64] = reported["base_mode"].astype(np.int64)
-        met = np.unique(rows[~(time_s - self.heartbeat_time_s[rows] <= SILENT_AFTER_S)])
-        self.connection_count[met] += 1
+        returned = np.unique(rows[~(time_s - self.heartbeat_time_s[rows] <= SILENT_AFTER_S)])
+        self.connection_count[returned] += 1
         self.heartbeat_time_s[rows] = time_s
         self.armed[rows] = (base & _ARMED) != 0
         self.in_failsafe[rows] = self.armed[rows] & np.isin(reported["system_status"], FAILSAFE_STATES)

@@ -58,9 +58,9 @@ WORDS: Final[Mapping[str, str]] = {
     "vehicle_connected": "system id {system_id} received at {address} on link {link}",
     "vehicle_mode": "mode {mode}",
     "vehicle_moved": "system id {system_id} on link {link} is now at {address}",
-    "vehicle_not_met": "MAVSDK does not find system id {system_id}: {cause}",
+    "vehicle_not_discovered": "MAVSDK does not find system id {system_id}: {cause}",
     "vehicle_phase": "{phase}[: {reason}]",
-    "vehicles_met": "MAVSDK found system ids {system_ids} on link {link}",
+    "vehicles_discovered": "MAVSDK found system ids {system_ids} on link {link}",
 }
 """Text of each event; a part in brackets is omitted when its values are unknown. The vehicle concerned is
 shown beside it.

@@ -38,8 +38,8 @@ async def open_and_close(port: int) -> None:
     collector = Thread(target=collect)
     gc.disable()  # only the thread shall collect
     async with running(link):
-        await until(lambda: len(link._met) == VEHICLES)
-        cycle: list[object] = [dict(link._met)]
+        await until(lambda: len(link._discovered) == VEHICLES)
+        cycle: list[object] = [dict(link._discovered)]
         cycle.append(cycle)
         del cycle
         collector.start()

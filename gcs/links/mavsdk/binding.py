@@ -68,14 +68,14 @@ class Loopback:
         """URL to which MAVSDK connects."""
         return f"udpout://{_HOST}:{self._socket.getsockname()[1]}"
 
-    def meet(self) -> None:
+    def await_mavsdk(self) -> None:
         """Wait for MAVSDK's first heartbeat, and accept no other sender from then on. Raises: LinkError."""
         self._socket.settimeout(_GREETING_S)
         try:
             _, sender = self._socket.recvfrom(_LONGEST_BYTES)
             self._socket.connect(sender)
         except OSError as error:
-            raise LinkError(f"{self._name}: MAVSDK does not speak: {error}") from error
+            raise LinkError(f"{self._name}: MAVSDK sends nothing: {error}") from error
         self._socket.setblocking(False)
 
     def give(self, data: bytes) -> bool:
@@ -239,7 +239,7 @@ class MavsdkBinding:
             configuration.destroy()
             if result != ConnectionResult.SUCCESS:
                 raise LinkError(f"MAVSDK's connection to {self._loopback.url}: {result.name}")
-            self._loopback.meet()
+            self._loopback.await_mavsdk()
 
     def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
         """Those of the desired systems that MAVSDK has discovered, with new plugins."""
@@ -254,7 +254,7 @@ class MavsdkBinding:
                     found[system_id] = MavsdkVehicle(system)
                     self._vehicles.append(found[system_id])
                 except RuntimeError as error:  # a plugin could not be created; it is tried again soon
-                    log.warning("vehicle_not_met", extra={"system_id": system_id, "cause": str(error)})
+                    log.warning("vehicle_not_discovered", extra={"system_id": system_id, "cause": str(error)})
                     system.destroy()
         return found
 

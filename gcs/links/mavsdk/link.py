@@ -126,8 +126,8 @@ class MavsdkLink(BatchLink):
         self._inbox.pass_on = self._show
         self._fleet: MavsdkInstances | None = None
         self._workers: Workers | None = None
-        self._met: Mapping[int, MavsdkVehicle] = {}  # by row
-        self._is_met: Mask = np.zeros(n, np.bool_)
+        self._discovered: Mapping[int, MavsdkVehicle] = {}  # by row
+        self._is_discovered: Mask = np.zeros(n, np.bool_)
         self._healthy: Mask = np.zeros(n, np.bool_)
         self._polls = 0
         self._ticked = asyncio.Event()
@@ -144,21 +144,21 @@ class MavsdkLink(BatchLink):
                 yield {"pass on": self._pass_on_behind_ticks(), "discover": self._discover(fleet)}
             finally:  # from the inside out: setpoints, calls; then MAVSDK ends, and the ports are closed
                 self._setpoint_filter.forbid(slice(None))
-                self._fleet, self._protocol, self._workers, self._met = None, None, None, {}
-                self._is_met[:], self._healthy[:], self._since_s[:] = False, False, inf
+                self._fleet, self._protocol, self._workers, self._discovered = None, None, None, {}
+                self._is_discovered[:], self._healthy[:], self._since_s[:] = False, False, inf
                 protocol.close()
                 workers.stop()
 
     def snapshot(self) -> Telemetry:
         """See `BatchLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
         self._receive_for_tick()
-        return self._telemetry.telemetry(may_be_ready=self._healthy, met=self._is_met)
+        return self._telemetry.telemetry(may_be_ready=self._healthy, discovered=self._is_discovered)
 
     def _poll_health(self) -> None:
         """Query MAVSDK for the health of a part of the vehicles."""
         self._polls += 1
         for row in range(self._polls % _HEALTH_SHARES, len(self._ids), _HEALTH_SHARES):
-            vehicle = self._met.get(row)
+            vehicle = self._discovered.get(row)
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def _send_setpoints(self, desired: SetpointBatch) -> None:
@@ -168,7 +168,7 @@ class MavsdkLink(BatchLink):
         rows, values = desired.rows.tolist(), np.hstack([desired.velocity_ned_m_s, yaw_deg]).tolist()
         for part in (slice(_URGENT), slice(_URGENT, None)):
             for row, each in zip(rows[part], values[part], strict=True):
-                if not self._met[row].set_velocity(*each):
+                if not self._discovered[row].set_velocity(*each):
                     self._setpoint_filter.forbid(np.array([row]))  # MAVSDK will not write this one
             self._await(desired.rows[: part.stop], began_s)
         self._move_bytes()
@@ -188,7 +188,7 @@ class MavsdkLink(BatchLink):
             self._pass_on()
 
     def _command_channel(self, row: int, otherwise: str) -> MavsdkCommandChannel:
-        vehicle = self._met.get(row)
+        vehicle = self._discovered.get(row)
         if vehicle is None or self._workers is None:
             raise self._never_connected(row, otherwise)
         return self._workers.channel(self._ids[row], vehicle, self._telemetry.reported(row))
@@ -197,20 +197,20 @@ class MavsdkLink(BatchLink):
         self._setpoint_filter.forbid(np.array([row]))  # the latch drops what MAVSDK still repeats
 
     def _commandable(self) -> Mask:
-        return self._is_met
+        return self._is_discovered
 
     def _is_awaiting(self) -> bool:
-        return (self._protocol is not None and self._protocol.awaited) or bool(self._to_meet().any())
+        return (self._protocol is not None and self._protocol.awaited) or bool(self._undiscovered().any())
 
-    def _to_meet(self) -> Mask:
+    def _undiscovered(self) -> Mask:
         """(n,) vehicles that were received, but not discovered by MAVSDK."""
-        to_meet: Mask = np.isfinite(self._addresses.received_s) & ~self._is_met
-        return to_meet
+        undiscovered: Mask = np.isfinite(self._addresses.received_s) & ~self._is_discovered
+        return undiscovered
 
     def _watch(self, now_s: float) -> None:
         """MAVSDK sets a rate itself when it discovers a vehicle; ours are requested afterwards."""
         self._poll_health()
-        anew = self._is_met & (
+        anew = self._is_discovered & (
             (self._telemetry.connection_count != self._connection_count) | (self._since_s == inf)
         )
         self._since_s[anew] = now_s
@@ -254,11 +254,16 @@ class MavsdkLink(BatchLink):
         """Look for newly discovered vehicles of MAVSDK, without end."""
         rows = {system_id: row for row, system_id in enumerate(self._system_ids.tolist())}
         while True:
-            missing = self._system_ids[self._to_meet()].tolist()
+            missing = self._system_ids[self._undiscovered()].tolist()
             if missing:
                 found = await asyncio.to_thread(fleet.discover, missing)
                 if found:
-                    self._met = {**self._met, **{rows[system_id]: each for system_id, each in found.items()}}
-                    self._is_met[list(self._met)] = True
-                    log.info("vehicles_met", extra={"link": self._name, "system_ids": tuple(sorted(found))})
+                    self._discovered = {
+                        **self._discovered,
+                        **{rows[system_id]: each for system_id, each in found.items()},
+                    }
+                    self._is_discovered[list(self._discovered)] = True
+                    log.info(
+                        "vehicles_discovered", extra={"link": self._name, "system_ids": tuple(sorted(found))}
+                    )
             await asyncio.sleep(_DISCOVER_S)
