@@ -64,9 +64,9 @@ async def console(websocket: WebSocket, context: ContextDep) -> None:
     def messages(context: Context) -> list[str | bytes]:
         nonlocal seen
         revision, status = context.feed.status(context.now_s())
-        news = [status] if revision != seen else []
+        updates = [status] if revision != seen else []
         seen = revision
-        return [*news, context.feed.frame()]
+        return [*updates, context.feed.frame()]
 
     await _watched(websocket, context, messages)
 

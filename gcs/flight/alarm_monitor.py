@@ -21,13 +21,11 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.safety.separation import Floor
 from gcs.service import CALLER, ActiveFailsafe, CommandRecord, Outcome
+from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
 from gcs.service.alarms import (
     Alarm,
-    AlarmBook,
     AlarmCause,
     AlarmSeverity,
-    Change,
-    ChangeKind,
     Condition,
     Limit,
     beyond,
@@ -205,21 +203,21 @@ class AlarmMonitor:
             *_of_the_service(findings),
         ]
         for change in self._book.look(conditions, now_s, self._unix_s()):
-            _tell(change)
+            _log_change(change)
 
     def acknowledge(self, alarm_id: str) -> Alarm:
         """Mark an alarm as acknowledged by the caller. Raises: UnknownError."""
         known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
         alarm = self._book.acknowledge(alarm_id, CALLER.get(), self._unix_s())
         if known[alarm_id] is None:
-            _tell_acknowledged(alarm)
+            _log_acknowledged(alarm)
         return alarm
 
     def acknowledge_all(self) -> tuple[Alarm, ...]:
         """Acknowledge all alarms that are not acknowledged yet."""
         acknowledged = self._book.acknowledge_all(CALLER.get(), self._unix_s())
         for alarm in acknowledged:
-            _tell_acknowledged(alarm)
+            _log_acknowledged(alarm)
         return acknowledged
 
     def _of_vehicles(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
@@ -383,7 +381,7 @@ def _of_the_interruption(found: InterruptedFlight) -> Condition:
     )
 
 
-def _tell(change: Change) -> None:
+def _log_change(change: Change) -> None:
     """Log a change; the log feeds the events and the record."""
     alarm = change.alarm
     about = {"alarm": alarm.id, "severity": alarm.severity.value, "cause": alarm.cause.value}
@@ -394,7 +392,7 @@ def _tell(change: Change) -> None:
     log.log(LEVEL[alarm.severity], "alarm", extra=reported)
 
 
-def _tell_acknowledged(alarm: Alarm) -> None:
+def _log_acknowledged(alarm: Alarm) -> None:
     log.info(
         "alarm_acknowledged",
         extra={"alarm": alarm.id, "by": alarm.acknowledged_by, "text": alarm.text},

@@ -36,7 +36,7 @@ def why_never(flight: Fleet, vehicle: Vehicle) -> str:
     return control_refusal(vehicle.id, flight.inputs(vehicle))
 
 
-def why_not_unasked(flight: Fleet, vehicle: Vehicle) -> str:
+def why_not_unnamed(flight: Fleet, vehicle: Vehicle) -> str:
     """Why a command to all vehicles omits this one; a command that names it may reach it."""
     inputs = flight.inputs(vehicle)
     if inputs.mode in A_PERSON_FLIES and not inputs.in_failsafe:

@@ -16,9 +16,8 @@ from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.recording.sample import Sample
 from gcs.safety.filter import SafetySettings
-from gcs.service import ActiveFailsafe, FleetView, TickView
+from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, TickView
 from gcs.service.alarms import Alarm
-from gcs.service.flight_envelope import flight_envelope
 from gcs.service.vehicle_table import VehicleTable
 
 
@@ -66,7 +65,7 @@ def fleet_view(
         reason=reason,
         rows=_rows(flight, fleet, tick, telemetry, known, traits, show_run, link_quality),
         plan=plan,
-        flight_envelope=flight_envelope(safety),
+        flight_envelope=FlightEnvelope.of(safety),
         center_m=None if center is None else tuple3(center.position_m),
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,

@@ -9,7 +9,7 @@ import numpy as np
 from gcs.control import ellipses_of
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers
-from gcs.flight.refusals import instead, why_never, why_not_unasked, with_alternative
+from gcs.flight.refusals import instead, why_never, why_not_unnamed, with_alternative
 from gcs.flight.vehicle import Vehicle, require_phase
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, InvalidError, RefusedError
@@ -157,7 +157,7 @@ class VehicleCommands:
                 continue
             why = ""
             if not named and action is VehicleAction.TAKE_CONTROL:
-                why = why_not_unasked(self._flight, vehicle)
+                why = why_not_unnamed(self._flight, vehicle)
             elif not named and vehicle.phase is Phase.LOST:
                 why = f"{vehicle.id} is lost: {vehicle.reason}"
             if why:

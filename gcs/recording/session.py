@@ -18,8 +18,7 @@ from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
-from gcs.service.event_log import attached, details, vehicle_of
-from gcs.service.event_texts import plain
+from gcs.service.event_log import attached, details, plain, vehicle_of
 
 WHEREABOUTS_S: Final = 1.0
 

@@ -7,14 +7,18 @@ a process of its own without a change on their side.
 from gcs.estimation.time_estimates import Estimates
 from gcs.service.commands import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
-from gcs.service.latest import Latest
-from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
 from gcs.service.snapshots import (
     ActiveFailsafe,
     CheckState,
+    CueMark,
+    EventMark,
     FleetView,
     FlightEnvelope,
+    IdleSpan,
+    Latest,
+    PhaseSpan,
     Playback,
+    ReplayMarks,
     ReportState,
     SelectedShow,
     ShowCheck,

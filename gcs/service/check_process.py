@@ -76,13 +76,13 @@ async def answered(
         if process.returncode is None:
             process.kill()
             await process.wait()
-    stated = answer.result()
-    if process.returncode not in codes or not stated:
+    output = answer.result()
+    if process.returncode not in codes or not output:
         words = _words(complaint.result())
         if "MemoryError" in words:
             words = f"it needed more than {memory_max_bytes >> 20} MiB of memory"
         raise RefusedError(f"it ended with {process.returncode}: {words[-WORDS:]}")
-    found = await asyncio.to_thread(json.loads, stated)
+    found = await asyncio.to_thread(json.loads, output)
     if not isinstance(found, dict):
         raise RefusedError("it answered no JSON object")
     return found
@@ -108,9 +108,9 @@ async def _read(stream: asyncio.StreamReader | None, most_bytes: int) -> bytes:
     """Read all output. Raises: RefusedError if it exceeds `most_bytes`."""
     if stream is None:
         return b""
-    stated = bytearray()
+    output = bytearray()
     while piece := await stream.read(PIECE_BYTES):
-        stated += piece
-        if len(stated) > most_bytes:
+        output += piece
+        if len(output) > most_bytes:
             raise RefusedError(f"it was ended: it printed more than {most_bytes >> 10} KiB")
-    return bytes(stated)
+    return bytes(output)

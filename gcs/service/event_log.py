@@ -1,20 +1,86 @@
-"""Recent events in words: the newest lines of the service's own log."""
+"""Recent events in words: the newest lines of the service's own log, and the text of each event."""
 
 import logging
+import re
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum
 from itertools import count
 from typing import Final
 
 from gcs.model.state import VehicleId
-from gcs.service.event_texts import words
 
 KEPT: Final = 100
 
 _PLAIN: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "vehicle"}
+
+WORDS: Final[Mapping[str, str]] = {
+    "access_denied": "access denied to {who} from {address}: {method} {path} [({count} times)]: {reason}",
+    "access_off": "access is off on {host}: {means}",
+    "access_without_tls": "access without TLS on {host}: set {fix}",
+    "alarm": "{severity}: {text}",
+    "alarm_acknowledged": "acknowledged by {by}: {text}",
+    "alarm_over": "over: {text}",
+    "api_failed": "API on {listener} failed, and is started again: {cause}",
+    "cannot_connect": "link {link} cannot connect to {address}: {cause}",
+    "columns_overlap": "stacked pairs: {reason}",
+    "connected": "link {link} connected to {address}",
+    "connection_lost": "link {link} lost the connection to {address}: {cause}",
+    "cue": "cue {cue} of show {name}",
+    "duplicate_system_id": "system id {system_id} is used twice on link {link}: {cause}",
+    "excluded": "taken out of the show by {by}: {reason}",
+    "interrupted": "{cause} while the show was {show}: take-over and bring-home settle it",
+    "service_stalled": "the service stalled for {stalled_s} s while the show was {show}",
+    "found_interrupted": "session {of_session} was cut off while the show was {was}[: {mismatches}]",
+    "included": "taken into the show again by {by}",
+    "interruption_over": "the flight of session {of_session} that was cut off is settled",
+    "key_file_open": "the key file {file} can be read by others: {fix}",
+    "kill": "motors stopped on command",
+    "land_refused": "LAND was refused, and is sent again: {reason}",
+    "link_failed": "link {link} failed, and is opened again: {cause}",
+    "map_missing": "no map: {cause}",
+    "mavsdk": "MAVSDK: {reported}",
+    "no_progress": "no progress in phase {phase}",
+    "offboard_refused": "OFFBOARD was refused, its autopilot lands it: {reason}",
+    "command_failed": "command failed: {reason}",
+    "parameters_read": "parameters read",
+    "position_reset": "{reason}",
+    "failsafe": "{action}[ of {vehicles}] by the service: {cause} ({reason})",
+    "failsafe_over": "over: {cause}",
+    "record_unread": "the record of the last session cannot be read: {cause}",
+    "recording": "telemetry is recorded in {file}",
+    "recording_failed": "{what} are not recorded: {cause}",
+    "recording_resumed": "{what} are recorded again in {place}",
+    "return_planner_failed": "the vehicles return without a common plan: {reason}",
+    "send_failed": "link {link} could not send[ to {address}]: {cause}",
+    "show_check_failed": "the check of show {show} failed: {reason}",
+    "show_phase": "show {phase}[: {reason}]",
+    "show_selected": "show {show} selected",
+    "signature_refused": "signature refused of system id {system_id} at {address} on link {link}: {cause}",
+    "signing_time_not_kept": "the time of MAVLink signing is not kept: {cause}",
+    "stranger_ignored": "system id {system_id} at {address} on link {link} is not configured: ignored",
+    "supervisor_gone": "nothing restarts this service any more: {cause}",
+    "takeoff_failed": "take-off failed: {reason}",
+    "token_file_open": "the token file {file} can be read by others: {fix}",
+    "tokens_not_read_again": "the token file cannot be read, the old tokens stay valid: {cause}",
+    "tokens_read_again": "tokens read again: {names}",
+    "vehicle_connected": "system id {system_id} received at {address} on link {link}",
+    "vehicle_mode": "mode {mode}",
+    "vehicle_moved": "system id {system_id} on link {link} is now at {address}",
+    "vehicle_not_discovered": "MAVSDK does not find system id {system_id}: {cause}",
+    "vehicle_phase": "{phase}[: {reason}]",
+    "vehicles_discovered": "MAVSDK found system ids {system_ids} on link {link}",
+}
+"""Text of each event; a part in brackets is omitted when its values are unknown. The vehicle concerned is
+shown beside it.
+"""
+
+_FIELD: Final = re.compile(r"\{(\w+)\}")
+_OPTIONAL: Final = re.compile(r"\[([^\]]*)\]")
+
+_WHY: Final = ("reason", "cause")
 
 
 class Severity(StrEnum):
@@ -93,3 +159,37 @@ def attached(handler: logging.Handler) -> Iterator[None]:
 
 def _is_of_the_flight(record: logging.LogRecord) -> bool:
     return not record.name.startswith(("gcs.api", "gcs.sim"))
+
+
+def words(event: str, reported: Mapping[str, object]) -> str:
+    """Return the text of an event with the fields of its log record."""
+    known = {name: text for name, value in reported.items() if (text := plain(value))}
+    form = WORDS.get(event)
+    if form is not None:
+        form = _OPTIONAL.sub(lambda part: part[1] if _fields(part[1]) <= known.keys() else "", form)
+        if _fields(form) <= known.keys():
+            return _FIELD.sub(lambda field: known[field[1]], form)
+    rest = [f"{name.replace('_', ' ')} {text}" for name, text in known.items() if name not in _WHY]
+    why = [known[name] for name in _WHY if name in known]
+    return ": ".join(filter(None, (event.replace("_", " "), ", ".join(rest), "; ".join(why))))
+
+
+def plain(value: object) -> str:
+    """Format a value for display; empty for none."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{plain(name)} {plain(part)}" for name, part in value.items())
+    if isinstance(value, Iterable) and not isinstance(value, str | bytes):
+        return ", ".join(plain(part) for part in value)
+    return str(value)
+
+
+def _fields(form: str) -> set[str]:
+    return set(_FIELD.findall(form))

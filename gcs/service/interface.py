@@ -12,9 +12,16 @@ from gcs.model.state import VehicleId
 from gcs.service.alarms import Alarm
 from gcs.service.commands import CommandRecord, ShowAction, VehicleAction
 from gcs.service.event_log import LogEvent
-from gcs.service.latest import Latest
-from gcs.service.replay_marks import ReplayMarks
-from gcs.service.snapshots import FleetView, Playback, ReportState, SelectedShow, ShowCheck, StoredShow
+from gcs.service.snapshots import (
+    FleetView,
+    Latest,
+    Playback,
+    ReplayMarks,
+    ReportState,
+    SelectedShow,
+    ShowCheck,
+    StoredShow,
+)
 
 
 class Shows(Protocol):

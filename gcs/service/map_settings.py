@@ -45,7 +45,7 @@ class MapSettings(Settings):
         scheme, place = tiles.split("://", 1)
         host = re.split(r"[/?#]", place, maxsplit=1)[0]
         if scheme.lower() not in {"http", "https"}:
-            raise ValueError(f"{scheme}:// is no way to ask for a tile: {NEITHER}")
+            raise ValueError(f"{scheme}:// cannot request a tile: {NEITHER}")
         if HOST.fullmatch(host) is None:
             raise ValueError(f"{host or 'nothing'} is no host: one server by its name, without a password")
         port = host.partition(":")[2]

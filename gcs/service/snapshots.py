@@ -1,9 +1,11 @@
-"""Snapshots of the whole state, of shows and their checks, and of records. None: not known."""
+"""Snapshots of the whole state, of shows and their checks, of records and their marks. None: not known."""
 
+import asyncio
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from prometheus_client import Histogram
 
@@ -14,7 +16,55 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import Counts, VehicleId
 from gcs.service.alarms import Alarm
+from gcs.service.event_log import Severity
 from gcs.service.vehicle_table import VehicleTable, VehicleView
+
+if TYPE_CHECKING:
+    from gcs.safety.filter import SafetySettings
+
+T = TypeVar("T")
+
+
+class Latest(Generic[T]):
+    """The newest value of something, for any number of readers that cannot delay the writer."""
+
+    def __init__(self, value: T) -> None:
+        self._value = value
+        self._make: Callable[[], T] | None = None
+        self._changed = asyncio.Event()
+
+    @property
+    def value(self) -> T:
+        """The newest value."""
+        make, self._make = self._make, None
+        if make is not None:
+            self._value = make()
+        return self._value
+
+    def set(self, value: T) -> None:
+        """Replace the value and wake all waiting readers."""
+        self._value, self._make = value, None
+        self._wake()
+
+    def promise(self, make: Callable[[], T]) -> None:
+        """Set a value that is computed on the first read: most values are never read."""
+        self._make = make
+        self._wake()
+
+    def _wake(self) -> None:
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def changed(self) -> None:
+        """Return with the next change."""
+        await self._changed.wait()
+
+    async def values(self) -> AsyncIterator[T]:
+        """Yield the value now, then the newest after each change; a slow reader misses those between."""
+        while True:
+            changed = self._changed  # taken first, so that no change is missed
+            yield self.value
+            await changed.wait()
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +151,19 @@ class FlightEnvelope:
     floor_vertical_m: float
     margin_m: float  # kept in addition, sideways
 
+    @staticmethod
+    def of(safety: "SafetySettings") -> "FlightEnvelope":
+        """Return geofence and minimum separation of the safety settings."""
+        fence, floor = safety.fence, safety.floor
+        return FlightEnvelope(
+            fence.height_min_m,
+            fence.height_max_m,
+            fence.distance_max_m,
+            floor.horizontal_m,
+            floor.vertical_m,
+            floor.margin_m,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Playback:
@@ -114,6 +177,52 @@ class Playback:
     paused: bool
     ended: bool  # the last recorded state is shown
     skips_idle: bool = False  # playback skips time in which no vehicle flies
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseSpan:
+    """Time span of one show phase. Times of marks are seconds since the first recorded state."""
+
+    phase: ShowPhase
+    from_s: float
+    until_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CueMark:
+    """Start of a cue of the written show."""
+
+    cue: str
+    at_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class EventMark:
+    """An alarm, or a log record of severity warning or above."""
+
+    at_s: float
+    severity: Severity
+    is_alarm: bool
+    text: str
+    vehicle: VehicleId | None
+
+
+@dataclass(frozen=True, slots=True)
+class IdleSpan:
+    """Time span in which no vehicle flies or is about to fly."""
+
+    from_s: float
+    until_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayMarks:
+    """All marks of one record, in order; empty if there is no audit beside the flight data."""
+
+    phases: tuple[PhaseSpan, ...] = ()
+    cues: tuple[CueMark, ...] = ()
+    events: tuple[EventMark, ...] = ()
+    idle: tuple[IdleSpan, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gcs.service.alarm_book import AlarmBook, ChangeKind
 from gcs.service.alarms import (
     CAUSES,
     RANK,
-    AlarmBook,
     AlarmCause,
-    ChangeKind,
     Condition,
     Limit,
     beyond,

@@ -40,7 +40,11 @@ from gcs.service import (
     TickView,
     VehicleAction,
 )
-from gcs.service.alarms import Alarm, AlarmBook, Condition
+from gcs.service.alarm_book import AlarmBook
+from gcs.service.alarms import (
+    Alarm,
+    Condition,
+)
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import LogEvent, Severity
 from gcs.service.vehicle_table import VehicleTable

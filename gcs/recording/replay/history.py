@@ -12,10 +12,9 @@ from gcs.model.errors import GcsError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
 from gcs.recording.audit_reader import AUDIT, PAD, rows
+from gcs.service import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
 from gcs.service.alarms import CAUSES, Alarm, AlarmCause, AlarmSeverity
-from gcs.service.event_log import KEPT, LogEvent, Severity, severity
-from gcs.service.event_texts import words
-from gcs.service.replay_marks import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
+from gcs.service.event_log import KEPT, LogEvent, Severity, severity, words
 
 PLAN: Final = "plan"
 

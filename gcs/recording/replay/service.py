@@ -25,6 +25,7 @@ from gcs.service import (
     CheckState,
     CommandRecord,
     FleetView,
+    FlightEnvelope,
     Latest,
     NoAudit,
     Playback,
@@ -37,7 +38,6 @@ from gcs.service import (
 from gcs.service.alarms import ordered
 from gcs.service.check_process import LOWER, answered
 from gcs.service.event_log import LogEvent
-from gcs.service.flight_envelope import flight_envelope
 from gcs.service.vehicle_table import VehicleTable
 
 REPEAT_S: Final = 0.5
@@ -330,7 +330,7 @@ class Replay:
             reason=status["reason"],
             rows=rows,
             plan=plan_of(status["plan"], now_s - tick["time_s"]),
-            flight_envelope=flight_envelope(self._standard.under(status.get("limits")).safety),
+            flight_envelope=FlightEnvelope.of(self._standard.under(status.get("limits")).safety),
             playback=self._playback(flown.unix_s - self._began_s, ended=ended),
             center_m=_triple(tick["center_m"]),
             center_velocity_m_s=_triple(tick["center_velocity_m_s"]),

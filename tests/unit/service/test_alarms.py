@@ -10,13 +10,12 @@ from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
 from gcs.flight.alarm_monitor import ClosePairs
 from gcs.model.errors import UnknownError
 from gcs.safety.separation import Floor
+from gcs.service.alarm_book import AlarmBook, ChangeKind
 from gcs.service.alarms import (
     CAUSES,
     Alarm,
-    AlarmBook,
     AlarmCause,
     AlarmSeverity,
-    ChangeKind,
     Condition,
     Limit,
     OverallSeverity,

@@ -1,4 +1,4 @@
-"""What happened last, in words."""
+"""The newest events, in words."""
 
 import logging
 

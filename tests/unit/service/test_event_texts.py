@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from gcs.service.event_texts import WORDS, words
+from gcs.service.event_log import WORDS, words
 
 ROOT = Path(__file__).parents[3]
 PYTHON = re.compile(r"\('|\['|',\)|\{|\bNone\b|\bTrue\b|\bFalse\b|<|Path\(|\[")

@@ -9,8 +9,7 @@ from typing import Final
 
 from gcs.model.errors import UnknownError
 from gcs.model.state import VehicleId
-from gcs.service.alarms.causes import CAUSES, AlarmCause, AlarmSeverity, CauseRow
-from gcs.service.alarms.model import RANK, Alarm, Condition, ordered
+from gcs.service.alarms import CAUSES, RANK, Alarm, AlarmCause, AlarmSeverity, CauseRow, Condition, ordered
 
 NAMED_MAX: Final = 12
 """Up to this many vehicles are named in a text; of more it has the number, and `vehicles` has the names."""

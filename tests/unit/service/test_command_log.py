@@ -1,4 +1,4 @@
-"""What becomes of accepted orders."""
+"""Accepted commands, and their outcomes."""
 
 import time
 
