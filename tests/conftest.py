@@ -1,5 +1,6 @@
 """Tests that keep time with a real clock are told from those that only compute."""
 
+import gc
 import logging
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,6 +52,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
             folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
             raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
+
+
+def pytest_collection_finish() -> None:
+    """The collector of garbage passes over what collection made: it lives as long as the process."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

@@ -56,7 +56,7 @@ def health_problem(view: FleetView, now_s: float) -> str:
         stands = "the replay does not go on" if replays else "the control loop does not run"
         return f"the newest state is {age_s:.1f} s old: {stands}"
     if not (view.control_alive or replays):
-        return "the control loop has completed no tick within the deadman's time: no setpoints are sent"
+        return "the control loop has completed no tick in time: no setpoints are sent"
     return ""
 
 

@@ -15,6 +15,10 @@ from tests import vocabulary
         ("a.py", 'log.info("vehicle_heard")'),
         ("a.ts", "const told = ghostBox;"),
         ("a.md", "as `restrained_by` shows"),
+        ("a.py", "# nobody is below"),
+        ("a.py", "def test_news_of_vehicles(): ..."),
+        ("a.ts", "// Everybody\n"),
+        ("a.md", "the deadman stops setpoints"),
     ],
 )
 def test_a_retired_name_is_found(path: str, source: str) -> None:

@@ -219,7 +219,7 @@ export const texts = {
     look: "Show issues",
     unknown: "Preflight has not been checked yet",
     failsNow: (count: number): string => `${count} ${count === 1 ? "issue" : "issues"} now; preflight is checked again when the start is due`,
-    nobody: "Take-off is blocked: no vehicle can fly",
+    noVehicles: "Take-off is blocked: no vehicle can fly",
   },
   kill: {
     title: "Kill: stops motors, also in the air",
@@ -383,7 +383,7 @@ export const texts = {
     noField: (field: string, known: string[]): string => `There is no “${field}”; there are ${known.join(", ")}.`,
     noNumberField: (field: string, known: string[]): string => `“${field}” is no number; numbers are ${known.join(", ")}.`,
     noNumber: (start: string): string => `A number after ${start}`,
-    nobody: "No vehicles match.",
+    noMatch: "No vehicles match.",
     columns: {
       id: "Vehicle",
       phase: "Phase",

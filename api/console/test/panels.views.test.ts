@@ -104,9 +104,9 @@ describe("take off", () => {
 
   it("may not be pressed while preflight fails, nor with no vehicle that flies", () => {
     expect(whyNotStart(ready(report({ d1: [check("battery")], d2: [check("clock")] })))).toBe("Take-off is blocked: 2 issues");
-    expect(whyNotStart(ready({ ...good, passes: true, vehicles: [] }))).toBe(texts.start.nobody);
+    expect(whyNotStart(ready({ ...good, passes: true, vehicles: [] }))).toBe(texts.start.noVehicles);
     const out = report({ d1: [check("battery")] }, ["d1"]);
-    expect(whyNotStart(ready(out))).toBe(texts.start.nobody);
+    expect(whyNotStart(ready(out))).toBe(texts.start.noVehicles);
   });
 
   it("goes by the report for the vehicles that are named, not by the fleet's", () => {

@@ -34,7 +34,7 @@ test("the closest pairs come first, none is missed or told twice", () => {
   expect(pairs.map(({ proximity }) => proximity)).toEqual(pairs.map(({ proximity }) => proximity).sort((a, b) => a - b));
 });
 
-test("who stands on the ground, is unknown, or lower than the pads' height is close to nobody", () => {
+test("who stands on the ground, is unknown, or lower than the pads' height has no other close to it", () => {
   const near = [at(0, 0, 20), at(1, 0, 20, { phase: "standby" }), { x_m: 1 }];
   expect(closePairs(frame({ vehicles: near }), FLOOR)).toEqual([]);
   expect(closePairs(frame({ vehicles: [at(0, 0, 1), at(1, 0, 1.5)] }), FLOOR)).toEqual([]);
@@ -76,7 +76,7 @@ test("what is old is grey and does not shine, be it one vehicle or the whole con
   const lost = looked(one, { isFresh: false });
   expect(tintOf(lost, 1)).toEqual(grey);
   expect(lost.tints[7]).toBe(0);
-  expect(lost.marks[1]).toBe(0); // nobody knows whether it is limited now
+  expect(lost.marks[1]).toBe(0); // it is not known whether it is limited now
   one.position_age_s[1] = Number.NaN;
   expect(isStale(one, 1, true)).toBe(true);
 });

@@ -28,7 +28,7 @@ test.each([
   expect(back.longitude_deg).toBeCloseTo(place.longitude_deg, 8);
 });
 
-test("tiles are numbered as everybody numbers them, from the north-west", () => {
+test("tiles are numbered as is usual, from the north-west", () => {
   expect([Math.floor(columnOf(8.545594, 17)), Math.floor(rowOf(47.397742, 17))]).toEqual([68647, 45888]);
   expect([Math.floor(columnOf(-0.1278, 10)), Math.floor(rowOf(51.5074, 10))]).toEqual([511, 340]); // London
   expect([columnOf(-180, 3), rowOf(85.0511287798, 3)].map((each) => Math.round(each * 1e6))).toEqual([0, 0]);
@@ -146,7 +146,7 @@ test("a picture that comes when it is not wanted any more is not made", () => {
   expect(tile_cache.picture("a")).toBeNull();
 });
 
-test("the token goes with tiles of this service, to nobody else, and nobody is followed elsewhere", () => {
+test("the token goes with tiles of this service, to no other, and no redirection is followed", () => {
   const page = "http://station:8000";
   const ours = requestFor("/api/v1/map/3/1/1", page, "secret");
   expect(ours.url).toBe("http://station:8000/api/v1/map/3/1/1");

@@ -58,7 +58,7 @@ test("what is late is carried on for a moment, then it stands: old data never lo
   expect(playback.at(4000)!.still).toBe(true);
 });
 
-test("a replay that stands still carries nobody on", () => {
+test("a replay that stands still extrapolates no vehicle", () => {
   const playback = new Playback();
   playback.push(flight(0));
   playback.push(flight(1));

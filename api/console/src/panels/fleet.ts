@@ -184,7 +184,7 @@ function table(state: State, actions: PanelActions, status: Status, frame: Frame
         <tr class="spacer" aria-hidden="true"><td colspan=${COLUMNS.length} ${place({ height: `${shown.below_px}px` })}></td></tr>
       </tbody>
     </table>
-    ${command.length === 0 ? html`<p class="empty">${texts.fleet.nobody}</p>` : nothing}
+    ${command.length === 0 ? html`<p class="empty">${texts.fleet.noMatch}</p>` : nothing}
   </div>`;
 }
 
@@ -211,7 +211,7 @@ export function fleet(state: State, actions: PanelActions): TemplateResult {
         id: "filter-select",
         label: texts.selection.selectShown(panels.table.command.length),
         kind: "quiet",
-        why: panels.table.command.length > 0 ? "" : texts.fleet.nobody,
+        why: panels.table.command.length > 0 ? "" : texts.fleet.noMatch,
         press: () => actions.choose({ how: "only", ids: rowIds(actions.now()) }),
       })}
       ${button(actions, {

@@ -41,7 +41,7 @@ export function whyNotStart(state: State): string {
   if (why !== "" || typeof command === "string" || command.at_unix_time_s !== null) return why;
   const report = preflightOf(state, command.vehicles);
   if (report === null) return state.panels.preflightProblem || t.unknown;
-  if (!report.vehicles.some((each) => each.flies)) return t.nobody;
+  if (!report.vehicles.some((each) => each.flies)) return t.noVehicles;
   return report.passes ? "" : t.fails(failures(report));
 }
 
@@ -66,7 +66,7 @@ function readiness(state: State, actions: PanelActions): TemplateResult {
   const flying = report.vehicles.filter((each) => each.flies).length;
   const passes = report.passes && flying > 0;
   const byClock = typeof command !== "string" && command.at_unix_time_s !== null;
-  const verdict = flying === 0 ? t.nobody : passes ? t.passes : byClock ? t.failsNow(failures(report)) : t.fails(failures(report));
+  const verdict = flying === 0 ? t.noVehicles : passes ? t.passes : byClock ? t.failsNow(failures(report)) : t.fails(failures(report));
   const staying = byReason(report.not_flying);
   return html`<p class="verdict ${passes ? "good" : "bad"}" data-testid="start-preflight">
       ${icon(passes ? "check" : "cross")} <strong>${verdict}</strong>
