@@ -7,10 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from gcs.config.schema import find, load, parse
+from gcs.config.schema import find, load
 from gcs.flight.vehicle import Vehicle, VehicleStatus
 from gcs.links.link_set import SetpointRouting
-from gcs.model.errors import ConfigError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints
 from gcs.service import Latest
@@ -70,21 +69,3 @@ def test_a_thousand_vehicles_in_four_namespaces_have_own_names() -> None:
     assert len(config.ids) == 1000
     assert config.ids[:2] == ("a1", "a2")
     assert config.ids[-1] == "d250"
-
-
-@pytest.mark.parametrize(
-    ("line", "why"),
-    [
-        ("signing: {key_file: a.key}", "signing: transport native has none"),
-        ("forward: udp://127.0.0.1:14550", "forward: transport native has none"),
-        ("listen: tcpin://127.0.0.1:15000", "transport native needs one udpin"),
-    ],
-)
-def test_unsupported_native_transport_settings_are_refused(line: str, why: str) -> None:
-    text = find("large").read_text(encoding="utf-8")
-    if line.startswith("listen"):
-        text = text.replace("listen: udpin://127.0.0.1:15000", line)
-    else:
-        text = text.replace("    vehicles:", f"    {line}\n    vehicles:", 1)
-    with pytest.raises(ConfigError, match=why):
-        parse(text, "my.yaml")
