@@ -89,12 +89,7 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
         to_goal_m_s = goal_velocity(now.position_m[goers], now.tasks.goal_m[goers], settings=law)
         half_m_s = 0.5 * np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
         desired_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s)
-    return scale_to_limits(
-        desired_m_s,
-        horizontal_max_m_s=limits.horizontal_m_s,
-        up_max_m_s=limits.up_m_s,
-        down_max_m_s=limits.down_m_s,
-    )
+    return scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
 
 
 def _avoiding(

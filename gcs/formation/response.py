@@ -6,8 +6,9 @@ from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array, Mask
 
 
+@kernel
 def scale_to_limits(
-    velocity_m_s: Array, *, horizontal_max_m_s: float, up_max_m_s: float, down_max_m_s: float
+    velocity_m_s: Array, horizontal_max_m_s: float, up_max_m_s: float, down_max_m_s: float
 ) -> Array:
     """Scale rows that exceed a limit until none does; the direction is kept.
 
@@ -21,11 +22,6 @@ def scale_to_limits(
 
     Returns: (n, 3) in m/s.
     """
-    return _scaled(velocity_m_s, horizontal_max_m_s, up_max_m_s, down_max_m_s)
-
-
-@kernel
-def _scaled(velocity_m_s: Array, horizontal_max_m_s: float, up_max_m_s: float, down_max_m_s: float) -> Array:
     scaled = np.empty_like(velocity_m_s)
     for i in range(len(velocity_m_s)):
         x, y, z = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
 from gcs.model.state import Array
-from gcs.safety.constraints import NO_ROW, Constraints
+from gcs.safety.constraints import NO_ROW
 from gcs.safety.neighbours import Rows
 
 NEARLY_M_S = 1e-6
@@ -44,41 +44,6 @@ FEWEST = 8
 """Least number of sweeps and shortenings."""
 
 
-def project(desired_m_s: Array, constraints: Constraints) -> Array:
-    """Change the velocities as little as possible (least squares) so that all constraints hold.
-
-    Hildreth's method, forwards and backwards in turn, until it settles: the nearest point is unique, so the
-    order of the constraints does not matter. Only constraints that are or were broken take part.
-
-    Args:
-        desired_m_s: (n, 3), finite.
-        constraints: over the same n rows.
-
-    Returns: (n, 3) in m/s. Constraints may still be broken slightly, or where they contradict each other:
-        see `shrink`.
-    """
-    return nearest(
-        desired_m_s, constraints.first, constraints.second, constraints.normal, constraints.bound_m_s
-    )
-
-
-def shrink(velocity_m_s: Array, constraints: Constraints) -> Array:
-    """Scale rows down until every constraint holds that rest itself satisfies.
-
-    Where rest is not enough (something else closes in), the velocity found by the projection is kept: it
-    moves away.
-
-    Args:
-        velocity_m_s: (n, 3).
-        constraints: over the same rows.
-
-    Returns: (n, 3) in m/s, each row shorter or equal.
-    """
-    return shortened(
-        velocity_m_s, constraints.first, constraints.second, constraints.normal, constraints.bound_m_s
-    )
-
-
 @kernel
 def along_m_s(velocity_m_s: Array, i: int, normal: Array, k: int) -> float:
     """Speed of row i along normal k."""
@@ -101,11 +66,22 @@ def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Arr
 
 @kernel
 def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
-    """As `project`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,).
+    """Change the velocities as little as possible (least squares) so that all constraints hold.
 
-    The active constraints are contiguous in memory. Most rows come to rest within a few sweeps, where only
-    few constraints touch each other; a sweep skips constraints whose rows are at rest, because they would not
-    change.
+    Hildreth's method, forwards and backwards in turn, until it settles: the nearest point is unique, so the
+    order of the constraints does not matter. Only constraints that are or were broken take part; they are
+    contiguous in memory. Most rows come to rest within a few sweeps, where only few constraints touch each
+    other; a sweep skips constraints whose rows are at rest, because they would not change.
+
+    Args:
+        desired_m_s: (n, 3), finite.
+        first: (k,) rows.
+        second: (k,) rows or NO_ROW.
+        normal: (k, 3).
+        bound_m_s: (k,).
+
+    Returns: (n, 3) in m/s. Constraints may still be broken slightly, or where they contradict each other:
+        see `shortened`.
     """
     velocity_m_s = desired_m_s.copy()
     taken = np.zeros(len(first), np.bool_)
@@ -225,7 +201,11 @@ def any_broken(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bo
 
 @kernel
 def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
-    """As `shrink`, on arrays: rows (k,), (k,), normals (k, 3), bounds (k,)."""
+    """Scale rows (n, 3) down until every constraint holds that rest itself satisfies.
+
+    Where rest is not enough (something else closes in), the velocity found by the projection is kept: it
+    moves away. The constraints are those of `nearest`.
+    """
     shorter_m_s = velocity_m_s.copy()
     broken = True
     tries, most = 0, min(SHRINKS, max(FEWEST, VISITS // max(len(first), 1)))

@@ -64,10 +64,6 @@ class Rehearsal(SimulatedFlight):
         super().__init__(scenario, start_m, np.full_like(start_m, np.nan), first, seed)
         self.task[:] = Task.FORMATION
 
-    def show_time_s(self, time_s: float) -> float:
-        """The show's time at a virtual time; below 0 before its start, past its duration in the return."""
-        return -1.0 if self.began_s is None else time_s - self.began_s
-
     def before_tick(self) -> None:
         """Do what the commander would do before this tick."""
         if self._on_progress is not None and self.time_s >= self._report_at_s:

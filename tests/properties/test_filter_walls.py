@@ -11,7 +11,6 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.safety.constraints import Constraints
 from gcs.safety.filter import Surroundings, cap, filter_velocities
-from gcs.safety.projection import project, shrink
 from gcs.safety.separation import Floor, keepout_constraints, separation_constraints
 from gcs.safety.walls import obstacle_constraints
 from tests.support.law_fleets import masks, obstacles, places, vectors
@@ -24,6 +23,7 @@ from tests.support.safety_fleets import (
     around,
     closest,
 )
+from tests.support.safety_world import project, shrink
 
 
 def gap_to_box_m(position: Array, obstacle: Obstacle, time_s: float) -> Array:

@@ -8,6 +8,8 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array
 from gcs.safety.constraints import Braking, Constraints
 from gcs.safety.filter import Limits, SafetySettings, Surroundings, filter_velocities
+from gcs.safety.neighbours import Rows
+from gcs.safety.projection import nearest, shortened
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 
@@ -52,3 +54,15 @@ def half_space(row: int, other: int, normal: tuple[float, float, float], bound: 
     return Constraints(
         np.array([row]), np.array([other]), np.array([normal]), np.array([bound]), (f"{row}-{other}",)
     )
+
+
+def project(desired: Array, constraints: Constraints) -> Array:
+    return nearest(desired, *_rows(constraints))
+
+
+def shrink(velocity: Array, constraints: Constraints) -> Array:
+    return shortened(velocity, *_rows(constraints))
+
+
+def _rows(constraints: Constraints) -> tuple[Rows, Rows, Array, Array]:
+    return constraints.first, constraints.second, constraints.normal, constraints.bound_m_s

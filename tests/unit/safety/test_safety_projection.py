@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gcs.safety.constraints import NO_ROW, Constraints
-from gcs.safety.projection import SHRINKS, any_broken, project, shrink
-from tests.support.safety_world import half_space
+from gcs.safety.projection import SHRINKS, any_broken
+from tests.support.safety_world import half_space, project, shrink
 
 
 def test_pair_shares_the_correction_evenly_and_no_other_changes() -> None:
