@@ -13,7 +13,6 @@ from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, AlarmId, VehicleId, e
 from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
 from gcs.api.schemas.fleet import Access, Alarm, AlarmList, Status
-from gcs.model import preflight_report as checks
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.service.alarms import AlarmCause
 
@@ -103,7 +102,7 @@ async def list_alarms(context: ContextDep) -> AlarmList:
 )
 async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
     """Returns the alarms that were not acknowledged before. Ended alarms are removed from the list."""
-    return [convert.alarm(each) for each in context.service.alarms.acknowledge_all()]
+    return [convert.as_schema(schemas.Alarm, each) for each in context.service.alarms.acknowledge_all()]
 
 
 @api.post(
@@ -117,7 +116,7 @@ async def acknowledge_alarm(alarm_id: AlarmId, context: ContextDep) -> Alarm:
     """The alarm stays listed while its cause lasts, with name and time of the first acknowledgement."""
     if alarm_id == AlarmCause.CONTROL_STOPPED.value:
         raise RefusedError("control-stopped is not acknowledged: it stays on top until control runs again")
-    return convert.alarm(context.service.alarms.acknowledge(alarm_id))
+    return convert.as_schema(schemas.Alarm, context.service.alarms.acknowledge(alarm_id))
 
 
 # Preflight
@@ -128,28 +127,6 @@ Named = Annotated[
 ]
 
 
-def _check(one: checks.Check) -> reports.Check:
-    return reports.Check(
-        name=one.name,
-        state=one.state,
-        value=one.value,
-        unit=one.unit,
-        limit=one.limit,
-        problem=one.problem,
-        to_do=one.to_do,
-    )
-
-
-def _vehicle(one: checks.VehicleChecks) -> reports.VehicleChecks:
-    return reports.VehicleChecks(
-        id=one.id,
-        passes=not one.failed,
-        flies=one.flies,
-        reason=one.reason,
-        checks=[_check(check) for check in one.checks],
-    )
-
-
 @api.get(
     "/preflight",
     tags=["preflight"],
@@ -158,17 +135,7 @@ def _vehicle(one: checks.VehicleChecks) -> reports.VehicleChecks:
 )
 async def get_preflight(context: ContextDep, vehicles: Named = None) -> reports.Preflight:
     """Every check of every vehicle and of the fleet, at most once a second, and only on the ground."""
-    report = context.service.preflight.report(vehicles)
-    return reports.Preflight(
-        passes=report.passes,
-        unix_time_s=report.unix_time_s,
-        show=report.show,
-        show_hash=report.show_hash,
-        fleet=[_check(check) for check in report.fleet],
-        vehicles=[_vehicle(vehicle) for vehicle in report.vehicles],
-        not_flying={vehicle.id: vehicle.reason for vehicle in report.vehicles if not vehicle.flies},
-        not_checked=list(report.not_checked),
-    )
+    return convert.as_schema(reports.Preflight, context.service.preflight.report(vehicles))
 
 
 # Map

@@ -46,7 +46,7 @@ async def put_target(body: requests.TargetPut, context: ContextDep) -> schemas.T
 @router.get("/orbit", tags=["target"], summary="Orbit of the formation around the target")
 async def get_orbit(context: ContextDep) -> schemas.Orbit:
     """Radius, speed and direction of the orbit around the target."""
-    return convert.orbit(context.plan.orbit)
+    return convert.as_schema(schemas.Orbit, context.plan.orbit)
 
 
 @router.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)

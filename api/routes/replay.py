@@ -23,22 +23,22 @@ def _replaying(context: Context) -> Replaying:
 @router.get("/replay", summary="How the record is played", responses=READ | errors(409))
 async def get_replay(context: ContextDep) -> schemas.Replay:
     """Position and speed of the replay; `409` when the service controls vehicles."""
-    return convert.replay(_replaying(context).playback)
+    return convert.as_schema(schemas.Replay, _replaying(context).playback)
 
 
 @router.post("/replay", summary="Pause, continue, change speed or position", responses=COMMAND)
 async def change_replay(body: requests.ReplayChange, context: ContextDep) -> schemas.Replay:
     """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
-    return convert.replay(_replaying(context).change(**body.given()))
+    return convert.as_schema(schemas.Replay, _replaying(context).change(**body.given()))
 
 
 @router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
 async def get_replay_marks(context: ContextDep) -> reports.ReplayMarks:
     """Phases, cues, events and idle times of the whole record, for a timeline; they never change."""
-    return convert.replay_marks(_replaying(context).marks)
+    return convert.as_schema(reports.ReplayMarks, _replaying(context).marks)
 
 
 @router.get("/replay/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))
 async def get_flight_report(context: ContextDep) -> reports.FlightReport:
     """Answers at once. The first call starts the analysis beside the replay; poll until it is done."""
-    return convert.flight_report(_replaying(context).make_flight_report())
+    return convert.as_schema(reports.FlightReport, _replaying(context).make_flight_report())

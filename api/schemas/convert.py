@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas import reports, requests
+from gcs.api.schemas import requests
 from gcs.api.schemas.binary_frame import FLOATS, fill_floats
 from gcs.model import plan
 from gcs.model.errors import InvalidError, RefusedError
@@ -18,7 +18,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.model.state import Array
-from gcs.service import CommandRecord, FleetView, Playback, ReplayMarks, ReportState, ShowAction
+from gcs.service import CommandRecord, FleetView, ShowAction
 from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
 from gcs.service.event_log import LogEvent
 from gcs.service.vehicle_table import VehicleTable
@@ -98,13 +98,9 @@ def current_alarms(view: FleetView, problem: str) -> tuple[Alarm, ...]:
     return (Alarm(cause.value, row.severity, cause, text, row.advice, (), *times), *view.alarms)
 
 
-def alarm(reported: Alarm) -> schemas.Alarm:
-    return as_schema(schemas.Alarm, reported)
-
-
 def alarms(view: FleetView, problem: str) -> list[schemas.Alarm]:
     """All alarms of a state, the most severe first."""
-    return [alarm(each) for each in current_alarms(view, problem)]
+    return [as_schema(schemas.Alarm, each) for each in current_alarms(view, problem)]
 
 
 def severity(view: FleetView, problem: str) -> OverallSeverity:
@@ -244,7 +240,7 @@ def status(
             margin_m=envelope.margin_m,
         ),
         limits=sorted(set(view.rows.limited_by) - {""}),
-        replay=None if view.playback is None else replay(view.playback),
+        replay=None if view.playback is None else as_schema(schemas.Replay, view.playback),
         events=[as_schema(schemas.LogEvent, each) for each in events],
         vehicles=records(view.rows),
     )
@@ -262,7 +258,7 @@ def _summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> di
         "origin": as_schema(schemas.Origin, frame),
         "formation": formation(desired.formation, view),
         "target": target(desired.target, view.target_m, frame),
-        "orbit": orbit(desired.orbit),
+        "orbit": as_schema(schemas.Orbit, desired.orbit),
         "yaw": yaw(desired.yaw, frame),
         "obstacles": [obstacle(box, view.time_s) for box in desired.obstacles],
         "interrupted": None if view.interrupted is None else interrupted(view.interrupted),
@@ -359,10 +355,6 @@ def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFra
     )
 
 
-def orbit(desired: plan.Orbit) -> schemas.Orbit:
-    return as_schema(schemas.Orbit, desired)
-
-
 def yaw(desired: plan.Yaw, frame: ShowFrame) -> schemas.Yaw:
     return schemas.Yaw(policy=desired.policy, heading_deg=heading_deg(desired.fixed_rad, frame))
 
@@ -396,18 +388,6 @@ def command(record: CommandRecord) -> schemas.Command:
         outcome=record.outcome,
         vehicles={name: as_schema(schemas.CommandPart, part) for name, part in record.outcomes.items()},
     )
-
-
-def replay(playback: Playback) -> schemas.Replay:
-    return as_schema(schemas.Replay, playback)
-
-
-def replay_marks(marks: ReplayMarks) -> reports.ReplayMarks:
-    return as_schema(reports.ReplayMarks, marks)
-
-
-def flight_report(found: ReportState) -> reports.FlightReport:
-    return as_schema(reports.FlightReport, found)
 
 
 # Requests

@@ -80,24 +80,20 @@ class Orbit:
         require_positive(speed_m_s=self.speed_m_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
-    """The ground target in the show frame, as last received; it moves on with its velocity."""
+class _Moving:
+    """What moves over the ground with a constant velocity."""
 
-    x_m: float = 0.0
-    y_m: float = 0.0
-    velocity_x_m_s: float = 0.0
-    velocity_y_m_s: float = 0.0
-    time_s: float = 0.0  # loop clock: when it was there
+    __slots__ = ()
 
-    def __post_init__(self) -> None:
-        require_finite(
-            x_m=self.x_m,
-            y_m=self.y_m,
-            velocity_x_m_s=self.velocity_x_m_s,
-            velocity_y_m_s=self.velocity_y_m_s,
-            time_s=self.time_s,
-        )
+    x_m: float
+    y_m: float
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    time_s: float
+
+    def require_finite_motion(self) -> None:
+        names = ("x_m", "y_m", "velocity_x_m_s", "velocity_y_m_s", "time_s")
+        require_finite(**{name: getattr(self, name) for name in names})
 
     def position_m(self, time_s: float) -> tuple[float, float]:
         """(x, y) at `time_s`, by dead reckoning."""
@@ -116,7 +112,21 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class Obstacle:
+class Target(_Moving):
+    """The ground target in the show frame, as last received; it moves on with its velocity."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    velocity_x_m_s: float = 0.0
+    velocity_y_m_s: float = 0.0
+    time_s: float = 0.0  # loop clock: when it was there
+
+    def __post_init__(self) -> None:
+        self.require_finite_motion()
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle(_Moving):
     """A box on the ground, edges along the show frame's axes, as last received; its velocity continues."""
 
     id: str
@@ -132,28 +142,12 @@ class Obstacle:
     def __post_init__(self) -> None:
         if not self.id:
             raise InvalidError("id", self.id, "at least one character")
-        require_finite(
-            x_m=self.x_m,
-            y_m=self.y_m,
-            velocity_x_m_s=self.velocity_x_m_s,
-            velocity_y_m_s=self.velocity_y_m_s,
-            time_s=self.time_s,
-        )
+        self.require_finite_motion()
         require_positive(
             half_length_x_m=self.half_length_x_m,
             half_length_y_m=self.half_length_y_m,
             height_m=self.height_m,
         )
-
-    def position_m(self, time_s: float) -> tuple[float, float]:
-        """(x, y) of its centre at `time_s`, by dead reckoning."""
-        elapsed_s = time_s - self.time_s
-        return self.x_m + self.velocity_x_m_s * elapsed_s, self.y_m + self.velocity_y_m_s * elapsed_s
-
-    @property
-    def speed_m_s(self) -> float:
-        """Over the ground."""
-        return hypot(self.velocity_x_m_s, self.velocity_y_m_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,6 +49,10 @@ class VehicleChecks:
         """The checks that keep it on the ground, if it takes part."""
         return tuple(check for check in self.checks if not check.passes)
 
+    @property
+    def passes(self) -> bool:
+        return not self.failed
+
 
 @dataclass(frozen=True, slots=True)
 class PreflightReport:
@@ -60,6 +64,11 @@ class PreflightReport:
     fleet: tuple[Check, ...]
     vehicles: tuple[VehicleChecks, ...]
     not_checked: tuple[str, ...]  # what is not checked, and why
+
+    @property
+    def not_flying(self) -> dict[VehicleId, str]:
+        """Vehicles that would stay on the ground, and why."""
+        return {vehicle.id: vehicle.reason for vehicle in self.vehicles if not vehicle.flies}
 
     @property
     def passes(self) -> bool:
