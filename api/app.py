@@ -25,7 +25,7 @@ from gcs.api.openapi import DescribedApp
 from gcs.api.routes import commands, fleet, plan, stream
 from gcs.api.routes import replay as replay_routes
 from gcs.api.routes import shows as show_routes
-from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import reports
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
 from gcs.service import Service
 
@@ -95,7 +95,7 @@ async def _on_gcs_error(_request: Request, error: Exception) -> Response:
         raise error
     if isinstance(error, InvalidError):
         return invalid_response(
-            [schemas.Problem(field=error.field, value=echo(error.value), allowed=error.allowed)]
+            [reports.Problem(field=error.field, value=echo(error.value), allowed=error.allowed)]
         )
     return error_response(status, str(error))
 

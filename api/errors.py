@@ -10,8 +10,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas import requests
+from gcs.api.schemas import reports, requests
 from gcs.model.errors import cut, quoted
 
 SECURITY_HEADERS: Final[Mapping[str, str]] = {
@@ -62,7 +61,7 @@ def _text(value: object) -> str:
     return quoted(value)
 
 
-def error_response(status: int, detail: str, problems: Sequence[schemas.Problem] = ()) -> Response:
+def error_response(status: int, detail: str, problems: Sequence[reports.Problem] = ()) -> Response:
     """Make an error response in the common shape, in plain ASCII, so that no received text can break it."""
     body = {
         "detail": detail if len(detail) <= DETAIL_MAX else detail[:DETAIL_MAX] + "…",
@@ -72,13 +71,13 @@ def error_response(status: int, detail: str, problems: Sequence[schemas.Problem]
     return Response(text, status_code=status, media_type="application/json", headers=ERROR_HEADERS)
 
 
-def invalid_response(problems: Sequence[schemas.Problem]) -> Response:
+def invalid_response(problems: Sequence[reports.Problem]) -> Response:
     """Make the response to invalid fields: 422."""
     detail = "; ".join(f"{problem.field} = {_text(problem.value)}: {problem.allowed}" for problem in problems)
     return error_response(HTTPStatus.UNPROCESSABLE_ENTITY, detail, problems)
 
 
-def from_pydantic(error: dict[str, Any]) -> schemas.Problem:
+def from_pydantic(error: dict[str, Any]) -> reports.Problem:
     """Convert one error of pydantic."""
     kind, value = error["type"], error["input"]
     path = [str(part) for part in error["loc"][1:]]
@@ -94,7 +93,7 @@ def from_pydantic(error: dict[str, Any]) -> schemas.Problem:
         allowed = "not a field of this request"
     elif field == "body" and not isinstance(value, dict):
         allowed = "a JSON object, sent as Content-Type: application/json"
-    return schemas.Problem(field=cut(field), value=echo(value), allowed=allowed)
+    return reports.Problem(field=cut(field), value=echo(value), allowed=allowed)
 
 
 async def refuse(response: Response, scope: Scope, receive: Receive, send: Send) -> None:

@@ -6,7 +6,7 @@ from fastapi import Depends, FastAPI, Path
 from fastapi.security import HTTPBearer
 from starlette.requests import Request
 
-from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import reports
 from gcs.api.schemas.requests import NAME_MAX
 from gcs.model.errors import InvalidError
 
@@ -41,7 +41,7 @@ MEANING: Final = {
 
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """OpenAPI documentation of the errors that a route may return."""
-    return {status: {"model": schemas.ErrorBody, "description": MEANING[status]} for status in statuses}
+    return {status: {"model": reports.ErrorBody, "description": MEANING[status]} for status in statuses}
 
 
 async def _no_body(request: Request) -> None:

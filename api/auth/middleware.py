@@ -21,7 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs.api.auth.authorization import Authorization, Principal, Refusal, Request, is_emergency, needed
 from gcs.api.errors import echo, error_response, invalid_response, refuse
-from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import reports
 from gcs.model.errors import cut
 from gcs.service import CALLER, Audit, Call
 
@@ -259,7 +259,7 @@ class _Long(str):
     __slots__ = ()
 
 
-def find_problem(headers: Headers, body: bytes) -> schemas.Problem | None:
+def find_problem(headers: Headers, body: bytes) -> reports.Problem | None:
     """Return the first problem of a body that is declared as JSON; None when it has none.
 
     A body that cannot be parsed as JSON also returns None: its route reports the error.
@@ -270,9 +270,9 @@ def find_problem(headers: Headers, body: bytes) -> schemas.Problem | None:
     try:
         text = body.decode()
     except UnicodeDecodeError as error:
-        return schemas.Problem(field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not")
+        return reports.Problem(field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not")
     if text.count("[") + text.count("{") > DEPTH_MAX and _depth(text) > DEPTH_MAX:
-        return schemas.Problem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
+        return reports.Problem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
     try:
         value = json.loads(text, object_pairs_hook=_json_object, parse_int=_whole)
     except json.JSONDecodeError:
@@ -300,14 +300,14 @@ def _whole(digits: str) -> int | _Long:
     return int(digits) if len(digits) <= DIGITS_MAX else _Long(digits)
 
 
-def _problems(value: object, path: tuple[str, ...]) -> Iterator[schemas.Problem]:
+def _problems(value: object, path: tuple[str, ...]) -> Iterator[reports.Problem]:
     """Yield every problem inside a value, with the dotted name of its field."""
     if isinstance(value, _Twice):
         name = _field((*path, value.name))
-        yield schemas.Problem(field=name, value=echo(value[value.name]), allowed="given once, not twice")
+        yield reports.Problem(field=name, value=echo(value[value.name]), allowed="given once, not twice")
     if isinstance(value, _Long):
         allowed = f"a number of at most {DIGITS_MAX} digits"
-        yield schemas.Problem(field=_field(path), value=echo(str(value)), allowed=allowed)
+        yield reports.Problem(field=_field(path), value=echo(str(value)), allowed=allowed)
     if isinstance(value, dict):
         for name, part in value.items():
             yield from _problems(part, (*path, name))

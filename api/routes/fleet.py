@@ -12,7 +12,8 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, AlarmId, VehicleId, errors
 from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas.fleet import Access, Alarm, AlarmList, Status
+from gcs.api.schemas.fleet import Alarm, AlarmList, Status
+from gcs.api.schemas.reports import Access
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.service.alarms import AlarmCause
 
@@ -21,12 +22,12 @@ api = APIRouter(dependencies=TOKEN)
 
 
 @health.get("/healthz", summary="Whether control is alive", responses=errors(503))
-async def healthz(context: ContextDep) -> schemas.Health:
+async def healthz(context: ContextDep) -> reports.Health:
     """200 only while the control loop runs and its newest state is fresh, judged by the clock."""
     problem = context.health_problem()
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
-    return schemas.Health(
+    return reports.Health(
         alive=True,
         view_age_s=max(0.0, context.age_s()),
         tick_rate_hz=context.view.tick.rate_hz,
@@ -36,7 +37,7 @@ async def healthz(context: ContextDep) -> schemas.Health:
 
 
 @health.get("/readyz", summary="Whether any vehicle can be commanded", responses=errors(503))
-async def readyz(context: ContextDep) -> schemas.Readiness:
+async def readyz(context: ContextDep) -> reports.Readiness:
     """200 only while control is alive and at least one vehicle is ready to start or airborne."""
     problem = convert.readiness_problem(context.view, context.now_s())
     if problem:

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas import requests
+from gcs.api.schemas import reports, requests
 from gcs.api.schemas.binary_frame import FLOATS, fill_floats
 from gcs.model import plan
 from gcs.model.errors import InvalidError, RefusedError
@@ -71,9 +71,9 @@ def readiness_problem(view: FleetView, now_s: float) -> str:
     return ""
 
 
-def readiness(view: FleetView) -> schemas.Readiness:
+def readiness(view: FleetView) -> reports.Readiness:
     """Numbers of vehicles that are ready and airborne."""
-    return schemas.Readiness(
+    return reports.Readiness(
         ready=True,
         vehicles_ready=sum(each.ready for each in view.vehicles),
         vehicles_airborne=view.counts.airborne,

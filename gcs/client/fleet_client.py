@@ -28,13 +28,18 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from gcs.api.schemas import fleet as schemas
+    from gcs.api.schemas import reports
     from gcs.api.schemas.fleet import InterruptedFlight
 else:
     pydantic = Deferred("pydantic")
     schemas = Deferred("gcs.api.schemas.fleet")
+    reports = Deferred("gcs.api.schemas.reports")
     schemas = Deferred("gcs.api.schemas.fleet")
+    reports = Deferred("gcs.api.schemas.reports")
     schemas = Deferred("gcs.api.schemas.fleet")
+    reports = Deferred("gcs.api.schemas.reports")
     schemas = Deferred("gcs.api.schemas.fleet")
+    reports = Deferred("gcs.api.schemas.reports")
 
 M = TypeVar("M", bound="BaseModel")
 
@@ -93,13 +98,13 @@ class Client:
     def close(self) -> None:
         self._exchange.close()
 
-    def health(self) -> schemas.Health:
+    def health(self) -> reports.Health:
         """Get the health of control. Raises: LinkError with the reason when control is not alive."""
-        return self._exchange.one(lambda: schemas.Health, "GET", "/healthz")
+        return self._exchange.one(lambda: reports.Health, "GET", "/healthz")
 
-    def readiness(self) -> schemas.Readiness:
+    def readiness(self) -> reports.Readiness:
         """Get the readiness. Raises: LinkError with the reason when no vehicle can be commanded."""
-        return self._exchange.one(lambda: schemas.Readiness, "GET", "/readyz")
+        return self._exchange.one(lambda: reports.Readiness, "GET", "/readyz")
 
     def metrics(self) -> str:
         """Get every metric, in the text format of Prometheus."""
@@ -113,9 +118,9 @@ class Client:
         """Get the data that changes seldom: fence, take-off positions, cues, events."""
         return self._exchange.one(lambda: schemas.Status, "GET", "/api/v1/status")
 
-    def access(self) -> schemas.Access:
+    def access(self) -> reports.Access:
         """Get the name of the token and its rights."""
-        return self._exchange.one(lambda: schemas.Access, "GET", "/api/v1/access")
+        return self._exchange.one(lambda: reports.Access, "GET", "/api/v1/access")
 
     def vehicles(self) -> list[schemas.Vehicle]:
         return self._exchange.many(lambda: schemas.Vehicle, "/api/v1/vehicles")

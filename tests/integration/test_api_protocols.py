@@ -13,7 +13,7 @@ from websockets.asyncio.client import connect
 from gcs.api import server
 from gcs.api.auth.authorization import AUDIT_BURST, AUDIT_PER_S, Authorization
 from gcs.api.auth.tokens import Tokens, create_token
-from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import reports
 from gcs.api.server import CONNECTIONS_MAX, LINES_BURST, LINES_PER_S
 from gcs.service.access import Denied, Role
 from tests.support.api_fake_service import FakeService
@@ -35,11 +35,11 @@ async def asked(port: int, request: str) -> tuple[int, dict[str, str], bytes]:
     return int(lines[0].split()[1]), headers, body
 
 
-def check_shape(headers: dict[str, str], body: bytes) -> schemas.ErrorBody:
+def check_shape(headers: dict[str, str], body: bytes) -> reports.ErrorBody:
     assert headers["content-type"] == "application/json"
     assert headers["x-content-type-options"] == "nosniff"
     assert "frame-ancestors 'none'" in headers["content-security-policy"]
-    return schemas.ErrorBody.model_validate(json.loads(body))
+    return reports.ErrorBody.model_validate(json.loads(body))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from typing import Any
 import httpx
 import pytest
 
-from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import reports
 from gcs.model.errors import LinkError, ShapeError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CommandRecord, ShowAction
@@ -29,10 +29,10 @@ def api(made_once: Api) -> Api:
     return made_once
 
 
-def problems(answer: httpx.Response) -> list[schemas.Problem]:
+def problems(answer: httpx.Response) -> list[reports.Problem]:
     """The problems of a 422, whose body must have the one shape and be JSON without NaN."""
     assert answer.status_code == 422, answer.text
-    body = schemas.ErrorBody.model_validate(json.loads(answer.text, parse_constant=pytest.fail))
+    body = reports.ErrorBody.model_validate(json.loads(answer.text, parse_constant=pytest.fail))
     assert set(answer.json()) == {"detail", "problems"}
     assert all(problem.field in body.detail for problem in body.problems)
     return body.problems
@@ -241,7 +241,7 @@ def test_a_compressed_body_is_refused(api: Api, coding: str) -> None:
     headers = {**JSON, "Content-Encoding": coding}
     answer = api("PATCH", "/api/v1/formation", content=gzip.compress(b'{"radius_m": 12}'), headers=headers)
     assert answer.status_code == 415
-    body = schemas.ErrorBody.model_validate(answer.json())
+    body = reports.ErrorBody.model_validate(answer.json())
     assert body.detail.startswith(f"Content-Encoding: {coding[:70]}")
     assert len(body.detail) < 200
 
@@ -329,7 +329,7 @@ def test_an_unknown_path_or_method_has_the_same_error_shape(
 ) -> None:
     answer = api(method, path)
     assert answer.status_code == status
-    assert schemas.ErrorBody.model_validate(answer.json()).problems == []
+    assert reports.ErrorBody.model_validate(answer.json()).problems == []
     assert path in answer.json()["detail"]
     assert ("allow" in answer.headers) == (status == 405)
     assert answer.headers.get("allow", "GET") != ""
@@ -391,5 +391,5 @@ class BrokenService(FakeService):
 def test_a_bug_is_a_500_in_the_same_shape_without_its_details(action: str, status: int) -> None:
     answer = Api(BrokenService())("POST", f"/api/v1/show/{action}")
     assert answer.status_code == status
-    assert schemas.ErrorBody.model_validate(answer.json()).problems == []
+    assert reports.ErrorBody.model_validate(answer.json()).problems == []
     assert "(3, 2)" not in answer.text
