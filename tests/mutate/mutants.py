@@ -85,9 +85,11 @@ Span = tuple[tuple[int, int], tuple[int, int]]
 
 
 def _spared(source: str) -> Iterator[Span]:
-    """From where to where decorators and annotations go: (line, column), the end not included."""
+    """From where to where decorators, annotations and `warm_up` go: (line, column), without the end."""
     for node in ast.walk(ast.parse(source)):
-        spared: list[ast.expr | None] = []
+        spared: list[ast.expr | ast.stmt | None] = []
+        if isinstance(node, ast.FunctionDef) and node.name == "warm_up":
+            spared.append(node)
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             spared += node.decorator_list
         if isinstance(node, ast.FunctionDef):
