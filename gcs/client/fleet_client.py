@@ -17,31 +17,18 @@ from __future__ import annotations
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from gcs.client.call_groups import Playback, Preflight, Shows
 from gcs.client.http import Deferred, Exchange, given, part
 from gcs.model.errors import CommandError
 
 if TYPE_CHECKING:
-    import pydantic
-    from pydantic import BaseModel
-
     from gcs.api.schemas import fleet as schemas
     from gcs.api.schemas import reports
-    from gcs.api.schemas.fleet import InterruptedFlight
 else:
-    pydantic = Deferred("pydantic")
     schemas = Deferred("gcs.api.schemas.fleet")
     reports = Deferred("gcs.api.schemas.reports")
-    schemas = Deferred("gcs.api.schemas.fleet")
-    reports = Deferred("gcs.api.schemas.reports")
-    schemas = Deferred("gcs.api.schemas.fleet")
-    reports = Deferred("gcs.api.schemas.reports")
-    schemas = Deferred("gcs.api.schemas.fleet")
-    reports = Deferred("gcs.api.schemas.reports")
-
-M = TypeVar("M", bound="BaseModel")
 
 URL: Final = "http://127.0.0.1:8000"
 
@@ -196,7 +183,7 @@ class Client:
         """Return the vehicles of an interrupted flight to their take-off positions."""
         return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/bring-home", urgent=True)
 
-    def interrupted(self) -> InterruptedFlight | None:
+    def interrupted(self) -> schemas.InterruptedFlight | None:
         """Get an unsettled interrupted flight, and what can be commanded for it; None: there is none."""
         return self.fleet().interrupted
 
