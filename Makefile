@@ -62,9 +62,9 @@ schema: .venv/ready api/console/node_modules/ready  ## the console's types, from
 	$(BIN)/python -m gcs.api.app | $(NPM) run --silent schema -- --output src/schemas/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec, setpoint_kernels; \
+	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec; \
 	  from gcs.planning import return_paths; \
-	  control.warm_up(); return_paths.warm_up(); codec.warm_up(); setpoint_kernels.warm_up()"
+	  control.warm_up(); return_paths.warm_up(); codec.warm_up()"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
 	$(BIN)/python -m tests.vocabulary

@@ -195,23 +195,6 @@ def test_setpoint_that_is_not_finite_is_not_sent_nor_the_last() -> None:
         asyncio.run(main(peer, a_link(port, [1])))
 
 
-def test_duplicate_is_reported_by_vehicle_and_not_commanded() -> None:
-    async def main(first: Peer, port: int, link: AnyLink) -> None:
-        async with running(link):
-            await ready(link)
-            with Peer(port, 1) as second:
-                await until(lambda: link.conflicts)
-                assert link.conflicts == {
-                    "v1": f"system id 1 at 127.0.0.1:{first.port} and at 127.0.0.1:{second.port}"
-                }
-                await do(link, Verb.ARM, "v1")
-                assert (first.armed, second.armed) == (True, False)
-                assert second.received == []
-
-    with Peer(port := free_ports(), 1) as first:
-        asyncio.run(main(first, port, a_link(port, [1])))
-
-
 def test_link_can_be_closed_during_a_command_and_opened_again() -> None:
     async def main(peer: Peer, link: AnyLink) -> None:
         async with running(link):

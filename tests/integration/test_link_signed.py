@@ -8,14 +8,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links import Verb
-from gcs.links.mavsdk.link import MavsdkLink
-from gcs.links.settings import Forward, Listen
+from gcs.links.settings import Forward
 from gcs.links.signing import Signing
-from gcs.model.frames import ShowFrame
-from tests.support.link_bench import Ticks, do, ready, running, until
-from tests.support.link_peer import Peer
-from tests.support.machine import free_ports
+from tests.support.link_bench import until
 from tests.support.wire_bench import a_socket, arrived, beat, bench, command
 
 KEY = bytes(range(32))
@@ -107,50 +102,3 @@ def test_another_station_must_sign_too(signing: Signing) -> None:
                 assert await arrived(vehicle) == raw, "signed by whoever sent it"
 
     asyncio.run(main())
-
-
-class SigningPeer(Peer):
-    """A vehicle that has the key: signs what it says, and believes nothing unsigned."""
-
-    def secure(self) -> None:
-        for each in (self._packer, self._parser):
-            each.signing.secret_key = KEY
-        self._packer.signing.sign_outgoing = True
-        self._packer.signing.timestamp = 0
-        self._parser.robust_parsing = True
-
-
-def test_mavsdk_flies_a_vehicle_that_requires_signing(tmp_path: Path) -> None:
-    file = tmp_path / "key"
-    file.write_text(KEY.hex())
-    file.chmod(0o600)
-
-    async def main(peer: SigningPeer, link: MavsdkLink, signing: Signing) -> None:
-        async with running(link):
-            await until(lambda: link.counters.unsigned > 0)
-            assert link.counters.received == 0
-            await until(lambda: signing._signer.time > 0)
-            peer.secure()
-            peer._packer.signing.timestamp = signing._signer.time
-            await ready(link)
-            await do(link, Verb.ARM, "v1")
-            ticks = Ticks(link, "v1")
-            async with ticks.running():
-                await until(lambda: peer.messages("SET_POSITION_TARGET_LOCAL_NED"))
-            await do(link, Verb.KILL, "v1")
-            assert not peer.armed
-        taken = [message for _, message in peer.received if message.get_msgId() >= 0]
-        assert taken
-        assert all(message.get_signed() for message in taken)
-
-    with SigningPeer(port := free_ports(), 1) as peer:
-        signing = Signing(file, 5)
-        link = MavsdkLink(
-            "bench",
-            {"v1": 1},
-            Listen("127.0.0.1", port),
-            ShowFrame(47.4, 8.5, 500.0, 0.0),
-            signing=signing,
-        )
-        asyncio.run(main(peer, link, signing))
-    assert (tmp_path / "key.link5.time").read_text().strip().isdecimal()

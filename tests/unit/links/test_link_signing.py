@@ -68,6 +68,16 @@ def test_missing_or_wrong_signature_is_rejected() -> None:
     assert signer.judge(frame(good)) is Judgement.GOOD
 
 
+def test_forged_frame_with_a_future_time_locks_nothing_out() -> None:
+    """pymavlink records a frame's time before it compares the signature (decision 0033)."""
+    signer, good = a_signer(), a_packer()
+    forger = a_packer(key=bytes(32), time=NOW + 3600 * UNITS_PER_S)
+    first, later = (bytes(messages()[0].pack(good)) for _ in range(2))
+    assert signer.judge(frame(first)) is Judgement.GOOD
+    assert signer.judge(frame(bytes(messages()[0].pack(forger)))) is Judgement.WRONG
+    assert signer.judge(frame(later)) is Judgement.GOOD
+
+
 def test_new_signing_sender_may_be_at_most_a_minute_late() -> None:
     for late_s, judged in ((59, Judgement.GOOD), (61, Judgement.REPLAYED)):
         signer = a_signer()
