@@ -65,7 +65,7 @@ class Audit:
         self._addresses: dict[VehicleId, Address] = {}
         self._show: ShowPhase = ShowPhase.IDLE
         self._reported: Reported | None = None
-        self._cue: tuple[str, str, str] | None = None
+        self._cue: dict[str, str] | None = None
         self._clock_due_s = 0.0
 
     def begin(self, folder: Path, config_json: str, found: Interruption | None = None) -> None:
@@ -156,27 +156,22 @@ class Audit:
         is_changed = before is not None and self._reported != before
         if is_changed:
             self.event(sample.unix_time_s, "info", "plan", None, asdict(sample.plan))
-        self._watch_cue(sample)
         selected = sample.selected
+        cue = None
+        if selected is not None:
+            cue = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
+            if cue != self._cue:
+                self.event(sample.unix_time_s, "info", "cue", None, cue)
+        self._cue = cue
         is_due = selected is not None and selected.runs and sample.unix_time_s >= self._clock_due_s
         if is_changed or is_due or sample.show is not self._show:
             self._clock_due_s = sample.unix_time_s + CLOCK_S
             more: dict[str, object] = {"time_s": sample.fleet.time_s}
-            if selected is not None:
-                clock = {"clock_s": selected.clock_s, "parts": dict(sample.parts)}
-                named = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
-                more["written"] = {**named, **clock}
-            reported = (sample.show.value, sample.reason, plan_json(sample.plan, **more))
-            self._put(_SHOW, self._session, sample.unix_time_s, *reported)
+            if selected is not None and cue is not None:
+                more["written"] = {**cue, "clock_s": selected.clock_s, "parts": dict(sample.parts)}
+            values = (sample.show.value, sample.reason, plan_json(sample.plan, **more))
+            self._put(_SHOW, self._session, sample.unix_time_s, *values)
         self._show = sample.show
-
-    def _watch_cue(self, sample: Sample) -> None:
-        selected = sample.selected
-        cue = None if selected is None else (selected.name, selected.hash, selected.cue)
-        if selected is not None and cue != self._cue:
-            detail = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
-            self.event(sample.unix_time_s, "info", "cue", None, detail)
-        self._cue = cue
 
     def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:
         """Record the vehicles' addresses if they are new."""
