@@ -88,7 +88,9 @@ TROUBLES: Final[Mapping[AlarmCause, FaultInjector]] = {
     AlarmCause.RECORD_FAILS: FaultInjector(
         lambda show: setattr(show.link, "recording_problem", "link loop: recording to a fails: disk full")
     ),
-    AlarmCause.DUPLICATE_SYSTEM_ID: FaultInjector(lambda show: show.ports.duplicated.add("d8")),
+    AlarmCause.DUPLICATE_SYSTEM_ID: FaultInjector(
+        lambda show: show.ports.duplicated.add("d8"), lambda show: bool(show.link.conflicts)
+    ),
     AlarmCause.LINK_FAILED: FaultInjector(
         lambda show: show.link.failures.put_nowait(LinkError("address already in use"))
     ),

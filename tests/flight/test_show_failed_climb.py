@@ -61,8 +61,8 @@ async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: 
     ("fault", "in_the_air", "says"),
     [
         (hangs, True, "d2 did not reach 5 m within 8 s"),
-        (refuses_to_hold, True, "d2: hold refused"),
-        (refuses_to_climb, False, "d2: takeoff refused"),
+        (refuses_to_hold, True, "d2: hold failed (COMMAND_DENIED)"),
+        (refuses_to_climb, False, "d2: takeoff failed (COMMAND_DENIED)"),
     ],
 )
 def test_failed_climb_lands_on_its_pad_and_the_others_fly(
@@ -159,5 +159,5 @@ def test_show_that_no_vehicle_can_join_pauses_with_its_reason() -> None:
     flight = fly(none_can_join, show_config(2))
     assert flight.shows[-4:] == [ShowPhase.ARMING, ShowPhase.PAUSED, ShowPhase.RETURNING, ShowPhase.LANDED]
     assert flight.reason.startswith("no vehicle in formation; waiting for commands: d1 (up, but cannot join:")
-    assert "d2: offboard refused" in flight.reason
+    assert "d2: offboard failed (COMMAND_DENIED)" in flight.reason
     assert flight.armed == (False, False)
