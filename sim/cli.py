@@ -6,19 +6,275 @@ import argparse
 import contextlib
 import math
 import sys
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from gcs.sim.endpoint import PortError
-from gcs.sim.fleet import Settings
-from gcs.sim.ground_truth import GroundTruthFile
-from gcs.sim.options import MAX_COUNT, add_arguments
-from gcs.sim.ports import HOST, MAX_PORT, Port, own_ports, shared_ports
+from gcs.sim.endpoint import HOST, MAX_PORT, Port, PortError, own_ports, shared_ports
+from gcs.sim.fleet import MAX_SYSTEM_ID, Origin, Settings
+from gcs.sim.ground_truth import FIRST_PORT, GroundTruthFile
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
 from gcs.sim.server import serve
-from gcs.sim.vehicle.quirks import Quirks
+from gcs.sim.vehicle.px4 import ParameterError, Parameters, QuirkError, Quirks, Value, defaults, quirk_names
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """A parser of whole numbers from low to high."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
+        return value
+
+    return parse
+
+
+def number(low: float, high: float) -> Callable[[str], float]:
+    """A parser of numbers from low to high."""
+
+    def parse(text: str) -> float:
+        value = _float(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number from {low:g} to {high:g}")
+        return value
+
+    return parse
+
+
+def _float(text: str) -> float:
+    """The number, or NaN, which is inside no range."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def triple(form: str) -> Callable[[str], tuple[float, float, float]]:
+    """A parser of three numbers with commas between them."""
+
+    def parse(text: str) -> tuple[float, float, float]:
+        north, east, down = _numbers(text, form, 3)
+        return north, east, down
+
+    return parse
+
+
+def pair(form: str) -> Callable[[str], tuple[float, float]]:
+    """A parser of two numbers with a comma between them."""
+
+    def parse(text: str) -> tuple[float, float]:
+        north, east = _numbers(text, form, 2)
+        return north, east
+
+    return parse
+
+
+def _numbers(text: str, form: str, count: int) -> list[float]:
+    """Parse `count` finite numbers. Raises: ArgumentTypeError."""
+    values = [_float(part) for part in text.split(",")]
+    if len(values) != count or not all(map(math.isfinite, values)):
+        words = {2: "two numbers with a comma", 3: "three numbers with commas"}[count]
+        raise argparse.ArgumentTypeError(f"{text!r} is not {form}: {words} between them")
+    return values
+
+
+def origin(text: str) -> Origin:
+    """Parse LAT,LON,ALT."""
+    latitude_deg, longitude_deg, altitude_amsl_m = triple("LAT,LON,ALT")(text)
+    if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: latitude goes from -90 to 90, longitude from -180 to 180 degrees"
+        )
+    return Origin(latitude_deg, longitude_deg, altitude_amsl_m)
+
+
+def parameter(text: str) -> tuple[str, Value]:
+    """Parse NAME=VALUE of a PX4 parameter."""
+    name, separator, value_text = text.partition("=")
+    value = _float(value_text)
+    if not separator or not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in COM_OBL_RC_ACT=5")
+    try:
+        Parameters({name: value})
+    except ParameterError as error:
+        near = [known for known in defaults() if known.startswith(name.split("_")[0] + "_")][:5]
+        hint = f"; there are {', '.join(near)} ..." if near and name not in defaults() else ""
+        raise argparse.ArgumentTypeError(f"{error}{hint}") from None
+    return name, value
+
+
+def quirk(text: str) -> tuple[str, bool]:
+    """Parse NAME=on or NAME=off."""
+    name, _, switch = text.partition("=")
+    if switch not in {"on", "off"}:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=on or NAME=off, as in double-ack=off")
+    try:
+        Quirks().changed([(name, True)])
+    except QuirkError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return name, switch == "on"
+
+
+MAX_COUNT = 10_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the fleet's options to any parser, group by group as `--help` shows them."""
+    for title, options in VALUES.items():
+        group = parser.add_argument_group(title)
+        for name, parse, default, metavar, text in options:
+            group.add_argument(name, type=parse, default=default, metavar=metavar, help=text)
+        if title in FURTHER:
+            FURTHER[title](group)
+
+
+def _add_ports(group: argparse._ArgumentGroup) -> None:
+    ports = group.add_mutually_exclusive_group()
+    ports.add_argument(
+        "--ports",
+        choices=["px4"],
+        help="as PX4: vehicle i binds 14580+i and talks to 14540+i (14549 from i = 10 on)",
+    )
+    ports.add_argument(
+        "--port-base",
+        type=whole(1, MAX_PORT),
+        metavar="P",
+        help="vehicle i talks to P+i, from a port of its own",
+    )
+    group.add_argument(
+        "--shared-port",
+        action="store_true",
+        help="one socket per namespace, as behind a radio: it binds 14580+k and talks to 14540+k, "
+        "or with --port-base to P+k",
+    )
+
+
+def _add_repeatable(group: argparse._ArgumentGroup) -> None:
+    repeatable: tuple[tuple[str, Callable[[str], object], str, str], ...] = (
+        (
+            "--param",
+            parameter,
+            "NAME=VALUE",
+            "PX4 parameter of every vehicle, for instance COM_OBL_RC_ACT=5 (repeatable)",
+        ),
+        (
+            "--quirk",
+            quirk,
+            "NAME=off",
+            f"make PX4 behave as one would wish (repeatable): {', '.join(quirk_names())}",
+        ),
+    )
+    for name, parse, metavar, text in repeatable:
+        group.add_argument(name, type=parse, action="append", default=[], metavar=metavar, help=text)
+
+
+def _add_truth(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--simulator-link",
+        type=whole(1, MAX_PORT),
+        nargs="?",
+        const=FIRST_PORT,
+        metavar="P",
+        help="vehicle i sends its true state as HIL_STATE_QUATERNION to port P+i, as PX4's SIH does; "
+        f"{FIRST_PORT} without P",
+    )
+
+
+def _add_faults(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--faults-from", choices=["-"], help="the same, line by line, from standard input")
+
+
+VALUES: Mapping[str, Sequence[tuple[str, Callable[[str], object], object, str, str]]] = MappingProxyType(
+    {
+        "vehicles": (
+            ("--count", whole(1, MAX_COUNT), 1, "N", "vehicles in this process"),
+            (
+                "--first",
+                whole(0, MAX_COUNT - 1),
+                0,
+                "I",
+                "index of the first; its number is I+1, and so is its id, up to the namespace's size",
+            ),
+            (
+                "--namespace-size",
+                whole(1, MAX_SYSTEM_ID),
+                MAX_SYSTEM_ID,
+                "S",
+                "system ids per namespace: vehicle i has id i %% S + 1 in namespace i // S, with own ports",
+            ),
+            ("--seed", whole(0, 2**63 - 1), 0, "N", "of everything random"),
+        ),
+        "ports and telemetry": (
+            (
+                "--telemetry-hz",
+                number(0.1, 250.0),
+                None,
+                "HZ",
+                "GLOBAL_POSITION_INT at HZ, the state once or twice a second; else 520 messages a second",
+            ),
+        ),
+        "place and start grid": (
+            ("--origin", origin, Origin(), "LAT,LON,ALT", "degrees, metres AMSL: the ground"),
+            ("--spacing", number(0.0, 1e5), 4.0, "M", "of the start grid"),
+            (
+                "--grid-columns",
+                whole(1, 10**6),
+                None,
+                "C",
+                "vehicle i starts at row i // C (north), column i %% C (east)",
+            ),
+            (
+                "--grid-at",
+                pair("N,E"),
+                (0.0, 0.0),
+                "N,E",
+                "where vehicle 0 of the grid stands, m north and east of the origin",
+            ),
+            (
+                "--grid-heading",
+                number(-360.0, 360.0),
+                0.0,
+                "DEG",
+                "where the grid's rows lead, clockwise from north; columns are to the right",
+            ),
+            ("--heading", number(-360.0, 360.0), 0.0, "DEG", "initial yaw"),
+        ),
+        "how they fly": (
+            ("--noise", number(0.0, 100.0), 1.0, "SCALE", "estimate error; 1 as measured, 0 none"),
+            ("--drag", number(0.0, 10.0), 1.0, "PER_S", "1.0 is PX4's simulator; real 0.1 to 0.3"),
+            ("--wind", triple("N,E,D"), (0.0, 0.0, 0.0), "N,E,D", "of the air, m/s"),
+            ("--battery", number(0.1, 1e5), 20.0, "MIN", "flight time of a full battery"),
+        ),
+        "true states": (
+            ("--truth", str, None, "FILE", "write the true states to FILE as JSON Lines, 20 a second"),
+        ),
+        "faults": (
+            (
+                "--control",
+                whole(1, MAX_PORT),
+                None,
+                "PORT",
+                'receive faults as JSON on that UDP port: {"vehicle": 3, "fault": "loss", "share": 0.3}',
+            ),
+        ),
+    }
+)
+"""Options with a value, by group: name, parser, default, form of the value, help."""
+
+FURTHER: Mapping[str, Callable[[argparse._ArgumentGroup], None]] = MappingProxyType(
+    {
+        "ports and telemetry": _add_ports,
+        "how they fly": _add_repeatable,
+        "true states": _add_truth,
+        "faults": _add_faults,
+    }
+)
 
 
 class FleetError(Exception):

@@ -1,14 +1,66 @@
-"""A UDP socket with vehicles behind it, and the peer that they send to."""
+"""UDP sockets of the vehicles: their ports and peers, and datagrams on links with faults."""
 
 from __future__ import annotations
 
 import socket
+from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, TypeAlias
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from gcs.sim.protocol.frames import SETPOINT, SETPOINT_FRAME
 
-    from gcs.sim.ports import Port
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from gcs.sim.faults.injector import FaultInjector
+    from gcs.sim.fleet import Fleet
+
+
+HOST = "127.0.0.1"
+PX4_BIND, PX4_DESTINATION, PX4_SHARED_FROM = 14580, 14540, 9
+PX4_NAMESPACE_PORTS = 10  # a namespace's destinations are this much below those of the namespace before
+MAX_PORT = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """One socket: the port it binds (0: any), its first destination, and the vehicles behind it."""
+
+    bind: int
+    destination: int
+    rows: tuple[int, ...]
+
+
+def own_ports(first: int, count: int, namespace_size: int, base: int | None) -> list[Port]:
+    """A socket for each vehicle: vehicle i (from 0) sends to base + i, or as PX4 does.
+
+    As PX4: it binds 14580 + i and sends to 14540 + its place in its namespace, from the tenth on all to
+    14549; the ports of namespace k are 10 k lower.
+    """
+    indices = range(first, first + count)
+    if base is not None:
+        return [Port(0, base + i, (i - first,)) for i in indices]
+    return [Port(PX4_BIND + i, _px4_destination(i, namespace_size), (i - first,)) for i in indices]
+
+
+def shared_ports(first: int, count: int, namespace_size: int, base: int | None) -> list[Port]:
+    """A socket for each namespace, as behind a radio or a router: namespace k sends to base + k.
+
+    Without a base it binds 14580 + k and sends to 14540 + k.
+    """
+    groups = groupby(range(count), lambda row: (first + row) // namespace_size)
+    return [
+        Port(PX4_BIND + k, PX4_DESTINATION + k, tuple(rows))
+        if base is None
+        else Port(0, base + k, tuple(rows))
+        for k, rows in groups
+    ]
+
+
+def _px4_destination(index: int, namespace_size: int) -> int:
+    namespace, place = divmod(index, namespace_size)
+    return PX4_DESTINATION - PX4_NAMESPACE_PORTS * namespace + min(place, PX4_SHARED_FROM)
+
 
 Address: TypeAlias = tuple[str, int]
 
@@ -40,7 +92,7 @@ class Endpoint:
         self.circle = circle
         self._peer = (host, port.destination)
         self._received_s = -PEER_SILENT_AFTER_S
-        self._askers: set[Address] = set()
+        self._other_senders: set[Address] = set()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         if len(port.rows) > 1:
@@ -74,12 +126,12 @@ class Endpoint:
         if address == self._peer or now_s - self._received_s >= PEER_SILENT_AFTER_S:
             self._peer, self._received_s = address, now_s
         else:
-            self._askers.add(address)
+            self._other_senders.add(address)
 
     def answer(self, frames: Iterable[bytes]) -> None:
         """Send answers: to the peer, and to other senders since the last answers."""
         packets = _packed(frames)
-        for address in (self._peer, *self._askers):
+        for address in (self._peer, *self._other_senders):
             self._send(packets, address)
 
     def send(self, frames: Iterable[bytes]) -> None:
@@ -92,7 +144,7 @@ class Endpoint:
 
     def answered(self) -> None:
         """Forget the other senders."""
-        self._askers.clear()
+        self._other_senders.clear()
 
     def close(self) -> None:
         """Close the socket."""
@@ -121,3 +173,104 @@ def _packed(frames: Iterable[bytes]) -> list[bytes]:
         packet += frame
     packets.append(packet)
     return packets
+
+
+SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
+TARGET_AT = 10 + 50  # header, and the fields before target_system
+
+
+class Radio:
+    """Carries datagrams both ways for all endpoints."""
+
+    def __init__(self, fleet: Fleet, fault_injector: FaultInjector, endpoints: Sequence[Endpoint]) -> None:
+        """Every vehicle of the fleet is behind one of the endpoints."""
+        self._fleet = fleet
+        self._fault_injector = fault_injector
+        self._endpoints = endpoints
+        self._by_row = {row: endpoint for endpoint in endpoints for row in endpoint.rows}
+        self._changes = 0
+        self._separate: dict[Endpoint, list[tuple[int, int]]] = {}
+
+    def receive(self, ready: Sequence[Endpoint]) -> None:
+        """Read the ready endpoints; answer at once, as PX4 does within milliseconds."""
+        fleet, broken = self._fleet, self._fault_injector.broken
+        if self._changes != self._fault_injector.changes:
+            self._separate_faulty()
+        batch: list[tuple[int, bytes]] = []
+        origins: list[tuple[Endpoint, Address]] = []
+        for endpoint in ready:
+            for datagram, address in endpoint.read():
+                batch.append((endpoint.circle, datagram))
+                origins.append((endpoint, address))
+                for row, system_id in self._separate.get(endpoint, ()):
+                    if _concerns(datagram, system_id):
+                        broken[row].into.put(datagram, (endpoint, address), fleet.time_s)
+        self._receive(batch, origins)
+        self.deliver()
+
+    def deliver(self) -> None:
+        """Process what links with faults have let through by now, and send all answers."""
+        batch: list[tuple[int, bytes]] = []
+        origins: list[tuple[Endpoint, Address]] = []
+        for row, channel in self._fault_injector.broken.items():
+            for datagram, origin in channel.into.take(self._fleet.time_s):
+                batch.append((row, datagram))
+                origins.append(origin)
+        self._receive(batch, origins)
+        sent = self._fleet.take_frames(streams=False)
+        if sent:
+            self._send(sent, answers=True)
+        for endpoint in self._endpoints if sent else ():
+            endpoint.answered()
+
+    def send(self) -> None:
+        """Send everything that is due."""
+        self._send(self._fleet.take_frames(), answers=False)
+
+    def _receive(self, batch: list[tuple[int, bytes]], origins: list[tuple[Endpoint, Address]]) -> None:
+        if not batch:
+            return
+        valid = self._fleet.receiver.receive(batch)
+        for (endpoint, address), is_valid in zip(origins, valid, strict=True):
+            if is_valid:
+                endpoint.received(address, self._fleet.time_s)
+
+    def _send(self, sent: dict[int, list[bytes]], *, answers: bool) -> None:
+        now_s, broken = self._fleet.time_s, self._fault_injector.broken
+        for row in broken:
+            frames = sent.pop(row, None)
+            if frames:
+                broken[row].out.put(b"".join(frames), None, now_s)
+        together: dict[Endpoint, list[bytes]] = {}
+        for row, frames in sent.items():
+            together.setdefault(self._by_row[row], []).extend(frames)
+        for endpoint, frames in together.items():
+            if answers:
+                endpoint.answer(frames)
+            else:
+                endpoint.send(frames)
+        for row, channel in broken.items():
+            endpoint = self._by_row[row]
+            for packet, _ in channel.out.take(now_s):
+                endpoint.send_alone(packet)
+            for garbage in channel.jammer.take(now_s):
+                endpoint.send_alone(garbage)
+
+    def _separate_faulty(self) -> None:
+        """Separate vehicles with link faults: they receive datagrams only through their fault models."""
+        self._changes = self._fault_injector.changes
+        self._separate = {}
+        for row in self._fault_injector.broken:
+            system_id = int(self._fleet.state.system_id[row])
+            self._separate.setdefault(self._by_row[row], []).append((row, system_id))
+        for endpoint in self._endpoints:
+            self._fleet.receiver.regroup(
+                endpoint.circle, [row for row in endpoint.rows if row not in self._fault_injector.broken]
+            )
+
+
+def _concerns(datagram: bytes, system_id: int) -> bool:
+    """False for a setpoint for another vehicle: most of what a shared socket receives."""
+    if len(datagram) != SETPOINT_FRAME or datagram[7:10] != SETPOINT_ID:
+        return True
+    return datagram[TARGET_AT] in {0, system_id}

@@ -10,26 +10,22 @@ import numpy as np
 
 from gcs.sim.protocol import frames, reports
 from gcs.sim.protocol.autopilot import Autopilot, Shared
-from gcs.sim.protocol.mavlink import Codec
-from gcs.sim.protocol.outbox import Outbox
+from gcs.sim.protocol.frames import Codec
 from gcs.sim.protocol.receiver import Receiver
-from gcs.sim.protocol.snapshot import Snapshot
-from gcs.sim.protocol.streams import RECORDED_HZ, Schedule
-from gcs.sim.vehicle import dynamics, noise
-from gcs.sim.vehicle.battery import Batteries
-from gcs.sim.vehicle.geodesy import Tangent
+from gcs.sim.protocol.reports import Snapshot
+from gcs.sim.protocol.streams import RECORDED_HZ, Outbox, Schedule
+from gcs.sim.vehicle import dynamics
+from gcs.sim.vehicle.commander import Transitions
 from gcs.sim.vehicle.guidance import Guidance
-from gcs.sim.vehicle.params import Columns, Parameters
-from gcs.sim.vehicle.quirks import Quirks
-from gcs.sim.vehicle.sensors import Sensors
+from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks
+from gcs.sim.vehicle.sensors import Batteries, Sensors, Tangent, draw_errors, step_errors
 from gcs.sim.vehicle.state import State
-from gcs.sim.vehicle.transitions import Transitions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from gcs.sim.vehicle.dynamics import Array
-    from gcs.sim.vehicle.params import Value
+    from gcs.sim.vehicle.px4 import Value
     from gcs.sim.vehicle.state import Rows
 
 STEP_S = 0.01
@@ -101,7 +97,7 @@ class Fleet:
         self._random = np.random.default_rng(
             np.random.SeedSequence(settings.seed, spawn_key=(settings.first, 1))
         )
-        self._error = noise.draw(count, settings.noise_scale, self._random)
+        self._error = draw_errors(count, settings.noise_scale, self._random)
         self._randoms = [
             np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(i,))) for i in indices
         ]
@@ -135,7 +131,7 @@ class Fleet:
         self._steps += 1
         self.time_s = self.state.now_s = self._start_s + self._steps * STEP_S
         if self.settings.noise_scale > 0.0:
-            self._error = noise.step(self._error, STEP_S, self.settings.noise_scale, self._random)
+            self._error = step_errors(self._error, STEP_S, self.settings.noise_scale, self._random)
         state, sensors = self.state, self._sense()
         self._sensors = sensors
         awake = self.time_s >= state.fix_at_s
@@ -165,20 +161,20 @@ class Fleet:
 
     def take_frames(self, *, streams: bool = True) -> dict[int, list[bytes]]:
         """Frames that each vehicle (by row) sends now: answers and texts, and with `streams` the streams."""
-        stated: dict[int, list[bytes]] = {}
+        sent: dict[int, list[bytes]] = {}
         for row, item in self._outbox.take(self.time_s):
             if isinstance(item, int):
-                self._report(item, np.array([row]), stated)
+                self._report(item, np.array([row]), sent)
             else:
-                self._say(row, item, stated)
+                self._send_message(row, item, sent)
         if streams:
             for row, name in self._outbox.take_parameters():
-                self._say(row, self.autopilots[row].parameter(name), stated)
+                self._send_message(row, self.autopilots[row].parameter(name), sent)
             for message_id, rows in self._schedule.due(self.time_s):
                 fixed = rows if message_id in reports.ALWAYS else rows[self.state.home_set[rows]]
                 if len(fixed):
-                    self._report(message_id, fixed, stated)
-        return stated
+                    self._report(message_id, fixed, sent)
+        return sent
 
     def reboot(self, row: int, *, off_s: float = 0.0) -> None:
         """Restart one vehicle's autopilot; it forgets everything but its parameters.
@@ -247,13 +243,13 @@ class Fleet:
         state.home_yaw_rad[row] = state.yaw_rad[row]
         state.home_boot_ms[row] = state.boot_ms(row)
 
-    def _say(self, row: int, message: object, stated: dict[int, list[bytes]]) -> None:
+    def _send_message(self, row: int, message: object, sent: dict[int, list[bytes]]) -> None:
         sequence = int(self.state.sequence[row])
         self.state.sequence[row] = (sequence + 1) % 256
         frame = self._codec.encode(message, int(self.state.system_id[row]), sequence)
-        stated.setdefault(row, []).append(frame)
+        sent.setdefault(row, []).append(frame)
 
-    def _report(self, message_id: int, rows: Rows, stated: dict[int, list[bytes]]) -> None:
+    def _report(self, message_id: int, rows: Rows, sent: dict[int, list[bytes]]) -> None:
         unix_s = self.time_s + self.unix_ahead_s
         snapshot = Snapshot(rows, unix_s, self.state, self._sensors, self._transitions, self._batteries)
         fields = reports.report(message_id, snapshot)
@@ -261,10 +257,10 @@ class Fleet:
         self.state.sequence[rows] = sequence + np.uint8(1)
         packed = frames.pack(message_id, fields, self.state.system_id[rows], sequence)
         for row, frame in zip(rows.tolist(), packed, strict=True):
-            if row in stated:
-                stated[row].append(frame)
+            if row in sent:
+                sent[row].append(frame)
             else:
-                stated[row] = [frame]
+                sent[row] = [frame]
 
 
 def _grid_m(settings: Settings) -> Array:

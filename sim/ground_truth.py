@@ -1,12 +1,19 @@
-"""True positions of the vehicles, as JSON Lines for reports and tests. No autopilot reads them."""
+"""True states of the vehicles, for reports and tests. No autopilot reads them."""
 
 from __future__ import annotations
 
 import json
+import socket
 from typing import TYPE_CHECKING, TextIO
+
+import numpy as np
+from pymavlink.dialects.v20 import common
+
+from gcs.sim.endpoint import HOST
 
 if TYPE_CHECKING:
     from gcs.sim.fleet import Fleet
+
 
 PERIOD_S = 0.05
 
@@ -60,3 +67,57 @@ def sample(fleet: Fleet, time_s: float) -> dict[str, object]:
             for autopilot, (north_m, east_m, down_m), velocity, place in rows
         ],
     }
+
+
+SIMULATOR_PERIOD_S = 0.04
+"""PX4 v1.16 sends the message at 25 Hz (ROMFS, px4-rc.mavlinksim)."""
+
+FIRST_PORT = 19410
+"""Instance i of PX4 sends to this port + i."""
+
+COMPONENT_ID = 1
+
+LEVEL_MG = -1000
+"""Specific force of a level vehicle at rest. Attitude and rates are not modelled: level, heading north."""
+
+
+class SimulatorLink:
+    """Sends the true state of vehicle i to 127.0.0.1, port `first_port` + i. Nothing is received."""
+
+    def __init__(self, first_port: int, count: int) -> None:
+        self._first_port = first_port
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._encoders = [common.MAVLink(None) for _ in range(count)]
+        self._next_s = 0.0
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def offer(self, fleet: Fleet, time_s: float) -> None:
+        """Send one message per vehicle when it is due; `time_s` is the fleet's simulated time."""
+        if time_s < self._next_s:
+            return
+        late = time_s - self._next_s > SIMULATOR_PERIOD_S
+        self._next_s = (time_s if late else self._next_s) + SIMULATOR_PERIOD_S
+        bodies = fleet.bodies
+        geodetic = np.round(fleet.geodetic(bodies.position_m) * (1e7, 1e7, 1e3)).astype(np.int64).tolist()
+        velocity_cm_s = np.round(100.0 * bodies.velocity_m_s).astype(np.int64).tolist()
+        for autopilot, encoder in zip(fleet.autopilots, self._encoders, strict=True):
+            encoder.srcSystem, encoder.srcComponent = autopilot.system_id, COMPONENT_ID
+            message = encoder.hil_state_quaternion_encode(
+                round(1e6 * time_s),
+                [1.0, 0.0, 0.0, 0.0],
+                *(0.0, 0.0, 0.0),
+                *geodetic[autopilot.row],
+                *velocity_cm_s[autopilot.row],
+                *(0, 0),
+                *(0, 0, LEVEL_MG),
+            )
+            try:
+                self._socket.sendto(
+                    message.pack(encoder), (HOST, self._first_port + fleet.settings.first + autopilot.row)
+                )
+            except (BlockingIOError, ConnectionRefusedError):
+                continue  # no reader on that port: the flight does not depend on it

@@ -1,26 +1,108 @@
-"""The fleet on real UDP sockets and the real clock. Thin: all behaviour is in sim.fleet and below."""
+"""The fleet on real UDP sockets and the real clock, and the input of fault commands. Thin."""
 
 from __future__ import annotations
 
+import os
 import selectors
 import signal
+import socket
+import sys
 import time
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
-from gcs.sim.channel import Radio
-from gcs.sim.control import Control, ControlPort, StandardInput
-from gcs.sim.endpoint import Endpoint
+from gcs.sim.endpoint import HOST, LARGEST, Endpoint, PortError, Radio
+from gcs.sim.faults.commands import LONGEST_LINE
 from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.fleet import STEP_S, Fleet, Settings
-from gcs.sim.ports import HOST
-from gcs.sim.simulator_link import SimulatorLink
+from gcs.sim.ground_truth import SimulatorLink
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from gcs.sim.endpoint import Port
     from gcs.sim.ground_truth import GroundTruthFile
-    from gcs.sim.ports import Port
+
+
+class Control(Protocol):
+    """A source of fault commands, read whenever it is readable."""
+
+    def fileno(self) -> int:
+        """File descriptor to wait for."""
+        ...
+
+    def read(self, fault_injector: FaultInjector) -> bool:
+        """Execute the commands that have arrived, and answer them. Returns: whether more can arrive."""
+        ...
+
+    def close(self) -> None:
+        """Release it."""
+        ...
+
+
+class StandardInput:
+    """Newline-delimited JSON on this process's standard input; answers on its standard output."""
+
+    def __init__(self) -> None:
+        """Read without waiting."""
+        self._part = b""
+
+    def fileno(self) -> int:
+        """File descriptor of standard input."""
+        return sys.stdin.fileno()
+
+    def read(self, fault_injector: FaultInjector) -> bool:
+        """Execute the whole lines that have arrived."""
+        data = os.read(self.fileno(), LARGEST)
+        *lines, self._part = (self._part + data).split(b"\n")
+        if len(self._part) > LONGEST_LINE or (not data and self._part):
+            lines.append(self._part)
+            self._part = b""
+        for line in lines:
+            if line.strip():
+                print(fault_injector.obey(line), flush=True)  # noqa: T201 - the command's output
+        return bool(data)
+
+    def close(self) -> None:
+        """Standard input stays open."""
+
+
+class ControlPort:
+    """The same commands in UDP datagrams, answered to the sender."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Open it.
+
+        Raises:
+            PortError: the port is taken.
+        """
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.bind((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise PortError(f"udp port {port}: {error.strerror}") from error
+
+    def fileno(self) -> int:
+        """File descriptor of the socket."""
+        return self._socket.fileno()
+
+    def read(self, fault_injector: FaultInjector) -> bool:
+        """Execute the lines of one datagram."""
+        try:
+            data, sender = self._socket.recvfrom(LARGEST)
+            answers = [fault_injector.obey(line) for line in data.split(b"\n") if line.strip()]
+            if answers:
+                self._socket.sendto("\n".join(answers).encode() + b"\n", sender)
+        except OSError:  # ICMP: the sender no longer listens
+            pass
+        return True
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
 
 CATCH_UP_S = 0.25  # a longer stall is dropped, as if the vehicles had been paused
 REST_S = 0.002  # time in which datagrams of a continuous flow gather; PX4 answers in 1 to 4 ms
@@ -121,7 +203,7 @@ def _paced(
         for _ in range(int(behind_s / STEP_S + 1e-9)):
             fleet.step()
             fault_injector.pass_time()
-            radio.speak()
+            radio.send()
             if fault_injector.broken:
                 radio.deliver()
             if truth is not None:
@@ -141,6 +223,6 @@ def _read(
     for reader in readers:
         if not isinstance(reader, Endpoint) and not reader.read(fault_injector):
             selector.unregister(reader)
-    radio.listen([reader for reader in readers if isinstance(reader, Endpoint)])
+    radio.receive([reader for reader in readers if isinstance(reader, Endpoint)])
     if wait_s > REST_S:
         time.sleep(REST_S)

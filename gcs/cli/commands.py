@@ -108,7 +108,7 @@ COMMANDS: Final = {
         "stop motors now, even in the air; works without the service",
     ),
     "sim": Command(
-        "gcs.sim.options:add_arguments",
+        "gcs.sim.cli:add_arguments",
         "gcs.cli.main:run_sim",
         "run a fake fleet alone, as python -m gcs.sim does",
         LINES,

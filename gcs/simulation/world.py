@@ -7,8 +7,8 @@ from math import exp, sqrt
 import numpy as np
 
 from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
-from gcs.sim.vehicle import noise
 from gcs.sim.vehicle.dynamics import PointMasses, Response, step
+from gcs.sim.vehicle.sensors import draw_errors, step_errors
 from gcs.simulation.scenario import Wind, World
 
 LONGEST_STEP_S = 1.0 / 60.0
@@ -78,7 +78,7 @@ class TrueWorld:
         self.response = varied_response(n, world, self._random)
         self.wind_field = WindField(world.wind, world.wind.gust_m_s * self._random.standard_normal((n, 3)))
         self.bodies = self._balanced(start_m)
-        self._error = noise.draw(n, world.noise, self._random)
+        self._error = draw_errors(n, world.noise, self._random)
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
         self._gone: Mask = np.zeros(n, dtype=bool)
@@ -165,7 +165,7 @@ class TrueWorld:
     def advance(self) -> list[Array]:
         """Advance by one tick. Returns: the true positions (n, 3) after every integration step."""
         if self._world.noise:
-            self._error = noise.step(self._error, self.tick_s, self._world.noise, self._random)
+            self._error = step_errors(self._error, self.tick_s, self._world.noise, self._random)
         self.wind_field.blow(self.tick_s, self._random)
         wind = self._world.wind
         windy = wind.gust_m_s or wind.mean_x_m_s or wind.mean_y_m_s

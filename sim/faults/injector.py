@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import heapq
 import json
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass
+from itertools import count
+from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
 from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, FaultCommand, FaultCommandError, parse
-from gcs.sim.faults.link_faults import Channel, Ills
 from gcs.sim.vehicle.commander import Stuck
-from gcs.sim.vehicle.modes import Mode
+from gcs.sim.vehicle.px4 import Mode
 from gcs.sim.vehicle.state import FIX_3D
 
 if TYPE_CHECKING:
@@ -20,6 +22,106 @@ if TYPE_CHECKING:
     from gcs.sim.endpoint import Address, Endpoint
     from gcs.sim.faults.commands import Value
     from gcs.sim.fleet import Fleet
+
+
+Tag = TypeVar("Tag")
+
+OVERTAKEN_S = 0.05  # delay of a reordered packet behind the others
+LONGEST_GARBAGE = 280  # about a MAVLink frame
+
+
+@dataclass(slots=True)
+class DirectionFaults:
+    """Faults of one direction; shares are of packets, from 0 to 1. The defaults are faultless."""
+
+    silent: bool = False
+    loss: float = 0.0
+    corrupt: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+
+
+class Way(Generic[Tag]):
+    """One direction of a vehicle's link. A tag travels with each packet."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        """Faultless at first; all chance comes from `random`."""
+        self.faults = DirectionFaults()
+        self._random = random
+        self._queue: list[tuple[float, int, bytes, Tag]] = []
+        self._order = count()
+        self._last_due_s = 0.0
+
+    def put(self, packet: bytes, tag: Tag, now_s: float) -> None:
+        """Send a packet; it may never arrive, or twice, or damaged."""
+        faults, chance = self.faults, self._random.random
+        if faults.silent or chance() < faults.loss:
+            return
+        if packet and chance() < faults.corrupt:
+            packet = self._damaged(packet)
+        for _ in range(2 if chance() < faults.duplicate else 1):
+            due_s = now_s + faults.delay_s + faults.jitter_s * chance()
+            if chance() < faults.reorder:
+                due_s = max(due_s, self._last_due_s) + OVERTAKEN_S
+            else:
+                self._last_due_s = due_s = max(due_s, self._last_due_s)
+            heapq.heappush(self._queue, (due_s, next(self._order), packet, tag))
+
+    def take(self, now_s: float) -> list[tuple[bytes, Tag]]:
+        """Packets that have arrived by now, in the order of arrival."""
+        if self.faults.silent:
+            self._queue.clear()
+        arrived = []
+        while self._queue and self._queue[0][0] <= now_s:
+            _, _, packet, tag = heapq.heappop(self._queue)
+            arrived.append((packet, tag))
+        return arrived
+
+    def _damaged(self, packet: bytes) -> bytes:
+        """Change one to three bytes."""
+        damaged = bytearray(packet)
+        for place in self._random.integers(0, len(packet), self._random.integers(1, 4)):
+            damaged[place] ^= int(self._random.integers(1, 256))
+        return bytes(damaged)
+
+
+class Jammer:
+    """A source of garbage at a steady rate."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        """Quiet until rate_hz is set."""
+        self.rate_hz = 0.0
+        self._random = random
+        self._reported_s: float | None = None
+        self._owed = 0.0
+
+    def take(self, now_s: float) -> list[bytes]:
+        """Datagrams of random bytes and lengths: as many as are due by now."""
+        passed_s = 0.0 if self._reported_s is None else now_s - self._reported_s
+        self._reported_s = now_s
+        self._owed += passed_s * self.rate_hz
+        due = int(self._owed)
+        self._owed -= due
+        sizes = self._random.integers(1, LONGEST_GARBAGE, due)
+        return [self._random.bytes(int(size)) for size in sizes]
+
+
+class Channel(Generic[Tag]):
+    """A vehicle's link: both directions and a jammer."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        """Faultless at first."""
+        self.out: Way[None] = Way(random)
+        self.into: Way[Tag] = Way(random)
+        self.jammer = Jammer(random)
+
+    @property
+    def ways(self) -> dict[str, DirectionFaults]:
+        """The faults by the name of the direction."""
+        return {"out": self.out.faults, "in": self.into.faults}
+
 
 Origin: TypeAlias = "tuple[Endpoint, Address]"
 """Source of a packet; only the server uses it."""
@@ -87,7 +189,11 @@ class FaultInjector:
         if fault == "none":
             self._fix(row)
             return True
-        took = self._break_link(row, fault, values) if fault in LINK_FAULTS else self._befall(row, command)
+        took = (
+            self._break_link(row, fault, values)
+            if fault in LINK_FAULTS
+            else self._break_vehicle(row, command)
+        )
         if took and command.for_s < math.inf:
             self._ends[row, fault] = self._fleet.time_s + command.for_s
         else:
@@ -104,12 +210,12 @@ class FaultInjector:
         if fault == "jam":
             channel.jammer.rate_hz = float(values["rate_hz"])
             return True
-        for way, ills in channel.ways.items():
+        for way, faults in channel.ways.items():
             if values["way"] in {"both", way}:
-                _degrade(ills, fault, values)
+                _degrade(faults, fault, values)
         return True
 
-    def _befall(self, row: int, command: FaultCommand) -> bool:
+    def _break_vehicle(self, row: int, command: FaultCommand) -> bool:
         """Apply a fault to the vehicle itself."""
         state, values, fault = self._fleet.state, command.values, command.fault
         if fault in {"gps-jump", "position-reset"}:
@@ -119,7 +225,7 @@ class FaultInjector:
         elif fault == "gps-freeze":
             state.frozen_m[row] = self._fleet.estimate_m[row]
         elif fault in REPORTED:
-            self._mistell(row, fault, values)
+            self._falsify_reports(row, fault, values)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = [
                 float(values[name]) for name in ("north_m_s", "east_m_s", "down_m_s")
@@ -136,7 +242,7 @@ class FaultInjector:
             return self._take_over(row, values)
         return True
 
-    def _mistell(self, row: int, fault: str, values: Mapping[str, Value]) -> None:
+    def _falsify_reports(self, row: int, fault: str, values: Mapping[str, Value]) -> None:
         """Make the vehicle report false values of its receiver, sensors or clock."""
         state = self._fleet.state
         if fault == "accuracy":
@@ -148,7 +254,7 @@ class FaultInjector:
         else:
             state.unix_ahead_s[row] = float(values["ahead_s"])
 
-    def _tell_truly(self, row: int, fault: str) -> None:
+    def _report_truly(self, row: int, fault: str) -> None:
         state = self._fleet.state
         if fault == "accuracy":
             self._blur(row, RECORDED)
@@ -206,14 +312,14 @@ class FaultInjector:
         channel = self._channels.get(row)
         if channel is not None and fault in LINK_FAULTS:
             channel.jammer.rate_hz *= fault != "jam"
-            for ills in channel.ways.values():
-                _heal(ills, fault)
+            for faults in channel.ways.values():
+                _heal(faults, fault)
         elif fault == "gps-jump":
             state.offset_m[row] = 0.0
         elif fault == "gps-freeze":
             state.frozen_m[row] = np.nan
         elif fault in REPORTED:
-            self._tell_truly(row, fault)
+            self._report_truly(row, fault)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = self._fleet.settings.wind_m_s
         elif fault == "stuck-mode":
@@ -236,17 +342,17 @@ class FaultInjector:
             commander.intend(Mode.HOLD)
 
 
-def _degrade(ills: Ills, fault: str, values: Mapping[str, Value]) -> None:
+def _degrade(faults: DirectionFaults, fault: str, values: Mapping[str, Value]) -> None:
     if fault == "silence":
-        ills.silent = True
+        faults.silent = True
     elif fault == "delay":
-        ills.delay_s, ills.jitter_s = float(values["delay_s"]), float(values["jitter_s"])
+        faults.delay_s, faults.jitter_s = float(values["delay_s"]), float(values["jitter_s"])
     else:
-        setattr(ills, fault, float(values["share"]))
+        setattr(faults, fault, float(values["share"]))
 
 
-def _heal(ills: Ills, fault: str) -> None:
-    healthy = Ills()
+def _heal(faults: DirectionFaults, fault: str) -> None:
+    healthy = DirectionFaults()
     for name in {"silence": ("silent",), "delay": ("delay_s", "jitter_s")}.get(fault, (fault,)):
-        if hasattr(ills, name):
-            setattr(ills, name, getattr(healthy, name))
+        if hasattr(faults, name):
+            setattr(faults, name, getattr(healthy, name))

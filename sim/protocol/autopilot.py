@@ -14,19 +14,17 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
 from gcs.sim.protocol.commands import Command, execute
-from gcs.sim.protocol.mavlink import AUTOPILOT_COMPONENT
-from gcs.sim.vehicle import params
+from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT
+from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.commander import CRITICAL, INFO, Commander, Result
 from gcs.sim.vehicle.state import NO_MODE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from gcs.sim.protocol.mavlink import Message
-    from gcs.sim.protocol.outbox import Item, Outbox
-    from gcs.sim.protocol.streams import Schedule
-    from gcs.sim.vehicle.modes import Mode
-    from gcs.sim.vehicle.quirks import Quirks
+    from gcs.sim.protocol.frames import Message
+    from gcs.sim.protocol.streams import Item, Outbox, Schedule
+    from gcs.sim.vehicle.px4 import Mode, Quirks
     from gcs.sim.vehicle.state import State
 
 MODE_RESULT_AFTER_S = 0.008  # item 3: recorded 6 to 15 ms
@@ -50,7 +48,7 @@ class Shared:
 class Autopilot:
     """PX4's protocol for one vehicle."""
 
-    def __init__(self, shared: Shared, row: int, parameters: params.Parameters) -> None:
+    def __init__(self, shared: Shared, row: int, parameters: px4.Parameters) -> None:
         """Represent row `row` of the fleet's state; from now on this vehicle owns the parameters."""
         self.row = row
         self.parameters = parameters
@@ -71,7 +69,7 @@ class Autopilot:
         """Heading from north, clockwise."""
         return float(self._state.yaw_rad[self.row])
 
-    def hear(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Execute or answer a message for this vehicle; unknown ones change nothing."""
         handler = self._HANDLERS.get(message.get_type())
         if handler is not None and not self.is_sender(message):
@@ -142,12 +140,12 @@ class Autopilot:
 
     def parameter(self, name: str) -> Message:
         """A PARAM_VALUE."""
-        value = params.encoded_value(name, self.parameters[name])
+        value = px4.encoded_value(name, self.parameters[name])
         return common.MAVLink_param_value_message(
-            name.encode("ascii"), value, params.kind(name), len(self.parameters), params.index(name)
+            name.encode("ascii"), value, px4.kind(name), len(self.parameters), px4.index(name)
         )
 
-    def say_invalid(self) -> None:
+    def report_invalid(self) -> None:
         """Item 10: PX4 reports a setpoint with every axis ignored, and the loss failsafe follows."""
         self._post_text(CRITICAL, "SET_POSITION_TARGET_LOCAL_NED invalid\t")
 
@@ -159,14 +157,14 @@ class Autopilot:
         if not self._shared.quirks.late_heartbeat:
             self.reply(common.MAVLINK_MSG_ID_HEARTBEAT)
 
-    def _hear_heartbeat(self, message: Message) -> None:
+    def _receive_heartbeat(self, message: Message) -> None:
         if message.type == common.MAV_TYPE_GCS:
             regained = not self._gcs_listens()
             self._state.station_s[self.row] = self._state.now_s
             if regained:
                 self._post_text(INFO, "GCS connection regained\t")
 
-    def _hear_command(self, message: Message) -> None:
+    def _receive_command(self, message: Message) -> None:
         """COMMAND_LONG and COMMAND_INT; a mode change is acknowledged twice (item 3)."""
         if message.get_type() == "COMMAND_LONG":
             place: tuple[float, float, float] = (message.param5, message.param6, message.param7)
@@ -185,35 +183,35 @@ class Autopilot:
             after_s = MODE_RESULT_AFTER_S
         self.reply(common.MAVLink_command_ack_message(command.number, int(result), 0, 0, *sender), after_s)
 
-    def _hear_ping(self, message: Message) -> None:
+    def _receive_ping(self, message: Message) -> None:
         """Echo a request; an answer to a ping of ours needs no reply."""
         if message.target_system == 0:
             sender = (message.get_srcSystem(), message.get_srcComponent())
             self.reply(common.MAVLink_ping_message(message.time_usec, message.seq, *sender))
 
-    def _hear_timesync(self, message: Message) -> None:
+    def _receive_timesync(self, message: Message) -> None:
         if message.tc1 == 0:
             boot_ns = self._state.boot_ms(self.row) * 1_000_000
             self.reply(common.MAVLink_timesync_message(boot_ns, message.ts1))
 
-    def _hear_parameter_read(self, message: Message) -> None:
+    def _receive_parameter_read(self, message: Message) -> None:
         """By index, or by name where the index is -1; there is no answer for an unknown parameter."""
         by_name = message.param_index < 0
-        name = message.param_id if by_name else params.name_at(message.param_index)
+        name = message.param_id if by_name else px4.name_at(message.param_index)
         if name is not None and name in self.parameters:
             self.reply(self.parameter(name))
 
-    def _hear_parameter_list(self, _message: Message) -> None:
+    def _receive_parameter_list(self, _message: Message) -> None:
         self._shared.outbox.list_parameters(self.row, self.parameters.names())
 
-    def _hear_parameter_set(self, message: Message) -> None:
+    def _receive_parameter_set(self, message: Message) -> None:
         """Answer with the resulting value; only a change is announced a second time."""
         name = message.param_id
         if name not in self.parameters:
             return
         try:
-            self.parameters.set(name, params.decoded_value(name, message.param_type, message.param_value))
-        except params.ParameterError:
+            self.parameters.set(name, px4.decoded_value(name, message.param_type, message.param_value))
+        except px4.ParameterError:
             self.reply(self.parameter(name))
             return
         self.reply(self.parameter(name))
@@ -234,13 +232,13 @@ class Autopilot:
 
     _HANDLERS: ClassVar[Mapping[str, Callable[[Autopilot, Message], None]]] = MappingProxyType(
         {
-            "HEARTBEAT": _hear_heartbeat,
-            "COMMAND_LONG": _hear_command,
-            "COMMAND_INT": _hear_command,
-            "PING": _hear_ping,
-            "TIMESYNC": _hear_timesync,
-            "PARAM_REQUEST_READ": _hear_parameter_read,
-            "PARAM_REQUEST_LIST": _hear_parameter_list,
-            "PARAM_SET": _hear_parameter_set,
+            "HEARTBEAT": _receive_heartbeat,
+            "COMMAND_LONG": _receive_command,
+            "COMMAND_INT": _receive_command,
+            "PING": _receive_ping,
+            "TIMESYNC": _receive_timesync,
+            "PARAM_REQUEST_READ": _receive_parameter_read,
+            "PARAM_REQUEST_LIST": _receive_parameter_list,
+            "PARAM_SET": _receive_parameter_set,
         }
     )

@@ -11,12 +11,12 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
 from gcs.sim.vehicle.commander import Result
-from gcs.sim.vehicle.modes import Mode
+from gcs.sim.vehicle.px4 import Mode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from gcs.sim.protocol.outbox import Item
+    from gcs.sim.protocol.streams import Item
     from gcs.sim.vehicle.commander import Commander
 
 FORCE = 21196  # param2 that overrides the checks: arms in any case, kills in the air

@@ -1,4 +1,4 @@
-"""PX4's commander for one vehicle: its transitions. `sim.vehicle.transitions` decides when they are due.
+"""PX4's commander: the transitions of one vehicle, and for a whole fleet when they are due.
 
 Two modes are kept apart, as in PX4: the one requested (intended) and the one flown (mode). They differ
 during a failsafe. Items in comments are those of FACTS, section 3.
@@ -10,8 +10,9 @@ import math
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
-from gcs.sim.vehicle import battery
-from gcs.sim.vehicle.modes import (
+import numpy as np
+
+from gcs.sim.vehicle.px4 import (
     MODES,
     NEEDS_PILOT,
     OFFBOARD_LOSS_MODE,
@@ -19,27 +20,30 @@ from gcs.sim.vehicle.modes import (
     STATION_LOSS_MODE,
     Mode,
 )
+from gcs.sim.vehicle.state import Charge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
-    from gcs.sim.vehicle.params import Parameters
-    from gcs.sim.vehicle.quirks import Quirks
-    from gcs.sim.vehicle.state import State
+    from gcs.sim.vehicle.dynamics import Array, Mask
+    from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks
+    from gcs.sim.vehicle.sensors import Batteries
+    from gcs.sim.vehicle.state import Numbers, State
+
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
 IMPATIENT_S = 0.25  # longest time without setpoints in OFFBOARD where the quirk of item 13 is off
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2  # bits of COM_RC_OVERRIDE
-BATTERY_TEXTS = {
-    battery.LOW: "Low battery",
-    battery.CRITICAL: "Critical battery",
-    battery.EMERGENCY: "Emergency battery level",
+BATTERY_TEXTS: Mapping[int, str] = {
+    Charge.LOW: "Low battery",
+    Charge.CRITICAL: "Critical battery",
+    Charge.EMERGENCY: "Emergency battery level",
 }
-BATTERY_ACTIONS = {
-    (2, battery.CRITICAL): Mode.LAND,
-    (2, battery.EMERGENCY): Mode.LAND,
-    (3, battery.CRITICAL): Mode.RETURN,
-    (3, battery.EMERGENCY): Mode.LAND,
+BATTERY_ACTIONS: Mapping[tuple[int, int], Mode] = {
+    (2, Charge.CRITICAL): Mode.LAND,
+    (2, Charge.EMERGENCY): Mode.LAND,
+    (3, Charge.CRITICAL): Mode.RETURN,
+    (3, Charge.EMERGENCY): Mode.LAND,
 }
 
 
@@ -87,7 +91,7 @@ class Commander:
         self._row = row
         self._parameters = parameters
         self._quirks = quirks
-        self._tell = say
+        self._send_text = say
         self._changed = changed
         self.stuck = Stuck.NO
 
@@ -127,8 +131,8 @@ class Commander:
         intended = MODES[int(self._state.intended[self._row])]
         fed = intended is not Mode.OFFBOARD or not self._quirks.starved_offboard or self.fed
         started = self._state.now_s >= self._state.ready_at_s[self._row]
-        sound = self._state.unhealthy_sensors[self._row] == 0
-        return bool(started and sound and intended not in PREVENTS_ARMING and fed)
+        valid = self._state.unhealthy_sensors[self._row] == 0
+        return bool(started and valid and intended not in PREVENTS_ARMING and fed)
 
     @property
     def fed(self) -> bool:
@@ -144,14 +148,14 @@ class Commander:
         if state.armed[row]:
             return Result.ACCEPTED
         if not (self.can_arm or force):
-            self._say(CRITICAL, "Arming denied: Resolve system health failures first")
+            self._report(CRITICAL, "Arming denied: Resolve system health failures first")
             return Result.TEMPORARILY_REJECTED
         state.armed[row], state.armed_s[row] = True, state.now_s
         state.flown[row] = not state.landed[row]
         state.climb_since_s[row] = math.inf
-        self._say(INFO, "Armed by external command")
+        self._report(INFO, "Armed by external command")
         if self.mode is Mode.TAKEOFF and math.isnan(state.takeoff_altitude_amsl_m[row]):
-            self._say(INFO, f"Using default takeoff altitude: {self._parameters['MIS_TAKEOFF_ALT']:.1f} m")
+            self._report(INFO, f"Using default takeoff altitude: {self._parameters['MIS_TAKEOFF_ALT']:.1f} m")
         self._changed()
         return Result.ACCEPTED
 
@@ -160,7 +164,7 @@ class Commander:
         if not self.armed:
             return Result.ACCEPTED
         if not (self.landed or force) and self._quirks.disarm_refused:
-            self._say(CRITICAL, "Disarming denied: not landed")
+            self._report(CRITICAL, "Disarming denied: not landed")
             return Result.TEMPORARILY_REJECTED
         self.stop("Disarmed by external command")
         return Result.ACCEPTED
@@ -172,11 +176,11 @@ class Commander:
         starved = mode is Mode.OFFBOARD and self._quirks.starved_offboard and not self.fed
         missing = starved or (mode in NEEDS_PILOT and not self._state.piloted[self._row])
         if self.armed and missing:
-            self._say(CRITICAL, f"Switching to {mode.title} is currently not available")
+            self._report(CRITICAL, f"Switching to {mode.title} is currently not available")
             return Result.TEMPORARILY_REJECTED
         self.intend(mode)
         if mode is Mode.LAND:
-            self._say(INFO, "Landing at current position")
+            self._report(INFO, "Landing at current position")
         return Result.ACCEPTED
 
     def take_off(self, altitude_amsl_m: float | None) -> Result:
@@ -204,7 +208,7 @@ class Commander:
             self._changed()
             return
         state.failsafe[row] = True
-        self._say(CRITICAL, "Failsafe activated")
+        self._report(CRITICAL, "Failsafe activated")
         action = int(self._parameters["COM_OBL_RC_ACT"])
         if action in OFFBOARD_LOSS_MODE:
             state.mode[row] = OFFBOARD_LOSS_MODE[action].number
@@ -217,8 +221,8 @@ class Commander:
         mode = STATION_LOSS_MODE.get(int(self._parameters["NAV_DLL_ACT"]))
         if self.mode is Mode.LAND or (self.mode is Mode.RETURN and mode is Mode.HOLD):
             return
-        self._say(INFO, "GCS connection lost")
-        self._say(CRITICAL, "Failsafe activated")
+        self._report(INFO, "GCS connection lost")
+        self._report(CRITICAL, "Failsafe activated")
         if mode is None:
             self.stop("Disarmed by failsafe")
         else:
@@ -227,11 +231,11 @@ class Commander:
     def weaken(self, charge: int) -> None:
         """Apply COM_LOW_BAT_ACT at each worsening: 2 lands at critical; 3 returns, at emergency lands."""
         self._state.charge[self._row] = charge
-        self._say(CRITICAL, BATTERY_TEXTS[charge])
+        self._report(CRITICAL, BATTERY_TEXTS[charge])
         action = int(self._parameters["COM_LOW_BAT_ACT"])
         mode = BATTERY_ACTIONS.get((action, charge))
         if mode is not None and self.mode is not Mode.LAND:
-            self._say(CRITICAL, "Failsafe activated")
+            self._report(CRITICAL, "Failsafe activated")
             self._intervene(mode)
 
     def lift_off(self) -> None:
@@ -240,21 +244,21 @@ class Commander:
         state.landed[row], state.flown[row] = False, True
         state.airborne_since_s[row] = state.now_s
         state.down_since_s[row] = math.inf
-        self._say(INFO, "Takeoff detected")
+        self._report(INFO, "Takeoff detected")
 
     def touch_down(self) -> None:
         """Landing detected."""
         state, row = self._state, self._row
         state.landed[row], state.landed_s[row] = True, state.now_s
         if state.armed[row]:
-            self._say(INFO, "Landing detected")
+            self._report(INFO, "Landing detected")
 
     def stop(self, text: str) -> None:
         """Disarm; the mode falls back to the last one that allows arming (item 7)."""
         state, row = self._state, self._row
         state.armed[row] = state.failsafe[row] = state.intervenes[row] = False
         state.climb_since_s[row] = math.inf
-        self._say(INFO, text)
+        self._report(INFO, text)
         reverts = self._quirks.mode_reverts
         state.intended[row] = state.mode[row] = state.after_disarming[row] if reverts else Mode.HOLD.number
         self._changed()
@@ -273,5 +277,138 @@ class Commander:
         self.intend(mode)
         self._state.intervenes[self._row] = True
 
-    def _say(self, severity: int, text: str) -> None:
-        self._tell(severity, text + "\t")  # PX4 ends its texts with a tab
+    def _report(self, severity: int, text: str) -> None:
+        self._send_text(severity, text + "\t")  # PX4 ends its texts with a tab
+
+
+# From spool-up to "Takeoff detected": recorded 1.84 s after arming, of which COM_SPOOLUP_TIME is 1.0.
+TAKEOFF_DETECTION_S = 0.84
+# PX4 passes through three stages, each LNDMC_TRIG_TIME long at least: recorded 3.3 s after touching.
+LANDING_STAGES = 3
+CLIMB_DEMAND_M_S = 0.3
+
+OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
+NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
+
+
+class Transitions:
+    """Advances the commanders of a fleet."""
+
+    def __init__(
+        self, state: State, commanders: Sequence[Commander], parameters: Columns, quirks: Quirks
+    ) -> None:
+        """Row i of the state is commanders[i]."""
+        self._state = state
+        self._commanders = commanders
+        self._parameters = parameters
+        self._quirks = quirks
+
+    def update(self, awake: Mask, contact: Mask, climb_m_s: Array, batteries: Batteries) -> None:
+        """Execute the transitions that are due at the state's time.
+
+        Args:
+            awake: (n,), vehicles with a position.
+            contact: (n,), vehicles on the ground.
+            climb_m_s: (n,), the upward speed that the flown mode demands.
+            batteries: for MAV_BATTERY_CHARGE_STATE.
+        """
+        state = self._state
+        armed = awake & state.armed
+        if armed.any():
+            self._watch_setpoints(armed)
+            self._watch_station(armed)
+            charge = batteries.charge_state()
+            weak = armed & ~state.landed & (charge > state.charge)
+            for row in weak.nonzero()[0].tolist():
+                self._commanders[row].weaken(int(charge[row]))
+        waiting = awake & state.armed & state.landed
+        self._watch_landing(awake & ~state.landed, contact, climb_m_s)
+        if waiting.any():
+            self._watch_takeoff(waiting, climb_m_s)
+        standing = awake & state.armed & state.landed
+        if standing.any():
+            self._watch_disarming(standing)
+
+    def fed(self) -> Mask:
+        """(n,): whether a setpoint has arrived within COM_OF_LOSS_T."""
+        patience_s = self._parameters["COM_OF_LOSS_T"]
+        if not self._quirks.patient_offboard:
+            patience_s = np.minimum(patience_s, IMPATIENT_S)
+        fed: Mask = self._state.now_s - self._state.setpoint_s < patience_s
+        return fed
+
+    def can_arm(self) -> Mask:
+        """(n,): the prearm check, as Commander.can_arm."""
+        state = self._state
+        able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
+        able &= state.unhealthy_sensors == 0
+        if self._quirks.starved_offboard:
+            able &= (state.intended != OFFBOARD) | self.fed()
+        return able
+
+    def landed_state(self) -> Numbers:
+        """(n,): MAV_LANDED_STATE, as in EXTENDED_SYS_STATE."""
+        state = self._state
+        flying = np.where(state.mode == LAND, int(LandedState.LANDING), int(LandedState.IN_AIR))
+        flying[state.armed & (state.mode == TAKEOFF)] = LandedState.TAKEOFF
+        return np.where(state.landed, int(LandedState.ON_GROUND), flying)
+
+    def _watch_setpoints(self, armed: Mask) -> None:
+        state = self._state
+        due = armed & (state.intended == OFFBOARD) & (self.fed() == state.failsafe)
+        if not self._quirks.resume:
+            due &= ~state.failsafe
+        if not self._quirks.setpoint_loss:
+            due &= state.failsafe
+        for row in due.nonzero()[0].tolist():
+            self._commanders[row].starve_or_feed()
+
+    def _watch_station(self, armed: Mask) -> None:
+        """Apply NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
+        state, p = self._state, self._parameters
+        silent = state.now_s - state.station_s > p["COM_DL_LOSS_T"]
+        if not silent.any():
+            state.station_lost[:] = False
+            return
+        due = armed & ~state.landed & silent & ~state.station_lost & (p["NAV_DLL_ACT"] > 0)
+        state.station_lost = silent & (state.station_lost | due)
+        for row in np.flatnonzero(due).tolist():
+            self._commanders[row].lose_station()
+
+    def _watch_takeoff(self, waiting: Mask, climb_m_s: Array) -> None:
+        state = self._state
+        spooled_s = state.armed_s + self._parameters["COM_SPOOLUP_TIME"]
+        climbing = waiting & (climb_m_s >= CLIMB_DEMAND_M_S) & (state.now_s >= spooled_s)
+        state.climb_since_s[waiting & ~climbing] = np.inf
+        state.climb_since_s[climbing] = np.minimum(state.climb_since_s[climbing], state.now_s)
+        for row in np.flatnonzero(
+            climbing & (state.now_s >= state.climb_since_s + TAKEOFF_DETECTION_S)
+        ).tolist():
+            self._commanders[row].lift_off()
+
+    def _watch_landing(self, flying: Mask, contact: Mask, climb_m_s: Array) -> None:
+        """On the ground with a descent demanded: landed after a while, at once when the motors are off."""
+        state = self._state
+        if not contact.any():
+            state.down_since_s[flying] = np.inf
+            return
+        down = flying & contact & ~(state.armed & (climb_m_s >= 0.0))
+        state.down_since_s[flying & ~down] = np.inf
+        if not down.any():
+            return
+        state.down_since_s[down] = np.minimum(state.down_since_s[down], state.now_s)
+        wait_s = np.where(state.armed, LANDING_STAGES * self._parameters["LNDMC_TRIG_TIME"], 0.0)
+        for row in np.flatnonzero(down & (state.now_s >= state.down_since_s + wait_s)).tolist():
+            self._commanders[row].touch_down()
+
+    def _watch_disarming(self, standing: Mask) -> None:
+        """Apply COM_DISARM_LAND after a flight, COM_DISARM_PRFLT before one; not positive means never."""
+        state, p = self._state, self._parameters
+        wait_s = np.where(state.flown, p["COM_DISARM_LAND"], p["COM_DISARM_PRFLT"])
+        since_s = np.where(state.flown, state.landed_s, state.armed_s)
+        still = standing & (state.climb_since_s == np.inf) & (wait_s > 0.0)
+        for row in np.flatnonzero(still & (state.now_s >= since_s + wait_s)).tolist():
+            landed = state.flown[row]
+            self._commanders[row].stop(
+                "Disarmed by landing" if landed else "Disarmed by auto preflight disarming"
+            )

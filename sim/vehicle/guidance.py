@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim.vehicle.modes import MODES, NEEDS_PILOT, Mode
+from gcs.sim.vehicle.px4 import MODES, NEEDS_PILOT, Mode
 from gcs.sim.vehicle.state import NO_MODE
 
 if TYPE_CHECKING:
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
     from gcs.sim.vehicle.commander import Commander
     from gcs.sim.vehicle.dynamics import Array, Mask
-    from gcs.sim.vehicle.params import Columns
-    from gcs.sim.vehicle.quirks import Quirks
+    from gcs.sim.vehicle.px4 import Columns, Quirks
     from gcs.sim.vehicle.sensors import Sensors
     from gcs.sim.vehicle.state import Rows, State
 
@@ -47,7 +46,7 @@ class Guidance:
         self._commanders = commanders
         self._parameters = parameters
         self._quirks = quirks
-        self._ask: Mapping[int, Callable[[Rows, Sensors], Array]] = {
+        self._velocities: Mapping[int, Callable[[Rows, Sensors], Array]] = {
             OFFBOARD: self._offboard,
             BY_HAND: self._by_hand,
             HOLD: self._towards,
@@ -78,13 +77,13 @@ class Guidance:
         flown = FLOWN_AS[self._state.mode[rows]]  # before a take-off that ends in this step
         kinds = set(flown.tolist())
         desired_m_s = np.empty((len(rows), 3))
-        for kind, ask in self._ask.items():
+        for kind, request in self._velocities.items():
             if kind not in kinds:
                 continue
             chosen = slice(None) if len(kinds) == 1 else flown == kind
-            asked_m_s = ask(rows[chosen], sensors)
+            requested_m_s = request(rows[chosen], sensors)
             gentle = kind not in {OFFBOARD, BY_HAND}
-            desired_m_s[chosen] = self._slew(rows[chosen], asked_m_s, dt_s) if gentle else asked_m_s
+            desired_m_s[chosen] = self._slew(rows[chosen], requested_m_s, dt_s) if gentle else requested_m_s
         return desired_m_s
 
     def turn(self, powered: Mask, dt_s: float) -> None:

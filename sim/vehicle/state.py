@@ -1,18 +1,19 @@
 """State of the autopilots of a fleet, as columns: row i of every array is vehicle i.
 
-One vehicle's transitions (sim.vehicle.commander) and the fleet's conditions (sim.vehicle.transitions,
-sim.vehicle.guidance) share it, so that one vehicle and a thousand behave alike.
+One vehicle's transitions, the fleet's conditions (sim.vehicle.commander) and sim.vehicle.guidance share it:
+one vehicle and a thousand behave alike.
 """
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.sim.vehicle.modes import Mode
+from gcs.sim.vehicle.px4 import Mode
 
 if TYPE_CHECKING:
     from gcs.sim.vehicle.dynamics import Array, Mask
@@ -29,8 +30,16 @@ LASTING = frozenset(
         *("fix_type", "unhealthy_sensors", "unix_ahead_s"),
     }
 )
-OK = 1  # MAV_BATTERY_CHARGE_STATE
 FIX_3D = 3  # GPS_FIX_TYPE
+
+
+class Charge(IntEnum):
+    """MAV_BATTERY_CHARGE_STATE."""
+
+    OK = 1
+    LOW = 2
+    CRITICAL = 3
+    EMERGENCY = 4
 
 
 class State:
@@ -80,7 +89,7 @@ class State:
         self.down_since_s = np.full(count, np.inf)
         self.landed_s = np.full(count, -np.inf)
         self.takeoff_altitude_amsl_m = np.full(count, np.nan)  # NaN: MIS_TAKEOFF_ALT above home
-        self.charge: Numbers = np.full(count, OK)  # the worst that the failsafe acted on
+        self.charge: Numbers = np.full(count, Charge.OK)  # the worst that the failsafe acted on
         self.remaining = np.ones(count)  # of the battery
 
     def _stand(self, count: int, yaw_rad: float) -> None:

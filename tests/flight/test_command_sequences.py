@@ -9,7 +9,7 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.flight.test_show_interrupted import ALL, BOX, COMMANDS, fly_for_a_while, found, four, sessions
 from tests.support.stalls import stall
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config

@@ -5,7 +5,7 @@ import pytest
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 

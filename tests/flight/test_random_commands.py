@@ -10,7 +10,7 @@ import pytest
 from gcs.flight.refusals import A_PERSON_FLIES
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.flight.test_refusals_in_the_air import commands, refusal_of
 from tests.flight.test_show_interrupted import sessions
 from tests.support.show_phases import running

@@ -10,7 +10,7 @@ from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 

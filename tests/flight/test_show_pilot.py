@@ -9,7 +9,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,

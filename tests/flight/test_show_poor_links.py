@@ -10,7 +10,7 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 
 COUNT = 20

@@ -11,7 +11,7 @@ from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
 from gcs.model.state import Array, Counts
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.show_phases import aborting, arming, assembling, paused, returning, running
 from tests.support.stalls import floor_violations, stall
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config

@@ -14,8 +14,8 @@ from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.return_paths import is_above, may_hand_over
 from gcs.safety.separation import minimum_separation
-from gcs.sim.vehicle import noise
 from gcs.sim.vehicle.dynamics import PointMasses, Response, step
+from gcs.sim.vehicle.sensors import draw_errors, step_errors
 from gcs.simulation.flight import HANDOVER_HEIGHT_M
 from gcs.simulation.world import TOUCHDOWN_M_S
 
@@ -73,7 +73,7 @@ class Flight:
         self._memory = Memory.fresh(count, 0.0)
         self._noise_scale = noise_scale
         self._random = np.random.default_rng(seed)
-        self._error = noise.draw(count, noise_scale, self._random)
+        self._error = draw_errors(count, noise_scale, self._random)
 
     @property
     def believed_m(self) -> Array:
@@ -141,7 +141,7 @@ class Flight:
             )
         self._land()
         if self._noise_scale:
-            self._error = noise.step(self._error, TICK_S, self._noise_scale, self._random)
+            self._error = step_errors(self._error, TICK_S, self._noise_scale, self._random)
 
     def _land(self) -> None:
         down = self.bodies.position_m[:, 2] >= self.pads_m[:, 2]

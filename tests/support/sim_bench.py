@@ -74,7 +74,7 @@ class Bench:
         self.send_bytes(self.frame(message))
 
     def send_bytes(self, datagram: bytes) -> None:
-        self.fleet.receiver.hear([(self._circle, datagram)])
+        self.fleet.receiver.receive([(self._circle, datagram)])
         self._receive(self.fleet.take_frames(streams=False))
 
     def run(self, duration_s: float) -> Bench:

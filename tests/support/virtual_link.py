@@ -138,7 +138,7 @@ class VirtualPorts(Ports):
                 arrived.append((row, datagram))
         for row, channel in broken.items():
             arrived += [(row, datagram) for datagram, _ in channel.into.take(time_s)]
-        self._fleet.receiver.hear(arrived)
+        self._fleet.receiver.receive(arrived)
         self._fleet.step()
         self.fault_injector.pass_time()
         for row, packed in self._fleet.take_frames().items():

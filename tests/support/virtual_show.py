@@ -26,7 +26,7 @@ from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAc
 from gcs.service.vehicle_table import VehicleView
 from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.protocol.autopilot import Autopilot
-from gcs.sim.vehicle.modes import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink
 
 T = TypeVar("T")

@@ -13,7 +13,7 @@ from pymavlink.dialects.v10 import common as v1
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol.streams import RECORDED_HZ
-from gcs.sim.vehicle.params import defaults
+from gcs.sim.vehicle.px4 import defaults
 from tests.support.sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench
 
 SET_INTERVAL, GET_INTERVAL, REQUEST = 511, 510, 512

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from gcs.sim.protocol.streams import RECORDED_HZ
-from gcs.sim.vehicle.quirks import QuirkError, Quirks, names
+from gcs.sim.vehicle.px4 import QuirkError, Quirks, quirk_names
 from tests.support.sim_bench import (
     ACCEPTED,
     HOLD,
@@ -28,7 +28,7 @@ def without(quirk: str, **settings: Any) -> Bench:
 def test_an_unknown_quirk_is_refused_with_those_there_are() -> None:
     with pytest.raises(QuirkError, match=r"telepathy: no such quirk; there are .*double-ack"):
         Quirks().changed([("telepathy", False)])
-    assert len(names()) == 14
+    assert len(quirk_names()) == 14
 
 
 def test_without_own_origin_all_vehicles_count_from_the_fleets() -> None:

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.faults.injector import FaultInjector
-from gcs.sim.faults.link_faults import Jammer, Way
+from gcs.sim.faults.injector import FaultInjector, Jammer, Way
 from tests.support.sim_bench import HOLD, OFFBOARD, POSITION, Bench
 
 DENIED = 2
@@ -22,10 +21,10 @@ def command(fault_injector: FaultInjector, **fields: Any) -> dict[str, Any]:
     return dict(json.loads(fault_injector.obey(json.dumps({"vehicle": 1, **fields}))))
 
 
-def way(**ills: float) -> Way[int]:
+def way(**faults: float) -> Way[int]:
     made: Way[int] = Way(np.random.default_rng(3))
-    for name, value in ills.items():
-        setattr(made.ills, name, value)
+    for name, value in faults.items():
+        setattr(made.faults, name, value)
     return made
 
 
@@ -63,7 +62,7 @@ def test_delay_and_jitter_keep_the_order_reordering_does_not() -> None:
 def test_silence_drops_packets_in_flight() -> None:
     line = way(delay_s=1.0)
     line.put(b"a", 0, 0.0)
-    line.ills.silent = True
+    line.faults.silent = True
     line.put(b"b", 0, 0.5)
     assert line.take(5.0) == []
 
@@ -86,10 +85,10 @@ def test_link_faults_end_after_their_time_or_on_none() -> None:
     assert command(fault_injector, fault="silence", for_s=2.0)["ok"]
     assert command(fault_injector, fault="loss", share=0.5, way="out")["ok"]
     channel = fault_injector.broken[0]
-    assert (channel.into.ills.silent, channel.into.ills.loss, channel.out.ills.loss) == (True, 0.0, 0.5)
+    assert (channel.into.faults.silent, channel.into.faults.loss, channel.out.faults.loss) == (True, 0.0, 0.5)
     bench.run(2.1)
     fault_injector.pass_time()
-    assert (channel.out.ills.silent, channel.out.ills.loss) == (False, 0.5)
+    assert (channel.out.faults.silent, channel.out.faults.loss) == (False, 0.5)
     assert command(fault_injector, fault="none")["ok"]
     assert not fault_injector.broken
 

@@ -9,7 +9,7 @@ from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
 from gcs.preflight.parameters import Requirement, broken, parameter_checks, requirements, settings_of
-from gcs.sim.vehicle.params import Parameters, defaults
+from gcs.sim.vehicle.px4 import Parameters, defaults
 
 OPERATION, CONTROL = OperationSettings(), ControlSettings()
 NEEDED = requirements(OPERATION, CONTROL)

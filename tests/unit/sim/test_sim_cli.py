@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from gcs.sim import cli, options
+from gcs.sim import cli
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,6 +74,6 @@ def test_a_truth_file_that_cannot_be_written_is_named(
 
 def test_another_program_can_offer_the_same_arguments() -> None:
     parser = argparse.ArgumentParser()
-    options.add_arguments(parser.add_subparsers().add_parser("sim"))
+    cli.add_arguments(parser.add_subparsers().add_parser("sim"))
     given = parser.parse_args(["sim", "--count", "3", "--param", "COM_OBL_RC_ACT=5", "--wind=-1,2,0"])
     assert (given.count, given.param, given.wind) == (3, [("COM_OBL_RC_ACT", 5.0)], (-1.0, 2.0, 0.0))

@@ -9,11 +9,11 @@ import pymap3d
 import pytest
 from pymavlink.dialects.v20 import common
 
-from gcs.sim import ports
+from gcs.sim import endpoint as ports
 from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.protocol import frames
 from gcs.sim.protocol.streams import RECORDED_HZ
-from gcs.sim.vehicle.geodesy import Tangent
+from gcs.sim.vehicle.sensors import Tangent
 
 
 def received(fleet: Fleet) -> list[tuple[int, bytes]]:
@@ -98,7 +98,7 @@ def test_only_frames_from_the_autopilots_own_id_are_dropped(sender: tuple[int, i
     message = common.MAVLink_set_position_target_local_ned_message(
         0, 245, 1, 1, 0x9C7, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
     )
-    fleet.receiver.hear([(circle, bytes(message.pack(common.MAVLink(None, *sender))))])
+    fleet.receiver.receive([(circle, bytes(message.pack(common.MAVLink(None, *sender))))])
     assert fleet.state.setpoint_seen.tolist() == [False, heeded]
 
 

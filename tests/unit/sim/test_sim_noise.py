@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs.sim.vehicle import noise
+from gcs.sim.vehicle.sensors import POSITION_SD_M, draw_errors, step_errors
 
 DT_S = 0.05
 
@@ -13,10 +13,10 @@ DT_S = 0.05
 def history(scale: float = 1.0, seconds: float = 200.0, count: int = 60) -> np.ndarray:
     """(steps, count, 3)."""
     random = np.random.default_rng(3)
-    error = noise.draw(count, scale, random)
+    error = draw_errors(count, scale, random)
     rows = []
     for _ in range(round(seconds / DT_S)):
-        error = noise.step(error, DT_S, scale, random)
+        error = step_errors(error, DT_S, scale, random)
         rows.append(error.position_m)
     return np.array(rows)
 
@@ -24,12 +24,12 @@ def history(scale: float = 1.0, seconds: float = 200.0, count: int = 60) -> np.n
 def test_error_has_the_measured_spread_from_the_start() -> None:
     rows = history()
     assert rows.std(axis=(0, 1)) == pytest.approx([0.09, 0.19, 0.41], rel=0.08)
-    many = noise.draw(4000, 1.0, np.random.default_rng(1))
+    many = draw_errors(4000, 1.0, np.random.default_rng(1))
     assert many.position_m.std(axis=0) == pytest.approx([0.09, 0.19, 0.41], rel=0.08)
 
 
 def test_the_error_is_correlated_over_three_to_six_seconds() -> None:
-    rows = history() / np.array(noise.POSITION_SD_M)
+    rows = history() / np.array(POSITION_SD_M)
     lags_s = np.arange(0.0, 12.0, DT_S)
     correlation = np.array([np.mean(rows[: len(rows) - k] * rows[k:]) for k in range(len(lags_s))])
     below = lags_s[int(np.argmax(correlation < np.exp(-1)))]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.sim.vehicle.params import (
+from gcs.sim.vehicle.px4 import (
     INT32,
     REAL32,
     ParameterError,
