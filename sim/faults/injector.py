@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import dataclass
 from itertools import count
-from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from gcs.sim.vehicle.state import FIX_3D
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from gcs.sim.endpoint import Address, Endpoint
     from gcs.sim.faults.commands import Value
     from gcs.sim.fleet import Fleet
 
@@ -123,7 +122,7 @@ class Channel(Generic[Tag]):
         return {"out": self.out.faults, "in": self.into.faults}
 
 
-Origin: TypeAlias = "tuple[Endpoint, Address]"
+Origin: TypeAlias = Any
 """Source of a packet; only the server uses it."""
 
 FAULT_SEED = 2

@@ -29,7 +29,8 @@ def hangs(show: Show) -> None:
 
 
 def refuses_to_hold(show: Show) -> None:
-    """It climbs, and is heard to refuse what comes next."""
+    """It climbs past its height, and refuses to stop there."""
+    show.fleet.state.target_m[1, 2] -= 4.0
     show.ports.refused.add(("d2", Verb.HOLD))
 
 

@@ -133,7 +133,7 @@ class VirtualPorts(Ports):
             if self._ids[row] in self._deaf:
                 continue
             if row in broken:
-                broken[row].into.put(datagram, None, time_s)  # type: ignore[arg-type]  # its source is not used
+                broken[row].into.put(datagram, None, time_s)
             else:
                 arrived.append((row, datagram))
         for row, channel in broken.items():
