@@ -21,6 +21,7 @@ CONFIRM_S: Final = 3.2
 
 _REASON_S: Final = 0.3  # the status text that explains a refusal comes shortly after it
 _KILL_REPEAT_S: Final = 0.1
+_LEAST_S: Final = 0.001  # shorter waits are below the resolution of some clocks
 
 CLOSED: Final = "the link was closed"
 TIMEOUT: Final = "TIMEOUT"
@@ -234,7 +235,7 @@ class CommandProtocol:
             if reported.heartbeat_time_s > began_s and is_confirmed(verb, reported, channel.landed()):
                 return True
             left_s = until_s - self._clock()
-            if left_s <= 0:
+            if left_s < _LEAST_S:
                 return False
             await _await_heartbeat(reported, left_s)
         return False

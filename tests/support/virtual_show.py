@@ -4,7 +4,6 @@ import asyncio
 import json
 import re
 import time
-import warnings
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
@@ -345,8 +344,6 @@ def run_virtual(story: Callable[[], Awaitable[T]]) -> T:
     async def main() -> None:
         reported.append(await story())  # not returned: the runner puts a result into words, for seconds
 
-    # a time shorter than its resolution is over at once, as in every other event loop
-    warnings.simplefilter("ignore", async_solipsism.exceptions.ResolutionWarning)
     with asyncio.Runner(loop_factory=async_solipsism.EventLoop) as runner:
         runner.run(main())
     return reported[0]
