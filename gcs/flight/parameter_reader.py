@@ -44,6 +44,8 @@ class ParameterReader:
         self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
         self._reading: Mask = np.zeros(n, dtype=bool)
         self._not_before_s = np.full(n, -np.inf)
+        self._announced: dict[VehicleId, dict[str, ParameterValue]] = {}
+        """Newest values since the vehicle's newest read began; the read may be older than they are."""
 
     def watch(self, received: Columns) -> None:
         """Start the reads that are due; called once a tick."""
@@ -67,6 +69,7 @@ class ParameterReader:
         for link in self._flight.links:
             for vehicle_id, values in link.reported_parameters().items():
                 vehicle = self._flight.vehicles[vehicle_id]
+                self._announced.setdefault(vehicle_id, {}).update(values)
                 for name, value in values.items():
                     self._compare(vehicle, self._by_name[name], value, armed=received.armed[vehicle.row])
 
@@ -119,19 +122,21 @@ class ParameterReader:
     def _begin(self, vehicle: Vehicle) -> None:
         self._due[vehicle.row] = False
         self._reading[vehicle.row] = True
+        self._announced[vehicle.id] = {}
         self._group.create_task(self._read(vehicle), name=f"parameters/{vehicle.id}")
 
     async def _read(self, vehicle: Vehicle) -> None:
         flight, row = self._flight, vehicle.row
         names = [requirement.name for requirement in self._needed]
         try:
-            values = await flight.link_of[vehicle.id].read_parameters(vehicle.id, names)
+            read = await flight.link_of[vehicle.id].read_parameters(vehicle.id, names)
         except CommandError as error:
             flight.parameter_problems[vehicle.id] = str(error)
             self._not_before_s[row] = flight.fleet.time_s + RETRY_S
             self._due[row] = True
         else:
             if not self._due[row]:  # it has not restarted, flown or been silent meanwhile
+                values = {**read, **self._announced[vehicle.id]}  # what was set after it had been read
                 flight.parameters[vehicle.id] = values
                 self._settle(vehicle, values)
                 flight.parameter_problems.pop(vehicle.id, None)

@@ -89,7 +89,7 @@ def test_vehicle_that_cannot_join_after_climb_fails_the_start() -> None:
     record = fly(offboard_refused_after_the_climb, show_config(3))
     assert record.outcomes["d1"].outcome is Outcome.DONE
     assert record.outcomes["d2"].outcome is Outcome.FAILED
-    assert "offboard refused" in record.outcomes["d2"].reason
+    assert "offboard failed (COMMAND_DENIED)" in record.outcomes["d2"].reason
 
 
 class ControlTaken(NamedTuple):

@@ -75,6 +75,7 @@ async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowP
     await show.wait(seconds)
     show.ports.restore("d2")
     await show.phase("d2", Phase.FORMATION, 30.0)
+    await show.wait(0.2)  # until the track has it
     track = show.track.between(began_s)
     return track.phases("d2"), reason, track.show_phases()
 

@@ -86,7 +86,7 @@ def test_item_11_no_takeoff_disarmed_no_disarming_airborne() -> None:
 
     takeoff, disarm = fly(story, show_config(2))
     assert takeoff == "d1: takeoff while disarmed; arm it first"
-    assert 'it says "Disarming denied: not landed"' in disarm
+    assert 'it reports "Disarming denied: not landed"' in disarm
 
 
 def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
