@@ -5,7 +5,7 @@
 Telemetry 10 Hz, 20 setpoints a second and vehicle, each in a datagram of its own; once with a port for each
 vehicle, once with a shared port for each namespace. What is told is CPU time per second flown, by the
 positions that came: a machine with other work makes the fleet drop time, which `keeps up` tells, and shows
-up little in the figure. Beside it the setpoints that each vehicle heard per second flown: 20 where station
+up little in the figure. Beside it the setpoints that each vehicle received per second flown: 20 where station
 and fleet keep up.
 """
 

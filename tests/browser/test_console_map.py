@@ -154,7 +154,7 @@ class Tiles(BaseHTTPRequestHandler):
 
 @contextmanager
 def map_server() -> Iterator[tuple[str, type[Tiles]]]:
-    """Its template, and what it does and has heard."""
+    """Its template, and what it does and the messages it received."""
     kind = type("Kept", (Tiles,), {"received": [], "broken": False})
     server = ThreadingHTTPServer(("127.0.0.1", 0), kind)
     thread = Thread(target=server.serve_forever)

@@ -147,7 +147,7 @@ def test_return_and_landing_can_be_commanded_whenever_airborne() -> None:
 
 
 async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
-    """A lost vehicle is heard again and refuses HOLD for ever; the others come home meanwhile."""
+    """A lost vehicle is received again and refuses HOLD for ever; the others come home meanwhile."""
     await show.start()
     show.ports.refused.add(("d2", Verb.HOLD))
     show.ports.silence("d2")

@@ -31,11 +31,11 @@ class Silence(NamedTuple):
     silent_s: float
     lost_s: float
     received_s: float
-    last_sent_s: float  # the last setpoint before it was heard again
+    last_sent_s: float  # the last setpoint before it was received again
     sent_before_hold: int
     verbs: list[Verb]  # ordered since
     holding: Track  # from then until it holds
-    back: Track  # from the moment it is heard again
+    back: Track  # from the moment it is received again
     joins: list[CommandRecord]  # that anybody gave
     refusals: dict[str, Refusal]
     floor_violations: int
@@ -230,7 +230,7 @@ def test_vehicle_lost_during_landing_is_landed_once_it_is_back(action: ShowActio
 
 
 async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple[Show, float, list[Verb]]:
-    """One is lost; the others are brought down, and the show is over; then it is heard again."""
+    """One is lost; the others are brought down, and the show is over; then it is received again."""
     await show.start()
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)

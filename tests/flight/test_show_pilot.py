@@ -117,7 +117,7 @@ def test_vehicle_that_fails_safe_to_the_ground_is_on_standby(recovery: TakenOver
 
 
 async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb]]:
-    """The pilot is heard of while setpoints flow already, and OFFBOARD is about to be ordered."""
+    """The pilot reports while setpoints flow already, and OFFBOARD is about to be ordered."""
     await show.start()
     await show.command("d1", VehicleAction.HOLD)
     await show.until(lambda: 0.9 < (show.vehicle("d1").heartbeat_age_s or 0.0) < 0.98)
@@ -139,7 +139,7 @@ def test_pilot_takeover_ends_the_planned_actions() -> None:
 
 
 class SilentPilot(NamedTuple):
-    track: Track  # from the moment it is heard again
+    track: Track  # from the moment it is received again
     sent: int  # setpoints and orders since the takeover
     hold_while_lost: Refusal
     reason: str
@@ -148,7 +148,7 @@ class SilentPilot(NamedTuple):
 
 
 async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> SilentPilot:
-    """A person takes d2, it falls silent, is lost, and is heard again in HOLD, where its pilot left it."""
+    """A person takes d2, it falls silent, is lost, and is received again in HOLD, where its pilot left it."""
     await show.start()
     show.pilot("d2", PilotMode.HOLD)
     await show.phase("d2", Phase.PILOT)

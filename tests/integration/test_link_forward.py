@@ -26,7 +26,7 @@ def arm(target: int, system_id: int = 255) -> bytes:
 
 
 async def introduced(made: Bench, vehicle: socket.socket, station: socket.socket) -> tuple[str, int]:
-    """A vehicle has been heard, and the station has seen it. Returns: where the station may answer."""
+    """A vehicle has been received, and the station has seen it. Returns: where the station may answer."""
     vehicle.sendto(beat(1), ("127.0.0.1", made.port))
     async with asyncio.timeout(120):
         data, ground = await asyncio.get_running_loop().sock_recvfrom(station, 2048)

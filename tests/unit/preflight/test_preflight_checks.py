@@ -114,7 +114,7 @@ def of_b(column: str, value: float) -> Telemetry:
 
 
 FAILING: dict[str, tuple[PreflightInputs, State, str, str]] = {
-    "address": (known(conflicts={"b": "system id 2 is heard twice"}), State.FAIL, "heard twice", "its own"),
+    "address": (known(conflicts={"b": "system id 2 sends twice"}), State.FAIL, "sends twice", "its own"),
     "position": (known(age_s=(0.1, 0.7, 0.1)), State.FAIL, "no position for 0.7 s", "link"),
     "fix": (known(of_b("fix_type", 2.0)), State.FAIL, "fix is 2D, 3D is needed", "open sky"),
     "accuracy up": (known(of_b("vertical_accuracy_m", np.nan)), State.UNKNOWN, "not tell its", "better fix"),

@@ -12,7 +12,7 @@ SETTINGS = ConsensusSettings()
 
 
 def received_by(belief: Belief, receives: Mask) -> NeighbourMessages:
-    """(n, n) True where the row receives the column: all_others a column, NaN where it is not heard.
+    """(n, n) True where the row receives the column: all_others a column, NaN where it is not received.
 
     Brought forward, as a receiver does with what was said a round ago.
     """
