@@ -1,6 +1,5 @@
 """Vehicles that fall silent in the air, while the others fly on, and what becomes of them."""
 
-import re
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ class Silence(NamedTuple):
 async def silent_for_a_while(show: Show) -> Silence:
     """All is cut, both ways; the vehicle's own failsafe holds it where it is."""
     await show.start()
-    await show.wait(8.0)
+    await show.wait(8.04)  # right after a position
     silent_s = show.now_s
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
@@ -89,13 +88,11 @@ def silence() -> Silence:
 def test_a_vehicle_silent_in_the_air_is_lost_within_the_limit(silence: Silence) -> None:
     assert silence.lost_s - silence.silent_s < 2.1
     reason = silence.track.between(silence.lost_s, silence.received_s).of("d2")[-1].reason
-    assert re.search(r"no telemetry for (1\.9|2\.\d) s", reason), (
-        "its last message may follow its last position"
-    )
+    assert "no telemetry for 2." in reason
 
 
 def test_stale_telemetry_stops_setpoints_long_before_loss(silence: Silence) -> None:
-    assert 0.39 < silence.last_sent_s - silence.silent_s < 0.6
+    assert 0.4 < silence.last_sent_s - silence.silent_s < 0.6
 
 
 def test_other_setpoints_keep_their_rate_while_one_is_silent(silence: Silence) -> None:

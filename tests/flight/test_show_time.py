@@ -69,6 +69,7 @@ def test_clock_counts_ticks_and_reports_percentiles_each_second() -> None:
 async def a_second_without_telemetry(show: Show) -> tuple[list[float], list[float], set[Phase]]:
     """Only what comes from d2 is lost, for less than its autopilot's patience; d1's goes on."""
     await show.start()
+    await show.wait(0.04)  # right after a position
     began_s = show.now_s
     show.ports.silence("d2", up=False)
     await show.wait(1.2)
@@ -85,7 +86,7 @@ def test_stale_telemetry_sends_no_setpoint_others_unaffected() -> None:
     others_s, own_s, phases = fly(a_second_without_telemetry, show_config(2))
     gap = int(np.argmax(np.diff(own_s)))
     assert 0.4 < own_s[gap] < 0.56
-    assert 1.19 < own_s[gap + 1] < 1.36, "the next position, and the tick after it"
+    assert 1.19 < own_s[gap + 1] < 1.3
     assert np.diff(others_s) == pytest.approx(np.full(len(others_s) - 1, 0.05), abs=1e-6)
     assert phases == {Phase.FORMATION}
 
