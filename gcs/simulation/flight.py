@@ -271,6 +271,8 @@ class FormationRun(SimulatedFlight):
     def _show_boxes(self) -> None:
         """Make boxes known at their times, but never where a vehicle could no longer stop."""
         now_s, world = self.time_s, self.world
+        if not any(appear_s <= now_s + 1e-9 for _, appear_s in self._boxes):
+            return
         names = [name for row, name in enumerate(world.ids) if world.in_air[row] and self.present[row]]
         for entry in [entry for entry in self._boxes if entry[1] <= now_s + 1e-9]:
             box = entry[0]
@@ -376,6 +378,7 @@ def target_at(time_s: float, place_m: Array, velocity_m_s: Array) -> Target:
 
 def fly(scenario: Scenario, count: int, seed: int) -> Record:
     """Fly a scenario once. Raises: ConfigError when its start positions or goals are impossible."""
+    scenario = scenario.in_world_of(seed)
     if isinstance(scenario.flight, FormationFlight):
         return FormationRun(scenario, scenario.flight, count, seed).fly()
     if isinstance(scenario.flight, GoalFlight):

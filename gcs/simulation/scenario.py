@@ -41,9 +41,12 @@ class Wind(Settings):
 class World(Settings):
     """True properties of vehicles and links, which the ground station does not know."""
 
+    vehicle: Literal["fitted", "cascade"] = "fitted"  # to PX4's recordings, or made of PX4's own gains
     response_spread: Share = 0.2  # each vehicle's gains, delay and drag differ by up to this, at random
     drag_per_s: NotNegative = 1.0  # as in PX4's simulator; real quadrotors have 0.1 to 0.3
     noise: NotNegative = 0.0  # times the recorded error of the vehicles' own estimates
+    bias_m: NotNegative = 0.0  # standard deviation of a slow error of each position, along each axis
+    bias_time_s: Positive = 60.0  # its correlation time (first-order Gauss-Markov)
     telemetry_delay_s: NotNegative = 0.0  # one way
     setpoint_delay_s: NotNegative = 0.0  # one way
     loss: Share = 0.0  # of telemetry and of setpoints
@@ -250,7 +253,14 @@ class Scenario(Settings):
     flight: Flight
     judged: Judged
     world: World = World()
+    worlds: tuple[World, ...] = ()  # instead of `world`, seed by seed in turn; the file has what differs
     control: ControlSettings = ControlSettings()
+
+    def in_world_of(self, seed: int) -> "Scenario":
+        """Return the scenario in the world in which it is flown with this seed."""
+        return (
+            self.model_copy(update={"world": self.worlds[seed % len(self.worlds)]}) if self.worlds else self
+        )
 
     @model_validator(mode="after")
     def _check(self) -> "Scenario":
@@ -278,6 +288,9 @@ def load(path: Path) -> Scenario:
     alone = "like" not in source.mapping(NEEDED)  # with `like` a key may be in another file
     raw = _merged(path, MOST_PARENTS)
     raw["name"] = path.stem
+    world, worlds = raw.get("world", {}), raw.get("worlds")
+    if isinstance(world, dict) and isinstance(worlds, list):
+        raw["worlds"] = [_over(world, own) if isinstance(own, dict) else own for own in worlds]
     try:
         return Scenario.model_validate(raw)
     except ValidationError as error:

@@ -1,15 +1,15 @@
 """The simulated world: true states, links with delay and loss, wind. Seeded; advances tick by tick."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, sqrt
 
 import numpy as np
 
 from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
-from gcs.sim.vehicle.dynamics import PointMasses, Response, step
 from gcs.sim.vehicle.sensors import draw_errors, step_errors
 from gcs.simulation.scenario import Wind, World
+from gcs.simulation.vehicles import Vehicles
 
 LONGEST_STEP_S = 1.0 / 60.0
 """Longest step of the integration; `sim.vehicle.dynamics` allows 0.02 s."""
@@ -21,22 +21,11 @@ DESCEND_M_S = 0.9
 """Descent of PX4 without setpoints, COM_OBL_RC_ACT 0 (FACTS, section 3, item 5)."""
 
 
-def varied_response(count: int, world: World, random: np.random.Generator) -> Response:
-    """Response of each vehicle: every setting of the measured response, times 1 +- the spread."""
-    measured = Response(drag_per_s=world.drag_per_s)
-
-    def each(value: float) -> Array:
-        varied: Array = value * (1.0 + world.response_spread * random.uniform(-1.0, 1.0, count))
-        return varied
-
-    return Response(
-        **{
-            name: each(float(np.asarray(getattr(measured, name))))
-            if "limit" not in name
-            else getattr(measured, name)
-            for name in measured.__dataclass_fields__
-        }
-    )
+def wander(value: Array, share: float, deviation: float, random: np.random.Generator) -> None:
+    """Advance a first-order Gauss-Markov process in place by `share` of its correlation time."""
+    keep = exp(-share)
+    value *= keep
+    value += deviation * sqrt(1.0 - keep * keep) * random.standard_normal(value.shape)
 
 
 @dataclass(slots=True, eq=False)
@@ -49,9 +38,7 @@ class WindField:
     def blow(self, dt_s: float, random: np.random.Generator) -> None:
         """Advance the gusts by `dt_s`."""
         if self.wind.gust_m_s:
-            keep = exp(-dt_s / self.wind.gust_time_s)
-            fresh = self.wind.gust_m_s * sqrt(1.0 - keep * keep) * random.standard_normal(self.gust_m_s.shape)
-            self.gust_m_s = keep * self.gust_m_s + fresh
+            wander(self.gust_m_s, dt_s / self.wind.gust_time_s, self.wind.gust_m_s, random)
 
     @property
     def velocity_m_s(self) -> Array:
@@ -75,10 +62,11 @@ class TrueWorld:
         self.ids: tuple[VehicleId, ...] = tuple(f"d{i + 1}" for i in range(n))
         self.row_of = {name: row for row, name in enumerate(self.ids)}
         self.time_s = 0.0
-        self.response = varied_response(n, world, self._random)
+        self.bodies = Vehicles(start_m, world, self.step_s, self._random)
         self.wind_field = WindField(world.wind, world.wind.gust_m_s * self._random.standard_normal((n, 3)))
-        self.bodies = self._balanced(start_m)
         self._error = draw_errors(n, world.noise, self._random)
+        self._slow = np.random.default_rng([seed, 2])  # of the bias: all else is as without it
+        self._bias_m = world.bias_m * self._slow.standard_normal((n, 3))
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
         self._gone: Mask = np.zeros(n, dtype=bool)
@@ -88,13 +76,6 @@ class TrueWorld:
         self._received_s = np.zeros(n)
         self._telemetry: deque[tuple[float, Mask, Array, Array]] = deque()
         self._setpoints: deque[tuple[float, Array]] = deque()
-
-    def _balanced(self, start_m: Array) -> PointMasses:
-        """Vehicles in steady hover: their integrators compensate the wind."""
-        bodies = PointMasses.at(start_m)
-        mean_m_s = np.array([self._world.wind.mean_x_m_s, self._world.wind.mean_y_m_s, 0.0])
-        hold_m_s2 = -np.asarray(self.response.drag_per_s).reshape(-1, 1) * mean_m_s
-        return replace(bodies, acceleration_m_s2=hold_m_s2, integral_m_s2=hold_m_s2.copy())
 
     @property
     def position_m(self) -> Array:
@@ -113,12 +94,9 @@ class TrueWorld:
 
     def estimate(self) -> tuple[Array, Array]:
         """(n, 3) positions and (n, 3) velocities, as estimated by the vehicles."""
-        if not self._world.noise:
-            return self.bodies.position_m, self.bodies.velocity_m_s
-        return (
-            self.bodies.position_m + self._error.position_m,
-            self.bodies.velocity_m_s + self._error.velocity_m_s,
-        )
+        error = self._error
+        position_m = self.bodies.position_m + error.position_m + self._bias_m
+        return position_m, self.bodies.velocity_m_s + error.velocity_m_s
 
     def receive(self) -> FleetState:
         """Receive telemetry. Returns: the state, extrapolated from arrival with the reported velocity."""
@@ -166,23 +144,14 @@ class TrueWorld:
         """Advance by one tick. Returns: the true positions (n, 3) after every integration step."""
         if self._world.noise:
             self._error = step_errors(self._error, self.tick_s, self._world.noise, self._random)
+        if self._world.bias_m:
+            wander(self._bias_m, self.tick_s / self._world.bias_time_s, self._world.bias_m, self._slow)
         self.wind_field.blow(self.tick_s, self._random)
-        wind = self._world.wind
-        windy = wind.gust_m_s or wind.mean_x_m_s or wind.mean_y_m_s
-        wind_m_s = self.wind_field.velocity_m_s if windy else None
-        error_m_s = self._error.velocity_m_s if self._world.noise else None
+        wind_m_s = self.wind_field.velocity_m_s
         seen = []
         for index in range(self._steps):
             self._obey(self.time_s + index * self.step_s)
-            self.bodies = step(
-                self.bodies,
-                self._command_m_s,
-                self.step_s,
-                self.response,
-                wind_m_s=wind_m_s,
-                velocity_error_m_s=error_m_s,
-            )
-            seen.append(self.bodies.position_m)
+            seen.append(self.bodies.step(self._command_m_s, wind_m_s, self._error.velocity_m_s))
         self.time_s += self.tick_s
         self._touch_ground()
         return seen
@@ -199,13 +168,6 @@ class TrueWorld:
             self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]
             self._rest_m[touching, 2] = self.ground_m[touching]
             self.in_air = self.in_air & ~touching
-        rows = np.isfinite(self._rest_m)
-        if not rows.any():
-            return
-        self.bodies = replace(
-            self.bodies,
-            position_m=np.where(rows, self._rest_m, self.bodies.position_m),
-            velocity_m_s=np.where(rows, 0.0, self.bodies.velocity_m_s),
-            acceleration_m_s2=np.where(rows, 0.0, self.bodies.acceleration_m_s2),
-            integral_m_s2=np.where(rows, 0.0, self.bodies.integral_m_s2),
-        )
+        resting = np.isfinite(self._rest_m[:, 0])
+        if resting.any():
+            self.bodies.rest(resting, self._rest_m)

@@ -55,6 +55,18 @@ def test_scenario_inherits_what_it_does_not_set(tmp_path: Path) -> None:
     assert (like.world.noise, like.world.loss) == (1.0, 0.2)
 
 
+def test_worlds_take_turns_over_seeds_and_keep_what_world_sets(tmp_path: Path) -> None:
+    worlds = "worlds: [{drag_per_s: 0.2}, {vehicle: cascade, bias_m: 0.3}]\n"
+    scenario = scenarios.load(written(tmp_path, PLAIN + "world: {noise: 1.0}\n" + worlds))
+    even, odd = (scenario.in_world_of(seed).world for seed in (6, 7))
+    assert (even.vehicle, even.drag_per_s, even.noise) == ("fitted", 0.2, 1.0)
+    assert (odd.vehicle, odd.drag_per_s, odd.bias_m) == ("cascade", 1.0, 0.3)
+
+
+def test_a_wrong_setting_of_one_world_is_refused_by_name(tmp_path: Path) -> None:
+    assert "worlds" in refusal(tmp_path, PLAIN + "worlds: [{drag_per_s: -1}]\n")
+
+
 def test_empty_value_removes_an_inherited_one(tmp_path: Path) -> None:
     gated = PLAIN.replace("vehicles: [4]", "vehicles: [4], must: {separation.violations: {most: 0}}")
     written(tmp_path, gated, "base")
