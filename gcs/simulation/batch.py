@@ -127,6 +127,8 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("tracking.orbit_radius_error_m", "orbit", LESS_IS_BETTER, ".2f"),
     ("obstacles.penetrations", "penetr.", LESS_IS_BETTER, ".0f"),
     ("obstacles.reformed_time_s", "reform", LESS_IS_BETTER, ".1f"),
+    ("obstacles.path_ratio", "path", LESS_IS_BETTER, ".2f"),
+    ("obstacles.noticed_s", "noticed", LESS_IS_BETTER, ".1f"),
     ("arrival.missing", "missing", LESS_IS_BETTER, ".0f"),
     ("arrival.median_ratio", "ratio", LESS_IS_BETTER, ".2f"),
     ("arrival.worst_ratio", "worst", LESS_IS_BETTER, ".2f"),

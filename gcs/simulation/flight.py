@@ -128,6 +128,7 @@ class SimulatedFlight:
                 for box, (x_m, y_m) in zip(self.plan.obstacles, places_m, strict=True)
             )
         )
+        record.held_by.append("")
         record.limited.append(sum(reason != "" for reason in decided.limited_by))
 
     def _closest_m(self, position_m: Array) -> float:
@@ -314,7 +315,8 @@ class FormationRun(SimulatedFlight):
 
     def finished(self) -> bool:
         """Whether all have landed; among random boxes, whether the last approach was `AFTER_BOXES_S` ago."""
-        if self.flight.random_obstacles is not None:
+        random = self.flight.random_obstacles
+        if random is not None and random.kind not in {"closing", "closed"}:
             return self._past_all_boxes()
         return self._ended and not self.record.in_air[-1].any()
 

@@ -151,6 +151,10 @@ def draw_world(
         return _one_in_the_way(random, settings, avoidance, sphere_m)
     if settings.kind == "on-orbit":
         return _one_on_the_orbit(random, settings, sphere_m)
+    if settings.kind == "closing":
+        return _closing(random, settings, avoidance, sphere_m)
+    if settings.kind in ("walls", "closed"):
+        return _walled(random, settings, avoidance, sphere_m)
     return _many(random, settings, avoidance, sphere_m)
 
 
@@ -210,6 +214,107 @@ def _many(
     sudden = random.random(len(boxes)) < settings.sudden_share
     appear_s = tuple(np.where(sudden, late_s, 0.0).tolist())
     return ObstacleWorld((float(target_m[0]), float(target_m[1])), speed_m_s, tuple(boxes), appear_s)
+
+
+CELL_M, MOVED_S = 3.0, 2.0
+"""Grid and step of the search for a way out between moving boxes: 1.5 m/s, less than any centre flies."""
+
+
+def _closing(
+    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
+) -> ObstacleWorld:
+    """Two or three boxes that drive at a standing formation from all sides, and leave a way out."""
+    for _ in range(BOX_TRIES):
+        boxes = []
+        for index in range(int(random.integers(2, 4))):
+            ahead, aside = _course(random)
+            place_m = settings.closing_from_m * ahead + random.uniform(-10.0, 10.0) * aside
+            half_m = np.array([random.uniform(2.0, 6.0), random.uniform(6.0, 15.0)])
+            velocity_m_s = -random.uniform(0.6, settings.closing_max_m_s) * ahead
+            along_x = abs(ahead[0]) > abs(ahead[1])  # the long side ahead, as far as the axes allow
+            boxes.append(
+                _box(
+                    f"box {index + 1}",
+                    place_m,
+                    half_m if along_x else half_m[::-1],
+                    60.0,
+                    (float(velocity_m_s[0]), float(velocity_m_s[1])),
+                )
+            )
+        if _escapes(boxes, avoidance.margin_m + sphere_m):
+            speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
+            return ObstacleWorld((0.0, 0.0), speed_m_s, tuple(boxes), (0.0,) * len(boxes))
+    raise ConfigError("no boxes found that leave a way out")
+
+
+def _escapes(boxes: list[Obstacle], clear_m: float) -> bool:
+    """Whether a centre that starts at the origin can keep `clear_m` from all boxes at 1.5 m/s."""
+    axis_m = np.arange(-120.0, 120.0 + CELL_M, CELL_M)
+    x_m, y_m = np.meshgrid(axis_m, axis_m, indexing="ij")
+    reached = (np.abs(x_m) < CELL_M / 2) & (np.abs(y_m) < CELL_M / 2)
+    for time_s in np.arange(0.0, MOMENTS_S[-1], MOVED_S):
+        wider = reached.copy()
+        for axis in (0, 1):
+            wider |= np.roll(reached, 1, axis) | np.roll(reached, -1, axis)
+        for box in boxes:
+            box_x_m, box_y_m = box.position_m(float(time_s))
+            inside_x = np.abs(x_m - box_x_m) < box.half_length_x_m + clear_m
+            wider &= ~(inside_x & (np.abs(y_m - box_y_m) < box.half_length_y_m + clear_m))
+        reached = wider
+    return bool(reached.any())
+
+
+def _walled(
+    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
+) -> ObstacleWorld:
+    """A U, an L, a spiral, or a closed ring of walls between start and target, turned at random.
+
+    Passages are wide enough for the sphere and its margins.
+    """
+    thick_m = random.uniform(2.0, 8.0)
+    clear_m = sphere_m + avoidance.margin_m + avoidance.near_m
+    width_m = 2.0 * clear_m + thick_m + random.uniform(4.0, 20.0)
+    closed = settings.kind == "closed"
+    shape = "ring" if closed else random.choice(["U inside", "U into", "U past", "L", "spiral"])
+    turns = {"L": "NE", "spiral": "ENWSE"}.get(shape, "NESW" if closed else "NES")
+    deep_m = width_m * (1.0 if shape in {"spiral", "ring"} else random.uniform(1.0, 2.0))
+    lengths = [width_m * (1 + k // 2) if shape == "spiral" else deep_m for k in range(len(turns))]
+    corner_m = -np.array([1.0, 1.0]) * (width_m if shape == "spiral" else deep_m) / 2.0
+    walls = _walls(corner_m, turns, lengths, thick_m)
+    beyond_m = deep_m / 2.0 + 2.0 * sphere_m + thick_m + settings.beyond_m + random.uniform(5.0, 25.0)
+    start_m = {
+        "U past": np.array([0.0, -beyond_m - sphere_m]),
+        "U into": np.array([random.uniform(-20.0, 20.0), beyond_m]),
+    }.get(shape, np.zeros(2))
+    target_m = np.array([random.uniform(-10.0, 10.0), beyond_m])
+    if shape == "U into":
+        target_m = np.zeros(2)
+    if shape == "spiral":
+        target_m = np.array([random.uniform(-width_m, width_m), 2.0 * width_m + beyond_m])
+    quarter, mirror = int(random.integers(0, 4)), float(random.choice([-1.0, 1.0]))
+    turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), quarter) * (1.0, mirror)
+    height_m = random.uniform(35.0, 60.0)
+    boxes: list[Obstacle] = []
+    for low_m, high_m in walls:
+        ends_m = np.array([turn @ (low_m - start_m), turn @ (high_m - start_m)])
+        half_m = np.abs(ends_m[1] - ends_m[0]) / 2.0
+        boxes.append(_box(f"wall {len(boxes) + 1}", ends_m.mean(axis=0), half_m, height_m))
+    there_m = turn @ (target_m - start_m)
+    speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
+    target = (float(there_m[0]), float(there_m[1]))
+    return ObstacleWorld(target, speed_m_s, tuple(boxes), (0.0,) * len(boxes))
+
+
+def _walls(corner_m: Array, turns: str, lengths_m: list[float], thick_m: float) -> list[tuple[Array, Array]]:
+    """Lowest and highest corners of overlapping walls along a path from `corner_m` to N, E, S and W."""
+    way = {"N": (0.0, 1.0), "E": (1.0, 0.0), "S": (0.0, -1.0), "W": (-1.0, 0.0)}
+    walls, here_m = [], corner_m
+    for heading, length_m in zip(turns, lengths_m, strict=True):
+        there_m = here_m + length_m * np.array(way[heading])
+        ends_m = np.array([here_m, there_m])
+        walls.append((ends_m.min(axis=0) - thick_m / 2.0, ends_m.max(axis=0) + thick_m / 2.0))
+        here_m = there_m
+    return walls
 
 
 def _course(random: np.random.Generator) -> tuple[Array, Array]:

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
 from gcs.simulation.article import article_figures
-from gcs.simulation.record import Record, last_passing_tick, penetrations_and_clearance_m, same_side, through
+from gcs.simulation.record import (
+    THROUGH_M,
+    Record,
+    last_passing_tick,
+    penetrations_and_clearance_m,
+    same_side,
+    shortest_path_m,
+    through,
+)
 from gcs.simulation.reference_shapes import best, best_figures, energy_and_nearest
 from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
 
@@ -286,7 +294,17 @@ def arrival(record: Record) -> dict[str, object]:
 def obstacles(record: Record, shape: Shape) -> dict[str, object]:
     """Penetrations of boxes, least distance, time until the shape was whole again, and sides of passing."""
     if not any(record.boxes):
-        keys = ("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side", "through")
+        keys = (
+            "penetrations",
+            "minimum_clearance_m",
+            "reformed_time_s",
+            "same_side",
+            "through",
+            "away_m",
+            "path_ratio",
+            "rest_m_s",
+            "noticed_s",
+        )
         return dict.fromkeys(keys)
     penetrations, clearance_m = penetrations_and_clearance_m(record)
     return {
@@ -295,7 +313,44 @@ def obstacles(record: Record, shape: Shape) -> dict[str, object]:
         "reformed_time_s": rounded(_reformed_s(record, shape)),
         "same_side": same_side(record) if _single_box(record) else None,
         "through": through(record),
+        "away_m": rounded(float(np.max(_away_m(record)))),
+        "path_ratio": rounded(_path_ratio(record)),
+        "rest_m_s": rounded(_rest_m_s(record)),
+        "noticed_s": rounded(_noticed_s(record)),
     }
+
+
+def _away_m(record: Record) -> Array:
+    """(ticks,) distance of the commanded centre from the target, over the ground."""
+    away_m: Array = np.linalg.norm(np.array(record.center_m)[:, :2] - np.array(record.target_m), axis=1)
+    return away_m
+
+
+def _path_ratio(record: Record) -> float | None:
+    """Length of the centre's path to the target, over the shortest past boxes grown by sphere and margin.
+
+    None where boxes move, on an orbit, and when it does not arrive or starts there.
+    """
+    away_m, boxes = _away_m(record), record.boxes[-1]
+    there = away_m < THROUGH_M
+    if record.orbit_radius_m or there[0] or not there.any() or any(box.speed_m_s for box in boxes):
+        return None
+    steps_m = np.linalg.norm(np.diff(np.array(record.center_m), axis=0), axis=1)
+    clear_m = record.radius_m[-1] + record.scenario.control.law.avoidance.margin_m
+    return float(steps_m[: int(there.argmax())].sum()) / shortest_path_m(record, clear_m)
+
+
+def _rest_m_s(record: Record) -> float:
+    """Greatest speed of the commanded centre in the last seconds."""
+    ticks = round(STEADY_S * record.scenario.world.tick_rate_hz)
+    steps_m = np.diff(np.array(record.center_m[-ticks:]), axis=0)
+    return float(np.linalg.norm(steps_m, axis=1).max()) * record.scenario.world.tick_rate_hz
+
+
+def _noticed_s(record: Record) -> float | None:
+    """When the control tick first named an obstacle that keeps the centre from its target; None: never."""
+    named = [time_s for time_s, name in zip(record.time_s, record.held_by, strict=False) if name]
+    return named[0] if named else None
 
 
 def _single_box(record: Record) -> bool:

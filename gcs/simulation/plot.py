@@ -78,7 +78,9 @@ def _from_above(axes: Axes, record: Record) -> None:
         axes.add_patch(Rectangle(corner, *size, color="0.6"))
     target_m = np.array(record.target_m)
     if np.isfinite(np.array(record.center_m)).any():
-        axes.plot(target_m[:, 1], target_m[:, 0], "k--", linewidth=0.8, label="target")
+        axes.plot(target_m[:, 1], target_m[:, 0], "k*", markersize=4, label="target")
+        center_m = np.array(record.center_m)
+        axes.plot(center_m[:, 1], center_m[:, 0], "r-", linewidth=1.2, label="centre")
         axes.legend(loc="best", fontsize=7)
     axes.set(xlabel="y, m", ylabel="x, m", title="From above", aspect="equal")
 

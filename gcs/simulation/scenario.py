@@ -19,7 +19,17 @@ Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
 
 Row: TypeAlias = Literal[
-    "shape", "saddle", "article", "tracking", "separation", "obstacles", "changes", "neighbours", "landing"
+    "shape",
+    "saddle",
+    "article",
+    "tracking",
+    "separation",
+    "obstacles",
+    "moving-boxes",
+    "concave",
+    "changes",
+    "neighbours",
+    "landing",
 ]
 """The rows of docs/flight-quality.md: scenarios that answer the same question."""
 
@@ -106,7 +116,7 @@ class Box(StandingBox):
 class RandomObstacles(Settings):
     """Random boxes for every seed, in the way of a formation that starts at once."""
 
-    kind: Literal["one", "many", "on-orbit"]
+    kind: Literal["one", "many", "on-orbit", "closing", "walls", "closed"]
     half_length_min_m: Positive = 1.5
     half_length_max_m: Positive = 8.0
     height_min_m: Positive = 8.0
@@ -122,6 +132,8 @@ class RandomObstacles(Settings):
     passage_m: Positive = 6.0  # between boxes that do not overlap: twice floor, margin and uncertainty
     stopping_m: Positive = 12.0  # free around the start; a stop from 5 m/s takes 10.3 m
     beyond_m: Positive = 5.0  # free around the sphere at the target
+    closing_from_m: Positive = 60.0  # from where boxes drive at a standing formation
+    closing_max_m_s: Positive = 1.5
 
 
 class ConsensusSettings(Settings):

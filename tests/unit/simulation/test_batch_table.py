@@ -24,7 +24,9 @@ def run(
             "shape_error_m": None,
         },
         "tracking": {"orbit_radius_error_m": None, "center_speed_m_s": None},
-        "obstacles": dict.fromkeys(("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side")),
+        "obstacles": dict.fromkeys(
+            ("penetrations", "minimum_clearance_m", "reformed_time_s", "path_ratio", "noticed_s")
+        ),
         "arrival": dict.fromkeys(("arrived", "median_ratio", "worst_ratio")),
         "tick": {"p50_ms": 0.1, "p99_ms": 0.2},
         "failed": list(failed),

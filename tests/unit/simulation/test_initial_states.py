@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import ConfigError
 from gcs.model.state import Array
 from gcs.simulation import initial_states as layout
-from gcs.simulation.scenario import GoalFlight
+from gcs.simulation.initial_states import draw_world
+from gcs.simulation.scenario import GoalFlight, RandomObstacles
 
 
 def nearest(place_m: Array, stretch: float = 1.0) -> float:
@@ -73,3 +75,17 @@ def test_crossing_streams_meet_at_right_angles() -> None:
     first, second = (goal_m - start_m)[:4], (goal_m - start_m)[4:]
     assert (first * second).sum() == pytest.approx(0.0)
     assert nearest(start_m) >= 6.0 - 1e-9
+
+
+@pytest.mark.parametrize("kind", ["closing", "walls", "closed"])
+def test_sphere_begins_and_ends_clear_of_drawn_boxes(kind: str) -> None:
+    settings = RandomObstacles.model_validate({"kind": kind})
+    for seed in range(20):
+        drawn = draw_world(np.random.default_rng(seed), settings, AvoidanceSettings(), 10.0)
+        for box in drawn.boxes:
+            for x_m, y_m in [(0.0, 0.0), drawn.target_m]:
+                beside_m = np.hypot(
+                    max(abs(x_m - box.x_m) - box.half_length_x_m, 0.0),
+                    max(abs(y_m - box.y_m) - box.half_length_y_m, 0.0),
+                )
+                assert beside_m > 15.0
