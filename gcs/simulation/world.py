@@ -106,6 +106,10 @@ class TrueWorld:
         self._telemetry.append((self.time_s + world.telemetry_delay_s, kept, position_m, velocity_m_s))
         while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
             _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
+            if not world.loss:
+                self._received_m, self._received_m_s = position_m, velocity_m_s
+                self._received_s = np.full(n, self.time_s)
+                continue
             rows = arrived[:, None]
             self._received_m = np.where(rows, position_m, self._received_m)
             self._received_m_s = np.where(rows, velocity_m_s, self._received_m_s)
