@@ -14,6 +14,7 @@ from gcs.formation.law import (
     begun,
     directions_from,
     goal_velocity,
+    ramped_spin,
     slot_velocity,
     spin_velocity,
     turned,
@@ -32,6 +33,7 @@ class Spread:
     change: Array  # (n, 3) as in Memory
     velocity_m_s: Array  # (m, 3) of the m vehicles in formation
     knows_center: bool = True  # False: the vehicles do not know the commanded centre's motion beforehand
+    spin_rad_s: float = 0.0  # as in Memory
 
 
 Law: TypeAlias = Callable[[TickInputs, Lead, Memory], Spread]
@@ -51,7 +53,13 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
     if len(joining):
         places[joining] = begun(direction[joining], now.fleet.ids, rows[joining], law)
         changes[joining] = 0.0
-    spin_rad_s = now.plan.formation.spin_rad_s
+    spin_rad_s = ramped_spin(
+        memory.spin_rad_s,
+        now.plan.formation.spin_rad_s,
+        lead.radius_m,
+        now.dt_s,
+        law.spin_acceleration_max_m_s2,
+    )
     if spin_rad_s:
         places, changes = (turned(each, spin_rad_s * now.dt_s) for each in (places, changes))
     charge, sweeps = now.of_formed(now.traits.charge), sweeps_for(len(rows), law.sweeps)
@@ -67,7 +75,7 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
         limits.down_m_s,
         now.of_formed(now.traits.speed_max_m_s),
     )
-    return Spread(now.for_all(places, np.nan), now.for_all(changes, 0.0), velocity_m_s)
+    return Spread(now.for_all(places, np.nan), now.for_all(changes, 0.0), velocity_m_s, spin_rad_s=spin_rad_s)
 
 
 def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:

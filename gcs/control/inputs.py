@@ -77,6 +77,7 @@ class Memory:
     expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
     pace: float  # share of the orbit's speed that the vehicles can keep up with
     sides: dict[str, float]
+    spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
 
     @staticmethod
     def fresh(count: int, time_s: float) -> "Memory":

@@ -84,6 +84,7 @@ def tick(
         expected_m_s=shaped.expected_m_s,
         pace=shaped.pace,
         sides=lead.sides,
+        spin_rad_s=places.spin_rad_s,
     )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
     return Tick(setpoints, remembered, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)

@@ -39,6 +39,7 @@ class LawSettings(Settings):
     center_speed_max_m_s: Positive = 4.0  # over the ground
     center_acceleration_max_m_s2: Positive = 1.0
     climb_max_m_s: Positive = 1.0  # of the centre, up and down
+    spin_acceleration_max_m_s2: Positive = 1.0  # along the sphere's equator, while the spin changes
     avoidance: AvoidanceSettings = AvoidanceSettings()
 
 
@@ -197,6 +198,17 @@ def turned(vectors: Array, angle_rad: float) -> Array:
     c, s = cos(angle_rad), sin(angle_rad)
     x, y, z = vectors.T
     return np.column_stack([c * x - s * y, s * x + c * y, z])
+
+
+def ramped_spin(
+    spin_rad_s: float, desired_rad_s: float, radius_m: float, dt_s: float, most_m_s2: float
+) -> float:
+    """The spin after `dt_s`: towards the desired one, no faster than `most_m_s2` along the equator.
+
+    Without the limit a reversed spin throws vehicles off the sphere.
+    """
+    change_rad_s = most_m_s2 / radius_m * dt_s
+    return spin_rad_s + min(max(desired_rad_s - spin_rad_s, -change_rad_s), change_rad_s)
 
 
 def spin_velocity(offset_m: Array, rate_rad_s: float, lead_s: float) -> Array:

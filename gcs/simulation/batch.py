@@ -125,6 +125,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("formation.radius_error_m", "radius", LESS_IS_BETTER, ".2f"),
     ("formation.shape_error_m", "shape", LESS_IS_BETTER, ".2f"),
     ("tracking.orbit_radius_error_m", "orbit", LESS_IS_BETTER, ".2f"),
+    ("tracking.spin_radius_error_m", "spin", LESS_IS_BETTER, ".2f"),
     ("obstacles.penetrations", "penetr.", LESS_IS_BETTER, ".0f"),
     ("obstacles.reformed_time_s", "reform", LESS_IS_BETTER, ".1f"),
     ("obstacles.path_ratio", "path", LESS_IS_BETTER, ".2f"),

@@ -71,6 +71,7 @@ class SimulatedFlight:
     def fly(self) -> Record:
         """Fly from engagement to the end."""
         warm_up()
+        self._closest_m(self.world.position_m)  # compiles or loads its kernel
         began_s = time.process_time()
         while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
             self.before_tick()
@@ -129,7 +130,7 @@ class SimulatedFlight:
             )
         )
         record.held_by.append("")
-        record.limited.append(sum(reason != "" for reason in decided.limited_by))
+        record.limited.append(len(decided.limited_by) - decided.limited_by.count(""))
 
     def _closest_m(self, position_m: Array) -> float:
         floor = self.floor
@@ -242,6 +243,10 @@ class FormationRun(SimulatedFlight):
         flight, now_s = self.flight, self.time_s
         self.center_moves = now_s >= flight.center_moves_from_s and not self._ended
         self._move_target()
+        for spin in flight.spins:
+            if now_s >= spin.from_s:
+                formation = replace(self.plan.formation, spin_rad_s=spin.rate_rad_s)
+                self.plan = replace(self.plan, formation=formation)
         self._show_boxes()
         if not self._changed and (flight.leave_share or flight.join) and now_s >= flight.change_s:
             self._change()

@@ -232,10 +232,14 @@ def _settled_once_s(record: Record, shape: Shape) -> float | None:
     return record.time_s[int(settled[0])] if len(settled) else None
 
 
-def tracking(record: Record) -> dict[str, object]:
-    """Errors of the true centroid relative to the true target, after the first settling."""
+def tracking(record: Record, shape: Shape) -> dict[str, object]:
+    """Errors of the true centroid on its orbit after the first settling, and of a spinning sphere."""
     flight = record.scenario.flight
-    figures: dict[str, object] = {"orbit_radius_error_m": None, "center_speed_m_s": None}
+    figures: dict[str, object] = {
+        "orbit_radius_error_m": None,
+        "center_speed_m_s": None,
+        "spin_radius_error_m": _spin_radius_error_m(record, shape),
+    }
     if isinstance(flight, GoalFlight) or not flight.orbit.radius_m:
         return figures
     settle_s = _on_orbit_s(record, flight)
@@ -250,6 +254,15 @@ def tracking(record: Record) -> dict[str, object]:
     figures["orbit_radius_error_m"] = rounded(float(np.sqrt(((rho_m - flight.orbit.radius_m) ** 2).mean())))
     figures["center_speed_m_s"] = rounded(float(speed_m_s.mean()))
     return figures
+
+
+def _spin_radius_error_m(record: Record, shape: Shape) -> float | None:
+    """Largest distance of a vehicle from the sphere from the first change of the spin on."""
+    flight = record.scenario.flight
+    if not isinstance(flight, FormationFlight) or not flight.spins:
+        return None
+    since = int(np.searchsorted(record.time_s, flight.spins[0].from_s))
+    return rounded(float(np.nanmax(shape.radius_error_m[since:])))
 
 
 def _on_orbit_s(record: Record, flight: FormationFlight | ArticleFlight) -> float | None:
@@ -393,7 +406,7 @@ def report(record: Record) -> dict[str, object]:
         "realtime_factor": rounded(duration_s / max(record.busy_s, 1e-9), 1),
         "separation": separation(record),
         "formation": formation(record, shape),
-        "tracking": tracking(record),
+        "tracking": tracking(record, shape),
         "obstacles": obstacles(record, shape),
         "arrival": arrival(record),
         "article": article_figures(record),

@@ -96,6 +96,13 @@ class Circle(Settings):
     direction: Direction = Direction.COUNTERCLOCKWISE
 
 
+class Spin(Settings):
+    """The formation's spin from a time on."""
+
+    from_s: NotNegative
+    rate_rad_s: float  # positive: clockwise seen from above
+
+
 class StandingBox(Settings):
     """An obstacle at rest."""
 
@@ -180,6 +187,7 @@ class FormationFlight(Settings):
     orbit: Circle = Circle()
     center_moves_from_s: NotNegative = 0.0
     target: TargetPath = TargetPath()
+    spins: tuple[Spin, ...] = ()
     boxes: tuple[Box, ...] = ()
     random_obstacles: RandomObstacles | None = (
         None  # also set target, orbit and speed; only with start: sphere

@@ -5,7 +5,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from gcs.formation.law import desired_yaw_rad, turn_towards
+from gcs.formation.law import desired_yaw_rad, ramped_spin, turn_towards
 from gcs.formation.repulsion import CHANGE_MAX_RAD, MUTUAL_FROM, SWEEP_MAX_RAD, pushes, sweep, sweeps_for
 from gcs.formation.response import compensate, correct_trim, limit_change, scale_to_limits, shrink_relative
 from gcs.formation.thomson import (
@@ -291,3 +291,13 @@ def test_yaw_turns_the_short_way_round_through_south() -> None:
 def test_unknown_yaw_stays_unknown() -> None:
     yaw = turn_towards(np.array([np.nan]), np.array([0.0]), rate_max_rad_s=1.0, dt_s=0.1)
     assert np.isnan(yaw).all()
+
+
+def test_a_reversed_spin_changes_no_faster_than_its_limit() -> None:
+    spin_rad_s, seen = 0.4, []
+    for _ in range(400):
+        after = ramped_spin(spin_rad_s, -0.4, 12.0, 0.05, 1.0)
+        seen.append(abs(after - spin_rad_s) / 0.05 * 12.0)
+        spin_rad_s = after
+    assert max(seen) == pytest.approx(1.0)  # m/s^2 along the equator
+    assert spin_rad_s == -0.4

@@ -23,7 +23,7 @@ def run(
             "nearest_ratio": None,
             "shape_error_m": None,
         },
-        "tracking": {"orbit_radius_error_m": None, "center_speed_m_s": None},
+        "tracking": {"orbit_radius_error_m": None, "spin_radius_error_m": None, "center_speed_m_s": None},
         "obstacles": dict.fromkeys(
             ("penetrations", "minimum_clearance_m", "reformed_time_s", "path_ratio", "noticed_s")
         ),
