@@ -162,7 +162,7 @@ def test_centroid_is_judged_at_the_true_target_once_on_orbit() -> None:
     centers = 30.4 * np.stack([np.cos(angle), np.sin(angle), np.full(300, -1.0)], axis=1)
     record = record_of([center + 10.0 * TETRAHEDRON for center in centers], trial)
     record.center_m = [center * (30.0 / 30.4, 30.0 / 30.4, 1.0) for center in centers]
-    figures = measure.tracking(record)
+    figures = measure.tracking(record, measure.shape_over_time(record))
     assert figures["orbit_radius_error_m"] == pytest.approx(0.4, abs=0.01)
     assert figures["center_speed_m_s"] == pytest.approx(30.4 * 0.005 * 20.0, rel=0.01)
 
