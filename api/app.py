@@ -129,7 +129,6 @@ async def _on_bug(_request: Request, _error: Exception) -> Response:
 
 
 def _install(app: FastAPI) -> None:
-    """Install the exception handlers that give every error of `app` the common shape."""
     app.add_exception_handler(GcsError, _on_gcs_error)
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_error)

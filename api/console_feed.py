@@ -46,14 +46,12 @@ class Feed:
         return self._revision, self._status
 
     def newest(self) -> Status:
-        """Make the status of the newest state."""
         view, events = self._service.view.value, self._service.events.newest()
         reported = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
         why = self._service.shows.why_not_kept
         return convert.status(view, self._service.frame, events, *reported, why)
 
     def frame(self) -> bytes:
-        """Return the newest state as a binary frame."""
         view, alive = self._service.view.value, not self._problem()
         if (
             self._frame_of is None

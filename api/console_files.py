@@ -41,7 +41,6 @@ class Form(NamedTuple):
 
 
 def is_twin(name: str) -> bool:
-    """Whether a name belongs to the compressed form of another file."""
     return name.endswith(tuple(TWINS.values()))
 
 
@@ -88,7 +87,6 @@ def _quality(coding: str, liked: Mapping[str, float]) -> float:
 
 
 def is_known(etag: str, if_none_match: str | None) -> bool:
-    """Whether `If-None-Match` contains this form's ETag."""
     known = {part.strip().removeprefix("W/") for part in (if_none_match or "").split(",")}
     return etag in known or "*" in known
 
@@ -120,7 +118,6 @@ NOT_BUILT: Final = "The console is not built here: run make console, or install 
 
 
 def is_public(path: str) -> bool:
-    """Whether this is the path of the page or of an asset."""
     return path == "/" or ASSET.fullmatch(path) is not None
 
 

@@ -45,7 +45,6 @@ class Context:
 
     @property
     def frame(self) -> ShowFrame:
-        """The show frame."""
         return self.service.frame
 
     @property
@@ -58,7 +57,6 @@ class Context:
         return asyncio.get_running_loop().time()
 
     def age_s(self) -> float:
-        """Age of the newest state."""
         return self.now_s() - self.view.time_s
 
     def health_problem(self) -> str:

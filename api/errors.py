@@ -72,13 +72,11 @@ def error_response(status: int, detail: str, problems: Sequence[reports.Problem]
 
 
 def invalid_response(problems: Sequence[reports.Problem]) -> Response:
-    """Make the response to invalid fields: 422."""
     detail = "; ".join(f"{problem.field} = {_text(problem.value)}: {problem.allowed}" for problem in problems)
     return error_response(HTTPStatus.UNPROCESSABLE_ENTITY, detail, problems)
 
 
 def from_pydantic(error: dict[str, Any]) -> reports.Problem:
-    """Convert one error of pydantic."""
     kind, value = error["type"], error["input"]
     path = [str(part) for part in error["loc"][1:]]
     if len(path) > 1 and path[0] in requests.TARGET_FRAMES:  # the tag of the union, not a field

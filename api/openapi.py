@@ -40,7 +40,6 @@ MEANING: Final = {
 
 
 def errors(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """OpenAPI documentation of the errors that a route may return."""
     return {status: {"model": reports.ErrorBody, "description": MEANING[status]} for status in statuses}
 
 
@@ -82,7 +81,6 @@ class DescribedApp(FastAPI):
         self._asks_for_tokens = demands_tokens
 
     def openapi(self) -> dict[str, Any]:
-        """Return the OpenAPI document; it is made once."""
         if self.openapi_schema is None:
             document = super().openapi()
             if not self._asks_for_tokens:

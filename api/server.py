@@ -55,7 +55,6 @@ class Sparse(logging.Filter):
         self._left_out: dict[str, int] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether this line is logged."""
         kind = str(record.msg)
         bucket = self._buckets.setdefault(kind, Bucket(LINES_PER_S, LINES_BURST))
         if not bucket.take(time.monotonic()):
@@ -115,7 +114,6 @@ class _Handshakes(ServerProtocol):
     """Refuses WebSocket handshakes in the common error shape."""
 
     def reject(self, status: int, text: str) -> Handshake:
-        """Make the response to an invalid or failed handshake."""
         response = error_response(status, text.strip() or "no WebSocket is opened here")
         return _handshake(response)
 
@@ -197,7 +195,6 @@ class _Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Install no signal handlers; the composition root handles signals."""
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

@@ -89,7 +89,6 @@ def log_denied(denied: Denied) -> None:
 
 
 def is_emergency(method: str, path: str) -> bool:
-    """Whether this call belongs to the emergency lane."""
     start, _, action = path.rpartition("/")
     ours = start in {"/api/v1/show", "/api/v1/vehicles", "/api/v1/fleet"} or start.startswith(
         "/api/v1/vehicles/"
@@ -167,12 +166,10 @@ class Authorization:
 
     @property
     def demands_tokens(self) -> bool:
-        """Whether callers need a token."""
         return self._tokens is not None
 
     @property
     def text(self) -> str:
-        """Description of the access rules for an operator."""
         if self._tokens is None:
             return "off: every client of this service may do everything; it listens on the loopback interface"
         return "tokens"

@@ -130,7 +130,6 @@ class Tokens:
         return found
 
     def has(self, entry: Entry) -> bool:
-        """Whether an entry is still in the file."""
         self._refresh()
         return entry in self._entries
 

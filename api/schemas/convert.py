@@ -72,7 +72,6 @@ def readiness_problem(view: FleetView, now_s: float) -> str:
 
 
 def readiness(view: FleetView) -> reports.Readiness:
-    """Numbers of vehicles that are ready and airborne."""
     return reports.Readiness(
         ready=True,
         vehicles_ready=sum(each.ready for each in view.vehicles),
@@ -99,12 +98,10 @@ def current_alarms(view: FleetView, problem: str) -> tuple[Alarm, ...]:
 
 
 def alarms(view: FleetView, problem: str) -> list[schemas.Alarm]:
-    """All alarms of a state, the most severe first."""
     return [as_schema(schemas.Alarm, each) for each in current_alarms(view, problem)]
 
 
 def severity(view: FleetView, problem: str) -> OverallSeverity:
-    """The overall severity: that of the worst alarm that lasts."""
     return overall(current_alarms(view, problem))
 
 
@@ -112,7 +109,6 @@ def severity(view: FleetView, problem: str) -> OverallSeverity:
 
 
 def records(rows: VehicleTable) -> list[schemas.VehicleRecord]:
-    """Data of each vehicle that changes seldom."""
     return _models(schemas.VehicleRecord, _record_columns(rows))
 
 
@@ -204,7 +200,6 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
 
 
 def fleet_json(view: FleetView, frame: ShowFrame, problem: str, access: str) -> str:
-    """The whole state as JSON text."""
     return fleet(view, frame, problem, access).model_dump_json()
 
 
@@ -311,7 +306,6 @@ def _possible(phase: ShowPhase, action: ShowAction) -> bool:
 
 
 def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
-    """Convert the desired formation, with the radius and height commanded now."""
     return schemas.Formation(
         radius_m=desired.radius_m,
         height_m=desired.height_m,
@@ -321,7 +315,6 @@ def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
 
 
 def center(view: FleetView, frame: ShowFrame) -> schemas.Center | None:
-    """Convert the formation's centre; None while no formation flies."""
     if view.center_m is None:
         return None
     latitude_deg, longitude_deg, altitude_amsl_m = frame.geodetic(np.array([view.center_m]))
@@ -366,7 +359,6 @@ def obstacle(box: plan.Obstacle, now_s: float) -> schemas.Obstacle:
 
 
 def interrupted(found: InterruptedFlight) -> schemas.InterruptedFlight:
-    """Convert an interrupted flight."""
     return schemas.InterruptedFlight(
         session=found.session,
         unix_time_s=found.unix_time_s,
@@ -419,7 +411,6 @@ def target_desired(
 
 
 def yaw_desired(body: requests.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:
-    """Return the yaw after a requested change."""
     given = body.given()
     fixed_rad = yaw_rad(given["heading_deg"], frame) if "heading_deg" in given else current.fixed_rad
     return replace(current, policy=given.get("policy", current.policy), fixed_rad=fixed_rad)

@@ -80,7 +80,6 @@ class Change(Inward):
     _something = model_validator(mode="before")(_whole_change)
 
     def given(self) -> dict[str, Any]:
-        """Return the fields of the request, by name."""
         return self.model_dump(exclude_unset=True)
 
 

@@ -91,7 +91,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the alarms. Returns: 0. Raises: GcsError."""
     with connected(arguments) as client:
         period_s = PERIOD_S if arguments.watch else None
         return show_state(
@@ -152,7 +151,6 @@ def add_acknowledge_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_acknowledge(arguments: argparse.Namespace) -> int:
-    """Returns: 0. Raises: GcsError."""
     with connected(arguments) as client:
         alarms = client.acknowledge_all() if arguments.all else [client.acknowledge(arguments.alarm)]
     if arguments.json:

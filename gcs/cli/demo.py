@@ -108,7 +108,6 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
 
 
 def _top_m(config: configuration.Config) -> float:
-    """Height of the top of the sphere."""
     return config.formation.radius_m + config.formation.height_m
 
 
@@ -196,14 +195,12 @@ class History:
         self._rows: list[tuple[float, ...]] = []
 
     async def follow(self, orchestrator: Orchestrator) -> None:
-        """Record every view until cancelled."""
         async for view in orchestrator.view.values():
             center_m = view.center_m or (np.nan, np.nan, np.nan)
             radius_m = np.nan if view.radius_m is None else view.radius_m
             self._rows.append((view.time_s, *center_m, radius_m, *view.target_m))
 
     def commanded(self) -> report.Commanded:
-        """Return the records as arrays."""
         table = np.array(self._rows, dtype=np.float64)
         return report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
 
@@ -241,7 +238,6 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
 def _judge(
     truth_file: Path, commanded: report.Commanded, marks: Marks, config: configuration.Config
 ) -> dict[str, object]:
-    """Compute the figures of the flight from the true states."""
     truth = report.read_truth([truth_file], config.frame)
     smallest_m, violations = report.separation(truth, config.control.safety.floor)
     figures: dict[str, object] = {

@@ -32,7 +32,6 @@ class GroundTruth:
     landed_at_end: Mask  # (n,) on the ground, disarmed
 
     def between(self, start_s: float, end_s: float) -> "GroundTruth":
-        """Return the samples within a time window."""
         rows = (self.time_s >= start_s) & (self.time_s <= end_s)
         return GroundTruth(self.time_s[rows], self.position_m[rows], self.airborne[rows], self.landed_at_end)
 
@@ -47,8 +46,6 @@ class Commanded:
     target_m: Array  # (k, 2)
 
     def at(self, time_s: Array) -> "Commanded":
-        """Interpolate at other times."""
-
         def values(array: Array) -> Array:
             columns = array.reshape(len(self.time_s), -1)
             picked = [np.interp(time_s, self.time_s, columns[:, i]) for i in range(columns.shape[1])]
@@ -168,7 +165,6 @@ def penetrations(truth: GroundTruth, obstacle: Obstacle) -> int:
 
 
 def summary(figures: Mapping[str, object]) -> str:
-    """Format the figures as a table."""
     width = max(len(name) for name in figures)
     return "\n".join(f"  {name:<{width}}  {_plain(value)}" for name, value in figures.items())
 

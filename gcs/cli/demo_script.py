@@ -135,7 +135,6 @@ class DemoScript:
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
     def _circle(self) -> None:
-        """Fly the short version: only the orbit."""
         steady_s = time.monotonic()
         self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
         self._say(

@@ -49,7 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport, str]:
-    """Return the report and the files that it is of. Raises: GcsError."""
     flights, truths = _found([Path(name) for name in arguments.files])
     if len(flights) > 1:
         raise GcsError(f"{', '.join(map(str, flights))}: one flight at a time")
@@ -109,7 +108,6 @@ def _write(path: Path, text: str) -> None:
 
 
 def summary(flight_report: FlightReport, source: str) -> str:
-    """Format the report as text."""
     trajectories = flight_report.trajectories
     lines = [f"{source}: {len(trajectories.ids)} vehicles, {flight_report.duration_s:.0f} s"]
     lines += [f"based on {trajectories.based_on}: {trajectories.uncertainty}"]

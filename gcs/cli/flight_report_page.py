@@ -41,7 +41,6 @@ svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #
 
 
 def page(flight_report: FlightReport, source: str) -> str:
-    """Make the page."""
     trajectories = flight_report.trajectories
     kind, word = flight_report.verdict, WORDS[flight_report.verdict]
     reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in flight_report.missing))
@@ -103,7 +102,6 @@ def _plots(flight_report: FlightReport) -> str:
 
 
 def figure(flight_report: FlightReport) -> Figure:
-    """Plot paths from above, least distance, heights and speeds."""
     drawn = Figure(figsize=(11.0, 7.4), layout="constrained")
     above, separation, height, speed = drawn.subplots(2, 2).ravel()
     _from_above(above, flight_report)
@@ -116,7 +114,6 @@ def figure(flight_report: FlightReport) -> Figure:
 
 
 def _shown(flight_report: FlightReport) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the samples and vehicles to draw."""
     k, n = flight_report.trajectories.airborne.shape
     samples = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
     return samples, np.unique(np.linspace(0, n - 1, min(n, SHOWN_PATHS)).astype(int))

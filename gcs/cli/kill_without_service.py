@@ -154,7 +154,6 @@ class _KillLink:
             self.signing.close()
 
     def send(self) -> None:
-        """Send one command to every vehicle that is not known to be disarmed."""
         for system_id, target in self.targets.items():
             if target.armed is False:
                 continue
@@ -186,7 +185,6 @@ class _KillLink:
         return [*standing, source_of(host_number(known.host), known.port, port)]
 
     def receive(self) -> None:
-        """Process the received frames."""
         self.ports.receive(self._take)
         for source in self.ports.gone():
             for target in self.targets.values():
@@ -207,7 +205,6 @@ class _KillLink:
 
     @property
     def done(self) -> bool:
-        """Whether every vehicle reports that its motors are off."""
         return all(target.armed is False for target in self.targets.values())
 
 

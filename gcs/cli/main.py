@@ -23,7 +23,6 @@ HELP: Final = frozenset({"--help", "-h"})
 
 
 def load(where: str) -> Callable[..., Any]:
-    """Import a function by its `module:name`."""
     module, _, name = where.partition(":")
     found: Callable[..., Any] = getattr(import_module(module), name)
     return found
@@ -52,14 +51,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def version() -> str:
-    """Version of the installed package."""
     from importlib.metadata import version as installed  # noqa: PLC0415 (a fifth of a command's import time)
 
     return f"gcs {installed('formation-gcs')}"
 
 
 def overview() -> str:
-    """Text of `gcs --help`."""
     return "\n".join(
         [
             "usage: gcs COMMAND ...",
@@ -117,7 +114,6 @@ def fill(parser: Parser, name: str) -> None:
 
 
 def _run(where: str, parsed: argparse.Namespace) -> int:
-    """Import the command's function and run it."""
     return int(load(where)(parsed))
 
 

@@ -70,7 +70,6 @@ class Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong with the arguments, and end the process."""
         if self._is_json:
             fail(message, WRONG, as_json=True)
             raise SystemExit(WRONG)
@@ -78,7 +77,6 @@ class Parser(argparse.ArgumentParser):
 
 
 def is_json(given: Sequence[str]) -> bool:
-    """Whether these arguments ask for JSON."""
     return JSON in (given[: given.index("--")] if "--" in given else given)
 
 
@@ -104,7 +102,6 @@ def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = No
 
 
 def exit_code(error: GcsError) -> int:
-    """Exit code of an error's class."""
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), REFUSED)
 
 
@@ -116,7 +113,6 @@ def fail(
     problems: Sequence[Mapping[str, object]] = (),
     notes: Sequence[str] = (),
 ) -> None:
-    """Print an error."""
     if as_json:
         error = {"exit_code": code, "detail": detail, "problems": list(problems), "notes": list(notes)}
         print(_dumped({"error": error}, None), file=sys.stderr)
@@ -126,7 +122,6 @@ def fail(
 
 
 def note(text: str, *, as_json: bool) -> None:
-    """Print a note on standard error."""
     print(_dumped({"note": text}, None) if as_json else f"gcs: {text}", file=sys.stderr, flush=True)
 
 

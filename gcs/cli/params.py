@@ -73,7 +73,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _chosen(config: Config, text: str | None) -> tuple[VehicleId, ...]:
-    """Parse the names of vehicles. Raises: ConfigError that names unknown ones."""
     if text is None:
         return config.ids
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
@@ -151,7 +150,6 @@ async def _received(
 
 
 async def _one(link: Link, name: VehicleId, needed: Sequence[Requirement], *, apply: bool) -> list[Row]:
-    """Inspect one vehicle, parameter by parameter."""
     return [await _row(link, name, requirement, apply=apply) for requirement in needed]
 
 
@@ -196,7 +194,6 @@ async def _reached(read: Callable[[], Awaitable[ParameterValue]]) -> ParameterVa
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Format rows as aligned columns, with problems at the end of the line."""
     if not rows:
         return "no vehicle was received"
     cells = [("vehicle", "parameter", "value", "desired", "verdict")]

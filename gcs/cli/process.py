@@ -112,7 +112,6 @@ class Notifier:
             self._say("WATCHDOG=1")
 
     def close(self) -> None:
-        """Send no more messages."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

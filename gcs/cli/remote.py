@@ -65,7 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
 
 
 def _method(call: Call) -> Callable[..., Any]:
-    """Return the client class's method of a call, for its signature."""
     owner, _, name = call.method.rpartition(".")
     module, _, kind = OWNERS[owner].partition(":")
     found: Callable[..., Any] = getattr(getattr(import_module(module), kind), name)
@@ -73,7 +72,6 @@ def _method(call: Call) -> Callable[..., Any]:
 
 
 def add_connection(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the service's address and the token."""
     environment = os.environ
     url, token = environment.get("GCS_URL", URL), environment.get("GCS_TOKEN")
     lane, ca_file = environment.get("GCS_EMERGENCY_URL"), environment.get("GCS_CA_FILE")
@@ -217,7 +215,6 @@ def _reported(client: Client, commands: Sequence[schemas.Command], arguments: ar
 
 
 def _print(answer: BaseModel | Sequence[BaseModel] | str | None, arguments: argparse.Namespace) -> None:
-    """Print an answer of the API. Text is printed unchanged, or with `--json` as a JSON string."""
     if isinstance(answer, str) and not arguments.json:
         print(answer, end="")
     elif answer is None and not arguments.json:

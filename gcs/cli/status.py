@@ -129,7 +129,6 @@ def _sorted(vehicles: Sequence[schemas.Vehicle], by: str | None) -> Sequence[sch
 
 
 def _needed(vehicles: Sequence[schemas.Vehicle], name: str) -> int:
-    """Characters that a column needs."""
     column = COLUMNS[name]
     return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
 

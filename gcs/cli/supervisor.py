@@ -47,7 +47,6 @@ arguments.
 
 
 def is_requested(words: Sequence[str]) -> bool:
-    """Whether a command line asks for a supervisor."""
     return list(words[:1]) == ["serve"] and OPTION in words
 
 
@@ -57,7 +56,6 @@ def run(words: Sequence[str]) -> int:
 
 
 def _log(level: str, event: str, **more: object) -> None:
-    """Print one log line in the service's format."""
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
     line = {"time": now, "level": level, "logger": "gcs.cli.supervisor", "event": event, **more}
     with suppress(OSError):  # a closed terminal must not stop the supervisor

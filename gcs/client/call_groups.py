@@ -148,5 +148,4 @@ class Shows:
 
 
 def _path(name: str) -> str:
-    """Path of one show file in the API."""
     return f"/api/v1/shows/{part(name)}"

@@ -151,7 +151,6 @@ class Exchange:
 
 
 def _error(answer: httpx.Response) -> GcsError:
-    """Make the error that the service raised."""
     try:  # without the API's schema, whose import takes longer than the rest of a command
         body = json.loads(answer.content)
         detail, problems = str(body["detail"]), list(body["problems"])

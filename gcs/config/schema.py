@@ -70,7 +70,6 @@ class Config(Settings):
 
     @property
     def plan(self) -> Plan:
-        """The initial plan."""
         return Plan(
             Formation(**self.formation.model_dump()),
             Orbit(**self.orbit.model_dump()),
@@ -84,7 +83,6 @@ class Config(Settings):
 
     @cached_property
     def ids(self) -> tuple[VehicleId, ...]:
-        """Ids of all vehicles, in order."""
         return tuple(vehicle.id for vehicle in self.fleet)
 
     @model_validator(mode="after")

@@ -131,7 +131,6 @@ class RangeSettings(Settings):
         return self
 
     def expanded(self, link: str) -> tuple[VehicleSettings, ...]:
-        """Return one entry per vehicle."""
         pattern = self.id_pattern.replace("{link}", link)
         ids = range(self.first_system_id, self.first_system_id + self.count)
         return tuple(VehicleSettings(id=pattern.replace("{system_id}", str(i)), system_id=i) for i in ids)
@@ -163,7 +162,6 @@ class LinkSettings(Settings):
 
     @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
-        """Every vehicle of the link."""
         vehicles = self.vehicles
         return vehicles.expanded(self.name) if isinstance(vehicles, RangeSettings) else vehicles
 

@@ -129,7 +129,6 @@ def _section(model: type[BaseModel], loc: Loc) -> str:
 
 
 def _fields_at(model: type[BaseModel], loc: Loc) -> Iterator[str]:
-    """Yield the keys of the section at `loc`."""
     places: list[object] = [model]
     for part in loc:
         places = list(_inside(places, part)) or places  # a part that is not a key names an alternative
@@ -146,7 +145,6 @@ def _inside(places: Sequence[object], part: str | int) -> Iterator[object]:
 
 
 def _sections(places: Sequence[object]) -> Iterator[type[BaseModel]]:
-    """Yield every model in these annotations."""
     for place in places:
         if isinstance(place, type) and issubclass(place, BaseModel):
             yield place

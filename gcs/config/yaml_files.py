@@ -228,7 +228,6 @@ class Kind(NamedTuple):
     folder: str  # inside `configs`; "" is `configs` itself
 
     def shipped(self) -> list[Path]:
-        """List the files that come with the package, by name."""
         return sorted((shipped_folder() / self.folder).glob("*.yaml"))
 
     def find(self, name: str) -> Path:

@@ -54,7 +54,6 @@ class BatteryHistory:
     """When each vehicle's reported charge first fell to each percent, since its take-off. n vehicles."""
 
     def __init__(self, n: int) -> None:
-        """No vehicle flies yet."""
         self._reached_s = np.full(
             (n, STEPS + 1), np.nan
         )  # at row i, column p: when i first reported p percent
@@ -130,7 +129,6 @@ class Estimates:
 
 
 def nothing(n: int) -> Estimates:
-    """Estimates of n vehicles before anything is known."""
     unknown = np.full(n, np.nan)
     return Estimates(unknown, unknown, None, None, None, None, None, None)
 

@@ -120,7 +120,6 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
 
 
 def _battery(inputs: FailsafeInputs, announced: set[FailsafeCause]) -> FailsafeCause | None:
-    """Return the battery failsafe that the reported charge and texts indicate."""
     left = inputs.battery_remaining
     if FailsafeCause.CRITICAL_BATTERY in announced or left <= CRITICAL_BELOW + ROUNDING:  # False for NaN
         return FailsafeCause.CRITICAL_BATTERY

@@ -128,7 +128,6 @@ class Known:
 
     @staticmethod
     def nothing(count: int, now_s: float, settings: FailsafePolicy) -> "Known":
-        """Return the initial state."""
         jumps_s = np.full((settings.bad_position.jumps, count), -np.inf)
         vehicles, show = Latch.idle(len(OF_VEHICLES), count), Latch.idle(len(OF_THE_SHOW), 1)
         return Known(now_s, np.zeros((count, 2)), 0.0, jumps_s, vehicles, show)
@@ -156,7 +155,6 @@ class FailsafeRequest:
 
     @property
     def severity(self) -> int:
-        """See SEVERITY."""
         return SEVERITY[self.action]
 
 
@@ -332,7 +330,6 @@ def _least(values: Array, rows: Mask) -> float:
 
 
 def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> str:
-    """Why these positions count as bad at once."""
     position = settings.bad_position
     if (seen.time_s - known.jumps_s[0][rows] <= position.jumps_within_s).any():
         return f"its position jumped {position.jumps} times within {position.jumps_within_s:g} s"
@@ -340,7 +337,6 @@ def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> s
 
 
 def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
-    """Why these positions count as bad."""
     position = settings.bad_position
     worst_m = float(np.nanmax(seen.horizontal_m[rows], initial=0.0))
     up_m = float(np.nanmax(seen.vertical_m[rows], initial=0.0))
@@ -351,7 +347,6 @@ def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
 def _of_the_show(
     latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: FailsafePolicy, losses: str
 ) -> list[FailsafeRequest]:
-    """Return one request for each cause."""
     wind, late = settings.wind, settings.service_late
     error_m_s = np.hypot(known.error_m_s[:, 0], known.error_m_s[:, 1])
     strays = int((error_m_s > wind.speed_error_m_s).sum())

@@ -53,7 +53,6 @@ class Requirement:
     barred: tuple[int, ...] = ()
 
     def holds(self, value: ParameterValue) -> bool:
-        """Whether the value meets the requirement."""
         if not isfinite(value) or value in self.barred:
             return False
         if self.choices:
@@ -63,7 +62,6 @@ class Requirement:
 
     @property
     def desired(self) -> str:
-        """The requirement in words."""
         if self.choices:
             return " or ".join(str(choice) for choice in self.choices)
         if self.barred:
@@ -74,7 +72,6 @@ class Requirement:
 
 
 def requirements(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
-    """Return all requirements of a vehicle flown with these settings, in the order of display."""
     return (
         *_losing_us(operation),
         *_the_pilot(operation),

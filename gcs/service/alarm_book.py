@@ -114,7 +114,6 @@ class AlarmBook:
         raise UnknownError(f"there is no alarm {alarm_id!r}; listed now: {listed}")
 
     def acknowledge_all(self, by: str, unix_s: float) -> tuple[Alarm, ...]:
-        """Acknowledge all alarms that are not acknowledged yet."""
         open_ids = [alarm.id for alarm in self.alarms if alarm.acknowledged_by is None]
         return tuple(self.acknowledge(alarm_id, by, unix_s) for alarm_id in open_ids)
 
@@ -143,7 +142,6 @@ class AlarmBook:
                 self._due_s = min(self._due_s, ends_s)
 
     def _write(self, entry: _Entry, now_s: float, unix_s: float) -> list[Change]:
-        """Update the alarm of an entry."""
         active = {name: member.condition for name, member in entry.members.items() if member.active}
         before = entry.alarm
         if not active:

@@ -249,7 +249,6 @@ class Alarm:
 
     @property
     def lasts(self) -> bool:
-        """Whether its cause still holds."""
         return self.ended_unix_s is None
 
 

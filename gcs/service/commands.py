@@ -81,11 +81,9 @@ class Listener(Protocol):
 
     def opened(self, record: CommandRecord, who: str) -> None:
         """Called when a command is accepted."""
-        ...
 
     def closed(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
         """Called when one vehicle's part of a command has ended."""
-        ...
 
 
 class CommandLog:
@@ -129,7 +127,6 @@ class CommandLog:
         return tuple(reversed(self._records.values()))
 
     def get(self, command_id: str) -> CommandRecord:
-        """Return a command's record. Raises: UnknownError."""
         try:
             return self._records[command_id]
         except KeyError:

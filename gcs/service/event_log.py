@@ -103,18 +103,15 @@ class LogEvent:
 
 
 def vehicle_of(record: logging.LogRecord) -> VehicleId | None:
-    """Return the vehicle that a log record is about."""
     vehicle = getattr(record, "vehicle", None)
     return None if vehicle is None else str(vehicle)
 
 
 def details(record: logging.LogRecord) -> dict[str, object]:
-    """Return the log record's further fields."""
     return {key: value for key, value in vars(record).items() if key not in _PLAIN}
 
 
 def severity(level: str) -> Severity:
-    """Return the severity of a log level, by its name."""
     return {"info": Severity.INFO, "warning": Severity.WARNING}.get(level, Severity.ERROR)
 
 
@@ -127,7 +124,6 @@ class EventLog(logging.Handler):
         self._numbers = count(1)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep one record."""
         text = words(record.getMessage(), details(record))
         how = severity(record.levelname.lower())
         self._kept.append(LogEvent(next(self._numbers), record.created, how, text, vehicle_of(record)))

@@ -33,31 +33,24 @@ class Shows(Protocol):
     @property
     def why_not_kept(self) -> str:
         """Why no file can be uploaded here; empty when one can."""
-        ...
 
     async def list_shows(self) -> list[StoredShow]:
         """Return all shows, by name."""
-        ...
 
     async def text(self, name: str) -> str:
         """Return the file as uploaded."""
-        ...
 
     async def store(self, name: str, text: bytes) -> StoredShow:
         """Store a file under a name, replacing the file of that name: completely or not at all."""
-        ...
 
     async def remove(self, name: str) -> None:
         """Delete a file."""
-        ...
 
     def check(self, name: str) -> ShowCheck:
         """Start `gcs show check` in a subprocess."""
-        ...
 
     def checked(self, name: str) -> ShowCheck:
         """Return the state of the newest check."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +69,12 @@ class Audit(Protocol):
 
     def call(self, call: Call) -> None:
         """Record a call that may change something, or was denied."""
-        ...
 
     async def kept(self) -> bool:
         """Return once all calls and commands so far are on the disk.
 
         False, after a short wait, when they are not (no record, a full disk): the view's alarms say so.
         """
-        ...
 
 
 class NoAudit:
@@ -103,12 +94,10 @@ class Replaying(Protocol):
     @property
     def playback(self) -> Playback:
         """Current state of the playback."""
-        ...
 
     @property
     def marks(self) -> ReplayMarks:
         """Marks of the whole record for the scrubber; they never change."""
-        ...
 
     def change(
         self,
@@ -119,11 +108,9 @@ class Replaying(Protocol):
         skips_idle: bool | None = None,
     ) -> Playback:
         """Change the given settings of the playback, at once."""
-        ...
 
     def make_flight_report(self) -> ReportState:
         """Return the flight report; the first call starts it in a subprocess."""
-        ...
 
 
 class Commands(Protocol):
@@ -145,11 +132,9 @@ class Commands(Protocol):
             show_hash: for START only: of the selected show; None where none is selected.
             at_unix_time_s: for START only: when they take off; None: now.
         """
-        ...
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Execute a command to one vehicle."""
-        ...
 
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
@@ -163,11 +148,9 @@ class Commands(Protocol):
 
         Raises: RefusedError when it reaches none of them.
         """
-        ...
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Stop the motors of these vehicles immediately; the record names those that cannot be reached."""
-        ...
 
 
 class CommandRecords(Protocol):
@@ -175,11 +158,9 @@ class CommandRecords(Protocol):
 
     def get(self, command_id: str) -> CommandRecord:
         """Return an accepted command with its newest outcomes. Raises: UnknownError."""
-        ...
 
     def newest(self) -> Sequence[CommandRecord]:
         """The newest commands, newest first."""
-        ...
 
 
 class Recovery(Protocol):
@@ -187,7 +168,6 @@ class Recovery(Protocol):
 
     def settle(self, offer: Offer) -> CommandRecord:
         """Continue an interrupted flight or return its vehicles, as offered. Raises: RefusedError."""
-        ...
 
 
 class Player(Protocol):
@@ -195,15 +175,12 @@ class Player(Protocol):
 
     def select(self, name: str, show_hash: str) -> SelectedShow:
         """Select a checked show. `show_hash` is the check's."""
-        ...
 
     def deselect(self) -> None:
         """Select no show: the panels decide the plan. No effect without a show."""
-        ...
 
     def seek(self, cue: str) -> SelectedShow:
         """Start the selected show at a cue."""
-        ...
 
 
 class Preflight(Protocol):
@@ -211,15 +188,12 @@ class Preflight(Protocol):
 
     def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
         """Report what a start of these, or of all, would find: every check, vehicle by vehicle."""
-        ...
 
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         """Take a vehicle out of the show, on the ground, until it is included again."""
-        ...
 
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
         """Include an excluded vehicle again."""
-        ...
 
 
 class Alarms(Protocol):
@@ -230,11 +204,9 @@ class Alarms(Protocol):
 
         Raises: UnknownError.
         """
-        ...
 
     def acknowledge_all(self) -> Sequence[Alarm]:
         """Acknowledge all alarms; returns those that were not acknowledged before."""
-        ...
 
 
 class Events(Protocol):
@@ -242,7 +214,6 @@ class Events(Protocol):
 
     def newest(self) -> Sequence[LogEvent]:
         """The newest events, newest last."""
-        ...
 
 
 class PlanChanges(Protocol):
@@ -251,35 +222,27 @@ class PlanChanges(Protocol):
     @property
     def current(self) -> Plan:
         """The plan as of now: an accepted change is in it at once, before the next tick."""
-        ...
 
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; the formation follows within its limits."""
-        ...
 
     def set_orbit(self, orbit: Orbit) -> None:
         """Change how the centre circles the target."""
-        ...
 
     def set_target(self, target: Target) -> None:
         """Set the target's position and velocity; `time_s` is overwritten with now."""
-        ...
 
     def set_yaw(self, yaw: Yaw) -> None:
         """Change the vehicles' heading."""
-        ...
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         """Add a box-shaped obstacle; RefusedError if the id is taken or a vehicle flies there."""
-        ...
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
         """Replace the obstacle of the same id."""
-        ...
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Remove an obstacle."""
-        ...
 
 
 class Service(Protocol):
@@ -292,17 +255,14 @@ class Service(Protocol):
     @property
     def view(self) -> Latest[FleetView]:
         """Newest state, set once a tick."""
-        ...
 
     @property
     def frame(self) -> ShowFrame:
         """Position and heading of the show's origin."""
-        ...
 
     @property
     def replaying(self) -> Replaying | None:
         """Controls of the replay; None: this service is no replay."""
-        ...
 
     @property
     def audit(self) -> Audit: ...

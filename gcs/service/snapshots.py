@@ -35,7 +35,6 @@ class Latest(Generic[T]):
 
     @property
     def value(self) -> T:
-        """The newest value."""
         make, self._make = self._make, None
         if make is not None:
             self._value = make()
@@ -153,7 +152,6 @@ class FlightEnvelope:
 
     @staticmethod
     def of(safety: "SafetySettings") -> "FlightEnvelope":
-        """Return geofence and minimum separation of the safety settings."""
         fence, floor = safety.fence, safety.floor
         return FlightEnvelope(
             fence.height_min_m,
@@ -265,10 +263,8 @@ class FleetView:
 
     @cached_property
     def counts(self) -> Counts:
-        """Numbers of vehicles controlled, uncontrolled, unknown, on the ground and offline."""
         return self.rows.counts()
 
     @cached_property
     def vehicles(self) -> tuple[VehicleView, ...]:
-        """One `VehicleView` each; made on first use."""
         return self.rows.one_by_one()

@@ -93,11 +93,9 @@ class VehicleTable:
             freeze(getattr(self, name), (n,), name)
 
     def counts(self) -> Counts:
-        """Numbers of vehicles controlled, uncontrolled, unknown, on the ground and offline."""
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())
 
     def one_by_one(self) -> tuple[VehicleView, ...]:
-        """Return one `VehicleView` for each vehicle."""
         position_m, velocity_m_s, setpoint_m_s = (
             [_triple(row) for row in rows.tolist()]
             for rows in (self.position_m, self.velocity_m_s, self.setpoint_m_s)
