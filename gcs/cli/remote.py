@@ -12,14 +12,13 @@ import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
-from gcs.client import URL, Client
+from gcs.client import URL, Client, fleet_client
 from gcs.client.http import Deferred
 from gcs.model.errors import GcsError, UnknownError
 
@@ -35,13 +34,6 @@ LAND: Final = "land"
 FAILED: Final = "failed"
 NOT_INCLUDED: Final = "not-included"
 """Values of enumerations in `gcs.service`, whose import would load numpy."""
-
-OWNERS: Final = {
-    "": "gcs.client.fleet_client:Client",
-    "shows": "gcs.client.call_groups:Shows",
-    "preflight": "gcs.client.call_groups:Preflight",
-    "playback": "gcs.client.call_groups:Playback",
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
@@ -66,8 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
 
 def _method(call: Call) -> Callable[..., Any]:
     owner, _, name = call.method.rpartition(".")
-    module, _, kind = OWNERS[owner].partition(":")
-    found: Callable[..., Any] = getattr(getattr(import_module(module), kind), name)
+    found: Callable[..., Any] = getattr(getattr(fleet_client, owner.capitalize() or "Client"), name)
     return found
 
 

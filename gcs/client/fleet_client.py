@@ -16,12 +16,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Final, Self
+from urllib.parse import urlencode
 
-from gcs.client.call_groups import Playback, Preflight, Shows
-from gcs.client.http import Deferred, Exchange, given, part
-from gcs.model.errors import CommandError
+from gcs.client.http import Calls, Deferred, Exchange, calls, part
+from gcs.model.errors import CommandError, InvalidError
 
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
@@ -34,14 +33,124 @@ URL: Final = "http://127.0.0.1:8000"
 
 PENDING: Final = "pending"
 
-URGENT: Final = frozenset({"hold", "return", "land"})
-"""Vehicle actions that go to the emergency listener, if there is one."""
-
 ASK_AGAIN_S: Final = 0.2
 """Period of polling a command: outcomes follow the autopilots' heartbeats, once a second."""
 
 
-class Client:
+CHECK_AGAIN_S: Final = 0.5
+"""Period of polling a check, which takes about a minute."""
+
+
+class Preflight(Calls):
+    """Checks before a start, and exclusion of vehicles. Raises the errors of `Client`."""
+
+    def report(self, vehicles: list[str] | None = None) -> reports.Preflight:
+        """Get every check for a start of `vehicles`, or of all online ones."""
+        named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
+        found: reports.Preflight = self._exchange.call("GET", f"/api/v1/preflight{named}", self.report)
+        return found
+
+    @calls("POST", "/api/v1/vehicles/{vehicle_id}/exclude")
+    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> schemas.Command:
+        """Exclude a vehicle from the show, on the ground."""
+
+    @calls("POST", "/api/v1/vehicles/{vehicle_id}/include")
+    def include(self, vehicle_id: str) -> schemas.Command:
+        """Include a vehicle in the show again."""
+
+
+class Playback(Calls):
+    """Playback of a record. Raises the errors of `Client`; RefusedError if the service controls vehicles."""
+
+    @calls("GET", "/api/v1/replay")
+    def now(self) -> schemas.Replay:
+        """Get position and speed of the playback."""
+
+    @calls("GET", "/api/v1/replay/marks")
+    def marks(self) -> reports.ReplayMarks:
+        """Get phases, cues, events and idle times of the whole record."""
+
+    @calls("POST", "/api/v1/replay")
+    def change(
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        position_s: float | None = None,
+        skips_idle: bool | None = None,
+    ) -> schemas.Replay:
+        """Change the given fields of the playback."""
+
+    @calls("GET", "/api/v1/replay/report")
+    def report(self) -> reports.FlightReport:
+        """Get the flight report; the first call starts its analysis, so poll until it is done."""
+
+
+class Shows(Calls):
+    """Show files of the service, their checks, and the selected show. Raises the errors of `Client`."""
+
+    @calls("GET", "/api/v1/shows")
+    def stored(self) -> list[reports.StoredShow]:
+        """List the stored show files."""
+
+    def text(self, name: str) -> str:
+        """Get the text of a show file."""
+        return self._file(name).text
+
+    @calls("GET", "/api/v1/shows/{name}")
+    def _file(self, name: str) -> reports.ShowText:
+        """Get a show file."""
+
+    def upload(self, name: str, file: Path | str) -> reports.StoredShow:
+        """Upload a show under a name; `file` is a path, or the YAML text itself.
+
+        Raises: InvalidError when there is no such file.
+        """
+        try:
+            content = file.read_bytes() if isinstance(file, Path) else file.encode()
+        except OSError as error:
+            raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
+        stored: reports.StoredShow = self._exchange.call(
+            "PUT", f"/api/v1/shows/{part(name)}", self.upload, content
+        )
+        return stored
+
+    @calls("DELETE", "/api/v1/shows/{name}")
+    def remove(self, name: str) -> None:
+        """Delete a show file."""
+
+    @calls("POST", "/api/v1/shows/{name}/check")
+    def check(self, name: str) -> reports.ShowCheck:
+        """Start the check of a show."""
+
+    @calls("GET", "/api/v1/shows/{name}/check")
+    def checked(self, name: str) -> reports.ShowCheck:
+        """Get the newest check of a show, or its progress."""
+
+    def wait_for_check(self, name: str, timeout_s: float) -> reports.ShowCheck:
+        """Wait until a check is done or has failed. Raises: CommandError after `timeout_s`."""
+        deadline_s = time.monotonic() + timeout_s
+        while (check := self.checked(name)).state in {"waiting", "running"}:
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0:
+                raise CommandError(f"the check of {name} is not done after {timeout_s:g} s")
+            time.sleep(min(CHECK_AGAIN_S, left_s))
+        return check
+
+    @calls("POST", "/api/v1/shows/{name}/select", show_hash="hash")
+    def select(self, name: str, show_hash: str) -> schemas.SelectedShow:
+        """Select a checked show for the next start."""
+
+    @calls("POST", "/api/v1/show/deselect")
+    def deselect(self) -> None:
+        """Return to manual control: formation, target and orbit follow the operator's commands."""
+
+    @calls("POST", "/api/v1/show/seek")
+    def seek(self, cue: str) -> schemas.SelectedShow:
+        """Let the selected show begin at a cue."""
+
+
+class Client(Calls):
     """Client of one service. Not for use by several threads at once.
 
     Every call raises LinkError when the service cannot be reached or control is not alive, InvalidError for
@@ -69,7 +178,7 @@ class Client:
 
         Raises: ConfigError for an invalid certificate file.
         """
-        self._exchange = Exchange(url, token, emergency_url, ca_file, timeout_s)
+        super().__init__(Exchange(url, token, emergency_url, ca_file, timeout_s))
         self.shows = Shows(self._exchange)
         self.preflight = Preflight(self._exchange)
         self.playback = Playback(self._exchange)
@@ -77,77 +186,70 @@ class Client:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         self._exchange.close()
 
+    @calls("GET", "/healthz")
     def health(self) -> reports.Health:
         """Get the health of control. Raises: LinkError with the reason when control is not alive."""
-        return self._exchange.one(lambda: reports.Health, "GET", "/healthz")
 
+    @calls("GET", "/readyz")
     def readiness(self) -> reports.Readiness:
         """Get the readiness. Raises: LinkError with the reason when no vehicle can be commanded."""
-        return self._exchange.one(lambda: reports.Readiness, "GET", "/readyz")
 
     def metrics(self) -> str:
         """Get every metric, in the text format of Prometheus."""
-        return self._exchange.call("GET", "/metrics").decode()
+        text: bytes = self._exchange.call("GET", "/metrics")
+        return text.decode()
 
+    @calls("GET", "/api/v1/fleet")
     def fleet(self) -> schemas.Fleet:
         """Get the whole state at one instant."""
-        return self._exchange.one(lambda: schemas.Fleet, "GET", "/api/v1/fleet")
 
+    @calls("GET", "/api/v1/status")
     def status(self) -> schemas.Status:
         """Get the data that changes seldom: fence, take-off positions, cues, events."""
-        return self._exchange.one(lambda: schemas.Status, "GET", "/api/v1/status")
 
+    @calls("GET", "/api/v1/access")
     def access(self) -> reports.Access:
         """Get the name of the token and its rights."""
-        return self._exchange.one(lambda: reports.Access, "GET", "/api/v1/access")
 
+    @calls("GET", "/api/v1/vehicles")
     def vehicles(self) -> list[schemas.Vehicle]:
-        return self._exchange.many(lambda: schemas.Vehicle, "/api/v1/vehicles")
+        """Get every vehicle."""
 
+    @calls("GET", "/api/v1/vehicles/{vehicle_id}")
     def vehicle(self, vehicle_id: str) -> schemas.Vehicle:
-        return self._exchange.one(lambda: schemas.Vehicle, "GET", f"/api/v1/vehicles/{part(vehicle_id)}")
+        """Get one vehicle."""
 
+    @calls("POST", "/api/v1/vehicles/{vehicle_id}/{action}")
     def command(self, vehicle_id: str, action: str) -> schemas.Command:
         """Command one vehicle: hold, join, return, land, take-control or confirm-down."""
-        path = f"/api/v1/vehicles/{part(vehicle_id)}/{part(action)}"
-        return self._exchange.one(lambda: schemas.Command, "POST", path, urgent=action in URGENT)
 
+    @calls("POST", "/api/v1/fleet/{action}")
     def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> schemas.Command:
         """Command several vehicles at once: hold, join, return, land or take-control.
 
         `vehicles` None: all to which the command can apply. The result lists vehicles that the command does
         not reach as `not-included`, with the reason.
         """
-        path, body = f"/api/v1/fleet/{part(action)}", given(vehicles=vehicles)
-        return self._exchange.one(
-            lambda: schemas.Command, "POST", path, body or None, urgent=action in URGENT
-        )
 
+    @calls("POST", "/api/v1/kill")
     def arm_kill(self, vehicles: list[str] | None = None) -> schemas.KillArmed:
         """Do the first step of a kill: get a code and its vehicles. None: all that are not offline."""
-        body = given(vehicles=vehicles)
-        return self._exchange.one(
-            lambda: schemas.KillArmed, "POST", "/api/v1/kill", body or None, urgent=True
-        )
 
+    @calls("POST", "/api/v1/kill/confirm")
     def confirm_kill(self, code: str) -> schemas.Command:
         """Do the second step: the motors of the code's vehicles stop, even in the air."""
-        return self._exchange.one(
-            lambda: schemas.Command, "POST", "/api/v1/kill/confirm", {"code": code}, urgent=True
-        )
 
+    @calls("GET", "/api/v1/show")
     def show(self) -> schemas.Show:
         """Get the show's phase, and the commands that it accepts now."""
-        return self._exchange.one(lambda: schemas.Show, "GET", "/api/v1/show")
 
+    @calls("POST", "/api/v1/show/start")
     def start(
         self,
         vehicles: list[str] | None = None,
@@ -156,57 +258,54 @@ class Client:
         at_unix_time_s: float | None = None,
     ) -> schemas.Command:
         """Start with `vehicles` or all online ones, now or later. A selected show needs its hash."""
-        body = given(vehicles=vehicles, show_hash=show_hash, at_unix_time_s=at_unix_time_s)
-        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/start", body or None)
 
+    @calls("POST", "/api/v1/show/stop")
     def stop(self) -> schemas.Command:
         """Return all vehicles home and land them."""
-        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/stop", urgent=True)
 
+    @calls("POST", "/api/v1/show/pause")
     def pause(self) -> schemas.Command:
         """Stop all vehicles where they are."""
-        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/pause", urgent=True)
 
+    @calls("POST", "/api/v1/show/resume")
     def resume(self) -> schemas.Command:
         """Continue after a pause."""
-        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/resume")
 
+    @calls("POST", "/api/v1/show/abort")
     def abort(self) -> schemas.Command:
         """Descend at once, each vehicle to a landing site of its own."""
-        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/abort", urgent=True)
 
+    @calls("POST", "/api/v1/show/take-over")
     def take_over(self) -> schemas.Command:
         """Continue an interrupted flight: its vehicles join the formation, which holds until `resume`."""
-        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/take-over")
 
+    @calls("POST", "/api/v1/show/bring-home")
     def bring_home(self) -> schemas.Command:
         """Return the vehicles of an interrupted flight to their take-off positions."""
-        return self._exchange.one(lambda: schemas.Command, "POST", "/api/v1/show/bring-home", urgent=True)
 
     def interrupted(self) -> schemas.InterruptedFlight | None:
         """Get an unsettled interrupted flight, and what can be commanded for it; None: there is none."""
         return self.fleet().interrupted
 
+    @calls("GET", "/api/v1/alarms")
     def alarms(self) -> schemas.AlarmList:
         """Get all alarms and the overall severity."""
-        return self._exchange.one(lambda: schemas.AlarmList, "GET", "/api/v1/alarms")
 
+    @calls("POST", "/api/v1/alarms/{alarm_id}/acknowledge")
     def acknowledge(self, alarm_id: str) -> schemas.Alarm:
         """Acknowledge an alarm. Raises: UnknownError that names the listed alarms."""
-        path = f"/api/v1/alarms/{part(alarm_id)}/acknowledge"
-        return self._exchange.one(lambda: schemas.Alarm, "POST", path, urgent=True)
 
+    @calls("POST", "/api/v1/alarms/acknowledge")
     def acknowledge_all(self) -> list[schemas.Alarm]:
         """Acknowledge all alarms. Returns: those that were not acknowledged before."""
-        return self._exchange.many(lambda: schemas.Alarm, "/api/v1/alarms/acknowledge", "POST", urgent=True)
 
+    @calls("GET", "/api/v1/commands")
     def commands(self) -> list[schemas.Command]:
         """Get the last commands, the newest first."""
-        return self._exchange.many(lambda: schemas.Command, "/api/v1/commands")
 
+    @calls("GET", "/api/v1/commands/{command_id}")
     def command_record(self, command_id: str) -> schemas.Command:
         """Get a command and its outcomes so far."""
-        return self._exchange.one(lambda: schemas.Command, "GET", f"/api/v1/commands/{part(command_id)}")
 
     def wait_for(self, command_id: str, timeout_s: float) -> schemas.Command:
         """Wait until a command is done or has failed; its `outcome` says which.
@@ -214,38 +313,35 @@ class Client:
         Raises: CommandError that names the vehicles still pending after `timeout_s`.
         """
         deadline_s = time.monotonic() + timeout_s
-        while True:
-            command = self.command_record(command_id)
-            if command.outcome != PENDING:
-                return command
+        while (command := self.command_record(command_id)).outcome == PENDING:
             left_s = deadline_s - time.monotonic()
             if left_s <= 0:
                 pending = [name for name, part in command.vehicles.items() if part.outcome == PENDING]
                 raise CommandError(f"{command.action} not done after {timeout_s:g} s by {', '.join(pending)}")
             time.sleep(min(ASK_AGAIN_S, left_s))
+        return command
 
+    @calls("GET", "/api/v1/formation")
     def formation(self) -> schemas.Formation:
         """Get radius and height, desired and commanded now."""
-        return self._exchange.one(lambda: schemas.Formation, "GET", "/api/v1/formation")
 
+    @calls("PATCH", "/api/v1/formation")
     def change_formation(
         self, *, radius_m: float | None = None, height_m: float | None = None
     ) -> schemas.Formation:
         """Change the given fields."""
-        body = given(radius_m=radius_m, height_m=height_m)
-        return self._exchange.one(lambda: schemas.Formation, "PATCH", "/api/v1/formation", body)
 
+    @calls("GET", "/api/v1/target")
     def target(self) -> schemas.Target:
         """Get the target's position and velocity now."""
-        return self._exchange.one(lambda: schemas.Target, "GET", "/api/v1/target")
 
+    @calls("PUT", "/api/v1/target")
     def set_target(
         self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
     ) -> schemas.Target:
         """Set the target's position and velocity, in the show frame."""
-        body = {"x_m": x_m, "y_m": y_m, "velocity_x_m_s": velocity_x_m_s, "velocity_y_m_s": velocity_y_m_s}
-        return self._exchange.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
+    @calls("PUT", "/api/v1/target")
     def set_target_geodetic(
         self,
         latitude_deg: float,
@@ -255,18 +351,12 @@ class Client:
         velocity_east_m_s: float = 0.0,
     ) -> schemas.Target:
         """Set the target's position (WGS84) and velocity."""
-        body = {
-            "latitude_deg": latitude_deg,
-            "longitude_deg": longitude_deg,
-            "velocity_north_m_s": velocity_north_m_s,
-            "velocity_east_m_s": velocity_east_m_s,
-        }
-        return self._exchange.one(lambda: schemas.Target, "PUT", "/api/v1/target", body)
 
+    @calls("GET", "/api/v1/orbit")
     def orbit(self) -> schemas.Orbit:
         """Get the orbit of the formation around the target."""
-        return self._exchange.one(lambda: schemas.Orbit, "GET", "/api/v1/orbit")
 
+    @calls("PATCH", "/api/v1/orbit")
     def change_orbit(
         self,
         *,
@@ -275,25 +365,24 @@ class Client:
         direction: str | None = None,
     ) -> schemas.Orbit:
         """Change the given fields."""
-        body = given(radius_m=radius_m, speed_m_s=speed_m_s, direction=direction)
-        return self._exchange.one(lambda: schemas.Orbit, "PATCH", "/api/v1/orbit", body)
 
+    @calls("GET", "/api/v1/yaw")
     def yaw(self) -> schemas.Yaw:
         """Get the vehicles' yaw policy and heading."""
-        return self._exchange.one(lambda: schemas.Yaw, "GET", "/api/v1/yaw")
 
+    @calls("PATCH", "/api/v1/yaw")
     def change_yaw(self, *, policy: str | None = None, heading_deg: float | None = None) -> schemas.Yaw:
         """Change the given fields."""
-        return self._exchange.one(
-            lambda: schemas.Yaw, "PATCH", "/api/v1/yaw", given(policy=policy, heading_deg=heading_deg)
-        )
 
+    @calls("GET", "/api/v1/obstacles")
     def obstacles(self) -> list[schemas.Obstacle]:
-        return self._exchange.many(lambda: schemas.Obstacle, "/api/v1/obstacles")
+        """Get every obstacle."""
 
+    @calls("GET", "/api/v1/obstacles/{obstacle_id}")
     def obstacle(self, obstacle_id: str) -> schemas.Obstacle:
-        return self._exchange.one(lambda: schemas.Obstacle, "GET", f"/api/v1/obstacles/{part(obstacle_id)}")
+        """Get one obstacle."""
 
+    @calls("POST", "/api/v1/obstacles", obstacle_id="id")
     def add_obstacle(
         self,
         *,
@@ -307,10 +396,8 @@ class Client:
         obstacle_id: str | None = None,
     ) -> schemas.Obstacle:
         """Add a box; without an id the service assigns one."""
-        box = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m, velocity_x_m_s, velocity_y_m_s)
-        body = box | given(id=obstacle_id)
-        return self._exchange.one(lambda: schemas.Obstacle, "POST", "/api/v1/obstacles", body)
 
+    @calls("PUT", "/api/v1/obstacles/{obstacle_id}")
     def change_obstacle(
         self,
         obstacle_id: str,
@@ -324,30 +411,7 @@ class Client:
         velocity_y_m_s: float = 0.0,
     ) -> schemas.Obstacle:
         """Replace the box of this id."""
-        body = _box(x_m, y_m, half_length_x_m, half_length_y_m, height_m, velocity_x_m_s, velocity_y_m_s)
-        return self._exchange.one(
-            lambda: schemas.Obstacle, "PUT", f"/api/v1/obstacles/{part(obstacle_id)}", body
-        )
 
+    @calls("DELETE", "/api/v1/obstacles/{obstacle_id}")
     def remove_obstacle(self, obstacle_id: str) -> None:
-        self._exchange.call("DELETE", f"/api/v1/obstacles/{part(obstacle_id)}")
-
-
-def _box(
-    x_m: float,
-    y_m: float,
-    half_length_x_m: float,
-    half_length_y_m: float,
-    height_m: float,
-    velocity_x_m_s: float,
-    velocity_y_m_s: float,
-) -> dict[str, Any]:
-    return {
-        "x_m": x_m,
-        "y_m": y_m,
-        "half_length_x_m": half_length_x_m,
-        "half_length_y_m": half_length_y_m,
-        "height_m": height_m,
-        "velocity_x_m_s": velocity_x_m_s,
-        "velocity_y_m_s": velocity_y_m_s,
-    }
+        """Remove a box."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import ssl
 from collections.abc import Callable
+from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from types import NoneType
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast, get_type_hints
 from urllib.parse import quote
 
 import httpx
@@ -43,7 +46,12 @@ if TYPE_CHECKING:
 else:
     pydantic = Deferred("pydantic")
 
-M = TypeVar("M", bound="pydantic.BaseModel")
+F = TypeVar("F", bound=Callable[..., Any])
+
+URGENT: Final = frozenset(
+    {"pause", "stop", "abort", "bring-home", "hold", "return", "land", "kill", "confirm", "acknowledge"}
+)
+"""Last words of the paths whose POST goes to the emergency listener, if there is one."""
 
 CONNECT_S: Final = 2.0
 """Longest time to connect; after it an emergency call tries the other listener."""
@@ -61,11 +69,6 @@ RAISED: Final[dict[int, type[GcsError]]] = {
 def part(name: str) -> str:
     """Quote a name as one part of a path."""
     return quote(name, safe="")
-
-
-def given(**fields: object) -> dict[str, Any]:
-    """Return the fields that are not None."""
-    return {name: value for name, value in fields.items() if value is not None}
 
 
 class Exchange:
@@ -96,46 +99,28 @@ class Exchange:
         if self._lane is not None:
             self._lane.close()
 
-    def one(
+    def call(
         self,
-        model: Callable[[], type[M]],
         method: str,
         path: str,
+        declared: Callable[..., Any] | None = None,
         body: dict[str, Any] | bytes | None = None,
-        *,
-        urgent: bool = False,
-    ) -> M:
-        """Call a path and parse the answer. `model` is called after the answer has arrived."""
-        answer = self.call(method, path, body, urgent=urgent)
-        try:
-            return model().model_validate_json(answer)
-        except pydantic.ValidationError as error:
-            raise LinkError(f"{path} answered what this client does not understand") from error
+    ) -> Any:
+        """Call a path; an urgent call tries the emergency listener first.
 
-    def many(
-        self, model: Callable[[], type[M]], path: str, method: str = "GET", *, urgent: bool = False
-    ) -> list[M]:
-        """Call a path and parse the answer as a list."""
-        answer = self.call(method, path, urgent=urgent)
-        try:
-            kind = model()
-            return pydantic.TypeAdapter(list[kind]).validate_json(answer)  # type: ignore[valid-type]
-        except pydantic.ValidationError as error:
-            raise LinkError(f"{path} answered what this client does not understand") from error
+        Args:
+            method: of HTTP.
+            path: with its query.
+            declared: a function whose annotation says what the answer is; None: bytes.
+            body: sent as JSON if it is a dict, and as YAML if it is bytes.
 
-    def call(
-        self, method: str, path: str, body: dict[str, Any] | bytes | None = None, *, urgent: bool = False
-    ) -> bytes:
-        """Call a path and return the body of the answer. An `urgent` call uses the emergency lane first.
-
-        `body` is sent as JSON if it is a dict, and as YAML if it is bytes.
-
-        Raises: LinkError without an answer, else the error that the service raised.
+        Raises: LinkError without an answer that can be understood, else the error that the service raised.
         """
+        urgent = method == "POST" and path.rpartition("/")[2] in URGENT
         # not httpx's own JSON, which raises for NaN; the service refuses NaN with the field's name
         content = json.dumps(body).encode() if isinstance(body, dict) else body
-        kind = "application/json" if isinstance(body, dict) else "application/yaml"
-        headers = {} if body is None else {"Content-Type": kind}
+        media_type = "application/json" if isinstance(body, dict) else "application/yaml"
+        headers = {} if body is None else {"Content-Type": media_type}
         for http in (self._lane, self._http) if urgent and self._lane is not None else (self._http,):
             try:
                 answer = http.request(method, path, content=content, headers=headers)
@@ -147,7 +132,48 @@ class Exchange:
             raise LinkError(f"no answer from {self._http.base_url}: {cause}") from failure
         if not answer.is_success:
             raise _error(answer)
-        return answer.content
+        if declared is None:
+            return answer.content
+        kind = get_type_hints(declared)["return"]  # only now: it loads every schema of the API
+        try:
+            return None if kind is NoneType else pydantic.TypeAdapter(kind).validate_json(answer.content)
+        except pydantic.ValidationError as error:
+            raise LinkError(f"{path} answered what this client does not understand") from error
+
+
+class Calls:
+    """Methods that are calls of one service."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._exchange = exchange
+
+
+def calls(method: str, path: str, **renamed: str) -> Callable[[F], F]:
+    """Make a call out of a method of `Calls` that only declares its parameters and its answer.
+
+    Parameters that `path` names become parts of it. The others are the JSON body, without those that are
+    None, under their own names or as `renamed`.
+    """
+
+    def decorated(declared: F) -> F:
+        signature = inspect.signature(declared)
+
+        @wraps(declared)
+        def call(*arguments: Any, **options: Any) -> Any:
+            bound = signature.bind(*arguments, **options)
+            bound.apply_defaults()
+            this, *names = bound.arguments
+            fields = {name: bound.arguments[name] for name in names}
+            to = path.format_map(
+                {name: part(value) for name, value in fields.items() if isinstance(value, str)}
+            )
+            inside = [name for name in fields if f"{{{name}}}" not in path]
+            body = {renamed.get(name, name): fields[name] for name in inside if fields[name] is not None}
+            return bound.arguments[this]._exchange.call(method, to, declared, body if inside else None)  # noqa: SLF001
+
+        return cast("F", call)
+
+    return decorated
 
 
 def _error(answer: httpx.Response) -> GcsError:

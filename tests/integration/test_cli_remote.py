@@ -24,7 +24,7 @@ from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
 from gcs.cli.status import board
 from gcs.client import Client
-from gcs.client.call_groups import Playback, Preflight, Shows
+from gcs.client.fleet_client import Playback, Preflight, Shows
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase
