@@ -68,18 +68,15 @@ OF_THE_SHOW: Final = frozenset(
     {Cause.WIND, Cause.LINKS_LATE, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE}
 )
 
-WAITS_FOR_A_COMMAND: Final = (
-    "It waits for a command: take-over or bring-home for all, take-control for this one."
-)
 WAIT_FOR_A_COMMAND: Final = (
-    "They wait for a command: take-over or bring-home for all, take-control for some of them."
+    "[It waits|They wait] for a command: take-over or bring-home for all, take-control for"
+    " [this one|some of them]."
 )
 """Advice where a stall or restart of this service explains the mode: the vehicles themselves are in order."""
 
-SENDS_NOTHING: Final = ("The service sends nothing to it.", "The service sends nothing to them.")
-"""Texts for one vehicle and for several."""
+SENDS_NOTHING: Final = "The service sends nothing to [it|them]."
 
-FLOWN_ON: Final = ("It is flown on.", "They are flown on.")
+FLOWN_ON: Final = "[It is|They are] flown on."
 
 SHOW_FOLLOWS: Final = {
     Action.RE_FORM: "Formation closes the gap.",
@@ -89,16 +86,10 @@ SHOW_FOLLOWS: Final = {
     Action.LAND: "The show lands.",
 }
 
-VEHICLE_FOLLOWS: Final = {
-    Action.HOLD: "It leaves the formation and holds.",
-    Action.RETURN: "It comes home.",
-    Action.LAND: "It lands.",
-}
-
 VEHICLES_FOLLOW: Final = {
-    Action.HOLD: "They leave the formation and hold.",
-    Action.RETURN: "They come home.",
-    Action.LAND: "They land.",
+    Action.HOLD: "[It leaves the formation and holds|They leave the formation and hold].",
+    Action.RETURN: "[It comes|They come] home.",
+    Action.LAND: "[It lands|They land].",
 }
 
 
@@ -247,9 +238,10 @@ class AlarmMonitor:
                     AlarmCause.OWN_FAILSAFE,
                     because,
                     (vehicle.id,),
-                    *SENDS_NOTHING,
-                    advice=advice or WAITS_FOR_A_COMMAND,
-                    advice_many=ADVICE_TO_MANY.get(advice, advice) if advice else WAIT_FOR_A_COMMAND,
+                    SENDS_NOTHING,
+                    advice=f"[{advice}|{ADVICE_TO_MANY.get(advice, advice)}]"
+                    if advice
+                    else WAIT_FOR_A_COMMAND,
                     severity=AlarmSeverity.EMERGENCY if critical else None,
                 )
             elif vehicle.phase is Phase.PILOT:
@@ -258,7 +250,7 @@ class AlarmMonitor:
                     AlarmCause.OUTSIDE_CONTROL,
                     because.removesuffix("."),  # the advice says what to do
                     (vehicle.id,),
-                    *SENDS_NOTHING,
+                    SENDS_NOTHING,
                 )
             elif vehicle.phase is Phase.KILLED:
                 yield self._of_a_kill(vehicle)
@@ -277,8 +269,7 @@ class AlarmMonitor:
             AlarmCause.KILLED,
             f"{because}{by}",
             (vehicle.id,),
-            "Other vehicles keep clear of where it was.",
-            "Other vehicles keep clear of where they were.",
+            "Other vehicles keep clear of where [it was|they were].",
             command_id=None if command is None else command.id,
         )
 
@@ -305,7 +296,7 @@ class AlarmMonitor:
             for vehicle_id, why in link.conflicts.items():
                 yield Condition(AlarmCause.DUPLICATE_SYSTEM_ID, why, (vehicle_id,))
         for vehicle_id, lacks in flight.without_heartbeat.items():
-            yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), *FLOWN_ON)
+            yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), FLOWN_ON)
         share = flight.link_quality.share
         self._poor = beyond(self._poor, share, POOR_LINK)
         if self._poor.any():
@@ -333,8 +324,7 @@ def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         cause, action = Cause(each.cause), Action(each.action)
         if cause not in OF_FAILSAFE:
             continue
-        of_vehicles = VEHICLES_FOLLOW if len(each.vehicles) > 1 else VEHICLE_FOLLOWS
-        follows = SHOW_FOLLOWS if cause in OF_THE_SHOW else of_vehicles
+        follows = SHOW_FOLLOWS if cause in OF_THE_SHOW else VEHICLES_FOLLOW
         yield Condition(
             OF_FAILSAFE[cause],
             each.reason,

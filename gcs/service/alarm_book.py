@@ -9,7 +9,17 @@ from typing import Final
 
 from gcs.model.errors import UnknownError
 from gcs.model.state import VehicleId
-from gcs.service.alarms import CAUSES, RANK, Alarm, AlarmCause, AlarmSeverity, CauseRow, Condition, ordered
+from gcs.service.alarms import (
+    CAUSES,
+    RANK,
+    Alarm,
+    AlarmCause,
+    AlarmSeverity,
+    CauseRow,
+    Condition,
+    for_number,
+    ordered,
+)
 
 NAMED_MAX: Final = 12
 """Up to this many vehicles are named in a text; of more it has the number, and `vehicles` has the names."""
@@ -212,18 +222,15 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
     else:
         because = "; ".join(f"{named(names)}: {why}" if names else why for why, names in by_reason.items())
     headline = row.headline.format(vehicles=_subject(vehicles), about=worst.about)
-    are_many = len(vehicles) > 1
-    consequences = ((are_many and one.consequence_many) or one.consequence for one in conditions)
-    follows = " ".join(dict.fromkeys(filter(None, consequences)))
-    advice = (are_many and worst.advice_many) or worst.advice
-    advice = advice or (are_many and row.advice_many) or row.advice
+    many = len(vehicles) > 1
+    follows = for_number(" ".join(dict.fromkeys(one.consequence for one in conditions)), many=many).strip()
     first = f"{headline}: {because}" if because else headline
     return Alarm(
         id="",
         severity=worst.severity or row.severity,
         cause=worst.cause,
         text=f"{first}. {follows}".strip(),
-        advice=advice,
+        advice=for_number(worst.advice or row.advice, many=many),
         vehicles=vehicles,
         since_unix_s=0.0,
         raised_unix_s=0.0,

@@ -8,6 +8,7 @@ Sources report regularly which `Condition`s hold; the `AlarmBook` turns them int
    a value at a limit through `beyond` first, so that it does not flicker.
 """
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -67,8 +68,7 @@ class CauseRow:
 
     severity: AlarmSeverity
     headline: str  # start of the text; {vehicles} is "Vehicle d3" or "Vehicles d3, d4", {about} the object
-    advice: str
-    advice_many: str = ""  # for several vehicles; empty: the same
+    advice: str  # as `for_number` takes it
     on_after_s: float = 0.0  # the condition must hold for this time
     off_after_s: float = 1.0  # and be absent for this time: if it returns sooner, it is the same alarm
 
@@ -79,8 +79,8 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.KILLED: CauseRow(
         E,
         "{vehicles} killed",
-        "Keep people away from where it may lie. When it was seen on the ground: confirm-down.",
-        "Keep people away from where they may lie. When they were seen on the ground: confirm-down.",
+        "Keep people away from where [it|they] may lie. When [it was|they were] seen on the ground:"
+        " confirm-down.",
         off_after_s=0.0,
     ),
     AlarmCause.CONTROL_STOPPED: CauseRow(
@@ -99,30 +99,23 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.CRITICAL_BATTERY: CauseRow(
         E,
         "{vehicles} critically low on battery",
-        "Let it land where it is; keep people away from below.",
-        "Let them land where they are; keep people away from below.",
+        "Let [it land where it is|them land where they are]; keep people away from below.",
     ),
     AlarmCause.OUTSIDE_FENCE: CauseRow(
-        E,
-        "{vehicles} about to leave the fence",
-        "Land it if it does not turn back.",
-        "Land those that do not turn back.",
+        E, "{vehicles} about to leave the fence", "Land [it if it does|those that do] not turn back."
     ),
     AlarmCause.VEHICLE_LOST: CauseRow(
         W,
         "{vehicles} lost",
-        "Watch where it flies: it follows its own failsafe. When it was seen on the ground: confirm-down.",
-        "Watch where they fly, by their own failsafe. When they were seen on the ground: confirm-down.",
+        "Watch where [it flies: it follows its own failsafe|they fly, by their own failsafe]. When [it"
+        " was|they were] seen on the ground: confirm-down.",
         off_after_s=0.0,
     ),
-    AlarmCause.LOW_BATTERY: CauseRow(
-        W, "{vehicles} low on battery", "Let it come home.", "Let them come home."
-    ),
+    AlarmCause.LOW_BATTERY: CauseRow(W, "{vehicles} low on battery", "Let [it|them] come home."),
     AlarmCause.BAD_POSITION: CauseRow(
         W,
         "{vehicles} without a trusted position",
-        "Watch it; land it where it is if it drifts.",
-        "Watch them; land those that drift where they are.",
+        "Watch [it; land it where it is if it drifts|them; land those that drift where they are].",
     ),
     AlarmCause.WIND: CauseRow(W, "Too much wind", "Bring the show home if the wind does not drop."),
     AlarmCause.SERVICE_LATE: CauseRow(
@@ -134,8 +127,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.OWN_FAILSAFE: CauseRow(
         W,
         "{vehicles} flown by an own failsafe",
-        "Leave it to its autopilot.",
-        "Leave them to their autopilots.",
+        "Leave [it to its autopilot|them to their autopilots].",
         off_after_s=0.0,
     ),
     AlarmCause.PARAMETER_CHANGED: CauseRow(
@@ -144,8 +136,8 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.OUTSIDE_CONTROL: CauseRow(
         W,
         "{vehicles} outside control",
-        "Ask the pilot. take-control takes it over, in HOLD, when the pilot agrees.",
-        "Ask the pilots. take-control takes them over, in HOLD, when the pilots agree.",
+        "Ask the [pilot|pilots]. take-control takes [it|them] over, in HOLD, when the [pilot"
+        " agrees|pilots agree].",
         off_after_s=0.0,
     ),
     AlarmCause.INTERRUPTED: CauseRow(
@@ -171,15 +163,14 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.POOR_LINK: CauseRow(
         C,
         "{vehicles} with a poor link",
-        "Check antennas and distance; bring it home if it gets worse.",
-        "Check antennas and distance; bring them home if it gets worse.",
+        "Check antennas and distance; bring [it|them] home if it gets worse.",
         on_after_s=8.0,
     ),
     AlarmCause.NO_HEARTBEAT: CauseRow(
         C,
         "{vehicles} without heartbeat",
-        "Its mode is not known: a pilot may have it. Watch it; check antennas and distance.",
-        "Their modes are not known: pilots may have them. Watch them; check antennas and distance.",
+        "[Its mode is not known: a pilot may have it. Watch it|Their modes are not known: pilots may"
+        " have them. Watch them]; check antennas and distance.",
         off_after_s=0.0,
     ),
     AlarmCause.RECORD_FAILS: CauseRow(
@@ -210,6 +201,8 @@ class OverallSeverity(StrEnum):
     NORMAL = "normal"  # no such alarm
 
 
+_FORMS: Final = re.compile(r"\[([^|\]]*)\|([^\]]*)\]")
+
 RANK: Final = {severity: rank for rank, severity in enumerate(AlarmSeverity)}
 """Rank of each severity; 0 is the most severe."""
 
@@ -221,10 +214,8 @@ class Condition:
     cause: AlarmCause
     because: str  # in words, without a full stop: "no telemetry for 2.0 s"
     vehicles: tuple[VehicleId, ...] = ()
-    consequence: str = ""  # what follows automatically, a sentence or more
-    consequence_many: str = ""  # for several vehicles; empty: the same
-    advice: str = ""  # what an operator can do; empty: as in `CAUSES`
-    advice_many: str = ""  # for several vehicles; empty: the same
+    consequence: str = ""  # what follows automatically, a sentence or more, as `for_number` takes it
+    advice: str = ""  # what an operator can do, as `for_number` takes it; empty: as in `CAUSES`
     severity: AlarmSeverity | None = None  # None: as in `CAUSES`
     about: str = ""  # name of the link, file or obstacle: each has its own alarm
     command_id: str | None = None  # of the command that the service gave because of it
@@ -250,6 +241,11 @@ class Alarm:
     @property
     def lasts(self) -> bool:
         return self.ended_unix_s is None
+
+
+def for_number(text: str, *, many: bool) -> str:
+    """Choose from each `[one|several]` in a text the form for one vehicle, or for several."""
+    return _FORMS.sub(lambda forms: forms[2 if many else 1], text)
 
 
 def ordered(alarms: Iterable[Alarm]) -> tuple[Alarm, ...]:
