@@ -1,8 +1,10 @@
 """Metrics for Prometheus at `/metrics`, computed from the newest state at each request; no state is kept."""
 
 import asyncio
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from typing import Final
 
 from fastapi import APIRouter
@@ -64,50 +66,42 @@ class FleetCollector:
     shed: int
 
     def collect(self) -> Iterator[Metric]:
-        yield from self._service()
-        yield from _vehicles(self.view)
-
-    def _service(self) -> Iterator[Metric]:
         view, tick = self.view, self.view.tick
         yield _gauge("gcs_control_alive", "1 while ticks come.", float(not self.problem))
         yield _gauge("gcs_state_age_seconds", "Since the newest state was made.", self.age_s)
-        yield _counter("gcs_ticks", "Ticks of the control loop.", tick.count)
-        yield _counter("gcs_ticks_missed", "Ticks that were dropped, being too late.", tick.missed)
+        yield CounterMetricFamily("gcs_ticks", "Ticks of the control loop.", tick.count)
+        yield CounterMetricFamily("gcs_ticks_missed", "Ticks that were dropped, being too late.", tick.missed)
         for histogram in tick.histograms:
             yield from histogram.collect()
-        yield _counter("gcs_setpoints_sent", "Velocity setpoints that left.", view.setpoints_sent)
-        yield _counter("gcs_filter_interventions", "Vehicle-ticks that safety changed.", view.interventions)
+        yield CounterMetricFamily("gcs_setpoints_sent", "Velocity setpoints that left.", view.setpoints_sent)
+        yield CounterMetricFamily(
+            "gcs_filter_interventions", "Vehicle-ticks that safety changed.", view.interventions
+        )
         yield _gauge(
             "gcs_minimum_separation_meters",
             "Between the nearest two that count, as believed; absent when there are none.",
             view.minimum_separation_m,
         )
-        yield _one_of("gcs_show_phase", "1 for the phase that the show is in.", ShowPhase, view.show)
+        phases = _one_of({view.show}, ShowPhase)
+        yield _labelled("gcs_show_phase", "1 for the phase that the show is in.", "phase", phases)
         yield from _alarms(view, self.problem)
-        yield _counter("gcs_calls_denied", "Calls that were denied.", self.denied)
-        yield _counter("gcs_calls_shed", "Denied calls that exceeded the rate.", self.shed)
+        yield CounterMetricFamily("gcs_calls_denied", "Calls that were denied.", self.denied)
+        yield CounterMetricFamily("gcs_calls_shed", "Denied calls that exceeded the rate.", self.shed)
         yield InfoMetricFamily("gcs_access", "Whether the service demands tokens.", {"access": self.access})
+        yield from _vehicles(view)
 
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:
-    families = {
-        name: GaugeMetricFamily(name, text, labels=["vehicle"]) for name, text in VEHICLE_GAUGES.items()
-    }
-    for each in view.vehicles:
-        for name, value in _of_vehicle(each).items():
-            if value is not None:
-                families[name].add_metric([each.id], value)
-    yield from families.values()
-    where = GaugeMetricFamily(
-        "gcs_vehicles_counted", "How many are airborne, on the ground and so on.", labels=["where"]
+    rows = [(each.id, _of_vehicle(each)) for each in view.vehicles]
+    for name, text in VEHICLE_GAUGES.items():
+        yield _labelled(name, text, "vehicle", {vehicle_id: row[name] for vehicle_id, row in rows})
+    counts = {"airborne": view.counts.airborne, **asdict(view.counts)}
+    yield _labelled(
+        "gcs_vehicles_counted", "How many are airborne, on the ground and so on.", "where", counts
     )
-    for name, count in (("airborne", view.counts.airborne), *asdict(view.counts).items()):
-        where.add_metric([name], count)
-    yield where
-    phases = GaugeMetricFamily("gcs_vehicles", "How many are in each phase.", labels=["phase"])
-    for phase in Phase:
-        phases.add_metric([phase.value], sum(each.phase is phase for each in view.vehicles))
-    yield phases
+    phases = Counter(each.phase for each in view.vehicles)
+    counted = {phase.value: phases[phase] for phase in Phase}
+    yield _labelled("gcs_vehicles", "How many are in each phase.", "phase", counted)
 
 
 def _gauge(name: str, text: str, value: float | None) -> Metric:
@@ -117,36 +111,30 @@ def _gauge(name: str, text: str, value: float | None) -> Metric:
     return family
 
 
-def _counter(name: str, text: str, value: float) -> Metric:
-    return CounterMetricFamily(name, text, value)
-
-
-def _one_of(name: str, text: str, kinds: type[ShowPhase], now: ShowPhase) -> Metric:
-    family = GaugeMetricFamily(name, text, labels=["phase"])
-    for kind in kinds:
-        family.add_metric([kind.value], float(kind is now))
+def _labelled(name: str, text: str, label: str, values: Mapping[str, float | None]) -> Metric:
+    """Make a gauge with one value for each value of a label; None: it has none now."""
+    family = GaugeMetricFamily(name, text, labels=[label])
+    for key, value in values.items():
+        if value is not None:
+            family.add_metric([key], value)
     return family
 
 
+def _one_of(now: Collection[StrEnum], kinds: type[StrEnum]) -> dict[str, float]:
+    return {kind.value: float(kind in now) for kind in kinds}
+
+
 def _alarms(view: FleetView, problem: str) -> Iterator[Metric]:
-    lasting = [alarm for alarm in current(view, problem) if alarm.lasts]
-    of_severity = GaugeMetricFamily("formation_alarms", "Alarms that last, by severity.", labels=["severity"])
-    for severity in AlarmSeverity:
-        of_severity.add_metric([severity.value], sum(alarm.severity is severity for alarm in lasting))
-    yield of_severity
-    of_cause = GaugeMetricFamily("formation_alarm", "1 while an alarm of this cause lasts.", labels=["cause"])
-    causes = {alarm.cause for alarm in lasting}
-    for cause in AlarmCause:
-        of_cause.add_metric([cause.value], float(cause in causes))
-    yield of_cause
-    state = GaugeMetricFamily(
-        "formation_state", "1 for the state of the whole: the worst severity that lasts.", labels=["severity"]
-    )
-    worst = overall(lasting)
-    for kind in OverallSeverity:
-        state.add_metric([kind.value], float(kind is worst))
-    yield state
-    is_open = sum(alarm.acknowledged_by is None for alarm in current(view, problem))
+    alarms = current(view, problem)
+    lasting = [alarm for alarm in alarms if alarm.lasts]
+    severities, causes = Counter(alarm.severity for alarm in lasting), {alarm.cause for alarm in lasting}
+    counts = {severity.value: severities[severity] for severity in AlarmSeverity}
+    yield _labelled("formation_alarms", "Alarms that last, by severity.", "severity", counts)
+    text = "1 while an alarm of this cause lasts."
+    yield _labelled("formation_alarm", text, "cause", _one_of(causes, AlarmCause))
+    text = "1 for the state of the whole: the worst severity that lasts."
+    yield _labelled("formation_state", text, "severity", _one_of({overall(lasting)}, OverallSeverity))
+    is_open = sum(alarm.acknowledged_by is None for alarm in alarms)
     yield _gauge("formation_alarms_unacknowledged", "Alarms not acknowledged yet.", float(is_open))
 
 

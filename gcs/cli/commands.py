@@ -15,15 +15,16 @@ WATCHED: Final = "print one JSON document, with --watch one a line; also of an e
 class Command(NamedTuple):
     """A command with a module of its own.
 
-    `options` is the function that adds its arguments to a parser, as `module:function`. `run` is the function
-    that executes it; empty when the options set it. `json` says what it prints with `--json`, which every
-    command accepts.
+    `options` is the function that adds its arguments to a parser, as `module:function` below `gcs.cli`. `run`
+    is the function that executes it; empty when the options set it. `json` says what it prints with `--json`,
+    which every command accepts. `error_code` is its exit code for every error; None: that of the error.
     """
 
     options: str
     run: str
     text: str
     json: str = DOCUMENT
+    error_code: int | None = None
 
 
 class Call(NamedTuple):
@@ -49,78 +50,56 @@ class Action(NamedTuple):
 
 
 COMMANDS: Final = {
-    "demo": Command(
-        "gcs.cli.options:demo", "gcs.cli.demo:run", "fly the whole story with an embedded fake fleet", LINES
-    ),
-    "serve": Command(
-        "gcs.cli.options:serve", "gcs.cli.serve:run_serve", "run the service and its REST API", LINES
-    ),
-    "show": Command("gcs.cli.options:show", "gcs.cli.simulate:run_show", "check, draw or hash a show file"),
+    "demo": Command("options:demo", "demo:run", "fly the whole story with an embedded fake fleet", LINES),
+    "serve": Command("options:serve", "serve:run_serve", "run the service and its REST API", LINES),
+    "show": Command("options:show", "simulate:run_show", "check, draw or hash a show file"),
     "params": Command(
-        "gcs.cli.options:params",
-        "gcs.cli.params:run",
-        "check or set the vehicles' parameters that decide what is safe",
+        "options:params", "params:run", "check or set the vehicles' parameters that decide what is safe"
     ),
     "simulate": Command(
-        "gcs.cli.options:simulate",
-        "gcs.cli.simulate:run_simulate",
-        "fly scenarios in virtual time and judge them",
-        LINES,
+        "options:simulate", "simulate:run_simulate", "fly scenarios in virtual time and judge them", LINES
     ),
     "replay": Command(
-        "gcs.cli.options:replay",
-        "gcs.cli.replay:run",
-        "show a recorded flight through the API, as if live",
-        LINES,
+        "options:replay", "replay:run", "show a recorded flight through the API, as if live", LINES, 2
     ),
     "report": Command(
-        "gcs.cli.options:report",
-        "gcs.cli.flight_report:run",
+        "options:report",
+        "flight_report:run",
         "judge a recorded flight: separation, fence, limits",
+        error_code=2,
     ),
-    "key": Command("gcs.cli.local_files:add_key_arguments", "", "make keys for MAVLink signatures"),
+    "key": Command("local_files:add_key_arguments", "", "make keys for MAVLink signatures"),
     "token": Command(
-        "gcs.cli.local_files:add_token_arguments", "", "make, list and revoke tokens for the API"
+        "local_files:add_token_arguments", "", "make, list and revoke tokens for the API", error_code=1
     ),
     "status": Command(
-        "gcs.cli.status:add_arguments",
-        "gcs.cli.status:run",
-        "the fleet of a running service, as a table",
-        WATCHED,
+        "status:add_arguments", "status:run", "the fleet of a running service, as a table", WATCHED
     ),
     "alarms": Command(
-        "gcs.cli.alarms:add_arguments",
-        "gcs.cli.alarms:run",
+        "alarms:add_arguments",
+        "alarms:run",
         "what an operator should know now, the most severe first",
         WATCHED,
     ),
     "acknowledge": Command(
-        "gcs.cli.alarms:add_acknowledge_arguments",
-        "gcs.cli.alarms:run_acknowledge",
-        "say that an alarm was seen",
+        "alarms:add_acknowledge_arguments", "alarms:run_acknowledge", "say that an alarm was seen"
     ),
-    "preflight": Command(
-        "gcs.cli.status:add_preflight_arguments", "gcs.cli.status:run_preflight", "what a start would find"
-    ),
+    "preflight": Command("status:add_preflight_arguments", "status:run_preflight", "what a start would find"),
     "kill": Command(
-        "gcs.cli.kill:add_arguments",
-        "gcs.cli.kill:run",
-        "stop motors now, even in the air; works without the service",
+        "kill:add_arguments", "kill:run", "stop motors now, even in the air; works without the service"
     ),
     "sim": Command(
         "gcs.sim.cli:add_arguments",
-        "gcs.cli.main:run_sim",
+        "main:run_sim",
         "run a fake fleet alone, as python -m gcs.sim does",
         LINES,
     ),
     "completion": Command(
-        "gcs.cli.main:add_completion_arguments",
-        "gcs.cli.main:run_completion",
-        "print what a shell needs to complete gcs",
+        "main:add_completion_arguments", "main:run_completion", "print what a shell needs to complete gcs"
     ),
     "files": Command(
-        "gcs.cli.local_files:add_files_arguments",
-        "gcs.cli.local_files:run_files",
+        "local_files:add_files_arguments",
+        "local_files:run_files",
         "documents, dashboard and unit file that came along",
     ),
 }

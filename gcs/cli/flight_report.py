@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Final
 
-from gcs.cli.output import WRONG, failed, require_matplotlib
+from gcs.cli.output import require_matplotlib
 from gcs.cli.progress import Report, part_of, share_of
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
@@ -29,21 +29,18 @@ TRUTH = "truth*.jsonl"
 
 def run(arguments: argparse.Namespace) -> int:
     """Make the report. Returns: 0 limits kept, 1 broken, 3 incomplete (not all judged), 2 invalid input."""
-    try:
-        if arguments.html:
-            require_matplotlib("--html")
-        with share_of("judging the flight", shown=not arguments.json) as report_share:
-            flight_report, source = _judge(arguments, report_share)
-        report = {"source": source, **flight_report.report()}
-        text = json.dumps(report, indent=2)
-        if arguments.report:
-            _write(Path(arguments.report), text + "\n")
-        if arguments.html:
-            from gcs.cli.flight_report_page import page  # noqa: PLC0415  (60 MB, only for HTML)
+    if arguments.html:
+        require_matplotlib("--html")
+    with share_of("judging the flight", shown=not arguments.json) as report_share:
+        flight_report, source = _judge(arguments, report_share)
+    report = {"source": source, **flight_report.report()}
+    text = json.dumps(report, indent=2)
+    if arguments.report:
+        _write(Path(arguments.report), text + "\n")
+    if arguments.html:
+        from gcs.cli.flight_report_page import page  # noqa: PLC0415  (60 MB, only for HTML)
 
-            _write(Path(arguments.html), page(flight_report, source))
-    except GcsError as error:
-        return failed(error, arguments, WRONG)
+        _write(Path(arguments.html), page(flight_report, source))
     print(text if arguments.json else summary(flight_report, source))
     return EXIT_CODES[flight_report.verdict]
 

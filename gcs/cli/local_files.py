@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from gcs.api.auth.tokens import create_token, read_tokens, revoke_token
-from gcs.cli.output import REFUSED, answer, failed, note, print_json
+from gcs.cli.output import answer, note
 from gcs.links.signing import create_key
-from gcs.model.errors import ConfigError, GcsError
+from gcs.model.errors import ConfigError
 from gcs.service.access import Role
 
 FILE: Final = "tokens.json"
@@ -36,10 +36,7 @@ def add_token_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _create_token(arguments: argparse.Namespace) -> int:
-    try:
-        token = create_token(arguments.file, arguments.name, Role(arguments.role))
-    except GcsError as error:
-        return failed(error, arguments, REFUSED)
+    token = create_token(arguments.file, arguments.name, Role(arguments.role))
     answer(arguments, {"name": arguments.name, "role": arguments.role, "token": token}, token)
     note(
         f"{arguments.name} may {arguments.role}; {arguments.file} keeps a hash of it: this is its only copy",
@@ -49,28 +46,19 @@ def _create_token(arguments: argparse.Namespace) -> int:
 
 
 def _list_tokens(arguments: argparse.Namespace) -> int:
-    try:
-        entries = read_tokens(arguments.file)
-    except GcsError as error:
-        return failed(error, arguments, REFUSED)
-    if arguments.json:
-        reported = [
-            {"name": entry.name, "role": entry.role, "created_unix_time_s": entry.created_unix_time_s}
-            for entry in entries
-        ]
-        print_json(reported)
-        return 0
-    for entry in entries:
-        since = datetime.fromtimestamp(entry.created_unix_time_s, UTC).isoformat(timespec="seconds")
-        print(f"{entry.name:<24} {entry.role:<10} {since}")
+    entries = read_tokens(arguments.file)
+    document = [entry.model_dump(mode="json", exclude={"sha256"}) for entry in entries]
+    lines = [f"{entry.name:<24} {entry.role:<10} {_time(entry.created_unix_time_s)}" for entry in entries]
+    answer(arguments, document, "\n".join(lines))
     return 0
 
 
+def _time(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="seconds")
+
+
 def _revoke_token(arguments: argparse.Namespace) -> int:
-    try:
-        revoke_token(arguments.file, arguments.name)
-    except GcsError as error:
-        return failed(error, arguments, REFUSED)
+    revoke_token(arguments.file, arguments.name)
     answer(arguments, {"revoked": arguments.name}, f"{arguments.name}: revoked")
     return 0
 

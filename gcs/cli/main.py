@@ -24,6 +24,7 @@ HELP: Final = frozenset({"--help", "-h"})
 
 def load(where: str) -> Callable[..., Any]:
     module, _, name = where.partition(":")
+    module = module if module.startswith("gcs.") else f"gcs.cli.{module}"
     found: Callable[..., Any] = getattr(import_module(module), name)
     return found
 
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return int(parsed.run(parsed))
     except GcsError as error:
-        return failed(error, parsed)
+        return failed(error, parsed, getattr(parsed, "error_code", None))
 
 
 def version() -> str:
@@ -103,9 +104,10 @@ def fill(parser: Parser, name: str) -> None:
     """Add the arguments of one command to a parser, `--json` included, and set the function that runs it."""
     command = COMMANDS.get(name)
     if command is None:
-        load("gcs.cli.remote:add_arguments")(parser, name)
+        load("remote:add_arguments")(parser, name)
     else:
         parser.description = command.text
+        parser.set_defaults(error_code=command.error_code)
         load(command.options)(parser)
         if command.run:
             parser.set_defaults(run=partial(_run, command.run))

@@ -14,10 +14,10 @@ from gcs.api.app import create_app
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
 from gcs.cli.flight_report import TRUTH, session_folder
-from gcs.cli.output import WRONG, failed, lines, note
+from gcs.cli.output import lines, note
 from gcs.cli.process import set_up_log
 from gcs.config.setting_errors import explained
-from gcs.model.errors import ConfigError, GcsError
+from gcs.model.errors import ConfigError
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.replay.playhead import SPEED_MAX
 from gcs.recording.replay.service import Replay
@@ -29,11 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     set_up_log(logging.WARNING)
     if not 0.0 < arguments.speed <= SPEED_MAX:
         raise ConfigError(f"--speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}")
-    try:
-        file = flight_file(Path(arguments.file))
-        asyncio.run(_replay(FlightData(file), truths(Path(arguments.file), file), arguments))
-    except GcsError as error:
-        return failed(error, arguments, WRONG)
+    file = flight_file(Path(arguments.file))
+    asyncio.run(_replay(FlightData(file), truths(Path(arguments.file), file), arguments))
     return 0
 
 
