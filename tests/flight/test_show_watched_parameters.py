@@ -2,7 +2,10 @@
 
 from typing import NamedTuple
 
+import pytest
+
 from gcs.links import ParameterValue
+from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import Alarm, AlarmCause
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
@@ -64,3 +67,28 @@ def test_parameter_changed_on_the_ground_fails_preflight() -> None:
     assert "COM_OBL_RC_ACT was changed from 5 to 0 on the ground, 5 is needed" in alarms[0].text
     assert "d2: COM_OBL_RC_ACT is 0, 5 is needed" in refusal
     assert reads <= 1, "at most by the refusal itself"
+
+
+async def changed_while_read(show: Show) -> tuple[tuple[Alarm, ...], str]:
+    """A refused start begins a read; a parameter is set once its old value was read."""
+    await show.standby()
+    await another_station_sets(show, "COM_OF_LOSS_T", 5.0)
+    second, last = show.ports.reads("COM_OF_LOSS_T"), show.ports.reads("GF_MAX_VER_DIST")
+    with pytest.raises(RefusedError):
+        show.service.commands.command_show(ShowAction.START)
+    for _ in range(1000):
+        if show.ports.reads("COM_OF_LOSS_T") > second:
+            break
+        await show.wait(0.002)
+    await show.link.set_parameter("d2", "COM_OBL_RC_ACT", 0)
+    assert show.ports.reads("GF_MAX_VER_DIST") == last, "the others are still being read"
+    await show.wait(2.0)
+    assert show.ports.reads("GF_MAX_VER_DIST") == last + 1, "the read that began before"
+    refusal = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
+    return of_parameters(show), refusal.text
+
+
+def test_parameter_set_while_others_are_read_is_kept() -> None:
+    alarms, refusal = fly(changed_while_read, show_config(3, operation=HOLDS_WHEN_LOST))
+    assert "d2: COM_OBL_RC_ACT is 0, 5 is needed" in refusal
+    assert any("COM_OBL_RC_ACT was changed from 5 to 0 on the ground" in alarm.text for alarm in alarms)
