@@ -162,7 +162,7 @@ class _KillLink:
             self.sequence += 1
             raw: bytes | None = frames.data[0, : frames.length[0]].tobytes()
             if self.signing is not None and raw is not None:
-                raw = self.signing.sign(raw)
+                raw = self.signing.signer.sign(raw)
             sources = self._sources(target)
             if raw is None or not sources:
                 continue
@@ -197,7 +197,7 @@ class _KillLink:
             target = self.targets.get(received.system_id)
             if target is None or received.component_id != _AUTOPILOT:
                 continue
-            if self.signing is not None and self.signing.judge(received) is not Judgement.GOOD:
+            if self.signing is not None and self.signing.signer.judge(received) is not Judgement.GOOD:
                 continue
             target.received_at = int(arrived.source[found[DATAGRAM]])
             if target.sent:

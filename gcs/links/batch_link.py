@@ -11,6 +11,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from math import radians
 from pathlib import Path
 from threading import Lock
+from time import monotonic
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
@@ -105,15 +106,14 @@ class BatchLink(ABC):
         places: Place | Sequence[Place],
         frame: ShowFrame,
         *,
-        station_id: int,
-        setpoint_timeout_s: float,
-        heartbeat_hold_s: float,
-        rates_hz: Mapping[int, float] | None,
-        record: Path | None,
-        signing: Signing | None,
-        forward: Sequence[Forward],
-        clock: Callable[[], float],
-        ports: Ports | None,
+        setpoint_timeout_s: float = 0.2,
+        heartbeat_hold_s: float = 3.0,
+        rates_hz: Mapping[int, float] | None = None,
+        record: Path | None = None,
+        signing: Signing | None = None,
+        forward: Sequence[Forward] = (),
+        clock: Callable[[], float] = monotonic,
+        ports: Ports | None = None,
     ) -> None:
         """Nothing is opened before `run`. Kernels are compiled here.
 
@@ -122,7 +122,6 @@ class BatchLink(ABC):
             vehicles: system id of each vehicle, 1 to 250, each once.
             places: where the vehicles are.
             frame: to turn setpoints from the show frame to NED.
-            station_id: our own system id.
             setpoint_timeout_s: no setpoint leaves later than this after the time of its tick.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             rates_hz: rate to request for each message; without it no rates are requested.
@@ -141,6 +140,7 @@ class BatchLink(ABC):
         self._name = name
         self._vehicles = MappingProxyType(dict(vehicles))
         self._ids = tuple(vehicles)
+        self._station_id = self._own_id()
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(vehicles)}
         self._system_ids: Whole = np.array(system_ids, np.int64)
         self._frame = frame
@@ -157,7 +157,7 @@ class BatchLink(ABC):
             None if signing is None else SignatureFilter(name, signing, system_ids, address, self._counters)
         )
         self._outbox = Outbox(
-            self._ports, self._addresses, self._counters, self._system_ids, station_id, signatures
+            self._ports, self._addresses, self._counters, self._system_ids, self._station_id, signatures
         )
         self._telemetry = FleetTelemetry(self._ids)
         self._streams = StreamRequests(self._system_ids, rates_hz or {}, self._request_streams)
@@ -175,7 +175,7 @@ class BatchLink(ABC):
             forward,
             self._counters,
             rows={system_id: row for row, system_id in enumerate(system_ids)},
-            station_id=station_id,
+            station_id=self._station_id,
             latch=self._latch,
             outbox=self._outbox,
             signatures=signatures,
@@ -191,8 +191,17 @@ class BatchLink(ABC):
         self._snapshot_s = self._snapshot_before_s = -np.inf  # of the newest snapshots
         self._protocol: CommandProtocol | None = None  # while the link is open
         codec.warm_up()
+        self._prepare()
 
     # what transports do differently
+
+    @abstractmethod
+    def _own_id(self) -> int:
+        """Our own system id."""
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Create what the transport needs; last in construction."""
 
     @abstractmethod
     def _opened(self) -> AbstractAsyncContextManager[Coroutines]:
@@ -236,45 +245,34 @@ class BatchLink(ABC):
 
     @property
     def name(self) -> str:
-        """The name in the configuration."""
         return self._name
 
     @property
     def ids(self) -> tuple[VehicleId, ...]:
-        """The vehicles configured on this link, whether connected or not."""
         return self._ids
 
     @property
     def problems(self) -> Sequence[str]:
-        """See `Link.problems`."""
         problem = "" if self._recorder is None else self._recorder.problem
         return (f"link {self._name}: {problem}",) if problem else ()
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
-        """Vehicles whose system id has recent frames from two addresses: both named in the text."""
-        texts = self._addresses.conflicts()
-        if not texts:
-            return {}
-        return {name: texts[system_id] for name, system_id in self._vehicles.items() if system_id in texts}
+        return {self._ids[row]: text for row, text in self._addresses.conflicts().items()}
 
     @property
     def setpoints_sent(self) -> int:
-        """Total of setpoints sent."""
         return self._counters.setpoints_sent
 
     @property
     def addresses(self) -> Mapping[VehicleId, Address]:
-        """Source of each vehicle's newest frame: all that a kill from another process needs."""
-        known = {name: self._addresses.address(system_id) for name, system_id in self._vehicles.items()}
+        known = {name: self._addresses.address(row) for row, name in enumerate(self._ids)}
         return {name: address for name, address in known.items() if address is not None}
 
     def watch_parameters(self, names: Collection[str]) -> None:
-        """See `Link.watch_parameters`."""
         self._parameter_updates.watch(names)
 
     def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
-        """See `Link.reported_parameters`."""
         return self._parameter_updates.drain()
 
     @property
@@ -375,13 +373,11 @@ class BatchLink(ABC):
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
-        """See `Link.read_parameters`."""
         otherwise = "its parameters cannot be read"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
         return await protocol.read_parameters(vehicle_id, names, self._command_channel(row, otherwise))
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """See `Link.set_parameter`."""
         otherwise = f"{name} cannot be set"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
         await protocol.set_parameter(vehicle_id, name, value, self._command_channel(row, otherwise))

@@ -7,10 +7,12 @@ MAVSDK does. So neither an acknowledgement alone nor its absence (a lost datagra
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from math import isfinite
 from typing import Final, Protocol, TypeVar
 
 from gcs.links.link import Command, ParameterValue, Verb
+from gcs.links.telemetry import VehicleReport
 from gcs.model.errors import CommandError
 from gcs.model.state import Landed, Mode, VehicleId
 
@@ -67,46 +69,8 @@ class KillLatch:
         return self._redeemed.get(system_id) != self._kills.get(system_id)
 
 
-class ReportedState(Protocol):
-    """A vehicle's state from its own frames."""
-
-    @property
-    def heartbeat_time_s(self) -> float:
-        """Arrival of its newest heartbeat, -inf before the first."""
-        ...
-
-    @property
-    def armed(self) -> bool:
-        """From the newest heartbeat."""
-        ...
-
-    @property
-    def mode(self) -> Mode:
-        """From the newest heartbeat."""
-        ...
-
-    @property
-    def text(self) -> str:
-        """Its newest status text."""
-        ...
-
-    @property
-    def text_time_s(self) -> float:
-        """Arrival of that text."""
-        ...
-
-    @property
-    def next_heartbeat(self) -> asyncio.Event:
-        """Fires at its next heartbeat; afterwards this is another event."""
-        ...
-
-
 class CommandChannel(Protocol):
     """A transport's commands and parameters for one vehicle."""
-
-    def landed(self) -> Landed:
-        """From the newest EXTENDED_SYS_STATE."""
-        ...
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
         """Send what the command needs, and wait for the acknowledgement, however long the transport does.
@@ -127,7 +91,7 @@ class CommandChannel(Protocol):
         ...
 
 
-def is_confirmed(verb: Verb, reported: ReportedState, landed: Landed) -> bool:
+def is_confirmed(verb: Verb, reported: VehicleReport) -> bool:
     """Whether a vehicle's heartbeat (for TAKEOFF and LAND also its landed state) confirms the command."""
     match verb:
         case Verb.ARM:
@@ -135,25 +99,24 @@ def is_confirmed(verb: Verb, reported: ReportedState, landed: Landed) -> bool:
         case Verb.DISARM | Verb.KILL:
             return not reported.armed
         case Verb.TAKEOFF:
-            climbed = landed in (Landed.IN_AIR, Landed.TAKEOFF)
+            climbed = reported.landed in (Landed.IN_AIR, Landed.TAKEOFF)
             return reported.armed and (reported.mode is Mode.TAKEOFF or climbed)
         case Verb.LAND:
-            return reported.mode is Mode.LAND or (landed is Landed.ON_GROUND and not reported.armed)
+            return reported.mode is Mode.LAND or (reported.landed is Landed.ON_GROUND and not reported.armed)
         case _:
             return reported.mode is _DESIRED_MODE[verb]
 
 
+@dataclass(eq=False)
 class CommandProtocol:
     """Executes commands, one at a time per vehicle; KILL does not wait for others."""
 
-    def __init__(
-        self, system_ids: Mapping[VehicleId, int], latch: KillLatch, clock: Callable[[], float]
-    ) -> None:
-        """One lock per vehicle, so that a silent vehicle never delays another's command."""
-        self._system_ids = system_ids
-        self._latch = latch
-        self._clock = clock
-        self._locks = {vehicle_id: asyncio.Lock() for vehicle_id in system_ids}
+    system_ids: Mapping[VehicleId, int]
+    latch: KillLatch
+    clock: Callable[[], float]
+
+    def __post_init__(self) -> None:
+        self._locks = {vehicle_id: asyncio.Lock() for vehicle_id in self.system_ids}
         self._closed = False
         self._awaited = 0
 
@@ -166,12 +129,12 @@ class CommandProtocol:
         """Send nothing more; commands under way fail. On the loop's thread."""
         self._closed = True
 
-    async def execute(self, command: Command, channel: CommandChannel, reported: ReportedState) -> None:
+    async def execute(self, command: Command, channel: CommandChannel, reported: VehicleReport) -> None:
         """Send, and return when the vehicle's heartbeat confirms the command. Raises: CommandError."""
-        ticket = self._latch.ticket(self._system_ids[command.vehicle_id])
+        ticket = self.latch.ticket(self.system_ids[command.vehicle_id])
 
         def may_leave() -> None:
-            if not self._latch.redeem(self._system_ids[command.vehicle_id], ticket):
+            if not self.latch.redeem(self.system_ids[command.vehicle_id], ticket):
                 raise CommandError("killed meanwhile")
             if self._closed:
                 raise CommandError(CLOSED)
@@ -179,14 +142,14 @@ class CommandProtocol:
         with self._awaiting():
             async with self._locks[command.vehicle_id]:
                 _refuse_the_impossible(command, reported)
-                began_s = self._clock()
+                began_s = self.clock()
                 cause: str | None = None
                 try:
                     await channel.command(command, may_leave)
                 except CommandError as error:
                     cause = str(error)
                 wait_s = CONFIRM_S if cause is None else _REASON_S
-                if not await self._confirmed(command.verb, channel, reported, began_s, wait_s):
+                if not await self._confirmed(command.verb, reported, began_s, wait_s):
                     raise CommandError(self._failure(command, cause, reported, began_s))
 
     async def read_parameters(
@@ -203,15 +166,15 @@ class CommandProtocol:
         with self._awaiting():
             await _about(vehicle_id, name, channel.set_parameter(name, value))
 
-    async def kill(self, command: Command, reported: ReportedState, send_kill: Callable[[], None]) -> None:
+    async def kill(self, command: Command, reported: VehicleReport, send_kill: Callable[[], None]) -> None:
         """Send the kill command repeatedly until the heartbeat reports disarmed. Raises: CommandError.
 
         It does not queue behind other commands: it leaves at once, and shuts the latch.
         """
-        began_s = self._clock()
-        self._latch.shut(self._system_ids[command.vehicle_id])
+        began_s = self.clock()
+        self.latch.shut(self.system_ids[command.vehicle_id])
         with self._awaiting():
-            while self._clock() - began_s < CONFIRM_S:
+            while self.clock() - began_s < CONFIRM_S:
                 send_kill()
                 await _await_heartbeat(reported, _KILL_REPEAT_S)
                 if reported.heartbeat_time_s > began_s and not reported.armed:
@@ -226,27 +189,26 @@ class CommandProtocol:
         finally:
             self._awaited -= 1
 
-    async def _confirmed(
-        self, verb: Verb, channel: CommandChannel, reported: ReportedState, began_s: float, wait_s: float
-    ) -> bool:
+    async def _confirmed(self, verb: Verb, reported: VehicleReport, began_s: float, wait_s: float) -> bool:
         """Whether a heartbeat younger than the command confirms it within `wait_s`."""
-        until_s = self._clock() + wait_s
+        until_s = self.clock() + wait_s
         while not self._closed:  # a closed link's vehicles must not be queried any more
-            if reported.heartbeat_time_s > began_s and is_confirmed(verb, reported, channel.landed()):
+            if reported.heartbeat_time_s > began_s and is_confirmed(verb, reported):
                 return True
-            left_s = until_s - self._clock()
+            left_s = until_s - self.clock()
             if left_s < _LEAST_S:
                 return False
             await _await_heartbeat(reported, left_s)
         return False
 
-    def _failure(self, command: Command, cause: str | None, reported: ReportedState, began_s: float) -> str:
+    def _failure(self, command: Command, cause: str | None, reported: VehicleReport, began_s: float) -> str:
         """Why a command failed, in words, with what the vehicle itself has reported since."""
-        silent_s = self._clock() - reported.heartbeat_time_s
+        silent_s = self.clock() - reported.heartbeat_time_s
         state = f"it reports {reported.mode}, {'armed' if reported.armed else 'disarmed'}"
         if silent_s > CONFIRM_S:
             state = f"silent for {silent_s:.1f} s" if isfinite(silent_s) else "never received"
-        words = f'; it reports "{reported.text}"' if reported.text_time_s >= began_s else ""
+        text, text_time_s = reported.text
+        words = f'; it reports "{text}"' if text_time_s >= began_s else ""
         failure = "sent, but not seen to happen" if cause is None else f"failed ({cause})"
         return f"{command.vehicle_id}: {command.verb} {failure}: {state}{words}"
 
@@ -264,16 +226,16 @@ async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
         raise CommandError(f"{vehicle_id}: parameter {name}: {why}") from error
 
 
-async def _await_heartbeat(reported: ReportedState, wait_s: float) -> None:
+async def _await_heartbeat(reported: VehicleReport, wait_s: float) -> None:
     """Wait for the next heartbeat, at most `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):
-            await reported.next_heartbeat.wait()
+            await reported.next_heartbeat().wait()
     except TimeoutError:
         return
 
 
-def _refuse_the_impossible(command: Command, reported: ReportedState) -> None:
+def _refuse_the_impossible(command: Command, reported: VehicleReport) -> None:
     if command.verb is Verb.TAKEOFF:
         if not (isfinite(command.height_m) and command.height_m > 0):
             raise CommandError(

@@ -45,7 +45,8 @@ class DiskWriter(ABC, Generic[Item]):
         self._accepted = 0  # calls of `put` that found room
         self._stored = 0  # the newest of them whose items are on the disk
         self._waiting: list[tuple[int, Future[bool]]] = []
-        self._closing = False
+        self._closed = True
+        self._runs = False  # the thread, which outlives `close` while the disk hangs
         self._thread: Thread | None = None
         self._failure = ""
         self.written = 0
@@ -56,7 +57,7 @@ class DiskWriter(ABC, Generic[Item]):
         """Why nothing is being recorded, or how much was dropped; empty while all was recorded."""
         if self._failure:
             return self._failure
-        if self._thread is not None and not self._thread.is_alive() and not self._closing:
+        if self._thread is not None and not self._thread.is_alive() and not self._closed:
             return f"{self._place}: the thread that writes {self._items} has ended; the log says why"
         return f"{self._place}: {self.dropped} {self._items} were not recorded" if self.dropped else ""
 
@@ -66,8 +67,12 @@ class DiskWriter(ABC, Generic[Item]):
         return len(self._queue)
 
     def open(self) -> None:
-        """Begin to write, as soon as the disk allows."""
-        self._closing = False
+        """Begin to write, as soon as the disk allows. A thread that still hangs in the disk goes on."""
+        with self._changed:
+            self._closed = False
+            if self._runs:
+                return
+            self._runs = True
         self._thread = Thread(target=self._run, name=f"record/{self._items}", daemon=True)
         self._thread.start()
 
@@ -75,10 +80,9 @@ class DiskWriter(ABC, Generic[Item]):
         """Write what is left. Blocks, but only for a limited time on a disk that hangs."""
         if self._thread is not None:
             with self._changed:
-                self._closing = True
+                self._closed = True
                 self._changed.notify()
             self._thread.join(JOIN_S)
-            self._thread = None
 
     def put(self, items: Sequence[Item], size: int | None = None) -> None:
         """Queue items for one batch. Callable on any thread; takes a microsecond."""
@@ -101,7 +105,7 @@ class DiskWriter(ABC, Generic[Item]):
                 return False
             if self._stored >= self._accepted:
                 return True
-            if self._thread is None or not self._thread.is_alive():
+            if self._closed or self._thread is None or not self._thread.is_alive():
                 return False
             answer: Future[bool] = Future()
             self._waiting.append((self._accepted, answer))
@@ -129,6 +133,15 @@ class DiskWriter(ABC, Generic[Item]):
 
     def _run(self) -> None:
         try:
+            while self._runs:
+                self._write_until_closed()
+                with self._changed:
+                    self._runs = not self._closed  # opened again while the disk hung: this thread goes on
+        finally:
+            self._runs = False
+
+    def _write_until_closed(self) -> None:
+        try:
             while not self._wait():
                 self._write_once()
             self._write_once()
@@ -143,12 +156,12 @@ class DiskWriter(ABC, Generic[Item]):
         """Wait for the next batch. Returns: whether the writer is being closed."""
         with self._changed:
             if self._failure:
-                self._changed.wait_for(lambda: self._closing, RETRY_S)
+                self._changed.wait_for(lambda: self._closed, RETRY_S)
             elif self.PERIOD_S:
-                self._changed.wait_for(lambda: self._closing, self.PERIOD_S)
+                self._changed.wait_for(lambda: self._closed, self.PERIOD_S)
             else:
-                self._changed.wait_for(lambda: self._closing or self._queue)
-            return self._closing
+                self._changed.wait_for(lambda: self._closed or self._queue)
+            return self._closed
 
     def _write_once(self) -> None:
         with self._changed:

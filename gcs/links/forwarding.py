@@ -5,6 +5,7 @@ Only UDP, which never waits: what a slow or dead station does not accept is lost
 
 import socket
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, InitVar, dataclass
 from typing import Final
 
 import numpy as np
@@ -98,41 +99,22 @@ class Forwarder:
                 yield from split(data, garbage_max_bytes=_GARBAGE_PER_CALL_BYTES).frames
 
 
+@dataclass(eq=False)
 class Forwarding:
     """All further stations of a link: offers them accepted frames, and judges what they send."""
 
-    def __init__(
-        self,
-        stations: Sequence[Forward],
-        counters: Counters,
-        *,
-        rows: Mapping[int, int],
-        station_id: int,
-        latch: KillLatch,
-        outbox: Outbox,
-        signatures: SignatureFilter | None,
-        clock: Callable[[], float],
-    ) -> None:
-        """Nothing is opened yet.
+    stations: InitVar[Sequence[Forward]]  # where they are
+    counters: Counters  # the link's
+    _: KW_ONLY
+    rows: Mapping[int, int]  # row on the link by system id
+    station_id: int  # our own system id
+    latch: KillLatch  # drops what moves a killed vehicle
+    outbox: Outbox  # sends what may pass
+    signatures: SignatureFilter | None  # judges their frames; None: they need no signature
+    clock: Callable[[], float]  # the link's
 
-        Args:
-            stations: where they are.
-            counters: the link's.
-            rows: row on the link by system id.
-            station_id: our own system id.
-            latch: drops what moves a killed vehicle.
-            outbox: sends what may pass.
-            signatures: judges their frames; None: they need no signature.
-            clock: the link's.
-        """
-        self._forwarders = tuple(Forwarder(each, counters) for each in stations)
-        self._counters = counters
-        self._rows = rows
-        self._station_id = station_id
-        self._latch = latch
-        self._outbox = outbox
-        self._signatures = signatures
-        self._clock = clock
+    def __post_init__(self, stations: Sequence[Forward]) -> None:
+        self._forwarders = tuple(Forwarder(each, self.counters) for each in stations)
 
     def open(self) -> None:
         """Raises: LinkError when no socket can be opened."""
@@ -154,18 +136,18 @@ class Forwarding:
             forwarder.flush()
             for frame in forwarder.read():
                 if self._passes(frame):
-                    self._counters.taken_from_others += 1
+                    self.counters.taken_from_others += 1
                 else:
-                    self._counters.refused_from_others += 1
+                    self.counters.refused_from_others += 1
 
     def _passes(self, frame: Frame) -> bool:
         """Whether a frame of another station was sent to its vehicle."""
-        if self._signatures is not None and not self._signatures.is_signed(frame):
+        if self.signatures is not None and not self.signatures.is_signed(frame):
             return False
-        if not may_pass(frame, self._rows, self._station_id):
+        if not may_pass(frame, self.rows, self.station_id):
             return False
         target = target_system(frame)
-        if self._latch.is_shut(target) and moves(frame):
-            self._counters.commands_dropped += 1
+        if self.latch.is_shut(target) and moves(frame):
+            self.counters.commands_dropped += 1
             return False
-        return bool(self._outbox.send_raw([frame.raw], np.array([self._rows[target]]), self._clock())[0])
+        return bool(self.outbox.send_raw([frame.raw], np.array([self.rows[target]]), self.clock())[0])

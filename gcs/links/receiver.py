@@ -1,6 +1,7 @@
 """Received datagrams: split into frames, checked, and passed to their readers."""
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -56,6 +57,7 @@ class Answers(Protocol):
         ...
 
 
+@dataclass(eq=False)
 class Inbox:
     """Reads what arrived. Whatever the bytes, it never raises.
 
@@ -66,39 +68,31 @@ class Inbox:
             not called.
     """
 
-    def __init__(
-        self,
-        addresses: Addresses,
-        telemetry: FleetTelemetry,
-        streams: StreamRequests,
-        counters: Counters,
-        note_parameter: Callable[[int, str, ParameterValue], None],
-        signatures: SignatureFilter | None = None,
-    ) -> None:
-        """`note_parameter` is called with row, name and value of every PARAM_VALUE."""
+    addresses: Addresses
+    telemetry: FleetTelemetry
+    streams: StreamRequests
+    counters: Counters
+    note_parameter: Callable[[int, str, ParameterValue], None]
+    signatures: SignatureFilter | None = None
+
+    def __post_init__(self) -> None:
         self.observers: tuple[Observer, ...] = ()
         self.commands: Answers | None = None
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
-        self._addresses = addresses
-        self._telemetry = telemetry
-        self._streams = streams
-        self._counters = counters
-        self._note_parameter = note_parameter
-        self._signatures = signatures
 
     def take(self, arrived: Datagrams) -> None:
         """Read a batch of datagrams."""
         found = codec.find(arrived.data, arrived.start, arrived.length)
-        self._counters.garbage_bytes += found.garbage_bytes
-        self._counters.unknown_bytes += found.unknown_bytes
+        self.counters.garbage_bytes += found.garbage_bytes
+        self.counters.unknown_bytes += found.unknown_bytes
         frames = found.frames
-        if self._signatures is not None:
-            frames = frames[self._signatures.accepted(arrived.data, frames, arrived.source)]
-        rows, taken = self._addresses.judge(frames, arrived)
+        if self.signatures is not None:
+            frames = frames[self.signatures.accepted(arrived.data, frames, arrived.source)]
+        rows, taken = self.addresses.judge(frames, arrived)
         frames, rows = frames[taken], rows[taken]
         time_s = arrived.time_s[frames[:, DATAGRAM]]
-        self._counters.received += len(frames)
-        self._telemetry.take(arrived.data, frames, rows, time_s)
+        self.counters.received += len(frames)
+        self.telemetry.take(arrived.data, frames, rows, time_s)
         self._take_answers(arrived.data, frames, rows)
         if self.pass_on is not None:
             self.pass_on(arrived.data, frames, rows, time_s)
@@ -109,11 +103,11 @@ class Inbox:
 
     def _take_answers(self, data: Bytes, frames: Whole, rows: Whole) -> None:
         message = np.where(frames[:, COMPONENT] == _AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
-        self._streams.count(rows, message)
+        self.streams.count(rows, message)
         acks = np.flatnonzero(message == COMMAND_ACK)
         if len(acks):
             ack_records = codec.decode(COMMAND_ACK, data, frames[acks])
-            self._streams.take_acks(rows[acks], ack_records)
+            self.streams.take_acks(rows[acks], ack_records)
             if self.commands is not None:
                 self.commands.take_acks(rows[acks], ack_records)
         values = np.flatnonzero(message == PARAM_VALUE)
@@ -123,4 +117,4 @@ class Inbox:
                 self.commands.take_values(rows[values], value_records)
             parameters = codec.parameter_values(value_records)
             for row, (name, value) in zip(rows[values].tolist(), parameters, strict=True):
-                self._note_parameter(row, name, value)
+                self.note_parameter(row, name, value)

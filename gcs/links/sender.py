@@ -1,6 +1,7 @@
 """Frames sent to vehicles: numbered, addressed, signed, and dropped after their time."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf
 from typing import Final, NamedTuple
 
@@ -66,6 +67,7 @@ class SetpointBatch(NamedTuple):
     until_s: float  # none of these may leave later
 
 
+@dataclass(eq=False)
 class Outbox:
     """Sends messages to rows of a link.
 
@@ -73,24 +75,16 @@ class Outbox:
         observers: receive every frame; replace the tuple, do not mutate it.
     """
 
-    def __init__(
-        self,
-        ports: Ports,
-        addresses: Addresses,
-        counters: Counters,
-        system_ids: Whole,
-        station_id: int = SYSTEM_ID,
-        signatures: SignatureFilter | None = None,
-    ) -> None:
-        """`station_id` is our own system id."""
+    ports: Ports
+    addresses: Addresses
+    counters: Counters
+    system_ids: Whole
+    station_id: int = SYSTEM_ID
+    signatures: SignatureFilter | None = None
+
+    def __post_init__(self) -> None:
         self.observers: tuple[Observer, ...] = ()
-        self._ports = ports
-        self._addresses = addresses
-        self._counters = counters
-        self._system_ids = system_ids
-        self._station_id = station_id
-        self._signatures = signatures
-        self._sequence: Bytes = np.zeros(len(system_ids), np.uint8)
+        self._sequence: Bytes = np.zeros(len(self.system_ids), np.uint8)
 
     def encode(
         self, message_id: int, messages: Records, rows: Whole, *, component_id: int = COMPONENT_ID
@@ -98,7 +92,7 @@ class Outbox:
         """Frames for `rows` (k,), all different, each vehicle's numbered in order; `component_id` is ours."""
         sequence = self._sequence[rows]
         self._sequence[rows] = sequence + np.uint8(1)
-        return encode(message_id, messages, sequence, system_id=self._station_id, component_id=component_id)
+        return encode(message_id, messages, sequence, system_id=self.station_id, component_id=component_id)
 
     def send(self, frames: Frames, rows: Whole, now_s: float, *, until_s: float = inf) -> Mask:
         """Send frame i to the source of row i of `rows`. Never blocks, never raises.
@@ -111,7 +105,7 @@ class Outbox:
 
         Returns: (k,) whether each left.
         """
-        return self._send(frames, self._addresses.source[rows], self._system_ids[rows], now_s, until_s)
+        return self._send(frames, self.addresses.source[rows], self.system_ids[rows], now_s, until_s)
 
     def send_message(
         self,
@@ -131,14 +125,14 @@ class Outbox:
 
     def broadcast(self, message_id: int, message: Records, now_s: float) -> None:
         """Send one message to all systems: once to each known address, and to far ends still silent."""
-        rows = self._addresses.one_per_source()
-        known = self._addresses.source[rows]
-        silent = np.setdiff1d(np.array([*self._ports.standing()], np.int64), known)
+        rows = self.addresses.one_per_source()
+        known = self.addresses.source[rows]
+        silent = np.setdiff1d(np.array([*self.ports.standing()], np.int64), known)
         frames = [self.encode(message_id, message.repeat(len(rows)), rows)]
         if len(silent):
             unnumbered = np.zeros(len(silent), np.uint8)
             frames.append(
-                encode(message_id, message.repeat(len(silent)), unnumbered, system_id=self._station_id)
+                encode(message_id, message.repeat(len(silent)), unnumbered, system_id=self.station_id)
             )
         data, length = (np.concatenate(parts) for parts in zip(*frames, strict=True))
         destination = np.concatenate([known, silent])
@@ -146,13 +140,13 @@ class Outbox:
 
     def _send(self, frames: Frames, destination: Whole, targets: Whole, now_s: float, until_s: float) -> Mask:
         """`targets` (k,) are the system ids that observers receive."""
-        self._counters.unroutable += int((destination == NOWHERE).sum())
-        if self._signatures is not None:
-            frames = self._signatures.signed(frames)
+        self.counters.unroutable += int((destination == NOWHERE).sum())
+        if self.signatures is not None:
+            frames = self.signatures.signed(frames)
             destination = np.where(frames.length == 0, NOWHERE, destination)
-        left = self._ports.send(frames.data, frames.length, destination, until_s=until_s)
-        self._counters.sent += int(left.sum())
-        self._counters.send_errors, self._counters.no_room = self._ports.send_errors, self._ports.no_room
+        left = self.ports.send(frames.data, frames.length, destination, until_s=until_s)
+        self.counters.sent += int(left.sum())
+        self.counters.send_errors, self.counters.no_room = self.ports.send_errors, self.ports.no_room
         if self.observers:
             for at in np.flatnonzero(left).tolist():
                 raw = frames.data[at, : frames.length[at]].tobytes()

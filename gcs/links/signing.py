@@ -6,6 +6,7 @@ from base64 import b64decode
 from binascii import Error as Base64Error
 from collections.abc import Callable, Collection
 from contextlib import suppress
+from dataclasses import InitVar, dataclass
 from pathlib import Path
 from stat import S_IRWXG, S_IRWXO
 from threading import Event, Thread
@@ -68,11 +69,10 @@ class Signing:
         self, key_file: Path, link_id: int, *, wall_clock: Callable[[], float] = wall_time_s
     ) -> None:
         """Read the key. Raises: ConfigError."""
-        self._key = load_key(key_file)
         self._link_id = link_id
         self._wall_clock = wall_clock
         self._file = key_file.with_name(f"{key_file.name}.link{link_id}.time")
-        self._signer = Signer(self._key, link_id, start=0, clock=self._now)
+        self.signer = Signer(load_key(key_file), link_id, start=0, clock=self._now)
         self._reserved = 0
         self._failed = False
         self._closed = Event()
@@ -80,12 +80,12 @@ class Signing:
 
     def open(self) -> None:
         """Continue where the last process ended. Raises: LinkError when the file cannot be used."""
-        start = max(self._signer.time, _stored(self._file), self._now())
+        start = max(self.signer.time, _stored(self._file), self._now())
         try:
             self._reserve(start + _AHEAD_UNITS)
         except OSError as error:
             raise LinkError(f"{self._file}: the time of signatures cannot be kept: {error}") from error
-        self._signer.begin(start)
+        self.signer.begin(start)
         self._closed.clear()
         self._keeper = Thread(target=self._keep, name=f"signing/{self._link_id}", daemon=True)
         self._keeper.start()
@@ -97,24 +97,16 @@ class Signing:
             self._keeper.join()
             self._keeper = None
             with suppress(OSError):  # the file then holds a later time, which is also correct
-                self._reserve(self._signer.time)
-
-    def sign(self, raw: bytes) -> bytes | None:
-        """See `Signer.sign`."""
-        return self._signer.sign(raw)
-
-    def judge(self, frame: Frame) -> Judgement:
-        """See `Signer.judge`."""
-        return self._signer.judge(frame)
+                self._reserve(self.signer.time)
 
     def _now(self) -> int:
         return signing_time(self._wall_clock())
 
     def _keep(self) -> None:
         while not self._closed.wait(_LOOK_S):
-            if self._signer.time > self._reserved - _AHEAD_UNITS // 2:
+            if self.signer.time > self._reserved - _AHEAD_UNITS // 2:
                 try:
-                    self._reserve(self._signer.time + _AHEAD_UNITS)
+                    self._reserve(self.signer.time + _AHEAD_UNITS)
                 except OSError as error:
                     if not self._failed:  # the flight continues, and so does the time in this process
                         log.error("signing_time_not_kept", extra={"cause": str(error)})
@@ -134,23 +126,18 @@ class Signing:
         self._reserved = time
 
 
+@dataclass(eq=False)
 class SignatureFilter:
     """Judges received frames, and signs sent ones. Only links with a key have one."""
 
-    def __init__(
-        self,
-        name: str,
-        signing: Signing,
-        system_ids: Collection[int],
-        address_of: Callable[[int], Address],
-        counters: Counters,
-    ) -> None:
-        """`name` is the link's, for logs. Frames of other systems are left to the address book."""
-        self._name = name
-        self._signing = signing
+    name: str
+    signing: Signing
+    system_ids: InitVar[Collection[int]]
+    address_of: Callable[[int], Address]
+    counters: Counters
+
+    def __post_init__(self, system_ids: Collection[int]) -> None:
         self._system_ids = frozenset(system_ids)
-        self._address_of = address_of
-        self._counters = counters
         self._refused: set[tuple[int, Judgement]] = set()
 
     def accepted(self, data: Bytes, frames: Whole, source: Whole) -> Mask:
@@ -163,30 +150,30 @@ class SignatureFilter:
 
     def is_signed(self, received: Frame) -> bool:
         """Whether a frame of another station comes from a holder of the key."""
-        return self._signing.judge(received) is Judgement.GOOD
+        return self.signing.signer.judge(received) is Judgement.GOOD
 
     def signed(self, frames: Frames) -> Frames:
         """The frames with signatures; length 0 where the CRC extra byte of the message is unknown."""
         raws = [
-            self._signing.sign(data[:length].tobytes()) or b""
+            self.signing.signer.sign(data[:length].tobytes()) or b""
             for data, length in zip(frames.data, frames.length.tolist(), strict=True)
         ]
-        self._counters.not_signed += raws.count(b"")
+        self.counters.not_signed += raws.count(b"")
         return joined(raws)
 
     def _is_accepted(self, received: Frame, source: int) -> bool:
-        judgement = self._signing.judge(received)
+        judgement = self.signing.signer.judge(received)
         if judgement is Judgement.GOOD:
             return True
         if received.message_id == RADIO_STATUS:
             return False  # made by the radio, which has no key: not accepted, and not counted
-        self._counters.unsigned += judgement is Judgement.UNSIGNED
-        self._counters.wrongly_signed += judgement is Judgement.WRONG
-        self._counters.replayed += judgement is Judgement.REPLAYED
+        self.counters.unsigned += judgement is Judgement.UNSIGNED
+        self.counters.wrongly_signed += judgement is Judgement.WRONG
+        self.counters.replayed += judgement is Judgement.REPLAYED
         if (received.system_id, judgement) not in self._refused:
             self._refused.add((received.system_id, judgement))
-            about = {"link": self._name, "system_id": received.system_id}
-            about |= {"address": str(self._address_of(source)), "cause": judgement.name.lower()}
+            about = {"link": self.name, "system_id": received.system_id}
+            about |= {"address": str(self.address_of(source)), "cause": judgement.name.lower()}
             log.error("signature_refused", extra=about)
         return False
 

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar
 
@@ -220,20 +221,19 @@ class FleetTelemetry:
         if texts:
             self._texts_reported = tuple(each.texts for each in self._texts)
 
-    def mode(self, row: int) -> Mode:
-        """From its newest heartbeat."""
-        return self._mode_of(int(self._mode[row]))
-
     def reported(self, row: int) -> "VehicleReport":
         """View of one vehicle."""
         return VehicleReport(self, row)
+
+    def mode(self, row: int) -> Mode:
+        return self._mode_of(int(self._mode[row]))
 
     def text(self, row: int) -> tuple[str, float]:
         """Its newest status text, and that text's arrival."""
         return self._texts[row].text, self._texts[row].text_time_s
 
     def next_heartbeat(self, row: int) -> asyncio.Event:
-        """Event that fires at the vehicle's next heartbeat."""
+        """Event that fires at the vehicle's next heartbeat; afterwards it is another one."""
         return self._waiting.setdefault(row, asyncio.Event())
 
     @property
@@ -365,44 +365,34 @@ class FleetTelemetry:
         self.landed[rows] = np.where(landed < len(_LANDED), landed, Landed.UNKNOWN)
 
 
+@dataclass(frozen=True, slots=True)
 class VehicleReport:
-    """One vehicle's view of `FleetTelemetry`, for `gcs.links.command_protocol`."""
+    """One vehicle's view of `FleetTelemetry`: its state from its own frames, always the newest."""
 
-    def __init__(self, fleet: FleetTelemetry, row: int) -> None:
-        self._fleet = fleet
-        self._row = row
+    fleet: FleetTelemetry
+    row: int
 
     @property
     def heartbeat_time_s(self) -> float:
         """Arrival of its newest heartbeat, -inf before the first."""
-        return float(self._fleet.heartbeat_time_s[self._row])
+        return float(self.fleet.heartbeat_time_s[self.row])
 
     @property
     def armed(self) -> bool:
-        """From the newest heartbeat."""
-        return bool(self._fleet.armed[self._row])
+        return bool(self.fleet.armed[self.row])
 
     @property
     def mode(self) -> Mode:
-        """From the newest heartbeat."""
-        return self._fleet.mode(self._row)
+        return self.fleet.mode(self.row)
 
     @property
     def landed(self) -> Landed:
-        """From the newest EXTENDED_SYS_STATE."""
-        return _LANDED[int(self._fleet.landed[self._row])]
+        return _LANDED[int(self.fleet.landed[self.row])]
 
     @property
-    def text(self) -> str:
-        """Its newest status text."""
-        return self._fleet.text(self._row)[0]
+    def text(self) -> tuple[str, float]:
+        """Its newest status text, and that text's arrival."""
+        return self.fleet.text(self.row)
 
-    @property
-    def text_time_s(self) -> float:
-        """Arrival of that text."""
-        return self._fleet.text(self._row)[1]
-
-    @property
     def next_heartbeat(self) -> asyncio.Event:
-        """Fires at its next heartbeat."""
-        return self._fleet.next_heartbeat(self._row)
+        return self.fleet.next_heartbeat(self.row)

@@ -56,7 +56,7 @@ class Recorder(DiskWriter[bytes]):
 
     def record(self, time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:
         """Keep a frame. An `Observer`."""
-        if self._thread is None:
+        if self._closed:
             return
         with self._changed:
             # the kernel's time of an arrival may be older than a frame sent meanwhile

@@ -42,14 +42,14 @@ def signed_beat(packer: Any) -> bytes:
 def test_only_signed_frames_pass_and_each_refusal_logs_once(
     signing: Signing, caplog: pytest.LogCaptureFixture
 ) -> None:
-    signing._signer.begin(0)
+    signing.signer.begin(0)
 
     async def main() -> None:
         async with bench(1, 2, signing=signing) as made:
             with a_socket() as vehicle:
                 ground = ("127.0.0.1", made.port)
                 packer = a_packer(1)
-                packer.signing.timestamp = signing._signer.time
+                packer.signing.timestamp = signing.signer.time
                 good = signed_beat(packer)
                 radio = dialect.MAVLink_radio_status_message(1, 1, 1, 1, 1, 1, 1)
                 for data in (
@@ -87,7 +87,7 @@ def test_another_station_must_sign_too(signing: Signing) -> None:
             forward = Forward(url=f"udp://127.0.0.1:{station.getsockname()[1]}", read_only=False)
             async with bench(1, signing=signing, forward=[forward]) as made:
                 packer = a_packer(1)
-                packer.signing.timestamp = signing._signer.time
+                packer.signing.timestamp = signing.signer.time
                 vehicle.sendto(signed_beat(packer), ("127.0.0.1", made.port))
                 async with asyncio.timeout(120):
                     _, address = await asyncio.get_running_loop().sock_recvfrom(station, 2048)
@@ -95,7 +95,7 @@ def test_another_station_must_sign_too(signing: Signing) -> None:
                 station.sendto(command(1), ground)
                 await until(lambda: made.counters.refused_from_others == 1)
                 other = a_packer(255)
-                other.signing.timestamp = signing._signer.time
+                other.signing.timestamp = signing.signer.time
                 given = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
                 raw = bytes(given.pack(other))
                 station.sendto(raw, ground)

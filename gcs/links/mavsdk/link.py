@@ -6,11 +6,10 @@ threads, whatever happens to the program that set them.
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from math import inf
-from pathlib import Path
-from time import monotonic, sleep
+from time import sleep
 from typing import Final
 
 import numpy as np
@@ -18,20 +17,17 @@ import numpy as np
 from gcs.links.batch_link import BatchLink, Coroutines
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.endpoints import mmsg
-from gcs.links.endpoints.ports import Ports
 from gcs.links.mavsdk.binding import MavsdkVehicle
 from gcs.links.mavsdk.instances import MavsdkInstances
 from gcs.links.mavsdk.setpoint_filter import SetpointFilter
 from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.sender import SetpointBatch
-from gcs.links.settings import Forward, Place, station_id
-from gcs.links.signing import Signing
+from gcs.links.settings import station_id
 from gcs.links.stream_requests import NOT_FOR_MAVSDK, REQUESTING_COMPONENT, SETTLE_S
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
 from gcs.mavlink.kernels import BEGIN, END, MESSAGE, Bytes, Whole
-from gcs.model.frames import ShowFrame
-from gcs.model.state import Array, Mask, Telemetry, VehicleId
+from gcs.model.state import Array, Mask, Telemetry
 
 log = logging.getLogger(__name__)
 
@@ -84,42 +80,13 @@ class FrameFilter:
 class MavsdkLink(BatchLink):
     """Up to 250 vehicles, 64 for each MAVSDK instance. A `gcs.links.Link`."""
 
-    def __init__(
-        self,
-        name: str,
-        vehicles: Mapping[VehicleId, int],
-        places: Place | Sequence[Place],
-        frame: ShowFrame,
-        *,
-        setpoint_timeout_s: float = 0.2,
-        heartbeat_hold_s: float = 3.0,
-        rates_hz: Mapping[int, float] | None = None,
-        record: Path | None = None,
-        signing: Signing | None = None,
-        forward: Sequence[Forward] = (),
-        clock: Callable[[], float] = monotonic,
-        ports: Ports | None = None,
-    ) -> None:
-        """See `BatchLink`."""
-        self._station_id = station_id(vehicles.values())
-        super().__init__(
-            name,
-            vehicles,
-            places,
-            frame,
-            station_id=self._station_id,
-            setpoint_timeout_s=setpoint_timeout_s,
-            heartbeat_hold_s=heartbeat_hold_s,
-            rates_hz=rates_hz,
-            record=record,
-            signing=signing,
-            forward=forward,
-            clock=clock,
-            ports=ports,
-        )
+    def _own_id(self) -> int:
+        return station_id(self._vehicles.values())
+
+    def _prepare(self) -> None:
         n = len(self._ids)
         self._setpoint_filter = SetpointFilter(
-            self._outbox, self._system_ids, self._latch, self._sent, self._counters, clock
+            self._outbox, self._system_ids, self._latch, self._sent, self._counters, self._clock
         )
         self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
         self._frame_filter = FrameFilter(n)
@@ -191,7 +158,7 @@ class MavsdkLink(BatchLink):
         vehicle = self._discovered.get(row)
         if vehicle is None or self._workers is None:
             raise self._never_connected(row, otherwise)
-        return self._workers.channel(self._ids[row], vehicle, self._telemetry.reported(row))
+        return self._workers.channel(self._ids[row], vehicle)
 
     def _forget_commands(self, row: int) -> None:
         self._setpoint_filter.forbid(np.array([row]))  # the latch drops what MAVSDK still repeats

@@ -1,6 +1,7 @@
 """MAVSDK's output, before it leaves: setpoints are checked and sent together, other frames one by one."""
 
 from collections.abc import Callable
+from dataclasses import InitVar, dataclass
 from typing import Final
 
 import numpy as np
@@ -18,28 +19,22 @@ from gcs.model.state import Array, Mask
 _ALL: Final = slice(None)
 
 
+@dataclass(eq=False)
 class SetpointFilter:
     """Passes one setpoint a tick for each vehicle: that of the newest tick, while it may leave.
 
     MAVSDK repeats setpoints by itself, and has a queue: what it writes may be a repetition, or old.
     """
 
-    def __init__(
-        self,
-        outbox: Outbox,
-        system_ids: Whole,
-        latch: KillLatch,
-        sent: SentSetpoints,
-        counters: Counters,
-        clock: Callable[[], float],
-    ) -> None:
-        """No setpoint is expected. Rows as on the link."""
+    outbox: Outbox
+    system_ids: InitVar[Whole]
+    latch: KillLatch
+    sent: SentSetpoints
+    counters: Counters
+    clock: Callable[[], float]
+
+    def __post_init__(self, system_ids: Whole) -> None:
         n = len(system_ids)
-        self._outbox = outbox
-        self._latch = latch
-        self._sent = sent
-        self._counters = counters
-        self._clock = clock
         self._row_of = np.full(256, NO_ROW, np.int64)
         self._row_of[system_ids] = np.arange(n)
         self._awaited: Mask = np.zeros(n, np.bool_)  # the setpoint of the newest tick has still to leave
@@ -74,21 +69,21 @@ class SetpointFilter:
         ]
         if others:
             rows = np.array([row for _, row in others])
-            self._outbox.send_raw([frame.raw for frame, _ in others], rows, self._clock())
+            self.outbox.send_raw([frame.raw for frame, _ in others], rows, self.clock())
 
     def _take_setpoints(self, written: Batch, setpoints: Mask) -> None:
         at, leaving = awaited_setpoints(written.data, setpoints, self._row_of, self._awaited, self._velocity)
         frames = Frames(
             written.data[at, : SETPOINT_FRAME.itemsize], np.full(len(at), SETPOINT_FRAME.itemsize)
         )
-        left = self._outbox.send(frames, leaving, self._clock(), until_s=self._until_s)
-        left_s = self._clock()  # after the call: never earlier than the datagrams
+        left = self.outbox.send(frames, leaving, self.clock(), until_s=self._until_s)
+        left_s = self.clock()  # after the call: never earlier than the datagrams
         self._awaited[leaving] = False
-        self._sent.note(leaving[left], left_s)
-        self._counters.setpoints_sent += int(left.sum())
-        self._counters.setpoints_dropped += int(setpoints.sum()) - len(leaving)
+        self.sent.note(leaving[left], left_s)
+        self.counters.setpoints_sent += int(left.sum())
+        self.counters.setpoints_dropped += int(setpoints.sum()) - len(leaving)
         if left_s > self._until_s:
-            self._counters.setpoints_dropped += int((~left).sum())
+            self.counters.setpoints_dropped += int((~left).sum())
 
     def _may_leave(self, frame: Frame) -> bool:
         """Whether a frame may leave: commands and parameters, but no broadcast; the link beats by itself."""
@@ -96,11 +91,11 @@ class SetpointFilter:
         if target == 0:
             return False
         if self._row_of[target] == NO_ROW:
-            self._counters.unroutable += 1
+            self.counters.unroutable += 1
         elif frame.message_id in SETPOINT_MESSAGES:
-            self._counters.setpoints_dropped += 1
-        elif self._latch.is_shut(target) and moves(frame):
-            self._counters.commands_dropped += 1
+            self.counters.setpoints_dropped += 1
+        elif self.latch.is_shut(target) and moves(frame):
+            self.counters.commands_dropped += 1
         else:
             return True
         return False

@@ -3,28 +3,20 @@
 import asyncio
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from gcs.links.command_protocol import CLOSED
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import MavsdkVehicle
 from gcs.model.errors import CommandError
-from gcs.model.state import Landed, VehicleId
+from gcs.model.state import VehicleId
 
 T = TypeVar("T")
 
 _OFFBOARD_TRIES: Final = 3
 _OFFBOARD_RETRY_S: Final = 0.1
-
-
-class LandedState(Protocol):
-    """A vehicle's landed state from its own frames."""
-
-    @property
-    def landed(self) -> Landed:
-        """From the newest EXTENDED_SYS_STATE."""
-        ...
 
 
 class Workers:
@@ -37,11 +29,8 @@ class Workers:
             for vehicle_id in vehicle_ids
         }
 
-    def channel(
-        self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, received: LandedState
-    ) -> "MavsdkCommandChannel":
-        """The command channel of this vehicle."""
-        return MavsdkCommandChannel(vehicle, received, self._workers[vehicle_id], lambda: self._closed)
+    def channel(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle) -> "MavsdkCommandChannel":
+        return MavsdkCommandChannel(vehicle, self._workers[vehicle_id], lambda: self._closed)
 
     def open(self) -> None:
         """Threads start with the first call."""
@@ -56,24 +45,13 @@ class Workers:
             worker.shutdown(wait=True)
 
 
+@dataclass(eq=False)
 class MavsdkCommandChannel:
     """One vehicle through MAVSDK. A `gcs.links.command_protocol.CommandChannel`."""
 
-    def __init__(
-        self,
-        vehicle: MavsdkVehicle,
-        received: LandedState,
-        worker: ThreadPoolExecutor,
-        closed: Callable[[], bool],
-    ) -> None:
-        self._vehicle = vehicle
-        self._received = received
-        self._worker = worker
-        self._closed = closed
-
-    def landed(self) -> Landed:
-        """From the newest EXTENDED_SYS_STATE."""
-        return self._received.landed
+    vehicle: MavsdkVehicle
+    worker: ThreadPoolExecutor
+    closed: Callable[[], bool]
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
         """Run MAVSDK's call on the vehicle's worker. Raises: CommandError."""
@@ -91,25 +69,25 @@ class MavsdkCommandChannel:
 
     async def parameter(self, name: str) -> ParameterValue:
         """The autopilot's value; up to 3 s when it does not answer. Raises: CommandError."""
-        return await self._run(partial(self._vehicle.parameter, name))
+        return await self._run(partial(self.vehicle.parameter, name))
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
         """Set the value and wait for the answer, up to 3 s. Raises: CommandError."""
-        await self._run(partial(self._vehicle.set_parameter, name, value))
+        await self._run(partial(self.vehicle.set_parameter, name, value))
 
     async def _run(self, blocking: Callable[[], T]) -> T:
         """The result of a call on the vehicle's worker, after earlier ones. Raises: CommandError."""
 
         def unless_closed() -> T:
-            if self._closed():
+            if self.closed():
                 raise CommandError(CLOSED)
             return blocking()
 
-        if self._closed():  # then the workers accept no more calls
+        if self.closed():  # then the workers accept no more calls
             raise CommandError(CLOSED)
-        return await asyncio.get_running_loop().run_in_executor(self._worker, unless_closed)
+        return await asyncio.get_running_loop().run_in_executor(self.worker, unless_closed)
 
     def _call(self, command: Command, may_leave: Callable[[], None]) -> None:
         """On the worker: any earlier call has ended here, even one whose command was cancelled."""
         may_leave()
-        self._vehicle.command(command.verb, command.height_m)
+        self.vehicle.command(command.verb, command.height_m)

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import nan
 from typing import Final, NamedTuple
 
@@ -10,12 +11,10 @@ from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.command_protocol import CLOSED, TIMEOUT
 from gcs.links.link import Command, ParameterValue, Verb
-from gcs.links.telemetry import VehicleReport
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32, Records, parameter_values, records, text_field
 from gcs.mavlink.framing import COMMAND_LONG
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import CommandError
-from gcs.model.state import Landed
 
 PARAM_REQUEST_READ: Final = 20
 PARAM_SET: Final = 23
@@ -66,16 +65,17 @@ class Answer(NamedTuple):
     value: ParameterValue = 0
 
 
+@dataclass(eq=False)
 class Commands:
     """Repeats commands until they are answered, matching answers by vehicle and command (or parameter).
 
     At most one of a kind at a time for each vehicle: a second waits for the first.
     """
 
-    def __init__(self, system_ids: Whole, send: Callable[[int, Records, Whole], object]) -> None:
-        """`send` sends messages of one kind to rows of the link."""
-        self._system_ids = system_ids
-        self._send = send
+    system_ids: Whole
+    send: Callable[[int, Records, Whole], object]
+
+    def __post_init__(self) -> None:
         self._closed = False
         self._pending: dict[tuple[int, int | str], asyncio.Future[Answer]] = {}
         self._locks: dict[tuple[int, int | str], asyncio.Lock] = {}
@@ -100,14 +100,14 @@ class Commands:
     async def command(self, row: int, command: int, values: tuple[float, ...], may_leave: Gate) -> None:
         """Send a COMMAND_LONG until answered. Raises: CommandError named after its answer, or TIMEOUT."""
         message = records(COMMAND_LONG, 1)
-        message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
+        message["target_system"], message["target_component"] = self.system_ids[row], _AUTOPILOT_COMPONENT
         message["command"] = command
         for number, value in enumerate(values, 1):
             message[f"param{number}"] = value
 
         def again(attempt: int) -> None:
             message["confirmation"] = attempt
-            self._send(COMMAND_LONG, message, np.array([row]))
+            self.send(COMMAND_LONG, message, np.array([row]))
 
         answer = await self._request((row, command), again, may_leave)
         if answer.result:
@@ -116,11 +116,11 @@ class Commands:
     async def get_parameter(self, row: int, name: str, may_leave: Gate) -> ParameterValue:
         """A parameter's value. Raises: CommandError, TIMEOUT for one that the vehicle does not have."""
         message = records(PARAM_REQUEST_READ, 1)
-        message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
+        message["target_system"], message["target_component"] = self.system_ids[row], _AUTOPILOT_COMPONENT
         message["param_index"] = -1  # by its name
         message["param_id"] = text_field(name, _NAME_LENGTH)
         answer = await self._request(
-            (row, name), lambda _attempt: self._send(PARAM_REQUEST_READ, message, np.array([row])), may_leave
+            (row, name), lambda _attempt: self.send(PARAM_REQUEST_READ, message, np.array([row])), may_leave
         )
         return answer.value
 
@@ -130,14 +130,14 @@ class Commands:
         Raises: CommandError when the vehicle answers with another value, or not at all.
         """
         message = records(PARAM_SET, 1)
-        message["target_system"], message["target_component"] = self._system_ids[row], _AUTOPILOT_COMPONENT
+        message["target_system"], message["target_component"] = self.system_ids[row], _AUTOPILOT_COMPONENT
         message["param_id"] = text_field(name, _NAME_LENGTH)
         message["param_type"] = INT32 if isinstance(value, int) else FLOAT
         message["param_value"] = (
             np.array([value], np.int32).view(np.float32) if isinstance(value, int) else value
         )
         answer = await self._request(
-            (row, name), lambda _attempt: self._send(PARAM_SET, message, np.array([row])), may_leave
+            (row, name), lambda _attempt: self.send(PARAM_SET, message, np.array([row])), may_leave
         )
         if answer.value != (value if isinstance(value, int) else float(np.float32(value))):
             raise CommandError(f"the vehicle reports {answer.value:g}")
@@ -189,32 +189,27 @@ class Commands:
         raise CommandError(TIMEOUT)
 
 
+@dataclass(frozen=True, slots=True)
 class NativeCommandChannel:
     """One vehicle. A `gcs.links.command_protocol.CommandChannel`."""
 
-    def __init__(self, row: int, commands: Commands, reported: VehicleReport) -> None:
-        self._row = row
-        self._commands = commands
-        self._reported = reported
-
-    def landed(self) -> Landed:
-        """From the newest EXTENDED_SYS_STATE."""
-        return self._reported.landed
+    row: int
+    commands: Commands
 
     async def command(self, given: Command, may_leave: Callable[[], None]) -> None:
         """Send it and wait for the acknowledgement. Raises: CommandError."""
         if given.verb is Verb.TAKEOFF:
-            await self._commands.set_parameter(self._row, TAKEOFF_HEIGHT, float(given.height_m), may_leave)
+            await self.commands.set_parameter(self.row, TAKEOFF_HEIGHT, float(given.height_m), may_leave)
         command, values = _COMMANDS[given.verb]
-        await self._commands.command(self._row, command, values, may_leave)
+        await self.commands.command(self.row, command, values, may_leave)
 
     async def parameter(self, name: str) -> ParameterValue:
         """The autopilot's value. Raises: CommandError."""
-        return await self._commands.get_parameter(self._row, name, _moves_nothing)
+        return await self.commands.get_parameter(self.row, name, _moves_nothing)
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
         """Set the value; returns when the vehicle reports it. Raises: CommandError."""
-        await self._commands.set_parameter(self._row, name, value, _moves_nothing)
+        await self.commands.set_parameter(self.row, name, value, _moves_nothing)
 
 
 def _moves_nothing() -> None:

@@ -1,61 +1,98 @@
-from gcs.links.address_book import CONFLICT_KEPT_S, SILENT_AFTER_S, AddressBook, Verdict
-from gcs.links.link import Address
+import logging
 
-A = Address("127.0.0.1", 14582, 0)
-B = Address("127.0.0.1", 14599, 0)
+import numpy as np
+import pytest
+
+from gcs.links.address_book import CONFLICT_KEPT_S, NOWHERE, SILENT_AFTER_S, Addresses
+from gcs.links.endpoints.ports import Datagrams, host_number, source_of
+from gcs.links.endpoints.streams import LinkPorts
+from gcs.links.link import Address, Counters
+from gcs.mavlink.kernels import FRAME_COLUMNS, SYSTEM
+
+A = source_of(host_number("127.0.0.1"), 14582, 0)
+B = source_of(host_number("127.0.0.1"), 14599, 0)
 TEXT = "system id 3 at 127.0.0.1:14582 and at 127.0.0.1:14599"
 
 
+class Book:
+    """Addresses of system ids 3 and 4 (rows 0 and 1), and their clock."""
+
+    def __init__(self) -> None:
+        self.now_s, self.counters = 0.0, Counters()
+        self.of = Addresses(
+            "test", (3, 4), LinkPorts("test", (), lambda: 0.0).address, self.counters, lambda: self.now_s
+        )
+
+    def receive(self, system_id: int, source: int, time_s: float) -> bool:
+        self.now_s = time_s
+        frames = np.zeros((1, FRAME_COLUMNS), np.int64)
+        frames[0, SYSTEM] = system_id
+        ones = np.ones(1, np.int64)
+        arrived = Datagrams(np.zeros(1, np.uint8), ones, ones, np.array([source]), np.array([time_s]))
+        return bool(self.of.judge(frames, arrived)[1][0])
+
+
 def test_vehicle_is_reached_at_its_latest_address() -> None:
-    address_book = AddressBook([3])
-    assert address_book.address(3) is None
-    assert address_book.receive(3, A, 0.0) is Verdict.FIRST
-    assert address_book.receive(3, A, 0.1) is Verdict.KNOWN
-    assert address_book.address(3) == A
+    book = Book()
+    assert book.of.address(0) is None
+    assert book.receive(3, A, 0.0)
+    assert book.receive(3, A, 0.1)
+    assert book.of.address(0) == Address("127.0.0.1", 14582, 0)
+    assert book.of.received_s.tolist() == [0.1, -np.inf]
 
 
 def test_system_id_not_configured_is_unknown() -> None:
-    address_book = AddressBook([3])
-    assert address_book.receive(255, A, 0.0) is Verdict.STRANGER
-    assert address_book.address(255) is None
+    book = Book()
+    assert not book.receive(255, A, 0.0)
+    assert book.counters.strangers == 1
+    assert book.of.source.tolist() == [NOWHERE, NOWHERE]
 
 
 def test_a_duplicate_is_refused_and_both_addresses_are_named() -> None:
-    address_book = AddressBook([3])
-    address_book.receive(3, A, 0.0)
-    assert address_book.receive(3, B, 1.0) is Verdict.NEW_DUPLICATE
-    assert address_book.receive(3, B, 1.1) is Verdict.DUPLICATE
-    assert address_book.address(3) == A
-    assert address_book.conflicts(1.1) == {3: TEXT}
+    book = Book()
+    assert book.receive(3, A, 0.0)
+    assert not book.receive(3, B, 1.0)
+    assert not book.receive(3, B, 1.1)
+    assert book.of.source[0] == A
+    assert book.of.conflicts() == {0: TEXT}
+    assert book.counters.duplicates == 2
 
 
 def test_a_conflict_ends_when_the_duplicate_has_been_silent() -> None:
-    address_book = AddressBook([3])
-    address_book.receive(3, A, 0.0)
-    address_book.receive(3, B, 1.0)
-    assert address_book.conflicts(1.0 + CONFLICT_KEPT_S) == {3: TEXT}
-    assert address_book.conflicts(1.1 + CONFLICT_KEPT_S) == {}
-    address_book.receive(3, A, 8.0)
-    assert address_book.receive(3, B, 8.5) is Verdict.NEW_DUPLICATE
+    book = Book()
+    book.receive(3, A, 0.0)
+    book.receive(3, B, 1.0)
+    book.now_s = 1.0 + CONFLICT_KEPT_S
+    assert book.of.conflicts() == {0: TEXT}
+    book.now_s += 0.1
+    assert book.of.conflicts() == {}
+
+
+def test_each_new_conflict_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    book = Book()
+    caplog.set_level(logging.INFO)
+    for source, time_s in ((A, 0.0), (B, 1.0), (B, 1.1), (A, 8.0), (B, 8.5)):
+        book.receive(3, source, time_s)
+    assert caplog.messages == ["vehicle_connected", "duplicate_system_id", "duplicate_system_id"]
 
 
 def test_silent_vehicle_may_return_from_another_address() -> None:
-    address_book = AddressBook([3])
-    address_book.receive(3, A, 0.0)
-    assert address_book.receive(3, B, SILENT_AFTER_S) is Verdict.NEW_DUPLICATE
-    assert address_book.receive(3, B, SILENT_AFTER_S + 0.1) is Verdict.MOVED
-    assert address_book.address(3) == B
-    assert address_book.conflicts(SILENT_AFTER_S + 0.1) == {}
+    book = Book()
+    book.receive(3, A, 0.0)
+    assert not book.receive(3, B, SILENT_AFTER_S)
+    assert book.receive(3, B, SILENT_AFTER_S + 0.1)
+    assert book.of.source[0] == B
+    assert book.of.conflicts() == {}
 
 
 def test_address_that_is_gone_frees_its_system_ids() -> None:
-    address_book = AddressBook([3, 4])
-    address_book.receive(3, A, 0.0)
-    address_book.receive(4, B, 0.0)
-    address_book.forget(A)
-    assert (address_book.address(3), address_book.address(4)) == (None, B)
-    assert address_book.receive(3, B, 0.1) is Verdict.FIRST
-    assert address_book.conflicts(0.1) == {}
+    book = Book()
+    book.receive(3, A, 0.0)
+    book.receive(4, B, 0.0)
+    book.of.forget([A])
+    assert book.of.source.tolist() == [NOWHERE, B]
+    assert book.receive(3, B, 0.1)
+    assert book.of.conflicts() == {}
 
 
 def test_an_address_without_a_port_is_written_without() -> None:

@@ -52,6 +52,28 @@ def test_a_disk_that_hangs_blocks_neither_put_nor_close(monkeypatch: pytest.Monk
     soon(lambda: disk.stored == list(range(6)))
 
 
+def test_reopened_while_the_disk_hangs_one_thread_writes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs.links.disk_writer.JOIN_S", 0.05)
+    disk = Disk()
+    disk.works.clear()
+    disk.open()
+    disk.put([0])
+    disk.begun.wait()
+    disk.close()
+    disk.begun.clear()
+    disk.open()
+    disk.put([1])
+    assert not disk.begun.wait(0.1)  # a second thread would begin to write
+    disk.works.set()
+    soon(lambda: disk.stored == [0, 1])
+    disk.close()
+    disk.open()
+    disk.put([2])
+    assert asyncio.run(disk.kept())
+    disk.close()
+    assert disk.stored == [0, 1, 2]
+
+
 def test_repeated_batches_keep_their_order_until_stored() -> None:
     disk = Disk()
     disk.error = OSError("no space")

@@ -67,7 +67,7 @@ def test_a_new_key_is_good_and_overwrites_nothing(tmp_path: Path, caplog: pytest
 
 
 def signed_time(signing: Signing) -> int:
-    signed = signing.sign(BEAT)
+    signed = signing.signer.sign(BEAT)
     assert signed is not None
     return int.from_bytes(signed[-12:-6], "little")
 

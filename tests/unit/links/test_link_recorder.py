@@ -1,5 +1,4 @@
 import resource
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -114,7 +113,7 @@ def files_end_at(size_bytes: int) -> Iterator[None]:
 
 def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(tmp_path: Path) -> None:
     recorder = a_recorder(tmp_path)
-    recorder._thread = threading.current_thread()  # its turns are taken here
+    recorder._closed = False  # its turns are taken here
     problems = []
     for index, raw in enumerate(frames(6)):
         recorder.record(float(index), Direction.SENT, raw, 3)
@@ -136,7 +135,7 @@ def test_frames_beyond_the_disk_rate_are_counted_and_dropped(
 ) -> None:
     monkeypatch.setattr("gcs.links.tlog._QUEUE_MAX_BYTES", 100)
     recorder = a_recorder(tmp_path)
-    recorder._thread = threading.current_thread()  # which never comes to writing
+    recorder._closed = False  # its thread never comes to writing
     for raw in frames(50):
         recorder.record(0.0, Direction.SENT, raw, 3)
     assert recorder.dropped > 40

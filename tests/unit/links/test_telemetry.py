@@ -87,12 +87,12 @@ def test_onboard_camera_does_not_count_as_the_autopilot() -> None:
 
 def test_only_a_heartbeat_fires_the_event() -> None:
     fleet = FleetTelemetry(IDS)
-    waiting = fleet.reported(ROW).next_heartbeat
+    waiting = fleet.reported(ROW).next_heartbeat()
     take(fleet, 1.0, position(0))
     assert not waiting.is_set()
     take(fleet, 1.0, beat())
     assert waiting.is_set()
-    assert not fleet.reported(ROW).next_heartbeat.is_set()
+    assert not fleet.reported(ROW).next_heartbeat().is_set()
 
 
 @pytest.mark.parametrize(
