@@ -4,7 +4,7 @@ Rounds without a condition are cheap: whole columns are compared, not single veh
 """
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -157,25 +157,22 @@ class ClosePairs:
         return tuple(ClosePair(rows[at], float(apart_m[at])) for at in nearest_first if close[at])
 
 
+@dataclass(eq=False)
 class AlarmMonitor:
     """Maintains the alarms of one flight, on the event loop only. Implements `gcs.service.Alarms`."""
 
-    def __init__(
-        self, flight: Fleet, unix_s: Callable[[], float], commands: Callable[[], Sequence[CommandRecord]]
-    ) -> None:
-        """`commands` returns the newest commands, newest first."""
-        self._flight = flight
-        self._unix_s = unix_s
-        self._commands = commands
-        self._book = AlarmBook()
+    flight: Fleet
+
+    def __post_init__(self) -> None:
+        self._alarm_book = AlarmBook()
         self._due_s = -np.inf
-        self._poor = np.zeros(len(flight.vehicles), np.bool_)
+        self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
         self._pairs = ClosePairs()
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """Current alarms, most severe first."""
-        return self._book.alarms
+        return self._alarm_book.alarms
 
     def is_due(self, now_s: float) -> bool:
         """Whether the next round is due."""
@@ -183,7 +180,7 @@ class AlarmMonitor:
 
     def look(self, tick: Tick, findings: Findings) -> None:
         """Update the alarms after a tick, and log the changes."""
-        now_s = self._flight.fleet.time_s
+        now_s = self.flight.fleet.time_s
         self._due_s = now_s + PERIOD_S
         conditions = [
             *self._of_vehicles(findings.failsafes),
@@ -193,27 +190,27 @@ class AlarmMonitor:
             *self._of_the_ground(),
             *_of_the_service(findings),
         ]
-        for change in self._book.look(conditions, now_s, self._unix_s()):
+        for change in self._alarm_book.look(conditions, now_s, self.flight.unix_s()):
             _log_change(change)
 
     def acknowledge(self, alarm_id: str) -> Alarm:
         """Mark an alarm as acknowledged by the caller. Raises: UnknownError."""
         known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
-        alarm = self._book.acknowledge(alarm_id, CALLER.get(), self._unix_s())
+        alarm = self._alarm_book.acknowledge(alarm_id, CALLER.get(), self.flight.unix_s())
         if known[alarm_id] is None:
             _log_acknowledged(alarm)
         return alarm
 
     def acknowledge_all(self) -> tuple[Alarm, ...]:
         """Acknowledge all alarms that are not acknowledged yet."""
-        acknowledged = self._book.acknowledge_all(CALLER.get(), self._unix_s())
+        acknowledged = self._alarm_book.acknowledge_all(CALLER.get(), self.flight.unix_s())
         for alarm in acknowledged:
             _log_acknowledged(alarm)
         return acknowledged
 
     def _of_vehicles(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         """Yield the conditions of single vehicles, by phase."""
-        vehicles = self._flight.vehicles.values()
+        vehicles = self.flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
         if not {Phase.LOST, Phase.PILOT, Phase.KILLED}.intersection(phases):
             return
@@ -274,7 +271,7 @@ class AlarmMonitor:
         )
 
     def _kill_of(self, vehicle_id: VehicleId) -> CommandRecord | None:
-        kills = (command for command in self._commands() if command.action == "kill")
+        kills = (command for command in self.flight.book.newest() if command.action == "kill")
         return next((command for command in kills if vehicle_id in command.outcomes), None)
 
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
@@ -282,14 +279,14 @@ class AlarmMonitor:
         floor, pairs = tick.floor, self._pairs
         if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
             return
-        ids = self._flight.fleet.ids
+        ids = self.flight.fleet.ids
         least = f"at least {floor.horizontal_m:g} m sideways or {floor.vertical_m:g} m up and down"
         for pair in pairs.look(tick.position_m, tick.airborne, floor):
             names = ids[pair.rows[0]], ids[pair.rows[1]]
             yield Condition(AlarmCause.TOO_CLOSE, f"{pair.apart_m:.1f} m apart, {least}", names)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
-        flight = self._flight
+        flight = self.flight
         for name, why in findings.failed_links.items():
             yield Condition(AlarmCause.LINK_FAILED, why, about=name)
         for link in flight.links:
@@ -307,7 +304,7 @@ class AlarmMonitor:
                     yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
 
     def _of_the_ground(self) -> Iterator[Condition]:
-        flight = self._flight
+        flight = self.flight
         for vehicle_id, changed in flight.changed_parameters.items():
             for name, text in changed.items():
                 yield Condition(AlarmCause.PARAMETER_CHANGED, text, (vehicle_id,), about=name)

@@ -18,7 +18,6 @@ from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.state import Array, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
-from gcs.service.commands import CommandLog
 
 STOPS_WITHIN_S = 0.8
 """On pause, each vehicle's goal is the position that its velocity reaches in this time."""
@@ -31,10 +30,8 @@ class Commander(VehicleCommands):
         self,
         flight: Fleet,
         maneuvers: Maneuvers,
-        book: CommandLog,
         show_player: ShowPlayer,
         preflight_gate: PreflightGate,
-        unix_s: Callable[[], float],
         planning: Executor,
         found: Interruption | None = None,
     ) -> None:
@@ -42,12 +39,12 @@ class Commander(VehicleCommands):
 
         `found` is a flight that was interrupted before this service began.
         """
-        super().__init__(flight, maneuvers, book)
+        super().__init__(flight, maneuvers)
         self._planning = planning
         self._commanded: ShowEvent | None = None  # newest command to all, if vehicles may be awaited
         self.collective_return: CollectiveReturn | None = None  # the newest
-        self.starting = Starting(flight, maneuvers, book, preflight_gate, show_player, unix_s)
-        self.recovery = Recovery(flight, maneuvers, book, show_player, found, self._bring_home, unix_s)
+        self.starting = Starting(flight, maneuvers, preflight_gate, show_player)
+        self.recovery = Recovery(flight, maneuvers, show_player, found, self._bring_home)
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""
@@ -62,7 +59,7 @@ class Commander(VehicleCommands):
     @property
     def return_problem(self) -> str:
         """Why the vehicles return without a common plan; empty where no planner has failed."""
-        if self.collective_return is None or self._flight.show is not ShowPhase.RETURNING:
+        if self.collective_return is None or self.flight.show is not ShowPhase.RETURNING:
             return ""
         return self.collective_return.problem
 
@@ -75,7 +72,7 @@ class Commander(VehicleCommands):
         """
         if action is ShowAction.PAUSE:
             return self._pause(reason, reclaim=False)
-        spared = self._flight.in_phase(Phase.LANDING)
+        spared = self.flight.in_phase(Phase.LANDING)
         if action is ShowAction.STOP:
             return self._stop(reason, spared, reclaim=False)
         return self._abort(reason, spared, reclaim=False)
@@ -127,12 +124,12 @@ class Commander(VehicleCommands):
             reclaim: whether vehicles count whose mode a stall or a restart explains; otherwise only those
                 that are being taken over already.
         """
-        flight = self._flight
+        flight = self.flight
         found = self.recovery.reclaim() if reclaim else []
         return [
             one
             for one in flight.in_phase(Phase.PILOT)
-            if one in found or (self._maneuvers.running(one) and not why_never(flight, one))
+            if one in found or (self.maneuvers.running(one) and not why_never(flight, one))
         ]
 
     def _stop(
@@ -145,20 +142,22 @@ class Commander(VehicleCommands):
     ) -> CommandRecord:
         """Return all vehicles except `spared`; those on the ground stay there."""
         back = self._reclaimed(reclaim=reclaim)
-        flying = [*(v for v in self._flight.airborne if v not in spared), *back]
-        waiting, later = self._maneuvers.waiting, self._expected(reclaim=reclaim)
+        flying = [*(v for v in self.flight.airborne if v not in spared), *back]
+        waiting, later = self.maneuvers.waiting, self._expected(reclaim=reclaim)
         self._lead(ShowEvent.STOP, reason, [*flying, *waiting])
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = self._book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
+        record = self.flight.book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
         collective_return = self._send_home(record, flying, later)
 
         def reached(vehicle: Vehicle) -> None:
             self._lead_again(ShowEvent.STOP, reason)
-            self._send_one_home(record, vehicle, collective_return, landing_sites_m(self._flight, [vehicle]))
+            self._send_one_home(record, vehicle, collective_return, landing_sites_m(self.flight, [vehicle]))
 
         self._expect(record, later, reached, ShowEvent.STOP, reclaim=reclaim)
         for vehicle in waiting:
-            self._maneuvers.start(vehicle, self._maneuvers.stay_down, self._book.closer(record, vehicle.id))
+            self.maneuvers.start(
+                vehicle, self.maneuvers.stay_down, self.flight.book.closer(record, vehicle.id)
+            )
         return record
 
     def _expected(self, *, reclaim: bool) -> list[Vehicle]:
@@ -183,7 +182,7 @@ class Commander(VehicleCommands):
         self._commanded = event
 
         def missed(vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
-            self._book.close(record.id, vehicle.id, outcome, reason)
+            self.flight.book.close(record.id, vehicle.id, outcome, reason)
 
         self.recovery.expect(later, reached, missed, reaches_fallen=reclaim)
 
@@ -192,21 +191,21 @@ class Commander(VehicleCommands):
 
         def done(outcome: Outcome, reason: str) -> None:
             if outcome is not Outcome.FAILED or not self.recovery.reaches_again(vehicle):
-                self._book.close(record.id, vehicle.id, outcome, reason)
+                self.flight.book.close(record.id, vehicle.id, outcome, reason)
 
         return done
 
     def _lead_again(self, event: ShowEvent, reason: str) -> None:
         """Repeat the show's transition for a vehicle reached late: possibly no vehicle was reached before."""
-        if self._flight.show is ShowPhase.UNCONTROLLED:
-            self._flight.move_show(event, reason)
+        if self.flight.show is ShowPhase.UNCONTROLLED:
+            self.flight.move_show(event, reason)
 
     def _lead(self, event: ShowEvent, reason: str, reached: Sequence[Vehicle]) -> None:
         """Move the show's phase for a command; one that reaches no vehicle is accepted and changes nothing.
 
         Raises: RefusedError if nothing is airborne and the phase does not allow it.
         """
-        flight = self._flight
+        flight = self.flight
         if flight.show is ShowPhase.UNCONTROLLED and not reached:
             return
         flight.move_show(event, reason)
@@ -222,10 +221,10 @@ class Commander(VehicleCommands):
 
         `later` have sent nothing yet: they join the plan if they do before it is made.
         """
-        homeless_m = landing_sites_m(self._flight, [vehicle for vehicle in flying if vehicle.home_m is None])
+        homeless_m = landing_sites_m(self.flight, [vehicle for vehicle in flying if vehicle.home_m is None])
         together = [v for v in (*flying, *later) if v.home_m is not None and not v.comes_down_alone]
         self.close()
-        self.collective_return = collective_return = CollectiveReturn(self._flight, together, self._planning)
+        self.collective_return = collective_return = CollectiveReturn(self.flight, together, self._planning)
         for vehicle in flying:
             self._send_one_home(record, vehicle, collective_return, homeless_m)
         return collective_return
@@ -239,17 +238,17 @@ class Commander(VehicleCommands):
     ) -> None:
         """Return a vehicle to its start, and land; without a known start, land at its place of `places_m`."""
         maneuver = (
-            self._maneuvers.descend(places_m[vehicle.id])
+            self.maneuvers.descend(places_m[vehicle.id])
             if vehicle.home_m is None
-            else self._maneuvers.come_home_together(collective_return, self._stops_m(vehicle))
+            else self.maneuvers.come_home_together(collective_return, self._stops_m(vehicle))
         )
-        maneuver = self._maneuvers.take_control_first(maneuver)
-        self._maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
+        maneuver = self.maneuvers.take_control_first(maneuver)
+        self.maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
 
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
         """Vehicles that no fleet-wide command reaches, with the reasons."""
         left_out = {}
-        for vehicle in self._flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED):
+        for vehicle in self.flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED):
             if vehicle not in reclaimed:
                 why = f"{vehicle.phase}: {vehicle.reason.removesuffix('.')}"
                 if vehicle.phase is Phase.PILOT:
@@ -260,11 +259,11 @@ class Commander(VehicleCommands):
 
     def _pause(self, reason: str = "all vehicles hold in place", *, reclaim: bool = True) -> CommandRecord:
         """Stop all vehicles in place, also those that return or land, except those touching down."""
-        flight, maneuvers = self._flight, self._maneuvers
+        flight, maneuvers = self.flight, self.maneuvers
         advance_show(flight.show, ShowEvent.PAUSE)
         taking_over = self.recovery.taking_over  # the take-over ends paused: the pause closes with it
         back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
-        waiting = self._maneuvers.waiting
+        waiting = self.maneuvers.waiting
         later = [one for one in self._expected(reclaim=reclaim) if one not in taking_over]
         self._stop_on_the_way()
         self._lead(ShowEvent.PAUSE, reason, flight.airborne)
@@ -273,12 +272,12 @@ class Commander(VehicleCommands):
         left_out = self._not_ours(back) | {v.id: f"{v.phase}: {v.reason}" for v in others}
         reached_ids = [v.id for v in (*stopped, *taking_over, *back, *waiting, *later)]
         left_out = {name: why for name, why in left_out.items() if name not in reached_ids}
-        record = self._book.open("pause", reached_ids, left_out)
+        record = self.flight.book.open("pause", reached_ids, left_out)
         for vehicle in stopped:
-            self._book.close(record.id, vehicle.id, Outcome.DONE)
+            self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
 
         def reached(vehicle: Vehicle) -> None:
-            maneuvers.start(vehicle, maneuvers.take_control, self._book.closer(record, vehicle.id))
+            maneuvers.start(vehicle, maneuvers.take_control, self.flight.book.closer(record, vehicle.id))
 
         for vehicle in back:
             reached(vehicle)
@@ -287,12 +286,12 @@ class Commander(VehicleCommands):
         else:
             self._expect(record, later, reached, ShowEvent.PAUSE, reclaim=reclaim)
         for vehicle in waiting:
-            maneuvers.start(vehicle, maneuvers.stay_down, self._book.closer(record, vehicle.id))
-        return self._book.get(record.id)
+            maneuvers.start(vehicle, maneuvers.stay_down, self.flight.book.closer(record, vehicle.id))
+        return self.flight.book.get(record.id)
 
     def _stop_on_the_way(self) -> None:
         """Stop the vehicles in formation and those that return or land, except those touching down."""
-        flight, maneuvers = self._flight, self._maneuvers
+        flight, maneuvers = self.flight, self.maneuvers
         if flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
             for vehicle in flight.in_phase(Phase.HOLD):  # about to return or land
                 maneuvers.stop(vehicle, "paused by another command")
@@ -306,15 +305,15 @@ class Commander(VehicleCommands):
     def _stops_m(self, vehicle: Vehicle) -> Array:
         """(3,) Position at which the vehicle can soon be at rest, show frame."""
         place_m: Array = (
-            self._flight.position_m(vehicle) + self._flight.fleet.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
+            self.flight.position_m(vehicle) + self.flight.fleet.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
         )
         return place_m
 
     def _resume(self) -> CommandRecord:
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         if show_run is not None and not show_run.started:
             raise RefusedError(f"show {show_run.name!r} was never started: stop brings home all vehicles")
-        flight = self._flight
+        flight = self.flight
         advance_show(flight.show, ShowEvent.RESUME)
         joining = self.recovery.taking_over or any(vehicle.entering_offboard for vehicle in flight.airborne)
         if not joining and not flight.in_phase(Phase.FORMATION):
@@ -326,11 +325,11 @@ class Commander(VehicleCommands):
 
     def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> CommandRecord:
         """Record a command that the next tick executes for the whole formation."""
-        formed = self._flight.in_phase(Phase.FORMATION)
-        record = self._book.open(action, [vehicle.id for vehicle in formed], left_out or {})
+        formed = self.flight.in_phase(Phase.FORMATION)
+        record = self.flight.book.open(action, [vehicle.id for vehicle in formed], left_out or {})
         for vehicle in formed:
-            self._book.close(record.id, vehicle.id, Outcome.DONE)
-        return self._book.get(record.id)
+            self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
+        return self.flight.book.get(record.id)
 
     def _abort(
         self,
@@ -341,30 +340,32 @@ class Commander(VehicleCommands):
     ) -> CommandRecord:
         """Land all vehicles except `spared` through the safety filter, lowest first, on distinct places."""
         back = self._reclaimed(reclaim=reclaim)
-        flying = [*(v for v in self._flight.airborne if v not in spared), *back]
-        waiting, later = self._maneuvers.waiting, self._expected(reclaim=reclaim)
+        flying = [*(v for v in self.flight.airborne if v not in spared), *back]
+        waiting, later = self.maneuvers.waiting, self._expected(reclaim=reclaim)
         self._lead(ShowEvent.ABORT, reason, [*flying, *waiting])
         places_m = landing_sites_m(
-            self._flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
+            self.flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
         )
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = self._book.open("abort", [v.id for v in (*flying, *waiting, *later)], left_out)
+        record = self.flight.book.open("abort", [v.id for v in (*flying, *waiting, *later)], left_out)
 
         def come_down(vehicle: Vehicle, places_m: Mapping[VehicleId, Array]) -> None:
             alone = vehicle.comes_down_alone
             maneuver = (
-                self._maneuvers.autopilot_land if alone else self._maneuvers.descend(places_m[vehicle.id])
+                self.maneuvers.autopilot_land if alone else self.maneuvers.descend(places_m[vehicle.id])
             )
-            maneuver = self._maneuvers.take_control_first(maneuver)
-            self._maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
+            maneuver = self.maneuvers.take_control_first(maneuver)
+            self.maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
 
         def reached(vehicle: Vehicle) -> None:
             self._lead_again(ShowEvent.ABORT, reason)
-            come_down(vehicle, landing_sites_m(self._flight, [vehicle]))
+            come_down(vehicle, landing_sites_m(self.flight, [vehicle]))
 
         for vehicle in flying:
             come_down(vehicle, places_m)
         self._expect(record, later, reached, ShowEvent.ABORT, reclaim=reclaim)
         for vehicle in waiting:
-            self._maneuvers.start(vehicle, self._maneuvers.stay_down, self._book.closer(record, vehicle.id))
+            self.maneuvers.start(
+                vehicle, self.maneuvers.stay_down, self.flight.book.closer(record, vehicle.id)
+            )
         return record

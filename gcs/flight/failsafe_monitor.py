@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -54,27 +54,19 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 """Phases in which a show can be paused, and closes its gaps."""
 
 
+@dataclass(eq=False)
 class FailsafeMonitor:
     """The failsafes of one flight. Changed on the event loop only."""
 
-    def __init__(
-        self,
-        flight: Fleet,
-        show_player: ShowPlayer,
-        clock: TickClock,
-        unix_s: Callable[[], float],
-        commander: Commander,
-        is_busy: Callable[[Vehicle], bool],
-    ) -> None:
-        """`is_busy` returns whether a vehicle executes a maneuver."""
-        self._flight = flight
-        self._show_player = show_player
-        self._clock = clock
-        self._unix_s = unix_s
-        self._commander = commander
-        self._is_busy = is_busy
-        self._settings = flight.config.failsafes
-        self._known = Known.nothing(len(flight.vehicles), flight.fleet.time_s, self._settings)
+    flight: Fleet
+    show_player: ShowPlayer
+    clock: TickClock
+    commander: Commander
+    is_busy: Callable[[Vehicle], bool]
+
+    def __post_init__(self) -> None:
+        self._settings = self.flight.config.failsafes
+        self._known = Known.nothing(len(self.flight.vehicles), self.flight.fleet.time_s, self._settings)
         self._acted: dict[tuple[Cause, int], int] = {}
         self._commanded: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of the command whose maneuver a vehicle executes
@@ -103,7 +95,7 @@ class FailsafeMonitor:
         self._show(requests)
 
     def _seen(self) -> Seen:
-        flight = self._flight
+        flight = self.flight
         fleet, parts = flight.fleet, flight.telemetry.parts
         position_s = flight.in_rows([part.position_time_s for part in parts])
         return Seen(
@@ -118,22 +110,22 @@ class FailsafeMonitor:
             flight.silent,
             flight.reset_time_s,
             flight.control.safety.fence,
-            self._show_player.target_age_s,
-            self._clock.late_s,
+            self.show_player.target_age_s,
+            self.clock.late_s,
             flight.link_delay.late_s,
             flight.link_quality.share,
         )
 
     def _roles(self, now_s: float) -> Roles:
         """Return the roles of the vehicles; vehicles lost before this show do not count as newly lost."""
-        vehicles = self._flight.vehicles.values()
+        vehicles = self.flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
         lost = {
             vehicle.id
             for vehicle in vehicles
             if vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilot_in_control)
         }
-        self._lost_before = lost if self._flight.show in ON_THE_GROUND else self._lost_before & lost
+        self._lost_before = lost if self.flight.show in ON_THE_GROUND else self._lost_before & lost
         newly_lost = lost - self._lost_before
         since_s = self._paused_since_s
         return Roles(
@@ -144,16 +136,14 @@ class FailsafeMonitor:
         )
 
     def _mind_pause(self, now_s: float) -> None:
-        if self._flight.show is not ShowPhase.PAUSED:
+        if self.flight.show is not ShowPhase.PAUSED:
             self._paused_since_s = None
         elif self._paused_since_s is None:
             self._paused_since_s = now_s
 
     def _execute(self, requests: Sequence[FailsafeRequest]) -> None:
         """Execute the requests that are due, and remember those that need no command any more."""
-        self._sent = {
-            row: sent for row, sent in self._sent.items() if self._is_busy(self._flight.at_row(row))
-        }
+        self._sent = {row: sent for row, sent in self._sent.items() if self.is_busy(self.flight.at_row(row))}
         show, vehicles = due(requests, self._standing(), self._acted, self._settings.together_share)
         if show is not None:
             self._note(show, self._of_show(show))
@@ -171,12 +161,12 @@ class FailsafeMonitor:
 
     def _standing(self) -> Standing:
         """Return what is in progress; a vehicle's maneuver counts as what it was commanded."""
-        flight = self._flight
+        flight = self.flight
         of_show = SHOW_STANDING.get(flight.show, FLIES_ON)
         severities = np.full(len(flight.vehicles), np.nan)
         for row, vehicle in enumerate(flight.vehicles.values()):
             if vehicle.phase in STANDING:
-                sent = max(of_show, self._sent.get(row, 0)) if self._is_busy(vehicle) else 0
+                sent = max(of_show, self._sent.get(row, 0)) if self.is_busy(vehicle) else 0
                 severities[row] = max(STANDING[vehicle.phase], sent)
         possible = {Action.RETURN, Action.LAND}
         if flight.show in FORMED:
@@ -187,11 +177,11 @@ class FailsafeMonitor:
 
     def _of_show(self, request: FailsafeRequest) -> CommandRecord:
         if request.action is Action.RE_FORM:
-            return self._commander.note_re_formed()
+            return self.commander.note_re_formed()
         if request.action is Action.HOLD_TARGET:
-            self._show_player.hold_target()
-            return self._commander.note_target_held()
-        return self._commander.execute_show_failsafe(
+            self.show_player.hold_target()
+            return self.commander.note_target_held()
+        return self.commander.execute_show_failsafe(
             SHOW_COMMAND[request.action], f"{request.cause}: {request.reason}"
         )
 
@@ -199,19 +189,19 @@ class FailsafeMonitor:
         """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""
         able = []
         for row in request.rows:
-            vehicle = self._flight.at_row(row)
+            vehicle = self.flight.at_row(row)
             if vehicle.phase is not Phase.TAKEOFF or request.action is not Action.HOLD:
                 able.append(row)
         if able:
             request = replace(request, rows=tuple(able))
-            vehicles = [self._flight.at_row(row) for row in able]
-            self._note(request, self._commander.command_some(vehicles, VEHICLE_COMMAND[request.action]))
+            vehicles = [self.flight.at_row(row) for row in able]
+            self._note(request, self.commander.command_some(vehicles, VEHICLE_COMMAND[request.action]))
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
         """Remember and log that the request was commanded."""
         for key in keys(request):
             self._acted[key] = max(self._acted.get(key, 0), request.severity)
-        rows = [v.row for v in self._flight.airborne] if request.whole_show else request.rows
+        rows = [v.row for v in self.flight.airborne] if request.whole_show else request.rows
         self._sent |= dict.fromkeys(rows, request.severity)
         self._commanded[request.cause, request.action] = record.id
         reported = {"cause": request.cause.value, "action": request.action.value, "command": record.id}
@@ -220,7 +210,7 @@ class FailsafeMonitor:
         )
 
     def _named(self, request: FailsafeRequest) -> tuple[str, ...]:
-        return tuple(self._flight.fleet.ids[row] for row in request.rows)
+        return tuple(self.flight.fleet.ids[row] for row in request.rows)
 
     def _show(self, requests: Sequence[FailsafeRequest]) -> None:
         """Update the active failsafes for display, and log those that are over."""
@@ -230,7 +220,7 @@ class FailsafeMonitor:
             if not any(cause == failsafe.cause for cause, _ in lasting):
                 log.info("failsafe_over", extra={"cause": failsafe.cause})
         began = {(each.cause, each.action): each for each in self.active}
-        now_s, unix_s = self._flight.fleet.time_s, self._unix_s()
+        now_s, unix_s = self.flight.fleet.time_s, self.flight.unix_s()
         active = []
         for request in requests:
             before, named = began.get((request.cause.value, request.action.value)), self._named(request)

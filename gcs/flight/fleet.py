@@ -5,7 +5,8 @@ Plain data and queries; `commander` changes it on commands and events, `orchestr
 
 import asyncio
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeVar
@@ -40,6 +41,7 @@ from gcs.model.state import (
 )
 from gcs.planning.landing_sites import STOP_S, swept_segments_m
 from gcs.planning.return_paths import keeps_to_path
+from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -107,9 +109,27 @@ class Columns:
 class Fleet:
     """The runtime state of one fleet. Changed on the event loop only."""
 
-    def __init__(self, config: Config, links: Sequence[Link], now_s: float) -> None:
-        """Starts with nothing received and nothing commanded. `links` carry all vehicles of `config`."""
+    def __init__(
+        self,
+        config: Config,
+        links: Sequence[Link],
+        now_s: float,
+        *,
+        unix_s: Callable[[], float] = time.time,
+        book: CommandLog | None = None,
+    ) -> None:
+        """Starts with nothing received and nothing commanded.
+
+        Args:
+            config: checked.
+            links: carry all vehicles of `config`.
+            now_s: the loop's time.
+            unix_s: the wall clock, in s since 1970.
+            book: commands and their outcomes; None: an empty one.
+        """
         self.config = config
+        self.unix_s = unix_s
+        self.book = book or CommandLog(None)
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
         self.vehicles = {

@@ -79,9 +79,9 @@ class Orchestrator:
         warm_up_paths()
         loop = asyncio.get_running_loop()
         self._config = config
-        self._flight = flight = Fleet(config, links, loop.time())
+        self.command_log = CommandLog(None if record is None else record.audit)
+        self._flight = flight = Fleet(config, links, loop.time(), unix_s=unix_s, book=self.command_log)
         self._record = record
-        self._unix_s = unix_s
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
         self._standing = tuple(problems)
@@ -101,25 +101,22 @@ class Orchestrator:
         self.replaying = None
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
-        self.command_log = CommandLog(None if record is None else record.audit)
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
         self.player = ShowPlayer(flight, self.shows)
         self.plan = PlanEditor(flight, self.player, maneuvers, loop.time)
-        self.preflight = PreflightGate(flight, parameter_reader, self.player, self.command_log, unix_s)
+        self.preflight = PreflightGate(flight, parameter_reader, self.player)
         self.commands = Commander(
             flight,
             maneuvers,
-            self.command_log,
             self.player,
             self.preflight,
-            unix_s,
             self._planning,
             None if record is None else record.found,
         )
         self.recovery = self.commands.recovery
-        self.alarms = AlarmMonitor(flight, unix_s, self.command_log.newest)
+        self.alarms = AlarmMonitor(flight)
         self._progress = ShowProgress(
-            flight, maneuvers, self.commands, parameter_reader, self.player, self._clock, unix_s
+            flight, maneuvers, self.commands, parameter_reader, self.player, self._clock
         )
         self.view = Latest(self._promised_view(self._decide())())
 
@@ -210,7 +207,7 @@ class Orchestrator:
                 timing=self._clock.summary(),
                 control_alive=self._control_alive,
                 alarms=self.alarms.alarms,
-                unix_time_s=self._unix_s(),
+                unix_time_s=self._flight.unix_s(),
                 start_unix_time_s=self._start_unix_s,
             )
             self._record.note(sample, self._flight.links)
@@ -236,7 +233,7 @@ class Orchestrator:
             link_quality=flight.link_quality.share,
             setpoints_sent=sum(link.setpoints_sent for link in flight.links),
             estimates=self._estimating.newest,
-            unix_time_s=self._unix_s(),
+            unix_time_s=self._flight.unix_s(),
             show_run=flight.show_run,
             start_unix_s=self._start_unix_s,
             failsafes=self._progress.failsafes,

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
@@ -24,35 +24,28 @@ from gcs.planning.feasibility import (
 log = logging.getLogger(__name__)
 
 
+@dataclass(eq=False)
 class PlanEditor:
     """Changes the plan of a flight, or refuses the change. Implements `gcs.service.PlanChanges`."""
 
-    def __init__(
-        self,
-        flight: Fleet,
-        show_player: ShowPlayer,
-        maneuvers: Maneuvers,
-        now_s: Callable[[], float],
-    ) -> None:
-        """`now_s` is the loop's clock."""
-        self._flight = flight
-        self._show_player = show_player
-        self._maneuvers = maneuvers
-        self._now_s = now_s
+    flight: Fleet
+    show_player: ShowPlayer
+    maneuvers: Maneuvers
+    now_s: Callable[[], float]
 
     @property
     def current(self) -> Plan:
         """The plan as of now, with every accepted change."""
-        return self._flight.plan
+        return self.flight.plan
 
     def _taking_part(self) -> list[Vehicle]:
         """Vehicles in the air, or about to take off."""
-        return [*self._flight.airborne, *self._maneuvers.waiting]
+        return [*self.flight.airborne, *self.maneuvers.waiting]
 
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; a refusal names values that are accepted."""
-        flight = self._flight
-        self._show_player.need_free("formation")
+        flight = self.flight
+        self.show_player.need_free("formation")
         if flight.show not in ON_THE_GROUND:
             count = max(1, len(self._taking_part()))
         elif any(vehicle.phase is not Phase.OFFLINE for vehicle in flight.vehicles.values()):
@@ -68,8 +61,8 @@ class PlanEditor:
 
     def set_orbit(self, orbit: Orbit) -> None:
         """Change how the centre circles the target."""
-        flight = self._flight
-        self._show_player.need_free("orbit")
+        flight = self.flight
+        self.show_player.need_free("orbit")
         control = flight.control
         check_orbit(orbit, control.law)
         check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
@@ -77,23 +70,23 @@ class PlanEditor:
 
     def set_target(self, target: Target) -> None:
         """Set the target's position and velocity."""
-        self._show_player.set_target(replace(target, time_s=self._now_s()))
+        self.show_player.set_target(replace(target, time_s=self.now_s()))
 
     def _followed(self) -> Target:
         """Return the target as it is followed at this time."""
-        now_s = self._now_s()
-        return followed(self._flight.plan, now_s, self._flight.control.safety.fence)
+        now_s = self.now_s()
+        return followed(self.flight.plan, now_s, self.flight.control.safety.fence)
 
     def set_yaw(self, yaw: Yaw) -> None:
         """Change the vehicles' heading."""
-        self._flight.plan = replace(self._flight.plan, yaw=yaw)
+        self.flight.plan = replace(self.flight.plan, yaw=yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         """Add a box-shaped obstacle."""
-        self._show_player.need_own_obstacle(obstacle.id)
-        if any(known.id == obstacle.id for known in self._flight.plan.obstacles):
+        self.show_player.need_own_obstacle(obstacle.id)
+        if any(known.id == obstacle.id for known in self.flight.plan.obstacles):
             raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
-        if len(self._flight.plan.obstacles) + self._show_player.reserved >= MAX_OBSTACLES:
+        if len(self.flight.plan.obstacles) + self.show_player.reserved >= MAX_OBSTACLES:
             raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
         self._place_obstacle(obstacle)
 
@@ -105,17 +98,17 @@ class PlanEditor:
     def remove_obstacle(self, obstacle_id: str) -> None:
         """Remove an obstacle."""
         self._need_obstacle(obstacle_id)
-        self._set_obstacles([known for known in self._flight.plan.obstacles if known.id != obstacle_id])
+        self._set_obstacles([known for known in self.flight.plan.obstacles if known.id != obstacle_id])
 
     def _need_obstacle(self, obstacle_id: str) -> None:
-        self._show_player.need_own_obstacle(obstacle_id)
-        known = [obstacle.id for obstacle in self._flight.plan.obstacles]
+        self.show_player.need_own_obstacle(obstacle_id)
+        known = [obstacle.id for obstacle in self.flight.plan.obstacles]
         if obstacle_id not in known:
             raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
 
     def _place_obstacle(self, obstacle: Obstacle) -> None:
-        flight = self._flight
-        obstacle = replace(obstacle, time_s=self._now_s())
+        flight = self.flight
+        obstacle = replace(obstacle, time_s=self.now_s())
         comes_down_m = {
             vehicle.id: vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
             for vehicle in self._taking_part()
@@ -134,7 +127,7 @@ class PlanEditor:
         self._set_obstacles([*others, obstacle])
 
     def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
-        self._flight.plan = replace(self._flight.plan, obstacles=tuple(obstacles))
+        self.flight.plan = replace(self.flight.plan, obstacles=tuple(obstacles))
 
 
 def merged_obstacles(
@@ -153,14 +146,15 @@ def merged_obstacles(
     return (*(box for box in recorded if box.id not in decided), *changed)
 
 
+@dataclass(eq=False)
 class RestoredPlan:
     """Restores the plan of an interrupted flight, once for each offer. Changed on the event loop only."""
 
-    def __init__(self, flight: Fleet, show_player: ShowPlayer, unix_s: Callable[[], float]) -> None:
-        self._flight = flight
-        self._show_player = show_player
-        self._unix_s = unix_s
-        self._configured = flight.plan
+    flight: Fleet
+    show_player: ShowPlayer
+
+    def __post_init__(self) -> None:
+        self._configured = self.flight.plan
         self._restored: set[Offer] = set()
 
     @property
@@ -180,7 +174,7 @@ class RestoredPlan:
             if found.stalled_s is not None and found.plan is None:
                 return ""  # the plan that was flown still applies
             if found.written is not None:
-                self._show_player.find(found.written.name, found.written.hash)
+                self.show_player.find(found.written.name, found.written.hash)
             else:
                 self._checked(found)
         except GcsError as error:
@@ -201,14 +195,14 @@ class RestoredPlan:
         else:
             plan = self._checked(found)
             if found.written is None:
-                self._flight.plan = plan
-            elif self._flight.show_run is None:
-                self._show_player.resume(found.written, plan)
+                self.flight.plan = plan
+            elif self.flight.show_run is None:
+                self.show_player.resume(found.written, plan)
         self._restored.add(offer)
 
     def _restore_obstacles(self, found: Interruption) -> None:
         """Restore as many obstacles as are allowed; an unreadable record has none."""
-        flight = self._flight
+        flight = self.flight
         if found.plan is None or flight.show_run is not None:
             return
         try:
@@ -226,16 +220,16 @@ class RestoredPlan:
         """The recorded plan, with target and obstacles moved to now. Raises: RefusedError if unreadable."""
         if found.plan is None:
             raise RefusedError("what was flown is not in the record")
-        now_s = self._flight.fleet.time_s
+        now_s = self.flight.fleet.time_s
         try:
-            shift_s = now_s - (self._unix_s() - found.unix_s) - float(found.plan["time_s"])
+            shift_s = now_s - (self.flight.unix_s() - found.unix_s) - float(found.plan["time_s"])
             return plan_of(found.plan, shift_s)
         except (GcsError, KeyError, TypeError, ValueError) as error:
             raise RefusedError(f"the plan of the record cannot be read: {error!r}") from None
 
     def _merged(self, found: Interruption) -> Plan:
         """The recorded plan with an operator's changes since the restart. Raises: RefusedError."""
-        recorded, configured, now = self._recorded(found), self._configured, self._flight.plan
+        recorded, configured, now = self._recorded(found), self._configured, self.flight.plan
         merged = merged_obstacles(recorded.obstacles, configured.obstacles, now.obstacles)
         if len(merged) > MAX_OBSTACLES:
             text = f"{len(merged)} obstacles, with those of the interrupted flight; at most {MAX_OBSTACLES}"
@@ -250,13 +244,13 @@ class RestoredPlan:
 
     def _checked(self, found: Interruption) -> Plan:
         """The merged plan, if it may be flown. Raises: RefusedError."""
-        plan, control = self._merged(found), self._flight.control
+        plan, control = self._merged(found), self.flight.control
         if found.written is not None:
             return plan  # checked as a whole, under its own limits
         try:
             check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
             check_orbit(plan.orbit, control.law)
-            target = followed(plan, self._flight.fleet.time_s, control.safety.fence)
+            target = followed(plan, self.flight.fleet.time_s, control.safety.fence)
             check_target(target, plan.orbit, plan.formation, control)
         except GcsError as error:
             raise RefusedError(f"what was flown cannot be flown now: {error}") from None

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Final, NamedTuple
 
@@ -21,7 +22,6 @@ from gcs.planning.landing_sites import column_m, describe_columns, most_overlapp
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.preflight import Pattern, PreflightInputs, own_checks, room_to_wander, spacing, standing
 from gcs.service import CALLER, CommandRecord, Outcome
-from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -75,24 +75,15 @@ class _Kept(NamedTuple):
         return same and self.meant == meant and flight.fleet.time_s - self.time_s < AGAIN_S
 
 
+@dataclass(eq=False)
 class PreflightGate:
     """Runs all checks before a start, and excludes vehicles from it. Implements `gcs.service.Preflight`."""
 
-    def __init__(
-        self,
-        flight: Fleet,
-        parameter_reader: ParameterReader,
-        show_player: ShowPlayer,
-        book: CommandLog,
-        unix_s: Callable[[], float],
-    ) -> None:
-        self._flight = flight
-        self._parameter_reader = parameter_reader
-        self._show_player = show_player
-        self._book = book
-        self._unix_s = unix_s
-        self._last: _Kept | None = None
-        self._roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
+    flight: Fleet
+    parameter_reader: ParameterReader
+    show_player: ShowPlayer
+    _last: _Kept | None = None
+    _roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
 
     @with_alternative
     def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
@@ -102,7 +93,7 @@ class PreflightGate:
 
         Raises: UnknownError; RefusedError when there is none.
         """
-        flight = self._flight
+        flight = self.flight
         for name in vehicles or ():
             flight.vehicle(name)
         if flight.show not in ON_THE_GROUND or flight.airborne:
@@ -116,11 +107,11 @@ class PreflightGate:
         return kept.report
 
     def _kept(self, meant: tuple[VehicleId, ...] | None, report: PreflightReport) -> "_Kept":
-        flight = self._flight
+        flight = self.flight
         return _Kept(flight.fleet.time_s, meant, flight.show_run, frozenset(flight.excluded), report)
 
     def _made(self, desired: tuple[VehicleId, ...] | None) -> PreflightReport:
-        flight, show = self._flight, self._flight.show_run
+        flight, show = self.flight, self.flight.show_run
         fleet: list[Check] = []
         try:
             chosen, left_out = self._choose(desired)
@@ -143,9 +134,9 @@ class PreflightGate:
         fleet: Sequence[Check],
         looked: "_Looked",
     ) -> PreflightReport:
-        show, flying = self._flight.show_run, set(chosen)
+        show, flying = self.flight.show_run, set(chosen)
         return PreflightReport(
-            unix_time_s=self._unix_s(),
+            unix_time_s=self.flight.unix_s(),
             show=None if show is None else show.name,
             show_hash=None if show is None else show.hash,
             fleet=tuple(fleet),
@@ -194,13 +185,13 @@ class PreflightGate:
     def _need_show(
         self, chosen: Sequence[VehicleId], show_hash: str | None, desired: Sequence[VehicleId] | None
     ) -> None:
-        self._show_player.check_start(
-            chosen, show_hash, named=desired is not None, taken_out=len(self._flight.excluded)
+        self.show_player.check_start(
+            chosen, show_hash, named=desired is not None, taken_out=len(self.flight.excluded)
         )
 
     def _look(self, chosen: Sequence[VehicleId]) -> "_Looked":
         inputs = self._inputs()
-        alone = self._alone(inputs, list(self._flight.vehicles))
+        alone = self._alone(inputs, list(self.flight.vehicles))
         pattern = self._pattern()
         stand = standing(inputs, chosen, pattern)
         room = room_to_wander(inputs, chosen, pattern)
@@ -212,7 +203,7 @@ class PreflightGate:
         return _Looked(alone, stand.fleet, [*stand.not_checked, *self._left_unlooked()])
 
     def _left_unlooked(self) -> Iterator[str]:
-        config = self._flight.config
+        config = self.flight.config
         if not config.operation.require_parameters:
             yield "parameters, speed limits, own fence: operation.require_parameters is false"
         if not config.operation.require_safe_setpoint_loss:
@@ -226,18 +217,18 @@ class PreflightGate:
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
         near = spacing(inputs, vehicles)
-        meant = self._flight.config.operation.require_parameters
+        meant = self.flight.config.operation.require_parameters
         return {
             name: [
                 *own_checks(inputs, name),
                 *near[name],
-                *(self._parameter_reader.checks(name) if meant else ()),
+                *(self.parameter_reader.checks(name) if meant else ()),
             ]
             for name in vehicles
         }
 
     def _inputs(self) -> PreflightInputs:
-        flight, operation = self._flight, self._flight.config.operation
+        flight, operation = self.flight, self.flight.config.operation
         show = flight.show_run
         needs = None if show is None else show.figures.get("battery_need")
         return PreflightInputs(
@@ -256,12 +247,12 @@ class PreflightGate:
             battery_need=0.0 if show is None else needs,
             speed_need_m_s=0.0 if show is None else show.figures.get("speed_max_m_s", 0.0),
             speed_max_m_s=flight.traits.speed_max_m_s,
-            ahead_s=self._unix_s() - flight.fleet.time_s,
+            ahead_s=self.flight.unix_s() - flight.fleet.time_s,
         )
 
     def _pattern(self) -> Pattern | None:
         """Return the selected show's pads, in the order of the fleet; without a show the configured ones."""
-        flight, config = self._flight, self._flight.config
+        flight, config = self.flight, self.flight.config
         heading_deg = config.show_frame.heading_deg
         if flight.show_run is not None:
             pads_m = flight.show_run.timeline.show.pads_m[:, :2]
@@ -277,7 +268,7 @@ class PreflightGate:
         self, chosen: Sequence[VehicleId]
     ) -> Iterator[tuple[str, str, Callable[[], None]]]:
         """Yield the checks of what would go wrong in the air, as far as it can be predicted; each raises."""
-        flight, operation = self._flight, self._flight.config.operation
+        flight, operation = self.flight, self.flight.config.operation
         yield (
             "formation",
             "a sphere that has room for all vehicles",
@@ -291,7 +282,7 @@ class PreflightGate:
                 lambda: check_setpoint_loss(
                     tuple(chosen),
                     flight.fleet.position_m[rows],
-                    self._show_player.plans(),
+                    self.show_player.plans(),
                     flight.control,
                     flight.traits.uncertainty_m[rows],
                     operation.setpoint_loss_action,
@@ -301,17 +292,17 @@ class PreflightGate:
         yield "obstacles", "none on a pad", lambda: self._check_obstacles(chosen)
 
     def _check_obstacles(self, chosen: Sequence[VehicleId]) -> None:
-        flight = self._flight
+        flight = self.flight
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
-        for obstacle in self._show_player.obstacles():
+        for obstacle in self.show_player.obstacles():
             check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
 
     def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
         """Store how many pairs will be stacked, as far as it can be predicted."""
-        flight = self._flight
+        flight = self.flight
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
         width_m = column_m(flight.control.safety.floor)
-        plan = min((plan for _, plan in self._show_player.plans()), key=lambda each: each.formation.radius_m)
+        plan = min((plan for _, plan in self.show_player.plans()), key=lambda each: each.formation.radius_m)
         rehearsed, words = self._rehearsed_overlaps(chosen), ""
         if len(chosen) <= PREDICTED_MAX:
             formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
@@ -324,7 +315,7 @@ class PreflightGate:
 
     def _rehearsed_overlaps(self, chosen: Sequence[VehicleId]) -> list[str]:
         """Stacked pairs in the check of the selected show, by the names of the vehicles that fly now."""
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         pairs = () if show_run is None else show_run.figures.get("columns", ())
         return [
             f"{chosen[pair['upper'] - 1]} above {chosen[pair['lower'] - 1]} at '{pair['cue']}'"
@@ -335,7 +326,7 @@ class PreflightGate:
 
     def _choose(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
         """Return the vehicles that fly, and why the others do not. Raises: UnknownError, RefusedError."""
-        flight = self._flight
+        flight = self.flight
         for name in desired or ():
             flight.vehicle(name)
         chosen, left_out = self._could(desired)
@@ -359,9 +350,9 @@ class PreflightGate:
         chosen: list[VehicleId] = []
         left_out: dict[VehicleId, str] = {}
         meant = None if desired is None else frozenset(desired)
-        for name, vehicle in self._flight.vehicles.items():
-            if name in self._flight.excluded:
-                left_out[name] = str(self._flight.excluded[name])
+        for name, vehicle in self.flight.vehicles.items():
+            if name in self.flight.excluded:
+                left_out[name] = str(self.flight.excluded[name])
             elif meant is not None and name not in meant:
                 left_out[name] = "not chosen"
             elif vehicle.phase is Phase.STANDBY:
@@ -378,10 +369,10 @@ class PreflightGate:
         """
         if len(reason) > REASON_MAX:
             raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
-        self._flight.need_no_countdown()
+        self.flight.need_no_countdown()
         self._need_ground(vehicle_id)
-        exclusion = Exclusion(CALLER.get(), reason, self._unix_s())
-        self._flight.excluded[vehicle_id] = exclusion
+        exclusion = Exclusion(CALLER.get(), reason, self.flight.unix_s())
+        self.flight.excluded[vehicle_id] = exclusion
         log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
         return self._noted("exclude", vehicle_id, str(exclusion))
 
@@ -391,20 +382,20 @@ class PreflightGate:
 
         Raises: UnknownError; RefusedError if it is not excluded, or unless all vehicles are on the ground.
         """
-        self._flight.need_no_countdown()
+        self.flight.need_no_countdown()
         self._need_ground(vehicle_id)
-        if self._flight.excluded.pop(vehicle_id, None) is None:
+        if self.flight.excluded.pop(vehicle_id, None) is None:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
         log.info("included", extra={"vehicle": vehicle_id, "by": CALLER.get()})
         return self._noted("include", vehicle_id, "")
 
     def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> CommandRecord:
-        record = self._book.open(action, [vehicle_id], {})
-        self._book.close(record.id, vehicle_id, Outcome.DONE, reason)
-        return self._book.get(record.id)
+        record = self.flight.book.open(action, [vehicle_id], {})
+        self.flight.book.close(record.id, vehicle_id, Outcome.DONE, reason)
+        return self.flight.book.get(record.id)
 
     def _need_ground(self, vehicle_id: VehicleId) -> None:
-        vehicle, flight = self._flight.vehicle(vehicle_id), self._flight
+        vehicle, flight = self.flight.vehicle(vehicle_id), self.flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
             raise RefusedError(
                 f"vehicles can be excluded or included only on the ground (the show is {flight.show})"

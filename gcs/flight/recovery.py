@@ -40,7 +40,6 @@ from gcs.model.interrupted_flight import (
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome
-from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -59,38 +58,30 @@ class _Batch:
     handed: list[Vehicle] = field(default_factory=list)
 
 
+@dataclass(eq=False)
 class Recovery:
     """Tracks an interrupted flight until all its vehicles are accounted for: `gcs.service.Recovery`."""
 
-    def __init__(
-        self,
-        flight: Fleet,
-        maneuvers: Maneuvers,
-        book: CommandLog,
-        show_player: ShowPlayer,
-        found: Interruption | None,
-        send_home: Callable[[str], CommandRecord],
-        unix_s: Callable[[], float],
-    ) -> None:
-        """Restores the pads, nothing else. `send_home` returns vehicles that hold together."""
-        self._flight = flight
-        self._maneuvers = maneuvers
-        self._book = book
-        self._found = found
-        self._send_home = send_home
+    flight: Fleet
+    maneuvers: Maneuvers
+    show_player: ShowPlayer
+    found: Interruption | None
+    send_home: Callable[[str], CommandRecord]
+
+    def __post_init__(self) -> None:
         self._batch: _Batch | None = None
         self._wrong: tuple[str, ...] = ()  # what is wrong with the whole record
         self._sent_on: set[VehicleId] = set()
         self._no_plan = ""  # why the formation cannot go on
-        self._plans = RestoredPlan(flight, show_player, unix_s)
-        self._stalls = StallRecovery(flight, unix_s)
-        self._awaited = AwaitedVehicles(flight, maneuvers, asyncio.get_running_loop().time)
+        self._plans = RestoredPlan(self.flight, self.show_player)
+        self._stalls = StallRecovery(self.flight)
+        self._awaited = AwaitedVehicles(self.flight, self.maneuvers, asyncio.get_running_loop().time)
         self._regained: set[VehicleId] = set()  # vehicles of the interruption that were under control since
-        if found is not None:
-            self._restore_pads(found)
+        if self.found is not None:
+            self._restore_pads(self.found)
 
     def _restore_pads(self, found: Interruption) -> None:
-        config, vehicles = self._flight.config, self._flight.vehicles
+        config, vehicles = self.flight.config, self.flight.vehicles
         ids = {name: vehicle.system_id for name, vehicle in vehicles.items()}
         self._wrong = tuple(mismatches(found, config.show_frame.model_dump(), ids))
         if not self._wrong:
@@ -101,7 +92,7 @@ class Recovery:
 
     def log_found(self) -> None:
         """Log the flight that was interrupted before this service began, if there is one."""
-        if (found := self._found) is not None:
+        if (found := self.found) is not None:
             reported = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
             log.warning("found_interrupted", extra=reported)
 
@@ -117,24 +108,24 @@ class Recovery:
 
     def _explain(self, stall: Stall) -> None:
         """Add the vehicles that the stall took out of control to the interruption."""
-        known = set() if self._found is None else self._found.vehicles.keys() - self._regained
+        known = set() if self.found is None else self.found.vehicles.keys() - self._regained
         fallen = self._stalls.fallen(known)
         if not fallen:
             return
         self._regained -= fallen.keys()
-        if self._found is None:
-            self._found = replace(stall.flown, vehicles=fallen)
+        if self.found is None:
+            self.found = replace(stall.flown, vehicles=fallen)
             self._wrong, self._sent_on = (), set()
             self._no_plan = self._plans.why_not(stall.flown)
         else:
-            vehicles = {**self._found.vehicles, **fallen}
-            plan = None if self._plans.is_taken_over else self._found.plan  # flown since
-            self._found = replace(self._found, vehicles=vehicles, stalled_s=stall.flown.stalled_s, plan=plan)
+            vehicles = {**self.found.vehicles, **fallen}
+            plan = None if self._plans.is_taken_over else self.found.plan  # flown since
+            self.found = replace(self.found, vehicles=vehicles, stalled_s=stall.flown.stalled_s, plan=plan)
         self._sent_on -= fallen.keys()
-        log.warning("interrupted", extra={**self._found.to_json(), "cause": self._found.cause})
+        log.warning("interrupted", extra={**self.found.to_json(), "cause": self.found.cause})
         for name in fallen:
-            vehicle = self._flight.vehicles[name]
-            if not self._maneuvers.running(vehicle):
+            vehicle = self.flight.vehicles[name]
+            if not self.maneuvers.running(vehicle):
                 self._awaited.falls(vehicle, stall.since_s)
 
     def reaches_again(self, vehicle: Vehicle) -> bool:
@@ -152,18 +143,18 @@ class Recovery:
         """Airborne vehicles that the stall or restart took out of control; a command may take it first."""
         shown = self.view()
         waiting = () if shown is None or self._wrong else (one.id for one in shown.vehicles if one.waits)
-        vehicles = [self._flight.vehicles[name] for name in waiting]
+        vehicles = [self.flight.vehicles[name] for name in waiting]
         return [one for one in vehicles if one.phase is Phase.PILOT and not self.why_not(one)]
 
     def reclaim(self) -> list[Vehicle]:
         """Return `reclaimable` for a command that reaches them now, and restore that flight's obstacles."""
-        if self._found is not None and not self._wrong:
-            self._plans.restore(self._found, Offer.BRING_HOME)
+        if self.found is not None and not self._wrong:
+            self._plans.restore(self.found, Offer.BRING_HOME)
         return self.reclaimable
 
     def why_not(self, vehicle: Vehicle) -> str:
         """Why no fleet-wide command takes control of it; empty when one may."""
-        flight = self._flight
+        flight = self.flight
         return (
             why_never(flight, vehicle)
             or why_not_without_heartbeat(flight, vehicle)
@@ -173,9 +164,9 @@ class Recovery:
     @property
     def unreceived(self) -> list[Vehicle]:
         """Vehicles of the interrupted flight that have sent nothing yet: a command to all includes them."""
-        if self._found is None or self._wrong:
+        if self.found is None or self._wrong:
             return []
-        vehicles = [self._flight.vehicles[name] for name in self._found.vehicles]
+        vehicles = [self.flight.vehicles[name] for name in self.found.vehicles]
         return [one for one in vehicles if one.phase is Phase.OFFLINE]
 
     def expect(
@@ -206,7 +197,7 @@ class Recovery:
         if stall is not None:
             self._explain(stall)
         self._stalls.expire()
-        found, batch = self._found, self._batch
+        found, batch = self.found, self._batch
         if found is not None:
             self._keep_true(found)
         if self._awaited.any:
@@ -216,15 +207,15 @@ class Recovery:
             self._go_on(batch)
         if found is None:
             return
-        if self._flight.show in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
+        if self.flight.show in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
             log.info("interruption_over", extra={"of_session": found.session})
-            self._found, self._regained = None, set()
+            self.found, self._regained = None, set()
             self._plans.forget()
 
     def _keep_true(self, found: Interruption) -> None:
         """Remember which vehicles came under control again, and report why the others are not."""
         for name, before in found.vehicles.items():
-            vehicle = self._flight.vehicles.get(name)
+            vehicle = self.flight.vehicles.get(name)
             if vehicle is None:
                 continue
             if vehicle.phase in AIRBORNE:
@@ -232,7 +223,7 @@ class Recovery:
             elif vehicle.phase is Phase.PILOT and not self._wrong:
                 shown = self._remaining(name, before)
                 if shown.waits:
-                    vehicle.reason = left_by(found.cause, self._flight.mode(vehicle))
+                    vehicle.reason = left_by(found.cause, self.flight.mode(vehicle))
                 elif vehicle.reason.startswith(found.cause):
                     vehicle.reason = shown.text
 
@@ -241,12 +232,12 @@ class Recovery:
         if self._batch is not None or self._awaited.any:
             return False
         open_phases = {Phase.OFFLINE, Phase.PILOT, Phase.HOLD}
-        left = [one for name in found.vehicles if (one := self._flight.vehicles.get(name)) is not None]
+        left = [one for name in found.vehicles if (one := self.flight.vehicles.get(name)) is not None]
         return all(one.id in self._sent_on or one.phase not in open_phases for one in left)
 
     def view(self) -> InterruptedFlight | None:
         """Return the interruption for display."""
-        found = self._found
+        found = self.found
         if found is None:
             return None
         vehicles = tuple(self._remaining(name, before) for name, before in found.vehicles.items())
@@ -272,10 +263,10 @@ class Recovery:
         )
 
     def _remaining(self, name: VehicleId, before: Before) -> Remaining:
-        vehicle = self._flight.vehicles.get(name)
+        vehicle = self.flight.vehicles.get(name)
         if vehicle is None:
             return Remaining(name, before.phase, before.pad_m is not None, waits=False, text="not configured")
-        facts, action = self._flight.inputs(vehicle), self._flight.config.operation.setpoint_loss_action
+        facts, action = self.flight.inputs(vehicle), self.flight.config.operation.setpoint_loss_action
         return remaining(
             name,
             before,
@@ -291,7 +282,7 @@ class Recovery:
     @with_alternative
     def settle(self, offer: Offer) -> CommandRecord:
         """Execute an offer. Raises: RefusedError when it is not offered."""
-        found, shown = self._found, self.view()
+        found, shown = self.found, self.view()
         if found is None or shown is None:
             raise RefusedError("no flight was cut off, or all of it is settled")
         if offer not in shown.offers:
@@ -301,17 +292,16 @@ class Recovery:
         refused = {
             name: why
             for name in waiting
-            if (vehicle := self._flight.vehicles[name]).phase is Phase.PILOT
-            and (why := self.why_not(vehicle))
+            if (vehicle := self.flight.vehicles[name]).phase is Phase.PILOT and (why := self.why_not(vehicle))
         }
         waiting -= refused.keys()
         if offer is Offer.BRING_HOME:
-            return self._send_home(f"brought home: {shown.cause}")
-        chosen = [vehicle for name, vehicle in self._flight.vehicles.items() if name in waiting]
+            return self.send_home(f"brought home: {shown.cause}")
+        chosen = [vehicle for name, vehicle in self.flight.vehicles.items() if name in waiting]
         unreceived = self.unreceived
         meant = [vehicle.id for vehicle in (*chosen, *unreceived)]
         left_out = {one.id: one.text for one in shown.vehicles if one.id not in meant} | refused
-        record = self._book.open(offer.value, meant, left_out)
+        record = self.flight.book.open(offer.value, meant, left_out)
         if self._batch is not None:
             self._close(self._batch)
         batch = _Batch([record], set(meant))
@@ -326,7 +316,7 @@ class Recovery:
         return record
 
     def _take_one(self, batch: _Batch, vehicle: Vehicle) -> None:
-        self._maneuvers.start(vehicle, self._maneuvers.take_control, partial(self._note, batch, vehicle))
+        self.maneuvers.start(vehicle, self.maneuvers.take_control, partial(self._note, batch, vehicle))
 
     def _close(self, batch: _Batch) -> None:
         """Close a batch because another take-over begins before all of its vehicles hold."""
@@ -337,7 +327,7 @@ class Recovery:
         """Record one vehicle's outcome in every record that contains it."""
         for record in batch.records:
             if vehicle.id in record.outcomes:
-                self._book.close(record.id, vehicle.id, outcome, reason)
+                self.flight.book.close(record.id, vehicle.id, outcome, reason)
 
     @property
     def taking_over(self) -> list[Vehicle]:
@@ -345,7 +335,7 @@ class Recovery:
         if self._batch is None:
             return []
         handed = {one.id for one in self._batch.handed}
-        return [one for one in self._flight.vehicles.values() if one.id in self._batch.awaited | handed]
+        return [one for one in self.flight.vehicles.values() if one.id in self._batch.awaited | handed]
 
     def go_along(self, record: CommandRecord) -> None:
         """Close the parts of `record` together with those of the running take-over."""
@@ -371,16 +361,16 @@ class Recovery:
         self._sent_on |= {vehicle.id for vehicle in ours}
         for vehicle in ours:
             if self._rejoins(vehicle):
-                self._maneuvers.start(vehicle, self._maneuvers.join, partial(self._end_part, batch, vehicle))
+                self.maneuvers.start(vehicle, self.maneuvers.join, partial(self._end_part, batch, vehicle))
             else:
                 self._end_part(batch, vehicle, Outcome.DONE, "holds, as before")
 
     def _is_commanded(self, vehicle: Vehicle) -> bool:
         """Whether a newer command was given since the vehicle holds: the newer command counts."""
-        return self._maneuvers.running(vehicle) or self._flight.show in COMES_DOWN
+        return self.maneuvers.running(vehicle) or self.flight.show in COMES_DOWN
 
     def _rejoins(self, vehicle: Vehicle) -> bool:
-        found = self._found
+        found = self.found
         before = None if found is None else found.vehicles.get(vehicle.id)
         if found is None or before is None or vehicle.phase is not Phase.HOLD:
             return False

@@ -84,7 +84,7 @@ def instead(flight: Fleet, vehicle_id: VehicleId | None = None) -> Iterator[None
 
 
 class _OfFlight(Protocol):
-    _flight: Fleet
+    flight: Fleet
 
 
 def with_alternative(command: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
@@ -92,7 +92,7 @@ def with_alternative(command: Callable[Concatenate[S, P], R]) -> Callable[Concat
 
     @wraps(command)
     def wrapped(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        with instead(self._flight):
+        with instead(self.flight):
             return command(self, *args, **kwargs)
 
     return wrapped

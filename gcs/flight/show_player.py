@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import nan
 
 from gcs.flight.fleet import Fleet
@@ -23,14 +23,16 @@ from gcs.shows.loading import service_flaws
 log = logging.getLogger(__name__)
 
 
+@dataclass(eq=False)
 class ShowPlayer:
     """Selects shows, and has the selected show decide the plan. Implements `gcs.service.Player`."""
 
-    def __init__(self, flight: Fleet, show_library: ShowLibrary) -> None:
-        self._flight = flight
-        self._show_library = show_library
-        show_library.judge_by(self.misfits)
-        self._reported: Plan = flight.plan  # the plan without a show
+    flight: Fleet
+    show_library: ShowLibrary
+
+    def __post_init__(self) -> None:
+        self.show_library.judge_by(self.misfits)
+        self._reported: Plan = self.flight.plan  # the plan without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show have not appeared yet
         self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`
         self._reported_s = 0.0
@@ -43,17 +45,17 @@ class ShowPlayer:
 
         Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
         """
-        self._flight.need_no_countdown()
+        self.flight.need_no_countdown()
         self._need_ground("select a show")
-        timeline = self._fitting(name, self._show_library.cleared(name, show_hash))
-        return self._take(ShowRun(name, timeline, figures=self._show_library.checked(name).figures or {}))
+        timeline = self._fitting(name, self.show_library.cleared(name, show_hash))
+        return self._take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures or {}))
 
     def find(self, name: str, show_hash: str) -> Timeline:
         """Return a show that was flown before, by its hash, which proves its check. Reads the file.
 
         Raises: UnknownError; RefusedError when it has changed since, or does not fit this service.
         """
-        return self._fitting(name, self._show_library.recorded(name, show_hash))
+        return self._fitting(name, self.show_library.recorded(name, show_hash))
 
     def resume(self, written: Written, plan: Plan) -> None:
         """Select an interrupted show, to go on from its time once it is resumed.
@@ -66,7 +68,7 @@ class ShowPlayer:
         clock = ShowClock(min(max(written.clock_s, 0.0), timeline.duration_s))
         show_run = ShowRun(written.name, timeline, clock, started=True, parts=dict(written.parts))
         own = tuple(box for box in plan.obstacles if box.id not in show_run.obstacle_ids)
-        self._flight.plan = replace(self._flight.plan, obstacles=own, yaw=plan.yaw)
+        self.flight.plan = replace(self.flight.plan, obstacles=own, yaw=plan.yaw)
         self._take(show_run)
 
     def _fitting(self, name: str, timeline: Timeline) -> Timeline:
@@ -79,7 +81,7 @@ class ShowPlayer:
         return [*self._own_misfits(show), *self._clashes(show)]
 
     def _own_misfits(self, show: Show) -> list[Flaw]:
-        config, count = self._flight.config, len(self._flight.vehicles)
+        config, count = self.flight.config, len(self.flight.vehicles)
         return service_flaws(show, config.frame, config.control, config.operation, count)
 
     def _clashes(self, show: Show) -> Iterator[Flaw]:
@@ -95,7 +97,7 @@ class ShowPlayer:
 
     def _take(self, show_run: ShowRun) -> SelectedShow:
         """Let the show lead. Raises: RefusedError when its obstacles conflict with those of operators."""
-        flight, name = self._flight, show_run.name
+        flight, name = self.flight, show_run.name
         show, own = show_run.timeline.show, self._reported_obstacles
         _refuse(name, [*self._clashes(show)])
         if flight.show_run is None:
@@ -110,7 +112,7 @@ class ShowPlayer:
     @with_alternative
     def deselect(self) -> None:
         """Select no show: the panels decide the plan. Raises: RefusedError in the air."""
-        flight = self._flight
+        flight = self.flight
         flight.need_no_countdown()
         self._need_ground("deselect the show")
         if flight.show_run is None:
@@ -123,7 +125,7 @@ class ShowPlayer:
     @with_alternative
     def seek(self, cue: str) -> SelectedShow:
         """Start the show at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
-        flight = self._flight
+        flight = self.flight
         flight.need_no_countdown()
         show_run = self._selected("seek")
         grounded = flight.show in ON_THE_GROUND and not flight.airborne
@@ -144,7 +146,7 @@ class ShowPlayer:
 
         Raises: RefusedError.
         """
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         if show_run is None:
             if show_hash is not None:
                 raise RefusedError("no show is selected: select one, or start without a show's hash")
@@ -157,7 +159,7 @@ class ShowPlayer:
             raise RefusedError(
                 f"show {show_run.name!r} is selected with the hash {show_run.hash}, not {show_hash[:64]!r}"
             )
-        self._show_library.cleared(show_run.name, show_hash)
+        self.show_library.cleared(show_run.name, show_hash)
         needed, count = show_run.timeline.show.fleet.vehicles, len(chosen)
         if count > needed or (count + taken_out < needed and not named):
             fix = "name the vehicles that fly" + (", to take the others out" if count < needed else "")
@@ -165,38 +167,38 @@ class ShowPlayer:
 
     def begin(self, chosen: Sequence[VehicleId]) -> None:
         """Begin the selected show with these vehicles."""
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         if show_run is not None:
             show_run.started = True
             show_run.parts = {name: part for part, name in enumerate(chosen)}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """Plans to be flown in order, with the names of their cues."""
-        show_run = self._flight.show_run
-        return [("", self._flight.plan)] if show_run is None else show_run.timeline.stages()
+        show_run = self.flight.show_run
+        return [("", self.flight.plan)] if show_run is None else show_run.timeline.stages()
 
     def obstacles(self) -> tuple[Obstacle, ...]:
         """All obstacles, at any time of the flight."""
-        show_run, plan = self._flight.show_run, self._flight.plan
+        show_run, plan = self.flight.show_run, self.flight.plan
         if show_run is None:
             return plan.obstacles
         return (*self._own_obstacles(show_run), *show_run.obstacles)
 
     def _need_ground(self, what: str) -> None:
-        flight = self._flight
+        flight = self.flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
             raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")
 
     def _selected(self, what: str) -> ShowRun:
-        if self._flight.show_run is None:
+        if self.flight.show_run is None:
             raise RefusedError(f"no show is selected: {what} is for one that is")
-        return self._flight.show_run
+        return self.flight.show_run
 
     # in the air
 
     def lead(self) -> None:
         """Have the show decide formation, orbit, target and its own obstacles; called once a tick."""
-        flight, show_run = self._flight, self._flight.show_run
+        flight, show_run = self.flight, self.flight.show_run
         if show_run is None:
             return
         desired = show_run.desired(flight.fleet.time_s)
@@ -214,7 +216,7 @@ class ShowPlayer:
 
     def _in_the_way(self, box: Obstacle) -> str:
         """Why an obstacle of the show cannot appear now; empty when it can."""
-        flight = self._flight
+        flight = self.flight
         try:
             check_obstacle(
                 box,
@@ -233,19 +235,19 @@ class ShowPlayer:
     @property
     def _reported_obstacles(self) -> tuple[Obstacle, ...]:
         """Obstacles that are not the selected show's."""
-        show_run = self._flight.show_run
-        return self._flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
+        show_run = self.flight.show_run
+        return self.flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
 
     def _own_obstacles(self, show_run: ShowRun) -> tuple[Obstacle, ...]:
         """Obstacles set by operators that are not the show's."""
         ids = show_run.obstacle_ids
-        return tuple(box for box in self._flight.plan.obstacles if box.id not in ids)
+        return tuple(box for box in self.flight.plan.obstacles if box.id not in ids)
 
     # changes during a show
 
     def need_free(self, what: str) -> None:
         """Check that no show decides `what`. Raises: RefusedError."""
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         if show_run is not None:
             raise RefusedError(
                 f"show {show_run.name!r} decides the {what}: it can be paused or stopped, and deselected"
@@ -254,22 +256,22 @@ class ShowPlayer:
 
     def need_own_obstacle(self, obstacle_id: str) -> None:
         """Check that the obstacle is not one of the show's. Raises: RefusedError."""
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         if show_run is not None and obstacle_id in show_run.obstacle_ids:
             self.need_free(f"obstacle {obstacle_id}")
 
     @property
     def reserved(self) -> int:
         """Number of the show's obstacles that have not appeared."""
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         if show_run is None:
             return 0
-        return len(show_run.obstacle_ids - {box.id for box in self._flight.plan.obstacles})
+        return len(show_run.obstacle_ids - {box.id for box in self.flight.plan.obstacles})
 
     @property
     def target_age_s(self) -> float:
         """Age of the newest update of a live cue's target; NaN if none is expected or none was sent."""
-        flight, show_run = self._flight, self._flight.show_run
+        flight, show_run = self.flight, self.flight.show_run
         if show_run is None or show_run.live is None or not show_run.clock.runs:
             return nan
         reported_s = self._reported_s if show_run.live is self._held else show_run.live.time_s
@@ -277,7 +279,7 @@ class ShowPlayer:
 
     def hold_target(self) -> None:
         """Hold a live target that is not updated at its present position, until its next update."""
-        flight, show_run = self._flight, self._flight.show_run
+        flight, show_run = self.flight, self.flight.show_run
         if show_run is None or show_run.live is None or show_run.live is self._held:
             return
         now_s, live = flight.fleet.time_s, show_run.live
@@ -286,7 +288,7 @@ class ShowPlayer:
 
     def set_target(self, target: Target) -> None:
         """Set a target, without a show or for a live cue. Raises: RefusedError, InvalidError."""
-        flight, show_run = self._flight, self._flight.show_run
+        flight, show_run = self.flight, self.flight.show_run
         if show_run is not None and not show_run.is_live(target.time_s):
             self.need_free(f"target at cue {show_run.cue(target.time_s)!r}")
         check_target(target, flight.plan.orbit, flight.plan.formation, flight.control)

@@ -1,7 +1,7 @@
 """Advances the show automatically, once a tick: telemetry, failsafes, take-off, assembly, landing."""
 
 import logging
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from gcs.flight.commander import Commander
@@ -30,25 +30,23 @@ OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
 """Phases in which the show leads no vehicle."""
 
 
+@dataclass(eq=False)
 class ShowProgress:
     """Follows the telemetry with phases, failsafes and the show's progress. Called once a tick."""
 
-    def __init__(
-        self,
-        flight: Fleet,
-        maneuvers: Maneuvers,
-        commander: Commander,
-        parameter_reader: ParameterReader,
-        show_player: ShowPlayer,
-        clock: TickClock,
-        unix_s: Callable[[], float],
-    ) -> None:
-        self._flight = flight
-        self._maneuvers = maneuvers
-        self._commander = commander
-        self._telemetry_monitor = TelemetryMonitor(flight, maneuvers, parameter_reader, self._come_back)
+    flight: Fleet
+    maneuvers: Maneuvers
+    commander: Commander
+    parameter_reader: ParameterReader
+    show_player: ShowPlayer
+    clock: TickClock
+
+    def __post_init__(self) -> None:
+        self._telemetry_monitor = TelemetryMonitor(
+            self.flight, self.maneuvers, self.parameter_reader, self._come_back
+        )
         self._failsafe_monitor = FailsafeMonitor(
-            flight, show_player, clock, unix_s, commander, maneuvers.running
+            self.flight, self.show_player, self.clock, self.commander, self.maneuvers.running
         )
 
     @property
@@ -58,7 +56,7 @@ class ShowProgress:
 
     def stalled(self, gap_s: float) -> None:
         """Note that no tick came for `gap_s`, longer than any setpoint lives: control may have been lost."""
-        self._commander.recovery.stalled(gap_s)
+        self.commander.recovery.stalled(gap_s)
         self._telemetry_monitor.resume()
 
     def watch(self) -> None:
@@ -72,11 +70,11 @@ class ShowProgress:
         land still applies to it, also when all other vehicles have landed and the show is over. It joins
         automatically only if it was in formation.
         """
-        flight, rejoins = self._flight, vehicle.rejoins
+        flight, rejoins = self.flight, vehicle.rejoins
         if vehicle.phase is Phase.PILOT:
-            await self._maneuvers.take_control(vehicle)
+            await self.maneuvers.take_control(vehicle)
         else:
-            await self._maneuvers.hold(vehicle)
+            await self.maneuvers.hold(vehicle)
         if flight.show in OVER and flight.came_down_by is not None:
             reason = f"{vehicle.id}, which was lost, is received again and comes down as commanded"
             goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
@@ -84,17 +82,17 @@ class ShowProgress:
             flight.move_show(goes_on, reason)
         show = flight.show
         if show is ShowPhase.RETURNING and vehicle.home_m is not None:
-            await self._maneuvers.come_home(vehicle)
+            await self.maneuvers.come_home(vehicle)
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            await self._maneuvers.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
+            await self.maneuvers.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
         elif rejoins and show in REJOINED:
             await self._rejoin(vehicle)
 
     async def _rejoin(self, vehicle: Vehicle) -> None:
         """Return it to the formation that it was lost from, if there still is room for it."""
         try:
-            self._commander.check_room([vehicle])
-            await self._maneuvers.join(vehicle)
+            self.commander.check_room([vehicle])
+            await self.maneuvers.join(vehicle)
         except (CommandError, RefusedError) as error:
             vehicle.reason = f"back, and holds: {error}"
             raise
@@ -102,15 +100,15 @@ class ShowProgress:
 
     def advance(self) -> None:
         """Advance the show: all have taken off, all are assembled, all have landed."""
-        flight = self._flight
+        flight = self.flight
         self._telemetry_monitor.inspect()
         self._failsafe_monitor.look()
-        self._commander.starting.count_down()
-        if self._commander.collective_return is not None:
-            self._commander.collective_return.advance()
-        self._commander.recovery.advance()
-        led = (*flight.airborne, *self._maneuvers.waiting, *flight.in_phase(Phase.PILOT))
-        busy = [vehicle for vehicle in led if self._maneuvers.running(vehicle)]
+        self.commander.starting.count_down()
+        if self.commander.collective_return is not None:
+            self.commander.collective_return.advance()
+        self.commander.recovery.advance()
+        led = (*flight.airborne, *self.maneuvers.waiting, *flight.in_phase(Phase.PILOT))
+        busy = [vehicle for vehicle in led if self.maneuvers.running(vehicle)]
         _follow(flight, busy=bool(busy))
         if flight.show is ShowPhase.ARMING:
             # vehicles that come down again do not delay the others
@@ -120,12 +118,12 @@ class ShowProgress:
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
         elif flight.show_run is not None and flight.show_run.is_over(flight.fleet.time_s):
             reason = f"show {flight.show_run.name!r} is over: all vehicles return home"
-            self._commander.end_show(reason)
-        self._commander.recovery.note_setpoints()
+            self.commander.end_show(reason)
+        self.commander.recovery.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
         """Continue with the vehicles that are airborne, if any."""
-        flight = self._flight
+        flight = self.flight
         holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
         if flight.in_phase(Phase.FORMATION):
             flight.move_show(ShowEvent.ALL_UP, "all airborne")

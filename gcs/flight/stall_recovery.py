@@ -63,13 +63,14 @@ class Stall:
     until_s: float
 
 
+@dataclass(eq=False)
 class StallRecovery:
     """Remembers what is flown, and explains modes by the newest stall. Changed on the event loop only."""
 
-    def __init__(self, flight: Fleet, unix_s: Callable[[], float]) -> None:
-        self._flight = flight
-        self._unix_s = unix_s
-        self._flown = _Flown(flight.show, flight.reason, {})
+    flight: Fleet
+
+    def __post_init__(self) -> None:
+        self._flown = _Flown(self.flight.show, self.flight.reason, {})
         self._stall: Stall | None = None
 
     @property
@@ -79,7 +80,7 @@ class StallRecovery:
 
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
-        flight = self._flight
+        flight = self.flight
         flown = {
             vehicle.id: (vehicle.phase, vehicle.reason)
             for vehicle in flight.vehicles.values()
@@ -89,7 +90,7 @@ class StallRecovery:
 
     def stalled(self, gap_s: float) -> None:
         """Keep what was flown when no tick came for `gap_s`; to be called before telemetry changes phases."""
-        flight, flown = self._flight, self._flown
+        flight, flown = self.flight, self._flown
         now_s = flight.fleet.time_s
         if gap_s < STALL_SHARE * flight.config.operation.setpoint_loss_s:
             return
@@ -98,7 +99,7 @@ class StallRecovery:
             return
         interruption = Interruption(
             session="",
-            unix_s=self._unix_s() - gap_s,
+            unix_s=self.flight.unix_s() - gap_s,
             show=flown.show,
             reason=flown.reason,
             frame=flight.config.show_frame.model_dump(),
@@ -113,20 +114,20 @@ class StallRecovery:
         self._stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
 
     def _written(self) -> Written | None:
-        show_run = self._flight.show_run
+        show_run = self.flight.show_run
         if show_run is None:
             return None
-        shown = show_run.view(self._flight.fleet.time_s)
+        shown = show_run.view(self.flight.fleet.time_s)
         return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
 
     def expire(self) -> None:
         """Forget a stall that no longer explains modes; called once a tick."""
-        if self._stall is not None and self._flight.fleet.time_s > self._stall.until_s:
+        if self._stall is not None and self.flight.fleet.time_s > self._stall.until_s:
             self._stall = None
 
     def fallen(self, known: Collection[VehicleId]) -> dict[VehicleId, Before]:
         """Return vehicles that the stall took out of control, without those already `known`."""
-        stall, flight = self._stall, self._flight
+        stall, flight = self._stall, self.flight
         if stall is None:
             return {}
         action, fallen = flight.config.operation.setpoint_loss_action, {}
@@ -157,15 +158,14 @@ class _Command:
     missed: Missed
 
 
+@dataclass(eq=False)
 class AwaitedVehicles:
     """Keeps the awaited vehicles of the newest command. Changed on the event loop only."""
 
-    def __init__(self, flight: Fleet, maneuvers: Maneuvers, now_s: Callable[[], float]) -> None:
-        """`now_s` is the loop's clock: the newest tick may precede a stall."""
-        self._flight = flight
-        self._maneuvers = maneuvers
-        self._now_s = now_s
-        self._command: _Command | None = None
+    flight: Fleet
+    maneuvers: Maneuvers
+    now_s: Callable[[], float]
+    _command: _Command | None = None
 
     @property
     def any(self) -> bool:
@@ -185,7 +185,7 @@ class AwaitedVehicles:
         """
         self.replace()
         awaited = {vehicle.id: vehicle for vehicle in vehicles}
-        self._command = _Command(self._now_s(), reaches_fallen, awaited, reached, missed)
+        self._command = _Command(self.now_s(), reaches_fallen, awaited, reached, missed)
 
     def replace(self) -> None:
         """Forget the awaited vehicles: another command has replaced the one they wait for."""
@@ -217,7 +217,7 @@ class AwaitedVehicles:
         command = self._command
         if command is None:
             return
-        late = self._flight.fleet.time_s > command.given_s + RECEIVED_WITHIN_S
+        late = self.flight.fleet.time_s > command.given_s + RECEIVED_WITHIN_S
         for vehicle in list(command.vehicles.values()):
             if vehicle.phase is Phase.OFFLINE and not late:
                 continue
@@ -225,7 +225,7 @@ class AwaitedVehicles:
             if vehicle.phase is Phase.OFFLINE:
                 why = f"not received within {RECEIVED_WITHIN_S:g} s of the command"
                 command.missed(vehicle, Outcome.FAILED, why)
-            elif self._maneuvers.running(vehicle):
+            elif self.maneuvers.running(vehicle):
                 command.missed(vehicle, Outcome.FAILED, REPLACED)
             elif vehicle.id in waiting:
                 command.reached(vehicle)

@@ -15,7 +15,6 @@ from gcs.model.lifecycle import Phase, ShowEvent, advance_show
 from gcs.model.preflight_report import joined
 from gcs.model.state import VehicleId, Whereabouts
 from gcs.service import CommandRecord, Outcome, ShowAction
-from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -62,25 +61,15 @@ class Countdown:
     show_hash: str | None
 
 
+@dataclass(eq=False)
 class Starting:
     """Executes start commands, and counts down to scheduled ones."""
 
-    def __init__(
-        self,
-        flight: Fleet,
-        maneuvers: Maneuvers,
-        book: CommandLog,
-        preflight_gate: PreflightGate,
-        show_player: ShowPlayer,
-        unix_s: Callable[[], float],
-    ) -> None:
-        self._flight = flight
-        self._maneuvers = maneuvers
-        self._book = book
-        self._preflight_gate = preflight_gate
-        self._show_player = show_player
-        self._unix_s = unix_s
-        self.countdown: Countdown | None = None
+    flight: Fleet
+    maneuvers: Maneuvers
+    preflight_gate: PreflightGate
+    show_player: ShowPlayer
+    countdown: Countdown | None = None
 
     def begin(
         self, desired: Sequence[VehicleId] | None, show_hash: str | None, at_unix_s: float | None
@@ -89,32 +78,32 @@ class Starting:
 
         Raises: RefusedError, UnknownError, InvalidError.
         """
-        if others := uncontrolled(self._flight):
+        if others := uncontrolled(self.flight):
             raise RefusedError(f"a start needs all vehicles on the ground: {uncontrolled_reason(others)}")
         event = ShowEvent.START if at_unix_s is None else ShowEvent.SCHEDULE
-        advance_show(self._flight.show, event)
+        advance_show(self.flight.show, event)
         if at_unix_s is not None:
-            ahead_s = at_unix_s - self._unix_s()
+            ahead_s = at_unix_s - self.flight.unix_s()
             if not 0.0 < ahead_s <= AHEAD_MAX_S:
-                allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self._unix_s():.1f} now"
+                allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.flight.unix_s():.1f} now"
                 raise InvalidError("at_unix_time_s", at_unix_s, allowed)
-        chosen, left_out = self._preflight_gate.need(show_hash, desired)
+        chosen, left_out = self.preflight_gate.need(show_hash, desired)
         if at_unix_s is not None:
-            record = self._book.open("start", chosen, left_out)
+            record = self.flight.book.open("start", chosen, left_out)
             self.countdown = Countdown(at_unix_s, record, tuple(chosen), show_hash)
-            self._flight.move_show(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
+            self.flight.move_show(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
             return record
         if self.countdown is not None:
             self._end_countdown(self.countdown, "started before its time, by another command")
-        record = self._book.open("start", chosen, left_out)
+        record = self.flight.book.open("start", chosen, left_out)
         self._take_off(record, chosen, left_out)
         return record
 
     def _take_off(
         self, record: CommandRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
     ) -> None:
-        flight = self._flight
-        self._show_player.begin(chosen)
+        flight = self.flight
+        self.show_player.begin(chosen)
         flight.left_behind = left_out
         flight.move_show(ShowEvent.START, "checks every vehicle")
         flight.move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
@@ -122,16 +111,16 @@ class Starting:
             vehicle = flight.vehicles[name]
             vehicle.home_m = flight.position_m(vehicle).copy()
             delay_s = turn * flight.config.operation.takeoff_stagger_s
-            maneuver = self._maneuvers.take_off(delay_s, lambda one: self._preflight_gate.need_alone(one.id))
-            self._maneuvers.start(vehicle, maneuver, self._closer(record, name))
+            maneuver = self.maneuvers.take_off(delay_s, lambda one: self.preflight_gate.need_alone(one.id))
+            self.maneuvers.start(vehicle, maneuver, self._closer(record, name))
 
     def _closer(self, record: CommandRecord, name: VehicleId) -> Callable[[Outcome, str], None]:
         """Return a function that closes one vehicle's part; a failed take-off leaves the vehicle behind."""
-        close = self._book.closer(record, name)
+        close = self.flight.book.closer(record, name)
 
         def ended(outcome: Outcome, reason: str) -> None:
             if outcome is Outcome.FAILED:
-                self._flight.left_behind[name] = reason
+                self.flight.left_behind[name] = reason
             close(outcome, reason)
 
         return ended
@@ -141,36 +130,36 @@ class Starting:
         countdown = self.countdown
         if countdown is None:
             return
-        late_s = self._unix_s() - countdown.at_unix_s
-        if late_s < 0.0 and not self._flight.airborne and not uncontrolled(self._flight):
+        late_s = self.flight.unix_s() - countdown.at_unix_s
+        if late_s < 0.0 and not self.flight.airborne and not uncontrolled(self.flight):
             return
         try:
             chosen, left_out = self._still_ready(countdown, late_s)
         except (RefusedError, InvalidError, UnknownError) as error:
             self._end_countdown(countdown, str(error))
-            self._flight.move_show(ShowEvent.CHECK_FAILED, f"did not start: {error}")
+            self.flight.move_show(ShowEvent.CHECK_FAILED, f"did not start: {error}")
             return
         self.countdown = None
         self._take_off(countdown.record, chosen, left_out)
 
     def _still_ready(self, countdown: Countdown, late_s: float) -> Cleared:
         """Check again, at take-off time. Raises: RefusedError, InvalidError, UnknownError."""
-        if self._flight.airborne:
+        if self.flight.airborne:
             raise RefusedError("a vehicle is in the air already")
-        if others := uncontrolled(self._flight):
+        if others := uncontrolled(self.flight):
             raise RefusedError(uncontrolled_reason(others))
         if late_s > LATE_MAX_S:
             raise RefusedError(f"its time was missed by {late_s:.1f} s: this machine, or its clock, stood")
-        return self._preflight_gate.need(countdown.show_hash, countdown.chosen)
+        return self.preflight_gate.need(countdown.show_hash, countdown.chosen)
 
     def _end_countdown(self, countdown: Countdown, reason: str) -> None:
         self.countdown = None
         for name in countdown.chosen:
-            self._book.close(countdown.record.id, name, Outcome.FAILED, reason)
+            self.flight.book.close(countdown.record.id, name, Outcome.FAILED, reason)
 
     def call_off(self, action: ShowAction) -> CommandRecord:
         """Cancel the countdown, if any: no vehicle has taken off."""
         if self.countdown is not None:
             self._end_countdown(self.countdown, "called off")
-        self._flight.move_show(ShowEvent(action.value), "the countdown was called off")
-        return self._book.open(action, [], {})
+        self.flight.move_show(ShowEvent(action.value), "the countdown was called off")
+        return self.flight.book.open(action, [], {})

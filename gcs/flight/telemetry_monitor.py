@@ -1,6 +1,7 @@
 """Updates phases from telemetry, and starts what follows without a command."""
 
 import logging
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,27 +21,24 @@ TRY_AGAIN_S = 5.0
 """Interval between two attempts at an automatic action."""
 
 
+@dataclass(eq=False)
 class TelemetryMonitor:
     """Keeps the phases consistent with the vehicles' telemetry."""
 
-    def __init__(
-        self, flight: Fleet, maneuvers: Maneuvers, parameter_reader: ParameterReader, come_back: Maneuver
-    ) -> None:
-        """`come_back` is the maneuver of a lost vehicle that sends telemetry again."""
-        self._flight = flight
-        self._maneuvers = maneuvers
-        self._parameter_reader = parameter_reader
-        self._come_back = come_back
-        self._resumed_s = -np.inf  # after a stall; messages of that time may not be read yet
-        self._calm: tuple[object, ...] | None = None  # state in which no vehicle needed inspection
+    flight: Fleet
+    maneuvers: Maneuvers
+    parameter_reader: ParameterReader
+    come_back: Maneuver
+    _resumed_s: float = -np.inf  # after a stall; messages of that time may not be read yet
+    _calm: tuple[object, ...] | None = None  # state in which no vehicle needed inspection
 
     def resume(self) -> None:
         """Note that the service has stalled: it cannot know yet which vehicles were silent meanwhile."""
-        self._resumed_s = self._flight.fleet.time_s
+        self._resumed_s = self.flight.fleet.time_s
 
     def look(self) -> None:
         """Let the telemetry change phases, and end maneuvers that no longer apply; called once a tick."""
-        flight = self._flight
+        flight = self.flight
         now_s, telemetry_of = flight.fleet.time_s, flight.newest()
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
@@ -63,14 +61,14 @@ class TelemetryMonitor:
 
     def inspect(self) -> None:
         """Start the parameter reads that are due; called once a tick, later than `look`."""
-        self._parameter_reader.watch(self._flight.newest())
+        self.parameter_reader.watch(self.flight.newest())
 
     def _judge(self, now_s: float, telemetry_of: Columns, known: Mask) -> Mask:
         """Judge which vehicles are silent, and keep the positions of the others.
 
         Returns: (n,) which have sent every sign of life lately, a heartbeat as well.
         """
-        flight, silence_s = self._flight, self._flight.config.operation.silence_s
+        flight, silence_s = self.flight, self.flight.config.operation.silence_s
         phases = [vehicle.phase for vehicle in flight.vehicles.values()]
         may_lack_s = np.array([_beats_may_lack_s(phase) for phase in phases])
         absent = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
@@ -84,7 +82,7 @@ class TelemetryMonitor:
 
     def _look_at(self, vehicle: Vehicle, telemetry_of: Columns) -> None:
         """Let the telemetry of one vehicle change its phase."""
-        flight, row, now_s = self._flight, vehicle.row, self._flight.fleet.time_s
+        flight, row, now_s = self.flight, vehicle.row, self.flight.fleet.time_s
         silence_s = flight.config.operation.silence_s
         silent, has_heartbeat = bool(flight.silent[row]), bool(flight.has_heartbeat[row])
         position_s, beat_s, life_s = (
@@ -105,50 +103,50 @@ class TelemetryMonitor:
         lost_holds = flight.config.operation.setpoint_loss_action == "hold"
         if vehicle.observe(status, lost_holds=lost_holds):
             if vehicle.phase in {Phase.LOST, Phase.PILOT}:
-                self._maneuvers.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+                self.maneuvers.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             return
         self._note_heartbeats(vehicle, lacks)
         if vehicle.phase is Phase.PILOT:
             self._mind_failsafe(vehicle, beat_is_fresh=has_heartbeat)
-        elif self._maneuvers.running(vehicle):
+        elif self.maneuvers.running(vehicle):
             return
         elif vehicle.phase is Phase.OFFLINE and has_heartbeat:
             vehicle.reason = "received, but it has no position yet"
         elif vehicle.phase is Phase.LOST and not silent and status.mode is not Mode.LAND:
-            self._by_itself(vehicle, self._come_back)
+            self._by_itself(vehicle, self.come_back)
         elif vehicle.phase is Phase.STANDBY and status.mode is Mode.OFFBOARD and not status.armed:
-            self._by_itself(vehicle, self._maneuvers.rest)
+            self._by_itself(vehicle, self.maneuvers.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
 
     def _explained(self, vehicle: Vehicle) -> Explanation:
         """Explain a mode that this station did not command."""
-        inputs = self._flight.inputs(vehicle)
+        inputs = self.flight.inputs(vehicle)
         cause = cause_of(inputs)
         return cause, described(vehicle.id, cause, inputs)
 
     def _mind_failsafe(self, vehicle: Vehicle, *, beat_is_fresh: bool) -> None:
         """Update the explanation, and fly on a vehicle that holds only because its link lost setpoints."""
-        inputs = self._flight.inputs(vehicle)
+        inputs = self.flight.inputs(vehicle)
         cause = cause_of(inputs)
         vehicle.explain(
             (cause, described(vehicle.id, cause, inputs)), inputs.mode, in_failsafe=inputs.in_failsafe
         )
-        idle = beat_is_fresh and not self._maneuvers.running(vehicle)
+        idle = beat_is_fresh and not self.maneuvers.running(vehicle)
         if idle and lost_on_the_way(vehicle.cause, inputs):
-            self._by_itself(vehicle, self._come_back)
+            self._by_itself(vehicle, self.come_back)
 
     def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:
         """Remember airborne vehicles that send positions and no heartbeats."""
-        known = self._flight.without_heartbeat
+        known = self.flight.without_heartbeat
         if lacks and vehicle.phase in AIRBORNE and vehicle.id not in known:
             known[vehicle.id] = lacks
             log.warning("heartbeats_lack", extra={"vehicle": vehicle.id, "reason": lacks})
 
     def _forget_heartbeats(self, fresh: Mask) -> None:
-        known = self._flight.without_heartbeat
+        known = self.flight.without_heartbeat
         for name in list(known):
-            vehicle = self._flight.vehicles[name]
+            vehicle = self.flight.vehicles[name]
             if fresh[vehicle.row] or vehicle.phase not in AIRBORNE:
                 del known[name]
                 log.info(
@@ -157,7 +155,7 @@ class TelemetryMonitor:
 
     def _mind_reset(self, vehicle: Vehicle) -> None:
         """Freeze a vehicle whose position jumped, with a wider margin: it may be wrong now, or was before."""
-        flight, positioning = self._flight, self._flight.config.positioning
+        flight, positioning = self.flight, self.flight.config.positioning
         if vehicle.phase not in FLOWN:
             return
         reason = (
@@ -168,9 +166,9 @@ class TelemetryMonitor:
 
     def _by_itself(self, vehicle: Vehicle, maneuver: Maneuver) -> None:
         """Start an automatic maneuver: not recorded as a command, and not repeated at once when it fails."""
-        if self._flight.fleet.time_s >= vehicle.try_again_s:
-            vehicle.try_again_s = self._flight.fleet.time_s + TRY_AGAIN_S
-            self._maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)
+        if self.flight.fleet.time_s >= vehicle.try_again_s:
+            vehicle.try_again_s = self.flight.fleet.time_s + TRY_AGAIN_S
+            self.maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)
 
 
 def _beats_may_lack_s(phase: Phase) -> float:

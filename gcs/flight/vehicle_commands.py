@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -18,7 +19,6 @@ from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_formation
 from gcs.planning.landing_sites import distinct_sites_m
 from gcs.service import CommandRecord, Outcome, VehicleAction
-from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -62,44 +62,43 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
     }
 
 
+@dataclass(eq=False)
 class VehicleCommands:
     """Turns commands to vehicles into maneuvers; the base of `Commander`."""
 
-    def __init__(self, flight: Fleet, maneuvers: Maneuvers, book: CommandLog) -> None:
-        self._flight = flight
-        self._maneuvers = maneuvers
-        self._book = book
+    flight: Fleet
+    maneuvers: Maneuvers
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Execute a command to one vehicle. Raises: RefusedError, UnknownError."""
-        vehicle = self._flight.vehicle(vehicle_id)
-        with instead(self._flight, vehicle_id):
+        vehicle = self.flight.vehicle(vehicle_id)
+        with instead(self.flight, vehicle_id):
             return self._command(vehicle, action)
 
     def _command(self, vehicle: Vehicle, action: VehicleAction) -> CommandRecord:
         self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
-            self._flight.forget_seen(vehicle)
-            record = self._book.open(action, [vehicle.id], {})
-            self._book.close(record.id, vehicle.id, Outcome.DONE)
-            return self._book.get(record.id)
+            self.flight.forget_seen(vehicle)
+            record = self.flight.book.open(action, [vehicle.id], {})
+            self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
+            return self.flight.book.get(record.id)
         if action is VehicleAction.JOIN:
             self.check_room([vehicle])
         maneuvers: dict[VehicleAction, Maneuver] = {
-            VehicleAction.HOLD: self._maneuvers.hold,
-            VehicleAction.JOIN: self._maneuvers.join,
-            VehicleAction.RETURN: self._maneuvers.come_home,
-            VehicleAction.TAKE_CONTROL: self._maneuvers.take_control,
+            VehicleAction.HOLD: self.maneuvers.hold,
+            VehicleAction.JOIN: self.maneuvers.join,
+            VehicleAction.RETURN: self.maneuvers.come_home,
+            VehicleAction.TAKE_CONTROL: self.maneuvers.take_control,
         }
         if action is VehicleAction.LAND:
-            place_m = landing_sites_m(self._flight, [vehicle])[vehicle.id]
-            return self._send(vehicle, self._maneuvers.descend(place_m), action)
+            place_m = landing_sites_m(self.flight, [vehicle])[vehicle.id]
+            return self._send(vehicle, self.maneuvers.descend(place_m), action)
         return self._send(vehicle, maneuvers[action], action)
 
     def _require(self, vehicle: Vehicle, action: VehicleAction) -> None:
         """Check that the vehicle accepts the command now. Raises: RefusedError naming the vehicle."""
-        name, show = vehicle.id, self._flight.show
+        name, show = vehicle.id, self.flight.show
         if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
             require_phase(vehicle, EVENT_OF[action])
         if action is VehicleAction.HOLD and vehicle.pilot_in_control:
@@ -112,7 +111,7 @@ class VehicleCommands:
             raise RefusedError(f"{name} cannot return: where it started is not known; use land")
         if action is VehicleAction.RETURN and vehicle.handed_over:
             raise RefusedError(f"{name} cannot return: its autopilot touches it down already")
-        if action is VehicleAction.TAKE_CONTROL and (why := why_never(self._flight, vehicle)):
+        if action is VehicleAction.TAKE_CONTROL and (why := why_never(self.flight, vehicle)):
             raise RefusedError(f"control of {name} is not taken: {why}")
 
     @with_alternative
@@ -126,9 +125,9 @@ class VehicleCommands:
         if action is VehicleAction.CONFIRM_DOWN:
             raise InvalidError("action", action.value, "hold, join, return, land or take-control")
         if vehicles is None:
-            meant = [v for v in self._flight.vehicles.values() if v.phase not in GROUNDED]
+            meant = [v for v in self.flight.vehicles.values() if v.phase not in GROUNDED]
         else:
-            meant = [self._flight.vehicle(name) for name in dict.fromkeys(vehicles)]
+            meant = [self.flight.vehicle(name) for name in dict.fromkeys(vehicles)]
         chosen, left_out = self._reached(action, meant, named=vehicles is not None)
         if not chosen:
             reasons = "; ".join(left_out.values()) or "no vehicle is airborne"
@@ -136,10 +135,10 @@ class VehicleCommands:
         if action is VehicleAction.JOIN:
             self.check_room(chosen)
         if action in {VehicleAction.JOIN, VehicleAction.TAKE_CONTROL}:
-            maneuver = self._maneuvers.join if action is VehicleAction.JOIN else self._maneuvers.take_control
-            record = self._book.open(action, [vehicle.id for vehicle in chosen], left_out)
+            maneuver = self.maneuvers.join if action is VehicleAction.JOIN else self.maneuvers.take_control
+            record = self.flight.book.open(action, [vehicle.id for vehicle in chosen], left_out)
             for vehicle in chosen:
-                self._maneuvers.start(vehicle, maneuver, self._book.closer(record, vehicle.id))
+                self.maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
             return record
         return self.command_some(chosen, action, left_out)
 
@@ -157,7 +156,7 @@ class VehicleCommands:
                 continue
             why = ""
             if not named and action is VehicleAction.TAKE_CONTROL:
-                why = why_not_unnamed(self._flight, vehicle)
+                why = why_not_unnamed(self.flight, vehicle)
             elif not named and vehicle.phase is Phase.LOST:
                 why = f"{vehicle.id} is lost: {vehicle.reason}"
             if why:
@@ -174,22 +173,22 @@ class VehicleCommands:
     ) -> CommandRecord:
         """Give one command to several vehicles that accept it: hold, return or land, each to its own site."""
         homeless = action is VehicleAction.RETURN
-        places_m = landing_sites_m(self._flight, [v for v in vehicles if not homeless or v.home_m is None])
-        record = self._book.open(action, [vehicle.id for vehicle in vehicles], left_out)
+        places_m = landing_sites_m(self.flight, [v for v in vehicles if not homeless or v.home_m is None])
+        record = self.flight.book.open(action, [vehicle.id for vehicle in vehicles], left_out)
         for vehicle in vehicles:
-            maneuver: Maneuver = self._maneuvers.hold
+            maneuver: Maneuver = self.maneuvers.hold
             if vehicle.comes_down_alone and action is not VehicleAction.HOLD:
-                maneuver = self._maneuvers.autopilot_land
+                maneuver = self.maneuvers.autopilot_land
             elif action is VehicleAction.RETURN and vehicle.home_m is not None:
-                maneuver = self._maneuvers.come_home
+                maneuver = self.maneuvers.come_home
             elif action is not VehicleAction.HOLD:
-                maneuver = self._maneuvers.descend(places_m[vehicle.id])
-            self._maneuvers.start(vehicle, maneuver, self._book.closer(record, vehicle.id))
+                maneuver = self.maneuvers.descend(places_m[vehicle.id])
+            self.maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
         return record
 
     def check_room(self, joining: Sequence[Vehicle]) -> None:
         """Check that the sphere has room for these as well. Raises: RefusedError."""
-        flight = self._flight
+        flight = self.flight
         others = [other for other in flight.airborne if other not in joining]
         formed = [other for other in others if other.entering_offboard or other.phase is Phase.FORMATION]
         try:
@@ -204,7 +203,7 @@ class VehicleCommands:
 
         Raises: UnknownError; RefusedError when none of them can be reached.
         """
-        named = [self._flight.vehicle(name) for name in dict.fromkeys(vehicle_ids)]
+        named = [self.flight.vehicle(name) for name in dict.fromkeys(vehicle_ids)]
         left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
         if not chosen:
@@ -212,21 +211,21 @@ class VehicleCommands:
                 "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "no vehicle is named"
             )
             raise RefusedError(f"there is no vehicle to kill: {reported}")
-        record = self._book.open("kill", [vehicle.id for vehicle in chosen], left_out)
+        record = self.flight.book.open("kill", [vehicle.id for vehicle in chosen], left_out)
         for vehicle in chosen:
             flown = vehicle.phase in FLOWN
             vehicle.apply(Event.KILL, "motors stopped on command")
             log.warning("kill", extra={"vehicle": vehicle.id, "was_flown": flown})
-            self._maneuvers.start(vehicle, self._stop_motors, self._book.closer(record, vehicle.id))
+            self.maneuvers.start(vehicle, self._stop_motors, self.flight.book.closer(record, vehicle.id))
         return record
 
     async def _stop_motors(self, vehicle: Vehicle) -> None:
         try:
-            await self._flight.execute(Command(vehicle.id, Verb.KILL))
+            await self.flight.execute(Command(vehicle.id, Verb.KILL))
         except CommandError as error:
             raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
 
     def _send(self, vehicle: Vehicle, maneuver: Maneuver, action: str) -> CommandRecord:
-        record = self._book.open(action, [vehicle.id], {})
-        self._maneuvers.start(vehicle, maneuver, self._book.closer(record, vehicle.id))
+        record = self.flight.book.open(action, [vehicle.id], {})
+        self.maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
         return record
