@@ -179,22 +179,23 @@ SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
 TARGET_AT = 10 + 50  # header, and the fields before target_system
 
 
+@dataclass(eq=False)
 class Radio:
     """Carries datagrams both ways for all endpoints."""
 
-    def __init__(self, fleet: Fleet, fault_injector: FaultInjector, endpoints: Sequence[Endpoint]) -> None:
-        """Every vehicle of the fleet is behind one of the endpoints."""
-        self._fleet = fleet
-        self._fault_injector = fault_injector
-        self._endpoints = endpoints
-        self._by_row = {row: endpoint for endpoint in endpoints for row in endpoint.rows}
+    fleet: Fleet
+    fault_injector: FaultInjector
+    endpoints: Sequence[Endpoint]
+
+    def __post_init__(self) -> None:
+        self._by_row = {row: endpoint for endpoint in self.endpoints for row in endpoint.rows}
         self._changes = 0
         self._separate: dict[Endpoint, list[tuple[int, int]]] = {}
 
     def receive(self, ready: Sequence[Endpoint]) -> None:
         """Read the ready endpoints; answer at once, as PX4 does within milliseconds."""
-        fleet, broken = self._fleet, self._fault_injector.broken
-        if self._changes != self._fault_injector.changes:
+        fleet, broken = self.fleet, self.fault_injector.broken
+        if self._changes != self.fault_injector.changes:
             self._separate_faulty()
         batch: list[tuple[int, bytes]] = []
         origins: list[tuple[Endpoint, Address]] = []
@@ -212,31 +213,31 @@ class Radio:
         """Process what links with faults have let through by now, and send all answers."""
         batch: list[tuple[int, bytes]] = []
         origins: list[tuple[Endpoint, Address]] = []
-        for row, channel in self._fault_injector.broken.items():
-            for datagram, origin in channel.into.take(self._fleet.time_s):
+        for row, channel in self.fault_injector.broken.items():
+            for datagram, origin in channel.into.take(self.fleet.time_s):
                 batch.append((row, datagram))
                 origins.append(origin)
         self._receive(batch, origins)
-        sent = self._fleet.take_frames(streams=False)
+        sent = self.fleet.take_frames(streams=False)
         if sent:
             self._send(sent, answers=True)
-        for endpoint in self._endpoints if sent else ():
+        for endpoint in self.endpoints if sent else ():
             endpoint.answered()
 
     def send(self) -> None:
         """Send everything that is due."""
-        self._send(self._fleet.take_frames(), answers=False)
+        self._send(self.fleet.take_frames(), answers=False)
 
     def _receive(self, batch: list[tuple[int, bytes]], origins: list[tuple[Endpoint, Address]]) -> None:
         if not batch:
             return
-        valid = self._fleet.receiver.receive(batch)
+        valid = self.fleet.receiver.receive(batch)
         for (endpoint, address), is_valid in zip(origins, valid, strict=True):
             if is_valid:
-                endpoint.received(address, self._fleet.time_s)
+                endpoint.received(address, self.fleet.time_s)
 
     def _send(self, sent: dict[int, list[bytes]], *, answers: bool) -> None:
-        now_s, broken = self._fleet.time_s, self._fault_injector.broken
+        now_s, broken = self.fleet.time_s, self.fault_injector.broken
         for row in broken:
             frames = sent.pop(row, None)
             if frames:
@@ -258,14 +259,14 @@ class Radio:
 
     def _separate_faulty(self) -> None:
         """Separate vehicles with link faults: they receive datagrams only through their fault models."""
-        self._changes = self._fault_injector.changes
+        self._changes = self.fault_injector.changes
         self._separate = {}
-        for row in self._fault_injector.broken:
-            system_id = int(self._fleet.state.system_id[row])
+        for row in self.fault_injector.broken:
+            system_id = int(self.fleet.state.system_id[row])
             self._separate.setdefault(self._by_row[row], []).append((row, system_id))
-        for endpoint in self._endpoints:
-            self._fleet.receiver.regroup(
-                endpoint.circle, [row for row in endpoint.rows if row not in self._fault_injector.broken]
+        for endpoint in self.endpoints:
+            self.fleet.receiver.regroup(
+                endpoint.circle, [row for row in endpoint.rows if row not in self.fault_injector.broken]
             )
 
 

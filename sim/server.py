@@ -9,7 +9,7 @@ import socket
 import sys
 import time
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 from gcs.sim.endpoint import HOST, LARGEST, Endpoint, PortError, Radio
 from gcs.sim.faults.commands import LONGEST_LINE
@@ -24,31 +24,12 @@ if TYPE_CHECKING:
     from gcs.sim.ground_truth import GroundTruthFile
 
 
-class Control(Protocol):
-    """A source of fault commands, read whenever it is readable."""
-
-    def fileno(self) -> int:
-        """File descriptor to wait for."""
-        ...
-
-    def read(self, fault_injector: FaultInjector) -> bool:
-        """Execute the commands that have arrived, and answer them. Returns: whether more can arrive."""
-        ...
-
-    def close(self) -> None:
-        """Release it."""
-        ...
-
-
 class StandardInput:
     """Newline-delimited JSON on this process's standard input; answers on its standard output."""
 
-    def __init__(self) -> None:
-        """Read without waiting."""
-        self._part = b""
+    _part = b""
 
     def fileno(self) -> int:
-        """File descriptor of standard input."""
         return sys.stdin.fileno()
 
     def read(self, fault_injector: FaultInjector) -> bool:
@@ -85,7 +66,6 @@ class ControlPort:
             raise PortError(f"udp port {port}: {error.strerror}") from error
 
     def fileno(self) -> int:
-        """File descriptor of the socket."""
         return self._socket.fileno()
 
     def read(self, fault_injector: FaultInjector) -> bool:
@@ -100,7 +80,6 @@ class ControlPort:
         return True
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
 
 
@@ -112,9 +91,7 @@ STOPS = (signal.SIGINT, signal.SIGTERM)
 class Interrupt:
     """Set by SIGINT or SIGTERM while it is entered."""
 
-    def __init__(self) -> None:
-        """Not yet."""
-        self.is_set = False
+    is_set = False
 
     def __enter__(self) -> Self:
         self._before = {number: signal.signal(number, self._set) for number in STOPS}
@@ -153,7 +130,7 @@ def serve(
             stack.enter_context(closing(Endpoint(HOST, port, fleet.receiver.circle(port.rows))))
             for port in ports
         ]
-        controls: list[Control] = []
+        controls: list[StandardInput | ControlPort] = []
         if control_port is not None:
             controls.append(stack.enter_context(closing(ControlPort(HOST, control_port))))
         if control_input:
@@ -172,7 +149,9 @@ def serve(
             _read(selector, waited_s, radio, fault_injector)
 
 
-def _register(selector: selectors.BaseSelector, control: Control, fault_injector: FaultInjector) -> None:
+def _register(
+    selector: selectors.BaseSelector, control: StandardInput | ControlPort, fault_injector: FaultInjector
+) -> None:
     """Wait for fault commands; those in a file, which cannot be waited for, are executed now."""
     try:
         selector.register(control, selectors.EVENT_READ, control)

@@ -6,17 +6,18 @@ fleet at once (sim.fleet); this is a view of one row of its state.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
-from gcs.sim.protocol.commands import Command, execute
 from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT
 from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.commander import CRITICAL, INFO, Commander, Result
+from gcs.sim.vehicle.px4 import Mode
 from gcs.sim.vehicle.state import NO_MODE
 
 if TYPE_CHECKING:
@@ -24,13 +25,28 @@ if TYPE_CHECKING:
 
     from gcs.sim.protocol.frames import Message
     from gcs.sim.protocol.streams import Item, Outbox, Schedule
-    from gcs.sim.vehicle.px4 import Mode, Quirks
+    from gcs.sim.vehicle.px4 import Quirks
     from gcs.sim.vehicle.state import State
 
 MODE_RESULT_AFTER_S = 0.008  # item 3: recorded 6 to 15 ms
 SECOND_PARAMETER_AFTER_S = 0.015  # PX4 answers PARAM_SET, then announces the change: recorded
 GCS_SILENT_AFTER_S = 2.5
 TEXT_LENGTH = 50
+FORCE = 21196  # param2 that overrides the checks: arms in any case, kills in the air
+CUSTOM_MODE_ENABLED = 1
+AUTOPILOT_VERSION_ID, PROTOCOL_VERSION_ID = 148, 300
+MAX_MESSAGE_ID = 2**24
+VERSION = 0x011001FF  # v1.16.1, release
+CAPABILITIES = (  # only those that hold here
+    common.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | common.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    | common.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | common.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
+    | common.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+
+Params: TypeAlias = "tuple[float, float, float, float, float, float, float]"
+"""The parameters of a COMMAND_LONG or COMMAND_INT."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +79,6 @@ class Autopilot:
     def system_id(self) -> int:
         """1 to 250, unique in its namespace."""
         return int(self._state.system_id[self.row])
-
-    @property
-    def yaw_rad(self) -> float:
-        """Heading from north, clockwise."""
-        return float(self._state.yaw_rad[self.row])
 
     def receive(self, message: Message) -> None:
         """Execute or answer a message for this vehicle; unknown ones change nothing."""
@@ -108,35 +119,10 @@ class Autopilot:
         self._forget_target()
         return result
 
-    def reboot(self) -> Result:
-        """Reboot by command: denied while armed, as by PX4."""
-        if self.commander.armed:
-            return Result.DENIED
-        self._shared.reboot(self.row)
-        return Result.ACCEPTED
-
     def forget(self) -> None:
         """Boot: clear texts and pending answers."""
         self._text_id = 0
         self._shared.outbox.forget(self.row)
-
-    def available(self, message_id: int) -> bool:
-        """Whether that report can be sent now."""
-        return message_id in reports.ALWAYS or (
-            message_id in reports.WITH_A_FIX and bool(self._state.home_set[self.row])
-        )
-
-    def interval_s(self, message_id: int) -> float | None:
-        """The interval of a stream, or None while it is not sent."""
-        return self._shared.schedule.interval_s(self.row, message_id)
-
-    def set_interval(self, message_id: int, interval_s: float | None) -> None:
-        """Send at that interval from now on; None stops the stream."""
-        self._shared.schedule.set_interval(self.row, message_id, interval_s, self._state.now_s)
-
-    def default_interval_s(self, message_id: int) -> float | None:
-        """The interval after booting."""
-        return self._shared.schedule.default_s(message_id)
 
     def parameter(self, name: str) -> Message:
         """A PARAM_VALUE."""
@@ -170,18 +156,15 @@ class Autopilot:
             place: tuple[float, float, float] = (message.param5, message.param6, message.param7)
         else:
             place = (message.x * 1e-7, message.y * 1e-7, message.z)
-        command = Command(
-            message.command, (message.param1, message.param2, message.param3, message.param4, *place)
-        )
-        result = execute(self, command)
+        params = (message.param1, message.param2, message.param3, message.param4, *place)
+        number, after_s = message.command, 0.0
+        execute = self._COMMANDS.get(number)
+        result = Result.UNSUPPORTED if execute is None else execute(self, params)
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        after_s = 0.0
-        if command.number == common.MAV_CMD_DO_SET_MODE and self._shared.quirks.double_ack:
-            self.reply(
-                common.MAVLink_command_ack_message(command.number, int(Result.ACCEPTED), 0, 0, *sender)
-            )
+        if number == common.MAV_CMD_DO_SET_MODE and self._shared.quirks.double_ack:
+            self.reply(common.MAVLink_command_ack_message(number, int(Result.ACCEPTED), 0, 0, *sender))
             after_s = MODE_RESULT_AFTER_S
-        self.reply(common.MAVLink_command_ack_message(command.number, int(result), 0, 0, *sender), after_s)
+        self.reply(common.MAVLink_command_ack_message(number, int(result), 0, 0, *sender), after_s)
 
     def _receive_ping(self, message: Message) -> None:
         """Echo a request; an answer to a ping of ours needs no reply."""
@@ -230,6 +213,98 @@ class Autopilot:
             self.reply(common.MAVLink_statustext_message(severity, part, self._text_id, chunk))
         self._text_id = (self._text_id + 1) % 65536
 
+    # the MAV_CMD commands that it knows
+
+    def _arm_or_disarm(self, params: Params) -> Result:
+        desired, force = params[0], params[1] == FORCE
+        if desired == 1.0:
+            return self.arm(force=force)
+        return self.commander.disarm(force=force) if desired == 0.0 else Result.DENIED
+
+    def _terminate(self, params: Params) -> Result:
+        return self.commander.disarm(force=True) if params[0] > 0.5 else Result.ACCEPTED
+
+    def _set_mode(self, params: Params) -> Result:
+        base, main, sub = params[:3]
+        if not all(map(math.isfinite, params[:3])) or not int(base) & CUSTOM_MODE_ENABLED:
+            return Result.DENIED
+        mode = Mode.find(int(main), int(sub))
+        return Result.DENIED if mode is None else self.change_mode(mode)
+
+    def _reboot(self, params: Params) -> Result:
+        """1 reboots, denied while armed; 0 is accepted, and PX4 denies all other values."""
+        if params[0] == 0.0:
+            return Result.ACCEPTED
+        if params[0] != 1.0 or self.commander.armed:
+            return Result.DENIED
+        self._shared.reboot(self.row)
+        return Result.ACCEPTED
+
+    def _set_interval(self, params: Params) -> Result:
+        """SET_MESSAGE_INTERVAL: microseconds; 0 is the default rate, -1 stops."""
+        message_id, interval_us = _message_id(params), params[1]
+        if message_id is None or not reports.exists(message_id) or not math.isfinite(interval_us):
+            return Result.FAILED
+        interval_s = interval_us * 1e-6 if interval_us > 0 else None
+        if interval_us == 0:
+            interval_s = self._shared.schedule.default_s(message_id)
+        self._shared.schedule.set_interval(self.row, message_id, interval_s, self._state.now_s)
+        return Result.ACCEPTED
+
+    def _get_interval(self, params: Params) -> Result:
+        message_id = _message_id(params)
+        if message_id is None:
+            return Result.DENIED
+        exists = reports.exists(message_id)
+        interval_s = self._shared.schedule.interval_s(self.row, message_id) if exists else None
+        interval_us = -1 if interval_s is None else round(interval_s * 1e6)
+        self.reply(common.MAVLink_message_interval_message(message_id, interval_us))
+        return Result.ACCEPTED
+
+    def _request(self, params: Params) -> Result:
+        message_id = _message_id(params)
+        if message_id == AUTOPILOT_VERSION_ID:
+            return self._request_version(params)
+        if message_id == PROTOCOL_VERSION_ID:
+            self.reply(common.MAVLink_protocol_version_message(200, 100, 200, [0] * 8, [0] * 8))
+        elif message_id in reports.ALWAYS or (message_id in reports.WITH_A_FIX and self._has_home):
+            self.reply(message_id)
+        else:
+            return Result.DENIED
+        return Result.ACCEPTED
+
+    def _request_version(self, _params: Params) -> Result:
+        """AUTOPILOT_VERSION; the uid is the system id, so that vehicles can be distinguished."""
+        none = [0] * 8
+        self.reply(
+            common.MAVLink_autopilot_version_message(
+                CAPABILITIES, VERSION, VERSION, 0, 0, none, none, none, 0, 0, self.system_id
+            )
+        )
+        return Result.ACCEPTED
+
+    @property
+    def _has_home(self) -> bool:
+        return bool(self._state.home_set[self.row])
+
+    _COMMANDS: ClassVar[Mapping[int, Callable[[Autopilot, Params], Result]]] = MappingProxyType(
+        {
+            common.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda self, _: self.change_mode(Mode.RETURN),
+            common.MAV_CMD_NAV_LAND: lambda self, _: self.change_mode(Mode.LAND),
+            common.MAV_CMD_NAV_TAKEOFF: lambda self, params: self.take_off(
+                params[6] if math.isfinite(params[6]) else None
+            ),
+            common.MAV_CMD_DO_SET_MODE: _set_mode,
+            common.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+            common.MAV_CMD_COMPONENT_ARM_DISARM: _arm_or_disarm,
+            common.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
+            common.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
+            common.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
+            common.MAV_CMD_REQUEST_MESSAGE: _request,
+            520: _request_version,  # REQUEST_AUTOPILOT_CAPABILITIES, deprecated and still in use
+        }
+    )
+
     _HANDLERS: ClassVar[Mapping[str, Callable[[Autopilot, Message], None]]] = MappingProxyType(
         {
             "HEARTBEAT": _receive_heartbeat,
@@ -242,3 +317,7 @@ class Autopilot:
             "PARAM_SET": _receive_parameter_set,
         }
     )
+
+
+def _message_id(params: Params) -> int | None:
+    return int(params[0]) if math.isfinite(params[0]) and 0 <= params[0] < MAX_MESSAGE_ID else None

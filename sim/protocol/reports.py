@@ -43,43 +43,34 @@ class Snapshot:
 
     @cached_property
     def boot_ms(self) -> Numbers:
-        """The boot clocks in milliseconds."""
         return np.maximum(np.floor(self.state.boot_clock_s()[self.rows] * 1e3), 0).astype(np.int64)
 
     @property
     def boot_us(self) -> Numbers:
-        """The boot clocks in microseconds."""
         return self.boot_ms * 1000
 
     @property
     def has_fix(self) -> Mask:
-        """Which vehicles know their position."""
-        fixed: Mask = self.state.home_set[self.rows]
-        return fixed
+        return self.state.home_set[self.rows]
 
     @property
     def powered(self) -> Mask:
-        """Which vehicles are carried by their motors."""
         return self.state.powered[self.rows]
 
     @property
     def can_arm(self) -> Mask:
-        """Which vehicles pass the prearm check."""
         return self.transitions.can_arm()[self.rows]
 
     @property
     def position_m(self) -> Array:
-        """Local NED."""
         return self.sensors.position_m[self.rows]
 
     @property
     def velocity_m_s(self) -> Array:
-        """NED."""
         return self.sensors.velocity_m_s[self.rows]
 
     @property
     def ground_speed_m_s(self) -> Array:
-        """Horizontal."""
         return self.sensors.ground_speed_m_s[self.rows]
 
     @cached_property
@@ -89,7 +80,6 @@ class Snapshot:
 
     @property
     def yaw_rad(self) -> Array:
-        """From north, clockwise."""
         return self.state.yaw_rad[self.rows]
 
     @property
@@ -125,7 +115,6 @@ NAN = math.nan
 
 
 def heartbeat(s: Snapshot) -> Fields:
-    """Mode, arming, state."""
     state, rows = s.state, s.rows
     mode, armed = state.mode[rows], state.armed[rows]
     base_mode = BASE_MODES[mode] | np.where(armed, ARMED, 0)
@@ -161,7 +150,6 @@ def sys_status(s: Snapshot) -> Fields:
 
 
 def extended_sys_state(s: Snapshot) -> Fields:
-    """On the ground or not."""
     return {"landed_state": s.transitions.landed_state()[s.rows]}
 
 
@@ -188,7 +176,6 @@ def attitude(s: Snapshot) -> Fields:
 
 
 def attitude_quaternion(s: Snapshot) -> Fields:
-    """The same attitude."""
     return {"time_boot_ms": s.boot_ms} | _split(("q1", "q2", "q3", "q4"), _quaternion(*s.tilt_rad, s.yaw_rad))
 
 
@@ -206,7 +193,6 @@ def ping(s: Snapshot) -> Fields:
 
 
 def system_time(s: Snapshot) -> Fields:
-    """Wall and boot clock."""
     unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows], 0.0)  # known from GPS
     return {"time_unix_usec": np.round(unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
@@ -217,7 +203,6 @@ def timesync(s: Snapshot) -> Fields:
 
 
 def mission_current(_s: Snapshot) -> Fields:
-    """No mission."""
     return {"total": 65535}
 
 
@@ -266,7 +251,6 @@ def global_position_int(s: Snapshot) -> Fields:
 
 
 def local_position_ned(s: Snapshot) -> Fields:
-    """Position from the vehicle's own origin."""
     return (
         {"time_boot_ms": s.boot_ms}
         | _split(("x", "y", "z"), s.position_m)
@@ -291,7 +275,6 @@ def odometry(s: Snapshot) -> Fields:
 
 
 def altitude(s: Snapshot) -> Fields:
-    """Heights above several references."""
     local_m = -s.position_m[:, 2]
     amsl_m, height_m = s.place[:, 2], s.sensors.height_m[s.rows]
     return {
@@ -348,7 +331,6 @@ def gps_raw_int(s: Snapshot) -> Fields:
 
 
 def home_position(s: Snapshot) -> Fields:
-    """The home position of RTL."""
     state, rows = s.state, s.rows
     level = np.zeros(len(rows))
     places = np.round(state.home_place[rows] * (1e7, 1e7, 1e3))
@@ -403,7 +385,6 @@ def report(message_id: int, snapshot: Snapshot) -> Fields:
 
 
 def _split(names: tuple[str, ...], columns: Array) -> dict[str, Array]:
-    """One field for each column."""
     return {name: columns[:, place] for place, name in enumerate(names)}
 
 

@@ -7,6 +7,7 @@ during a failsafe. Items in comments are those of FACTS, section 3.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
@@ -74,77 +75,65 @@ class Stuck(Enum):
     SAYS_NO = "rejected"
 
 
+OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
+NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
+
+
+def fed(state: State, patience_s: Array | float, quirks: Quirks) -> Mask:
+    """(n,): whether a setpoint has arrived within `patience_s`, COM_OF_LOSS_T (items 5 and 13)."""
+    if not quirks.patient_offboard:
+        patience_s = np.minimum(patience_s, IMPATIENT_S)
+    fed: Mask = state.now_s - state.setpoint_s < patience_s
+    return fed
+
+
+def can_arm(state: State, patience_s: Array | float, quirks: Quirks) -> Mask:
+    """(n,): the prearm check: started up, in a mode that allows arming, with the setpoints that it needs."""
+    able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
+    able &= state.unhealthy_sensors == 0
+    if quirks.starved_offboard:
+        able &= (state.intended != OFFBOARD) | fed(state, patience_s, quirks)
+    return able
+
+
+@dataclass(eq=False)
 class Commander:
     """One row of the fleet's state, and the texts that its transitions produce."""
 
-    def __init__(
-        self,
-        state: State,
-        row: int,
-        parameters: Parameters,
-        quirks: Quirks,
-        say: Callable[[int, str], None],
-        changed: Callable[[], None],
-    ) -> None:
-        """Command vehicle `row`; `say` takes a MAV_SEVERITY and a text, `changed` reports mode and arming."""
-        self._state = state
-        self._row = row
-        self._parameters = parameters
-        self._quirks = quirks
-        self._send_text = say
-        self._changed = changed
-        self.stuck = Stuck.NO
+    state: State
+    row: int
+    parameters: Parameters
+    quirks: Quirks
+    send_text: Callable[[int, str], None]  # takes a MAV_SEVERITY and a text
+    changed: Callable[[], None]  # reports mode and arming
+    stuck: Stuck = Stuck.NO
 
     @property
     def mode(self) -> Mode:
         """The mode that is flown."""
-        return MODES[int(self._state.mode[self._row])]
+        return MODES[int(self.state.mode[self.row])]
 
     @property
     def armed(self) -> bool:
         """Whether the motors may turn."""
-        return bool(self._state.armed[self._row])
+        return bool(self.state.armed[self.row])
 
     @property
     def landed(self) -> bool:
         """Whether its own landed state is on the ground."""
-        return bool(self._state.landed[self._row])
-
-    @property
-    def failsafe(self) -> bool:
-        """Whether setpoints were lost."""
-        return bool(self._state.failsafe[self._row])
-
-    @property
-    def setpoint_seen(self) -> bool:
-        """Whether there has ever been a setpoint."""
-        return bool(self._state.setpoint_seen[self._row])
-
-    @property
-    def airborne_since_s(self) -> float:
-        """When it lifted off, on the fleet's clock."""
-        return float(self._state.airborne_since_s[self._row])
+        return bool(self.state.landed[self.row])
 
     @property
     def can_arm(self) -> bool:
-        """The prearm check: started up, in a mode that allows arming, with the setpoints that mode needs."""
-        intended = MODES[int(self._state.intended[self._row])]
-        fed = intended is not Mode.OFFBOARD or not self._quirks.starved_offboard or self.fed
-        started = self._state.now_s >= self._state.ready_at_s[self._row]
-        valid = self._state.unhealthy_sensors[self._row] == 0
-        return bool(started and valid and intended not in PREVENTS_ARMING and fed)
+        return bool(can_arm(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)[self.row])
 
     @property
     def fed(self) -> bool:
-        """Whether a setpoint has arrived within COM_OF_LOSS_T (items 5 and 13)."""
-        patience_s = self._parameters["COM_OF_LOSS_T"]
-        if not self._quirks.patient_offboard:
-            patience_s = min(patience_s, IMPATIENT_S)
-        return bool(self._state.now_s - self._state.setpoint_s[self._row] < patience_s)
+        return bool(fed(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)[self.row])
 
     def arm(self, *, force: bool = False) -> Result:
         """Start the motors, if the checks allow it (item 2, 4, 7) or are overridden."""
-        state, row = self._state, self._row
+        state, row = self.state, self.row
         if state.armed[row]:
             return Result.ACCEPTED
         if not (self.can_arm or force):
@@ -155,15 +144,15 @@ class Commander:
         state.climb_since_s[row] = math.inf
         self._report(INFO, "Armed by external command")
         if self.mode is Mode.TAKEOFF and math.isnan(state.takeoff_altitude_amsl_m[row]):
-            self._report(INFO, f"Using default takeoff altitude: {self._parameters['MIS_TAKEOFF_ALT']:.1f} m")
-        self._changed()
+            self._report(INFO, f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
+        self.changed()
         return Result.ACCEPTED
 
     def disarm(self, *, force: bool = False) -> Result:
         """Stop the motors; in the air only when forced, which is the kill switch (item 11)."""
         if not self.armed:
             return Result.ACCEPTED
-        if not (self.landed or force) and self._quirks.disarm_refused:
+        if not (self.landed or force) and self.quirks.disarm_refused:
             self._report(CRITICAL, "Disarming denied: not landed")
             return Result.TEMPORARILY_REJECTED
         self.stop("Disarmed by external command")
@@ -173,8 +162,8 @@ class Commander:
         """Change the mode, as DO_SET_MODE requests; in the air only to modes that can be flown (item 4)."""
         if self.stuck is not Stuck.NO:
             return Result.ACCEPTED if self.stuck is Stuck.SAYS_YES else Result.TEMPORARILY_REJECTED
-        starved = mode is Mode.OFFBOARD and self._quirks.starved_offboard and not self.fed
-        missing = starved or (mode in NEEDS_PILOT and not self._state.piloted[self._row])
+        starved = mode is Mode.OFFBOARD and self.quirks.starved_offboard and not self.fed
+        missing = starved or (mode in NEEDS_PILOT and not self.state.piloted[self.row])
         if self.armed and missing:
             self._report(CRITICAL, f"Switching to {mode.title} is currently not available")
             return Result.TEMPORARILY_REJECTED
@@ -185,16 +174,16 @@ class Commander:
 
     def take_off(self, altitude_amsl_m: float | None) -> Result:
         """Climb to that altitude, or MIS_TAKEOFF_ALT above ground; at the next arming (item 11)."""
-        if not self.armed and not self._quirks.early_takeoff:
+        if not self.armed and not self.quirks.early_takeoff:
             return Result.TEMPORARILY_REJECTED
-        self._state.takeoff_altitude_amsl_m[self._row] = (
+        self.state.takeoff_altitude_amsl_m[self.row] = (
             math.nan if altitude_amsl_m is None else altitude_amsl_m
         )
         return self.change_mode(Mode.TAKEOFF)
 
     def overridden(self) -> bool:
         """Whether moving the sticks takes the vehicle over from its present mode (COM_RC_OVERRIDE)."""
-        bits = int(self._parameters["COM_RC_OVERRIDE"])
+        bits = int(self.parameters["COM_RC_OVERRIDE"])
         mode = self.mode
         if mode in NEEDS_PILOT:
             return False
@@ -202,23 +191,23 @@ class Commander:
 
     def starve_or_feed(self) -> None:
         """Failsafe when OFFBOARD loses setpoints (item 5), and back by itself when they return (item 6)."""
-        state, row = self._state, self._row
+        state, row = self.state, self.row
         if state.failsafe[row]:
             state.failsafe[row], state.mode[row] = False, Mode.OFFBOARD.number
-            self._changed()
+            self.changed()
             return
         state.failsafe[row] = True
         self._report(CRITICAL, "Failsafe activated")
-        action = int(self._parameters["COM_OBL_RC_ACT"])
+        action = int(self.parameters["COM_OBL_RC_ACT"])
         if action in OFFBOARD_LOSS_MODE:
             state.mode[row] = OFFBOARD_LOSS_MODE[action].number
-            self._changed()
+            self.changed()
         else:
             self.stop("Disarmed by failsafe")
 
     def lose_station(self) -> None:
         """Apply NAV_DLL_ACT; it never ends a landing, nor a return in favour of a hold."""
-        mode = STATION_LOSS_MODE.get(int(self._parameters["NAV_DLL_ACT"]))
+        mode = STATION_LOSS_MODE.get(int(self.parameters["NAV_DLL_ACT"]))
         if self.mode is Mode.LAND or (self.mode is Mode.RETURN and mode is Mode.HOLD):
             return
         self._report(INFO, "GCS connection lost")
@@ -230,9 +219,9 @@ class Commander:
 
     def weaken(self, charge: int) -> None:
         """Apply COM_LOW_BAT_ACT at each worsening: 2 lands at critical; 3 returns, at emergency lands."""
-        self._state.charge[self._row] = charge
+        self.state.charge[self.row] = charge
         self._report(CRITICAL, BATTERY_TEXTS[charge])
-        action = int(self._parameters["COM_LOW_BAT_ACT"])
+        action = int(self.parameters["COM_LOW_BAT_ACT"])
         mode = BATTERY_ACTIONS.get((action, charge))
         if mode is not None and self.mode is not Mode.LAND:
             self._report(CRITICAL, "Failsafe activated")
@@ -240,7 +229,7 @@ class Commander:
 
     def lift_off(self) -> None:
         """Take-off detected."""
-        state, row = self._state, self._row
+        state, row = self.state, self.row
         state.landed[row], state.flown[row] = False, True
         state.airborne_since_s[row] = state.now_s
         state.down_since_s[row] = math.inf
@@ -248,37 +237,37 @@ class Commander:
 
     def touch_down(self) -> None:
         """Landing detected."""
-        state, row = self._state, self._row
+        state, row = self.state, self.row
         state.landed[row], state.landed_s[row] = True, state.now_s
         if state.armed[row]:
             self._report(INFO, "Landing detected")
 
     def stop(self, text: str) -> None:
         """Disarm; the mode falls back to the last one that allows arming (item 7)."""
-        state, row = self._state, self._row
+        state, row = self.state, self.row
         state.armed[row] = state.failsafe[row] = state.intervenes[row] = False
         state.climb_since_s[row] = math.inf
         self._report(INFO, text)
-        reverts = self._quirks.mode_reverts
+        reverts = self.quirks.mode_reverts
         state.intended[row] = state.mode[row] = state.after_disarming[row] if reverts else Mode.HOLD.number
-        self._changed()
+        self.changed()
 
     def intend(self, mode: Mode) -> None:
         """Fly that mode from now on, whatever requested it."""
-        state, row = self._state, self._row
+        state, row = self.state, self.row
         state.failsafe[row] = state.intervenes[row] = False
         state.intended[row] = state.mode[row] = mode.number
         if mode not in PREVENTS_ARMING:
             state.after_disarming[row] = mode.number
-        self._changed()
+        self.changed()
 
     def _intervene(self, mode: Mode) -> None:
         """Fly that mode by the autopilot's own failsafe; the heartbeat shows it until the next request."""
         self.intend(mode)
-        self._state.intervenes[self._row] = True
+        self.state.intervenes[self.row] = True
 
     def _report(self, severity: int, text: str) -> None:
-        self._send_text(severity, text + "\t")  # PX4 ends its texts with a tab
+        self.send_text(severity, text + "\t")  # PX4 ends its texts with a tab
 
 
 # From spool-up to "Takeoff detected": recorded 1.84 s after arming, of which COM_SPOOLUP_TIME is 1.0.
@@ -287,21 +276,15 @@ TAKEOFF_DETECTION_S = 0.84
 LANDING_STAGES = 3
 CLIMB_DEMAND_M_S = 0.3
 
-OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
-NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
 
-
+@dataclass(eq=False)
 class Transitions:
     """Advances the commanders of a fleet."""
 
-    def __init__(
-        self, state: State, commanders: Sequence[Commander], parameters: Columns, quirks: Quirks
-    ) -> None:
-        """Row i of the state is commanders[i]."""
-        self._state = state
-        self._commanders = commanders
-        self._parameters = parameters
-        self._quirks = quirks
+    state: State
+    commanders: Sequence[Commander]
+    parameters: Columns
+    quirks: Quirks
 
     def update(self, awake: Mask, contact: Mask, climb_m_s: Array, batteries: Batteries) -> None:
         """Execute the transitions that are due at the state's time.
@@ -312,7 +295,7 @@ class Transitions:
             climb_m_s: (n,), the upward speed that the flown mode demands.
             batteries: for MAV_BATTERY_CHARGE_STATE.
         """
-        state = self._state
+        state = self.state
         armed = awake & state.armed
         if armed.any():
             self._watch_setpoints(armed)
@@ -320,7 +303,7 @@ class Transitions:
             charge = batteries.charge_state()
             weak = armed & ~state.landed & (charge > state.charge)
             for row in weak.nonzero()[0].tolist():
-                self._commanders[row].weaken(int(charge[row]))
+                self.commanders[row].weaken(int(charge[row]))
         waiting = awake & state.armed & state.landed
         self._watch_landing(awake & ~state.landed, contact, climb_m_s)
         if waiting.any():
@@ -330,42 +313,31 @@ class Transitions:
             self._watch_disarming(standing)
 
     def fed(self) -> Mask:
-        """(n,): whether a setpoint has arrived within COM_OF_LOSS_T."""
-        patience_s = self._parameters["COM_OF_LOSS_T"]
-        if not self._quirks.patient_offboard:
-            patience_s = np.minimum(patience_s, IMPATIENT_S)
-        fed: Mask = self._state.now_s - self._state.setpoint_s < patience_s
-        return fed
+        return fed(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)
 
     def can_arm(self) -> Mask:
-        """(n,): the prearm check, as Commander.can_arm."""
-        state = self._state
-        able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
-        able &= state.unhealthy_sensors == 0
-        if self._quirks.starved_offboard:
-            able &= (state.intended != OFFBOARD) | self.fed()
-        return able
+        return can_arm(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)
 
     def landed_state(self) -> Numbers:
         """(n,): MAV_LANDED_STATE, as in EXTENDED_SYS_STATE."""
-        state = self._state
+        state = self.state
         flying = np.where(state.mode == LAND, int(LandedState.LANDING), int(LandedState.IN_AIR))
         flying[state.armed & (state.mode == TAKEOFF)] = LandedState.TAKEOFF
         return np.where(state.landed, int(LandedState.ON_GROUND), flying)
 
     def _watch_setpoints(self, armed: Mask) -> None:
-        state = self._state
+        state = self.state
         due = armed & (state.intended == OFFBOARD) & (self.fed() == state.failsafe)
-        if not self._quirks.resume:
+        if not self.quirks.resume:
             due &= ~state.failsafe
-        if not self._quirks.setpoint_loss:
+        if not self.quirks.setpoint_loss:
             due &= state.failsafe
         for row in due.nonzero()[0].tolist():
-            self._commanders[row].starve_or_feed()
+            self.commanders[row].starve_or_feed()
 
     def _watch_station(self, armed: Mask) -> None:
         """Apply NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
-        state, p = self._state, self._parameters
+        state, p = self.state, self.parameters
         silent = state.now_s - state.station_s > p["COM_DL_LOSS_T"]
         if not silent.any():
             state.station_lost[:] = False
@@ -373,22 +345,22 @@ class Transitions:
         due = armed & ~state.landed & silent & ~state.station_lost & (p["NAV_DLL_ACT"] > 0)
         state.station_lost = silent & (state.station_lost | due)
         for row in np.flatnonzero(due).tolist():
-            self._commanders[row].lose_station()
+            self.commanders[row].lose_station()
 
     def _watch_takeoff(self, waiting: Mask, climb_m_s: Array) -> None:
-        state = self._state
-        spooled_s = state.armed_s + self._parameters["COM_SPOOLUP_TIME"]
+        state = self.state
+        spooled_s = state.armed_s + self.parameters["COM_SPOOLUP_TIME"]
         climbing = waiting & (climb_m_s >= CLIMB_DEMAND_M_S) & (state.now_s >= spooled_s)
         state.climb_since_s[waiting & ~climbing] = np.inf
         state.climb_since_s[climbing] = np.minimum(state.climb_since_s[climbing], state.now_s)
         for row in np.flatnonzero(
             climbing & (state.now_s >= state.climb_since_s + TAKEOFF_DETECTION_S)
         ).tolist():
-            self._commanders[row].lift_off()
+            self.commanders[row].lift_off()
 
     def _watch_landing(self, flying: Mask, contact: Mask, climb_m_s: Array) -> None:
         """On the ground with a descent demanded: landed after a while, at once when the motors are off."""
-        state = self._state
+        state = self.state
         if not contact.any():
             state.down_since_s[flying] = np.inf
             return
@@ -397,18 +369,18 @@ class Transitions:
         if not down.any():
             return
         state.down_since_s[down] = np.minimum(state.down_since_s[down], state.now_s)
-        wait_s = np.where(state.armed, LANDING_STAGES * self._parameters["LNDMC_TRIG_TIME"], 0.0)
+        wait_s = np.where(state.armed, LANDING_STAGES * self.parameters["LNDMC_TRIG_TIME"], 0.0)
         for row in np.flatnonzero(down & (state.now_s >= state.down_since_s + wait_s)).tolist():
-            self._commanders[row].touch_down()
+            self.commanders[row].touch_down()
 
     def _watch_disarming(self, standing: Mask) -> None:
         """Apply COM_DISARM_LAND after a flight, COM_DISARM_PRFLT before one; not positive means never."""
-        state, p = self._state, self._parameters
+        state, p = self.state, self.parameters
         wait_s = np.where(state.flown, p["COM_DISARM_LAND"], p["COM_DISARM_PRFLT"])
         since_s = np.where(state.flown, state.landed_s, state.armed_s)
         still = standing & (state.climb_since_s == np.inf) & (wait_s > 0.0)
         for row in np.flatnonzero(still & (state.now_s >= since_s + wait_s)).tolist():
             landed = state.flown[row]
-            self._commanders[row].stop(
+            self.commanders[row].stop(
                 "Disarmed by landing" if landed else "Disarmed by auto preflight disarming"
             )

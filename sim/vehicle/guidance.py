@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,17 +36,16 @@ FLOWN_AS = np.array([BY_HAND if mode in NEEDS_PILOT else mode.number for mode in
 LIFTS = np.array([mode.number in {TAKEOFF, OFFBOARD} for mode in MODES])  # only these two lift off
 
 
+@dataclass(eq=False)
 class Guidance:
     """Targets of vehicles: hold positions, take-off heights, progress of returns."""
 
-    def __init__(
-        self, state: State, commanders: Sequence[Commander], parameters: Columns, quirks: Quirks
-    ) -> None:
-        """Row i of the state is commanders[i]."""
-        self._state = state
-        self._commanders = commanders
-        self._parameters = parameters
-        self._quirks = quirks
+    state: State
+    commanders: Sequence[Commander]
+    parameters: Columns
+    quirks: Quirks
+
+    def __post_init__(self) -> None:
         self._velocities: Mapping[int, Callable[[Rows, Sensors], Array]] = {
             OFFBOARD: self._offboard,
             BY_HAND: self._by_hand,
@@ -57,7 +57,7 @@ class Guidance:
 
     def velocity(self, sensors: Sensors, awake: Mask, dt_s: float) -> Array:
         """(n, 3): the velocity that each mode demands, bounded per axis as PX4 bounds it; rest for others."""
-        state = self._state
+        state = self.state
         demand_m_s = np.zeros((state.count, 3))
         flying = awake & (~state.landed | LIFTS[state.mode])
         state.guided_mode[awake & ~flying] = NO_MODE
@@ -74,7 +74,7 @@ class Guidance:
 
     def _desired(self, rows: Rows, sensors: Sensors, dt_s: float) -> Array:
         """The velocity that each vehicle's mode requests; the automatic modes accelerate gently."""
-        flown = FLOWN_AS[self._state.mode[rows]]  # before a take-off that ends in this step
+        flown = FLOWN_AS[self.state.mode[rows]]  # before a take-off that ends in this step
         kinds = set(flown.tolist())
         desired_m_s = np.empty((len(rows), 3))
         for kind, request in self._velocities.items():
@@ -93,7 +93,7 @@ class Guidance:
             powered: (n,), vehicles carried by their motors.
             dt_s: the step.
         """
-        state = self._state
+        state = self.state
         rows = ((state.mode == OFFBOARD) & powered).nonzero()[0]
         if not len(rows):
             return
@@ -101,12 +101,12 @@ class Guidance:
         by_rate_rad = state.setpoint_yaw_rate_rad_s[rows] * dt_s
         turn_rad = np.where(np.isnan(desired_rad), by_rate_rad, _wrapped(desired_rad - yaw_rad))
         turn_rad[np.isnan(turn_rad)] = 0.0
-        most_rad = np.radians(self._parameters["MPC_YAWRAUTO_MAX"][rows]) * dt_s
+        most_rad = np.radians(self.parameters["MPC_YAWRAUTO_MAX"][rows]) * dt_s
         state.yaw_rad[rows] = _wrapped(yaw_rad + _clipped(turn_rad, -most_rad, most_rad))
 
     def _enter(self, rows: Rows, sensors: Sensors) -> None:
         """Set the target of a mode that begins: for most the point where the vehicle will have stopped."""
-        state, p = self._state, self._parameters
+        state, p = self.state, self.parameters
         mode = state.mode[rows]
         state.guided_mode[rows], state.last_m_s[rows] = mode, sensors.velocity_m_s[rows]
         state.returning[rows], state.descend_from_s[rows] = False, np.inf
@@ -125,9 +125,9 @@ class Guidance:
 
     def _takeoff_down_m(self, rows: Rows, sensors: Sensors) -> Array:
         """The takeoff altitude in local NED; never below the vehicle."""
-        state, down_m = self._state, sensors.position_m[rows, 2]
+        state, down_m = self.state, sensors.position_m[rows, 2]
         commanded_m = state.takeoff_altitude_amsl_m[rows]
-        target_m: Array = state.home_m[rows, 2] - self._parameters["MIS_TAKEOFF_ALT"][rows]
+        target_m: Array = state.home_m[rows, 2] - self.parameters["MIS_TAKEOFF_ALT"][rows]
         if not np.isnan(commanded_m).all():
             above_m = commanded_m - sensors.place(rows)[:, 2]
             target_m = np.where(np.isnan(commanded_m), target_m, down_m - above_m)
@@ -136,7 +136,7 @@ class Guidance:
 
     def _return_down_m(self, rows: Rows, sensors: Sensors) -> Array:
         """Height of the return: RTL_RETURN_ALT, lower inside the cone around home, never lower than now."""
-        p, home_m, here_m = self._parameters, self._state.home_m[rows], sensors.position_m[rows]
+        p, home_m, here_m = self.parameters, self.state.home_m[rows], sensors.position_m[rows]
         distance_m = np.hypot(*(here_m - home_m)[:, :2].T)
         lowest_m, highest_m = p["RTL_DESCEND_ALT"][rows], p["RTL_RETURN_ALT"][rows]
         cone_deg = p["RTL_CONE_ANG"][rows]
@@ -149,26 +149,26 @@ class Guidance:
         return down_m
 
     def _take_off(self, rows: Rows, sensors: Sensors) -> Array:
-        state = self._state
+        state = self.state
         gap_m = np.abs(state.target_m[rows, 2] - sensors.position_m[rows, 2])
-        there = state.powered[rows] & (gap_m < self._parameters["NAV_MC_ALT_RAD"][rows])
+        there = state.powered[rows] & (gap_m < self.parameters["NAV_MC_ALT_RAD"][rows])
         for row in rows[there].tolist():
-            self._commanders[row].intend(Mode.HOLD)
+            self.commanders[row].intend(Mode.HOLD)
             state.guided_mode[row] = HOLD  # hold at the take-off's target, not at the present position
-        return self._towards(rows, sensors, climb_max_m_s=self._parameters["MPC_TKO_SPEED"][rows])
+        return self._towards(rows, sensors, climb_max_m_s=self.parameters["MPC_TKO_SPEED"][rows])
 
     def _towards(self, rows: Rows, sensors: Sensors, climb_max_m_s: Array | None = None) -> Array:
         """Fly to the target and stay."""
-        p = self._parameters
+        p = self.parameters
         climb_m_s = p["MPC_Z_V_AUTO_UP"][rows] if climb_max_m_s is None else climb_max_m_s
-        down_m_s = p["MPC_Z_P"][rows] * (self._state.target_m[rows, 2] - sensors.position_m[rows, 2])
+        down_m_s = p["MPC_Z_P"][rows] * (self.state.target_m[rows, 2] - sensors.position_m[rows, 2])
         down_m_s = np.minimum(np.maximum(down_m_s, -climb_m_s), p["MPC_Z_V_AUTO_DN"][rows])
         return self._across(rows, sensors, down_m_s)
 
     def _across(self, rows: Rows, sensors: Sensors, down_m_s: Array) -> Array:
         """Horizontally towards the target, at most MPC_XY_CRUISE, and down_m_s."""
-        p = self._parameters
-        way_m = self._state.target_m[rows, :2] + self._wander_m(rows) - sensors.position_m[rows, :2]
+        p = self.parameters
+        way_m = self.state.target_m[rows, :2] + self._wander_m(rows) - sensors.position_m[rows, :2]
         velocity_m_s = p["MPC_XY_P"][rows, np.newaxis] * way_m
         fastest_m_s = p["MPC_XY_CRUISE"][rows]
         speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
@@ -180,16 +180,16 @@ class Guidance:
 
     def _wander_m(self, rows: Rows) -> Array:
         """(k, 2) present offset of TAKEOFF and HOLD from their target, round it, each at its own pace."""
-        wide_m = self._state.wander_m[rows]
+        wide_m = self.state.wander_m[rows]
         if not wide_m.any():
             return np.zeros((len(rows), 2))
-        turn_rad = self._state.now_s * 2.0 * np.pi / (WANDER_S + 1.7 * (rows % 5)) + 2.4 * rows
+        turn_rad = self.state.now_s * 2.0 * np.pi / (WANDER_S + 1.7 * (rows % 5)) + 2.4 * rows
         off_m: Array = wide_m[:, np.newaxis] * np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
         return off_m
 
     def _land(self, rows: Rows, sensors: Sensors) -> Array:
         """Descend over the target, slower from MPC_LAND_ALT1 to _ALT2, slowest below _ALT3."""
-        p, height_m = self._parameters, sensors.height_m[rows]
+        p, height_m = self.parameters, sensors.height_m[rows]
         fast_m_s, slow_m_s = p["MPC_Z_V_AUTO_DN"][rows], p["MPC_LAND_SPEED"][rows]
         upper_m, lower_m = p["MPC_LAND_ALT1"][rows], p["MPC_LAND_ALT2"][rows]
         share = np.minimum(np.maximum((height_m - lower_m) / np.maximum(upper_m - lower_m, TINY), 0.0), 1.0)
@@ -200,7 +200,7 @@ class Guidance:
 
     def _return(self, rows: Rows, sensors: Sensors) -> Array:
         """Climb, fly home, descend to RTL_DESCEND_ALT, wait RTL_LAND_DELAY (negative: without end), land."""
-        state, p, here_m = self._state, self._parameters, sensors.position_m[rows]
+        state, p, here_m = self.state, self.parameters, sensors.position_m[rows]
         home_m, was_returning = state.home_m[rows], state.returning[rows]
         high = ~was_returning & (here_m[:, 2] < state.target_m[rows, 2] + ARRIVED_M)
         state.returning[rows[high]] = True
@@ -223,29 +223,29 @@ class Guidance:
 
     def _by_hand(self, rows: Rows, _sensors: Sensors) -> Array:
         """Follow the sticks; without a pilot the vehicle descends."""
-        piloted = self._state.piloted[rows, np.newaxis]
-        return np.where(piloted, self._state.stick_m_s[rows], (0.0, 0.0, BLIND_DESCENT_M_S))
+        piloted = self.state.piloted[rows, np.newaxis]
+        return np.where(piloted, self.state.stick_m_s[rows], (0.0, 0.0, BLIND_DESCENT_M_S))
 
     def _offboard(self, rows: Rows, sensors: Sensors) -> Array:
         """Follow the setpoint; one that cannot be flown is not followed at all (item 10)."""
-        state = self._state
+        state = self.state
         way_m: Array = state.setpoint_position_m[rows] - sensors.position_m[rows]
         velocity_m_s = state.setpoint_velocity_m_s[rows]
         way_m[np.isnan(way_m)] = velocity_m_s[np.isnan(velocity_m_s)] = 0.0
-        desired_m_s: Array = velocity_m_s + self._parameters.axes("MPC_XY_P", "MPC_Z_P")[rows] * way_m
-        if self._quirks.whole_velocity:
+        desired_m_s: Array = velocity_m_s + self.parameters.axes("MPC_XY_P", "MPC_Z_P")[rows] * way_m
+        if self.quirks.whole_velocity:
             desired_m_s[~state.setpoint_flyable[rows]] = 0.0
         return desired_m_s
 
     def _slew(self, rows: Rows, desired_m_s: Array, dt_s: float) -> Array:
         """The automatic modes accelerate gently."""
-        bound_m_s = self._parameters.axes("MPC_ACC_HOR", "MPC_ACC_UP_MAX")[rows] * dt_s
-        last_m_s = self._state.last_m_s[rows]
+        bound_m_s = self.parameters.axes("MPC_ACC_HOR", "MPC_ACC_UP_MAX")[rows] * dt_s
+        last_m_s = self.state.last_m_s[rows]
         return last_m_s + _clipped(desired_m_s - last_m_s, -bound_m_s, bound_m_s)
 
     def _bounded(self, rows: Rows, desired_m_s: Array) -> Array:
         """Clip each axis on its own, as recorded, which changes the direction."""
-        state, p = self._state, self._parameters
+        state, p = self.state, self.parameters
         low_m_s = -p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP")[rows]
         high_m_s = p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_DN")[rows]
         airborne_s = state.now_s - state.airborne_since_s[rows]

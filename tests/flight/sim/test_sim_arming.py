@@ -195,7 +195,7 @@ def test_battery_drains_in_the_air_only_and_messages_agree() -> None:
     bench.run(20.0)
     assert bench.last("BATTERY_STATUS").battery_remaining == 100
     bench.take_off()
-    airborne_s = bench.now_s - bench.fleet.autopilots[0].commander.airborne_since_s + 1000.0
+    airborne_s = bench.now_s - float(bench.fleet.state.airborne_since_s[0]) + 1000.0
     bench.run(0.5)
     left = bench.last("SYS_STATUS").battery_remaining
     assert left == pytest.approx(100 - airborne_s, abs=2)

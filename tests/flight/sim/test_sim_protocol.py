@@ -183,7 +183,7 @@ def state_of(bench: Bench) -> tuple[Any, ...]:
         commander.mode,
         commander.armed,
         commander.landed,
-        commander.setpoint_seen,
+        bool(bench.fleet.state.setpoint_seen[0]),
         dict(autopilot.parameters._changed),
         bench.fleet._schedule._interval_s.tolist(),
     )
