@@ -87,17 +87,17 @@ class Audit:
     def call(self, call: Call) -> None:
         """Record a call of the API and its response."""
         body = call.body if len(call.body) <= BODY_MAX else f"{call.body[:BODY_MAX]}…"
-        values = (self._session, time.time(), call.who, call.method, call.path, body, call.status)
+        values = (self._session, time.time(), call.caller, call.method, call.path, body, call.status)
         self._put("INSERT INTO calls VALUES (?, ?, ?, ?, ?, ?, ?)", *values)
 
     async def kept(self) -> bool:
         """Return once all rows so far are on the disk; False: they are not."""
         return await self._journal.kept()
 
-    def opened(self, record: CommandRecord, who: str) -> None:
+    def opened(self, record: CommandRecord, caller: str) -> None:
         """Record an accepted command, and its first outcome for every vehicle."""
         at_s = record.accepted_time_s
-        values = (self._session, record.id, at_s, who, record.action)
+        values = (self._session, record.id, at_s, caller, record.action)
         command = Row("INSERT INTO commands VALUES (?, ?, ?, ?, ?)", values)
         parts = [
             Row(_OUTCOME, (self._session, record.id, name, at_s, part.outcome.value, part.reason))
@@ -193,11 +193,11 @@ def _differing(new: Sequence[object], old: Sequence[object]) -> set[int]:
 class OfflineAudit:
     """Rows for the newest session. A disk error is reported by `problem`, and stops nothing."""
 
-    def __init__(self, root: Path, known: LastKnown, who: str) -> None:
+    def __init__(self, root: Path, known: LastKnown, caller: str) -> None:
         """Writes nothing before it is entered."""
         vehicles = {one.id: (one.system_id, one.link) for one in known.vehicles.values()}
         self._known = known
-        self._who = who
+        self._caller = caller
         self._journal = Journal(audit_file(root))
         self._audit = Audit(self._journal, "" if known.session is None else known.session.id, vehicles)
         self.problem = ""
@@ -216,8 +216,8 @@ class OfflineAudit:
         """Record a command. Returns: its id, distinct from those of every service."""
         now_s = time.time()
         parts = {name: VehicleOutcome(Outcome.PENDING) for name in vehicles}
-        command = CommandRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._who)
-        self._audit.opened(command, self._who)
+        command = CommandRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._caller)
+        self._audit.opened(command, self._caller)
         return command.id
 
     def closed(self, command_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:

@@ -14,7 +14,7 @@ from gcs.links.disk_writer import DiskWriter
 from gcs.model.errors import GcsError
 
 APPLICATION_ID: Final = 0x46474353  # "FGCS"
-VERSION: Final = 1
+VERSION: Final = 2
 BUSY_S: Final = 1.0
 ROWS_MAX: Final = 50_000
 
@@ -31,7 +31,7 @@ CREATE TABLE sessions (            -- one for each run of the service
 CREATE TABLE calls (               -- of the REST API: all that may change something, and all that were denied
   session TEXT NOT NULL,
   unix_s REAL NOT NULL,
-  who TEXT NOT NULL,
+  caller TEXT NOT NULL,
   method TEXT NOT NULL,
   path TEXT NOT NULL,
   body TEXT NOT NULL,              -- shortened when long
@@ -41,7 +41,7 @@ CREATE TABLE commands (
   session TEXT NOT NULL,
   id TEXT NOT NULL,                -- as the API names it: o1, o2 ...; counted anew in every session
   accepted_unix_s REAL NOT NULL,
-  who TEXT NOT NULL,
+  caller TEXT NOT NULL,
   action TEXT NOT NULL,
   PRIMARY KEY (session, id)
 ) WITHOUT ROWID;

@@ -81,7 +81,7 @@ class PastCommand:
     session: str
     id: str
     accepted_unix_s: float
-    who: str
+    caller: str
     action: str
     outcomes: Mapping[VehicleId, tuple[str, str]]
 

@@ -343,8 +343,10 @@ def _most(
         return Check(name, float(limit[-1]), float(tolerated[-1]), None, unit, "", None, kept=None)
     worst, most = float(value[at, row]), float(tolerated[at])
     at_s = round(float(trajectories.time_s[at] - trajectories.time_s[0]), 2) if timed else None
-    who = trajectories.ids[row]
-    return Check(name, float(limit[at]), round(most, 3), round(worst, 3), unit, who, at_s, kept=worst <= most)
+    vehicle = trajectories.ids[row]
+    return Check(
+        name, float(limit[at]), round(most, 3), round(worst, 3), unit, vehicle, at_s, kept=worst <= most
+    )
 
 
 def _least(

@@ -46,7 +46,7 @@ class Denied:
     """A call that was denied; `count` above 1 stands for as many calls that came too fast to log each."""
 
     unix_time_s: float
-    who: str  # the token's name, or ANONYMOUS
+    caller: str  # the token's name, or ANONYMOUS
     address: str  # of the caller
     method: str  # WEBSOCKET for the stream
     path: str

@@ -79,7 +79,7 @@ class CommandRecord:
 class Listener(Protocol):
     """Is called for every command and outcome; never raises, never waits."""
 
-    def opened(self, record: CommandRecord, who: str) -> None:
+    def opened(self, record: CommandRecord, caller: str) -> None:
         """Called when a command is accepted."""
 
     def closed(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:

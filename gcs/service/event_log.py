@@ -17,7 +17,7 @@ KEPT: Final = 100
 _PLAIN: Final = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "vehicle"}
 
 WORDS: Final[Mapping[str, str]] = {
-    "access_denied": "access denied to {who} from {address}: {method} {path} [({count} times)]: {reason}",
+    "access_denied": "access denied to {caller} from {address}: {method} {path} [({count} times)]: {reason}",
     "access_off": "access is off on {host}: {means}",
     "access_without_tls": "access without TLS on {host}: set {fix}",
     "alarm": "{severity}: {text}",

@@ -57,7 +57,7 @@ class Shows(Protocol):
 class Call:
     """A call of the API and its response."""
 
-    who: str
+    caller: str
     method: str
     path: str
     body: str

@@ -25,7 +25,7 @@ def test_failsafe_is_audited_as_a_command_with_its_cause(tmp_path: Path) -> None
     with Record(tmp_path, config.model_dump_json(), vehicles) as record:
         fly(low_battery, config, record=record)
     (command,) = [each for each in commands(tmp_path) if each.action == "return"]
-    assert (command.who, dict(command.outcomes)) == ("service", {"d2": ("done", "")})
+    assert (command.caller, dict(command.outcomes)) == ("service", {"d2": ("done", "")})
     (reported,) = [event["detail"] for event in events(tmp_path) if event["event"] == "failsafe"]
     assert reported["cause"] == "low battery"
     assert reported["command"] == command.id

@@ -270,7 +270,7 @@ def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> 
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(asked.ids)}
     with Record(tmp_path / "runs", asked.model_dump_json(), vehicles) as record:
         fly_show(story, asked, record=record, noise_scale=0.3)
-    noted = [(each.action, each.who) for each in commands(tmp_path / "runs")]
+    noted = [(each.action, each.caller) for each in commands(tmp_path / "runs")]
     assert ("exclude", "anna") in noted
     assert ("include", "anna") in noted
 

@@ -40,7 +40,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Track]:
 
 def test_every_command_is_recorded_with_vehicle_outcomes(flown: tuple[Path, Track]) -> None:
     done = dict.fromkeys(CONFIG.ids, ("done", ""))
-    assert [(command.action, command.who, dict(command.outcomes)) for command in commands(flown[0])] == [
+    assert [(command.action, command.caller, dict(command.outcomes)) for command in commands(flown[0])] == [
         ("start", "service", done),
         ("hold", "service", {"d2": ("done", "")}),
         ("join", "service", {"d2": ("done", "")}),

@@ -17,7 +17,7 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.links.batch_link import BatchLink
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
 
 IDS = {"mavsdk": "mavsdk1", "native": "native2"}
@@ -101,7 +101,7 @@ async def fly_and_flood(folder: Path) -> tuple[dict[str, BatchLink], float, floa
 
 
 def test_api_flooded(tmp_path: Path) -> None:
-    with Witness() as machine:
+    with Pauses() as machine:
         links, began_s, ended_s, answered = asyncio.run(fly_and_flood(tmp_path))
     assert answered > 2 * FLOOD_S, "it is answered, as far as there is time"
     for transport, vehicle_id in IDS.items():

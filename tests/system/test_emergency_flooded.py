@@ -18,7 +18,7 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.access import Role
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, until
 
 COUNT = 20
@@ -130,7 +130,7 @@ async def lane_of(client: Client) -> int | None:
             await asyncio.sleep(0.1)
 
 
-async def fly_and_flood(folder: Path, machine: Witness, junk_s: float = JUNK_S) -> Flooded:
+async def fly_and_flood(folder: Path, machine: Pauses, junk_s: float = JUNK_S) -> Flooded:
     """Vehicles in formation, junk without a token at both listeners, and a token that may stop them."""
     base = free_ports(COUNT)
     file = folder / "tokens.json"
@@ -167,7 +167,7 @@ async def fly_and_flood(folder: Path, machine: Witness, junk_s: float = JUNK_S) 
 
 
 def test_emergency_stop_passes_a_flood_of_junk(tmp_path: Path) -> None:
-    with Witness() as machine:
+    with Pauses() as machine:
         seen = asyncio.run(fly_and_flood(tmp_path, machine))
     assert seen.answered > 0.2 * JUNK_PER_S * JUNK_S, "the flood came"
     assert seen.by == "emergency"

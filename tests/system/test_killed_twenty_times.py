@@ -18,7 +18,7 @@ from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer
 from gcs.recording.audit_reader import commands, last_known
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 from tests.support.processes import (
     SOON_S,
     Supervised,
@@ -98,7 +98,7 @@ def places_m(folder: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return np.array([[float(str(truth[name])) for name in axes] for truth in truths])
 
 
-def kill_again_and_again(station: Supervised, machine: Witness, kills: int) -> list[float]:
+def kill_again_and_again(station: Supervised, machine: Pauses, kills: int) -> list[float]:
     """Returns: how long it took each time until it answered, while the machine ran."""
     samples, took_s = random.Random(5), []
     for _ in range(kills):
@@ -136,7 +136,7 @@ def test_repeated_kills_in_flight_recover_and_return_all(tmp_path: Path, kills: 
         vehicles(len(IDS), base, tmp_path, *proper(config), "--noise", "0"),
         supervised(config, tmp_path / "station") as station,
         Client(station.url, timeout_s=30.0) as client,
-        Witness() as machine,
+        Pauses() as machine,
     ):
         wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
         pads_m = places_m(tmp_path)

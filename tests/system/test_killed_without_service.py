@@ -61,7 +61,7 @@ def test_kill_without_the_service_is_recorded(tmp_path: Path) -> None:
         assert (second.returncode, second.stdout) == (0, "d2: done, its motors are off\n"), second.stderr
         assert armed(tmp_path) == [True, False]
         *_, command = commands(record)
-        assert (command.action, command.who.partition(" (")[0]) == ("kill", "gcs kill")
+        assert (command.action, command.caller.partition(" (")[0]) == ("kill", "gcs kill")
         assert command.outcomes == {"d2": ("done", "its motors are off")}
         assert last_known(record).vehicles["d2"].phase == "killed"
         found = interruption(record)

@@ -135,7 +135,7 @@ def the_record_holds_every_vehicle(folder: Path, port_base: int) -> None:
     assert len({vehicle.port for vehicle in known.vehicles.values()} - {None, port_base}) == len(IDS)
     assert all(vehicle.home_m is not None for vehicle in known.vehicles.values())
     (start,) = commands(folder)
-    assert (start.action, start.who, set(start.outcomes)) == ("start", "local", set(IDS))
+    assert (start.action, start.caller, set(start.outcomes)) == ("start", "local", set(IDS))
     data = FlightData(known.session.folder / "flight.mcap")
     ticks = list(data.ticks())
     assert ticks[-1].status["show"] in {"assembling", "running"}  # the last second is not there

@@ -12,7 +12,7 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
 
 SETPOINT_TIMEOUT_S = 0.2
@@ -94,7 +94,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, lis
 
 @pytest.mark.parametrize("stop", [block_the_loop, end_the_tick])
 def test_setpoints_stop_with_control_and_the_failsafe_begins(tmp_path: Path, stop: Stop) -> None:
-    with Witness() as machine:
+    with Pauses() as machine:
         link, last_tick_s, phases = asyncio.run(fly_and_stop(tmp_path, stop))
     for vehicle_id in IDS:
         times_s = link.setpoint_times_s(vehicle_id)

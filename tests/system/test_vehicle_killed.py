@@ -18,7 +18,7 @@ from gcs.formation.thomson import best_configuration, energy
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
 
 SURVIVORS = ("d1", "d2", "d3", "d4", "d6", "d7", "d8")
@@ -44,7 +44,7 @@ class Seen:
     killed_s: float
     phases: Mapping[str, str]  # as the API has them
     ratio: float  # of the survivors' shape, once formed or when there was no more waiting
-    machine: Witness
+    machine: Pauses
 
 
 def energy_ratio(view: FleetView, best: float) -> float:
@@ -57,7 +57,7 @@ def energy_ratio(view: FleetView, best: float) -> float:
     return energy(direction) / best
 
 
-async def re_formed(orchestrator: Orchestrator, best: float, killed_s: float, machine: Witness) -> float:
+async def re_formed(orchestrator: Orchestrator, best: float, killed_s: float, machine: Pauses) -> float:
     """The median over two seconds, since one moment's carries the position noise; waits for a good one."""
     ratios: deque[float] = deque(maxlen=40)
     while len(ratios) < 40 or (
@@ -68,7 +68,7 @@ async def re_formed(orchestrator: Orchestrator, best: float, killed_s: float, ma
     return float(np.median(ratios))
 
 
-async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
+async def fly_and_kill(folder: Path, machine: Pauses) -> Seen:
     """Fly eight, kill the fifth's process, let the others re-form."""
     # before the flight: it takes seconds, in which the service on the same loop would send no setpoints
     best = energy(best_configuration(7))
@@ -95,7 +95,7 @@ async def fly_and_kill(folder: Path, machine: Witness) -> Seen:
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Seen:
-    with Witness() as machine:
+    with Pauses() as machine:
         return asyncio.run(fly_and_kill(tmp_path_factory.mktemp("truth"), machine))
 
 

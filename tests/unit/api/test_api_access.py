@@ -151,7 +151,7 @@ def test_every_denied_call_is_reported(station: Station) -> None:
     station("", "GET", "/api/v1/fleet")
     station("watch", "PUT", "/api/v1/target")
     station("operate", "POST", "/api/v1/show/stop", headers={"Origin": "http://evil.example"})
-    reported = [(each.who, each.method, each.path, each.status, each.address) for each in station.denied]
+    reported = [(each.caller, each.method, each.path, each.status, each.address) for each in station.denied]
     assert reported == [
         ("anonymous", "GET", "/api/v1/fleet", 401, "10.0.0.9"),
         ("watch-token", "PUT", "/api/v1/target", 403, "10.0.0.9"),

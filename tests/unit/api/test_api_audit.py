@@ -18,7 +18,7 @@ def test_a_call_is_in_the_record_when_its_answer_comes(tmp_path: Path) -> None:
         answer = api("PATCH", "/api/v1/orbit", json={"radius_m": 12.0})
         assert (answer.status_code, "X-Recorded" in answer.headers) == (200, False)
         (call,) = calls(tmp_path)  # read while the service still runs
-    assert (call["who"], call["method"], call["path"], call["status"]) == (
+    assert (call["caller"], call["method"], call["path"], call["status"]) == (
         "local",
         "PATCH",
         "/api/v1/orbit",

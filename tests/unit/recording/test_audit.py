@@ -47,9 +47,9 @@ def test_command_is_read_back_with_operator_and_outcomes(tmp_path: Path) -> None
         book.close(command.id, "d2", Outcome.FAILED, "it did not answer")
         assert asyncio.run(record.audit.kept())
     first, second = commands(tmp_path)
-    assert (first.who, first.action, first.session) == ("service", "start", record.session)
+    assert (first.caller, first.action, first.session) == ("service", "start", record.session)
     assert first.outcomes["d3"] == ("not-included", "offline: not received yet")
-    assert (second.who, second.action) == ("anna", "pause")
+    assert (second.caller, second.action) == ("anna", "pause")
     assert second.accepted_unix_s == command.accepted_time_s
     assert second.outcomes == {"d1": ("done", ""), "d2": ("failed", "it did not answer")}
 
@@ -58,7 +58,7 @@ def test_calls_are_read_back_long_bodies_shortened(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         record.audit.call(Call("anna", "POST", "/api/v1/show/start", "x" * 100_000, 202))
     (call,) = calls(tmp_path)
-    assert (call["who"], call["method"], call["path"], call["status"]) == (
+    assert (call["caller"], call["method"], call["path"], call["status"]) == (
         "anna",
         "POST",
         "/api/v1/show/start",
