@@ -8,7 +8,7 @@ import asyncio
 import tempfile
 from pathlib import Path
 
-from tests.support.machine import Witness
+from tests.support.machine import Pauses
 from tests.system.test_emergency_flooded import COUNT, JUNK_PER_S, fly_and_flood
 
 JUNK_S = 30.0
@@ -22,7 +22,7 @@ def verdict(value: float, most: float) -> str:
 
 def main() -> None:
     """Fly, flood and print."""
-    with tempfile.TemporaryDirectory(prefix="gcs-flood-") as folder, Witness() as machine:
+    with tempfile.TemporaryDirectory(prefix="gcs-flood-") as folder, Pauses() as machine:
         seen = asyncio.run(fly_and_flood(Path(folder), machine, JUNK_S))
     print(
         f"{COUNT} vehicles, {JUNK_PER_S:g} calls of junk a second for {JUNK_S:g} s, {seen.answered} answered:"

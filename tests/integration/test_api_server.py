@@ -19,7 +19,7 @@ from gcs.api.server import CONNECTIONS_MAX, serve
 from gcs.model.errors import LinkError
 from tests.support.api_fake_service import FakeService
 from tests.support.api_station import narrow, run, served, ticking
-from tests.support.machine import Witness
+from tests.support.machine import Pauses
 
 
 def stream_of(port: int, query: str = "", **options: Any) -> connect:
@@ -156,7 +156,7 @@ def test_stream_sends_snapshots_at_the_requested_rate() -> None:
             assert {"show", "center", "target", "obstacles", "vehicles"} <= frame.keys()
             async with ticking(service, 0.01):
                 loop = asyncio.get_running_loop()
-                with Witness() as machine:
+                with Pauses() as machine:
                     begin_s = loop.time()
                     counts = [(await frame_of(viewer))["tick"]["count"] for _ in range(11)]
                     elapsed_s = machine.awake_s(begin_s, loop.time())

@@ -21,7 +21,7 @@ from gcs.model.state import Mode
 from tests.support.link_bench import AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from tests.support.link_lines import Line, SerialLine, TcpLine, UdpLine
 from tests.support.link_peer import Peer
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 from tests.support.wire_bench import a_socket
 
 KEY = bytes(range(32))
@@ -152,7 +152,7 @@ def test_setpoints_flow_and_stop_with_the_ticks(fly: Callable[[Story], None]) ->
     async def story(_setup: Setup, link: AnyLink, peer: Peer) -> None:
         ticks = Ticks(link, "v1")
         await do(link, Verb.ARM, "v1")
-        with Witness() as machine:
+        with Pauses() as machine:
             async with ticks.running():
                 await until(lambda: len(setpoints(peer)) > 5)
                 await ticks.offboard()

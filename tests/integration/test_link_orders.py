@@ -10,7 +10,7 @@ from gcs.model.errors import CommandError, LinkError, UnknownError
 from gcs.model.state import Landed, Mode, Setpoints
 from tests.support.link_bench import PERIOD_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until
 from tests.support.link_peer import Peer
-from tests.support.machine import STALL_S, Witness, free_ports
+from tests.support.machine import STALL_S, Pauses, free_ports
 
 pytestmark = pytest.mark.usefixtures("transport")
 
@@ -112,7 +112,7 @@ def test_invalid_commands_are_refused_before_sending() -> None:
 
 
 def test_kill_overtakes_and_outlives_a_waiting_command() -> None:
-    async def main(peer: Peer, link: AnyLink, machine: Witness) -> None:
+    async def main(peer: Peer, link: AnyLink, machine: Pauses) -> None:
         async with running(link):
             await ready(link)
             peer.answers = False
@@ -134,12 +134,12 @@ def test_kill_overtakes_and_outlives_a_waiting_command() -> None:
             peer.acknowledges = True
             await do(link, Verb.ARM, "v1")
 
-    with Peer(port := free_ports(), 1) as peer, Witness() as machine:
+    with Peer(port := free_ports(), 1) as peer, Pauses() as machine:
         asyncio.run(main(peer, a_link(port, [1]), machine))
 
 
 def test_silent_vehicle_delays_no_other() -> None:
-    async def main(silent: Peer, link: AnyLink, machine: Witness) -> None:
+    async def main(silent: Peer, link: AnyLink, machine: Pauses) -> None:
         async with running(link):
             await ready(link)
             ticks = Ticks(link, "v1", "v2")
@@ -172,7 +172,7 @@ def test_silent_vehicle_delays_no_other() -> None:
                 assert max(machine.awake_s(*gap) for gap in pairwise(times_s)) < late_s + PERIOD_S + STALL_S
 
     port = free_ports(2)
-    with Peer(port, 1) as silent, Peer(port + 1, 2), Witness() as machine:
+    with Peer(port, 1) as silent, Peer(port + 1, 2), Pauses() as machine:
         asyncio.run(main(silent, a_link(port, [1, 2], port_count=2), machine))
 
 

@@ -15,7 +15,7 @@ from gcs.links.mavsdk.link import MavsdkLink
 from tests.support.link_bench import DatedTicks, a_link, asked_s, ready, running, until
 from tests.support.link_peer import Peer
 from tests.support.link_station import a_station, go_on, stop
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 
 SETPOINT_TIMEOUT_S = 0.2
 ON_ITS_WAY_S = 0.02
@@ -38,7 +38,7 @@ def wait_for_more(peer: Peer, count: int) -> None:
         time.sleep(0.01)
 
 
-def assert_all_fresh(peer: Peer, machine: Witness) -> None:
+def assert_all_fresh(peer: Peer, machine: Pauses) -> None:
     """Each came within the watchdog's time after its tick, in the order of the ticks."""
     setpoints = peer.messages("SET_POSITION_TARGET_LOCAL_NED")
     asked = [asked_s(setpoint, arrived_s) for arrived_s, setpoint in setpoints]
@@ -50,7 +50,7 @@ def assert_all_fresh(peer: Peer, machine: Witness) -> None:
 
 @TRANSPORTS
 def test_process_stopped_and_continued(transport: str) -> None:
-    with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Witness() as machine:
+    with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Pauses() as machine:
         for _ in range(6):
             wait_for_more(peer, 7)
             stop(process)
@@ -65,7 +65,7 @@ def test_process_stopped_and_continued(transport: str) -> None:
 
 @TRANSPORTS
 def test_process_killed(transport: str) -> None:
-    with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Witness() as machine:
+    with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Pauses() as machine:
         wait_for_more(peer, 30)
         process.kill()
         process.join()
@@ -94,7 +94,7 @@ def test_control_loop_late() -> None:
             await until(lambda: arrivals_s(peer)[-1] > ticks.last_s)
         return late_s
 
-    with Peer(port := free_ports(), 1) as peer, Witness() as machine:
+    with Peer(port := free_ports(), 1) as peer, Pauses() as machine:
         late_s = asyncio.run(main(peer))
         assert_all_fresh(peer, machine)
         times_s = arrivals_s(peer)
@@ -131,7 +131,7 @@ def test_mavsdk_thread_stuck() -> None:
                 await until(lambda: arrivals_s(peer)[-1] > frees_s[-1])
         return frees_s
 
-    with Peer(port := free_ports(), 1) as peer, Witness() as machine:
+    with Peer(port := free_ports(), 1) as peer, Pauses() as machine:
         asyncio.run(main(peer))
         assert_all_fresh(peer, machine)
 
@@ -141,7 +141,7 @@ def test_disk_full(tmp_path: Path, transport: str) -> None:
     with (
         Peer(port := free_ports(), 1) as peer,
         a_station(port, transport, tmp_path, file_max_bytes=8_000),
-        Witness() as machine,
+        Pauses() as machine,
     ):
         end_s = time.monotonic() + SOON_S
         while "recording_failed" not in (tmp_path / "log").read_text():

@@ -20,7 +20,7 @@ from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import FlightMode, LandedState, Telemetry
 from pymavlink.dialects.v20 import common
 
-from tests.support.machine import Witness, free_ports
+from tests.support.machine import Pauses, free_ports
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -69,7 +69,7 @@ def test_mavsdk_flies_offboard_lands_and_reads_parameters(
     port = free_ports()
     truth = tmp_path / "truth.jsonl"
     with contextlib.ExitStack() as stack:
-        machine = stack.enter_context(Witness())
+        machine = stack.enter_context(Pauses())
         options = ["--quirk", "late-ready=off"]
         options += ["--param", "COM_OF_LOSS_T=5"]  # a pause of the machine is not the pilot's
         stack.enter_context(running("--port-base", str(port), "--truth", str(truth), *options))

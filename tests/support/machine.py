@@ -18,7 +18,7 @@ WORKERS = 8
 
 LOOK_S = 0.01
 STALL_S = 0.05
-"""Shorter pauses are not noted: what is measured with `Witness.awake_s` may still hold one of them."""
+"""Shorter pauses are not noted: what is measured with `Pauses.awake_s` may still hold one of them."""
 
 
 def free_ports(count: int = 1) -> int:
@@ -40,7 +40,7 @@ def free_ports(count: int = 1) -> int:
     raise OSError("no free ports")
 
 
-class Witness:
+class Pauses:
     """A thread that runs every 10 ms and records when it could not.
 
     It waits for no other thread, so a missed turn is a pause of the machine (another virtual machine's turn,
@@ -50,7 +50,7 @@ class Witness:
     def __init__(self) -> None:
         self._stalls_s: list[tuple[float, float]] = []
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._look, name="witness")
+        self._thread = threading.Thread(target=self._look, name="pauses")
 
     def __enter__(self) -> Self:
         self._thread.start()
