@@ -123,7 +123,6 @@ class ClosePairs:
 
     @property
     def any(self) -> bool:
-        """Whether any pair is too close."""
         return bool(self._close)
 
     @staticmethod
@@ -175,7 +174,6 @@ class AlarmMonitor:
         return self._alarm_book.alarms
 
     def is_due(self, now_s: float) -> bool:
-        """Whether the next round is due."""
         return now_s >= self._due_s
 
     def look(self, tick: Tick, findings: Findings) -> None:
@@ -202,14 +200,12 @@ class AlarmMonitor:
         return alarm
 
     def acknowledge_all(self) -> tuple[Alarm, ...]:
-        """Acknowledge all alarms that are not acknowledged yet."""
         acknowledged = self._alarm_book.acknowledge_all(CALLER.get(), self.flight.unix_s())
         for alarm in acknowledged:
             _log_acknowledged(alarm)
         return acknowledged
 
     def _of_vehicles(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
-        """Yield the conditions of single vehicles, by phase."""
         vehicles = self.flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
         if not {Phase.LOST, Phase.PILOT, Phase.KILLED}.intersection(phases):

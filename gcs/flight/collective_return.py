@@ -80,7 +80,6 @@ class CollectiveReturn:
         return vehicle.id in (self._expected if self._planned is None else self._rows)
 
     def advance(self) -> None:
-        """Advance the return by one tick."""
         now_s = self._flight.fleet.time_s
         since_s = now_s - self._since_s
         if self._progress is not None:

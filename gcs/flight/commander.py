@@ -78,7 +78,6 @@ class Commander(VehicleCommands):
         return self._abort(reason, spared, reclaim=False)
 
     def end_show(self, reason: str) -> CommandRecord:
-        """Return all vehicles automatically at the end of the show."""
         return self._stop(reason, reclaim=False)
 
     def note_re_formed(self) -> CommandRecord:
@@ -141,24 +140,62 @@ class Commander(VehicleCommands):
         action: str = ShowAction.STOP.value,
     ) -> CommandRecord:
         """Return all vehicles except `spared`; those on the ground stay there."""
+        return self._bring_down(ShowEvent.STOP, reason, spared, action, reclaim=reclaim)
+
+    def _abort(
+        self, reason: str = "all vehicles come down", spared: Sequence[Vehicle] = (), *, reclaim: bool = True
+    ) -> CommandRecord:
+        """Land all vehicles except `spared` through the safety filter, lowest first, on distinct places."""
+        return self._bring_down(ShowEvent.ABORT, reason, spared, ShowAction.ABORT.value, reclaim=reclaim)
+
+    def _bring_down(
+        self, event: ShowEvent, reason: str, spared: Sequence[Vehicle], action: str, *, reclaim: bool
+    ) -> CommandRecord:
+        flight, maneuvers = self.flight, self.maneuvers
         back = self._reclaimed(reclaim=reclaim)
-        flying = [*(v for v in self.flight.airborne if v not in spared), *back]
-        waiting, later = self.maneuvers.waiting, self._expected(reclaim=reclaim)
-        self._lead(ShowEvent.STOP, reason, [*flying, *waiting])
+        flying = [*(v for v in flight.airborne if v not in spared), *back]
+        waiting, later = maneuvers.waiting, self._expected(reclaim=reclaim)
+        self._lead(event, reason, [*flying, *waiting])
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = self.flight.book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
-        collective_return = self._send_home(record, flying, later)
+        record = flight.book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
+        if event is ShowEvent.STOP:
+            together = self._plan_return([*flying, *later])
+            sites_m = landing_sites_m(flight, [v for v in flying if v.home_m is None])
+        else:
+            together = None
+            sites_m = landing_sites_m(flight, [v for v in flying if not v.comes_down_alone])
+
+        def begin(vehicle: Vehicle, sites_m: Mapping[VehicleId, Array]) -> None:
+            if together is not None and vehicle.home_m is not None:
+                maneuver = maneuvers.come_home_together(together, self._stops_m(vehicle))
+            elif together is None and vehicle.comes_down_alone:
+                maneuver = maneuvers.autopilot_land
+            else:
+                maneuver = maneuvers.descend(sites_m[vehicle.id])
+            maneuvers.start(vehicle, maneuvers.take_control_first(maneuver), self._closer(record, vehicle))
 
         def reached(vehicle: Vehicle) -> None:
-            self._lead_again(ShowEvent.STOP, reason)
-            self._send_one_home(record, vehicle, collective_return, landing_sites_m(self.flight, [vehicle]))
+            if flight.show is ShowPhase.UNCONTROLLED:  # possibly no vehicle was reached before
+                flight.move_show(event, reason)
+            begin(vehicle, landing_sites_m(flight, [vehicle]))
 
-        self._expect(record, later, reached, ShowEvent.STOP, reclaim=reclaim)
-        for vehicle in waiting:
-            self.maneuvers.start(
-                vehicle, self.maneuvers.stay_down, self.flight.book.closer(record, vehicle.id)
-            )
+        for vehicle in flying:
+            begin(vehicle, sites_m)
+        self._expect(record, later, reached, event, reclaim=reclaim)
+        self._keep_down(record, waiting)
         return record
+
+    def _plan_return(self, vehicles: Sequence[Vehicle]) -> CollectiveReturn:
+        """Plan one return of these; one that has sent nothing yet takes part if it does before the plan."""
+        self.close()
+        together = [v for v in vehicles if v.home_m is not None and not v.comes_down_alone]
+        self.collective_return = CollectiveReturn(self.flight, together, self._planning)
+        return self.collective_return
+
+    def _keep_down(self, record: CommandRecord, waiting: Sequence[Vehicle]) -> None:
+        for vehicle in waiting:
+            done = self.flight.book.closer(record, vehicle.id)
+            self.maneuvers.start(vehicle, self.maneuvers.stay_down, done)
 
     def _expected(self, *, reclaim: bool) -> list[Vehicle]:
         """Vehicles of an interrupted flight that have sent nothing yet: a command to all includes them."""
@@ -195,11 +232,6 @@ class Commander(VehicleCommands):
 
         return done
 
-    def _lead_again(self, event: ShowEvent, reason: str) -> None:
-        """Repeat the show's transition for a vehicle reached late: possibly no vehicle was reached before."""
-        if self.flight.show is ShowPhase.UNCONTROLLED:
-            self.flight.move_show(event, reason)
-
     def _lead(self, event: ShowEvent, reason: str, reached: Sequence[Vehicle]) -> None:
         """Move the show's phase for a command; one that reaches no vehicle is accepted and changes nothing.
 
@@ -213,37 +245,6 @@ class Commander(VehicleCommands):
     def _bring_home(self, reason: str) -> CommandRecord:
         """Take control of the interrupted flight's vehicles, and return them together with the others."""
         return self._stop(reason, action=Offer.BRING_HOME.value)
-
-    def _send_home(
-        self, record: CommandRecord, flying: Sequence[Vehicle], later: Sequence[Vehicle]
-    ) -> CollectiveReturn:
-        """Return these vehicles together and land them at their starts, or in place if those are not known.
-
-        `later` have sent nothing yet: they join the plan if they do before it is made.
-        """
-        homeless_m = landing_sites_m(self.flight, [vehicle for vehicle in flying if vehicle.home_m is None])
-        together = [v for v in (*flying, *later) if v.home_m is not None and not v.comes_down_alone]
-        self.close()
-        self.collective_return = collective_return = CollectiveReturn(self.flight, together, self._planning)
-        for vehicle in flying:
-            self._send_one_home(record, vehicle, collective_return, homeless_m)
-        return collective_return
-
-    def _send_one_home(
-        self,
-        record: CommandRecord,
-        vehicle: Vehicle,
-        collective_return: CollectiveReturn,
-        places_m: Mapping[VehicleId, Array],
-    ) -> None:
-        """Return a vehicle to its start, and land; without a known start, land at its place of `places_m`."""
-        maneuver = (
-            self.maneuvers.descend(places_m[vehicle.id])
-            if vehicle.home_m is None
-            else self.maneuvers.come_home_together(collective_return, self._stops_m(vehicle))
-        )
-        maneuver = self.maneuvers.take_control_first(maneuver)
-        self.maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
 
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
         """Vehicles that no fleet-wide command reaches, with the reasons."""
@@ -285,8 +286,7 @@ class Commander(VehicleCommands):
             self.recovery.go_along(record)
         else:
             self._expect(record, later, reached, ShowEvent.PAUSE, reclaim=reclaim)
-        for vehicle in waiting:
-            maneuvers.start(vehicle, maneuvers.stay_down, self.flight.book.closer(record, vehicle.id))
+        self._keep_down(record, waiting)
         return self.flight.book.get(record.id)
 
     def _stop_on_the_way(self) -> None:
@@ -330,42 +330,3 @@ class Commander(VehicleCommands):
         for vehicle in formed:
             self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
         return self.flight.book.get(record.id)
-
-    def _abort(
-        self,
-        reason: str = "all vehicles come down",
-        spared: Sequence[Vehicle] = (),
-        *,
-        reclaim: bool = True,
-    ) -> CommandRecord:
-        """Land all vehicles except `spared` through the safety filter, lowest first, on distinct places."""
-        back = self._reclaimed(reclaim=reclaim)
-        flying = [*(v for v in self.flight.airborne if v not in spared), *back]
-        waiting, later = self.maneuvers.waiting, self._expected(reclaim=reclaim)
-        self._lead(ShowEvent.ABORT, reason, [*flying, *waiting])
-        places_m = landing_sites_m(
-            self.flight, [vehicle for vehicle in flying if not vehicle.comes_down_alone]
-        )
-        left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = self.flight.book.open("abort", [v.id for v in (*flying, *waiting, *later)], left_out)
-
-        def come_down(vehicle: Vehicle, places_m: Mapping[VehicleId, Array]) -> None:
-            alone = vehicle.comes_down_alone
-            maneuver = (
-                self.maneuvers.autopilot_land if alone else self.maneuvers.descend(places_m[vehicle.id])
-            )
-            maneuver = self.maneuvers.take_control_first(maneuver)
-            self.maneuvers.start(vehicle, maneuver, self._closer(record, vehicle))
-
-        def reached(vehicle: Vehicle) -> None:
-            self._lead_again(ShowEvent.ABORT, reason)
-            come_down(vehicle, landing_sites_m(self.flight, [vehicle]))
-
-        for vehicle in flying:
-            come_down(vehicle, places_m)
-        self._expect(record, later, reached, ShowEvent.ABORT, reclaim=reclaim)
-        for vehicle in waiting:
-            self.maneuvers.start(
-                vehicle, self.maneuvers.stay_down, self.flight.book.closer(record, vehicle.id)
-            )
-        return record

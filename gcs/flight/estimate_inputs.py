@@ -6,18 +6,8 @@ from typing import Final
 import numpy as np
 
 from gcs.control import ControlSettings
-from gcs.estimation.time_estimates import (
-    SEEN_DOWN_S,
-    BatteryHistory,
-    Estimates,
-    Speeds,
-    batteries,
-    home_s,
-    nothing,
-    take_off_s,
-    to_slots_s,
-    to_sphere_s,
-)
+from gcs.estimation import time_estimates
+from gcs.estimation.time_estimates import Estimates, Speeds
 from gcs.flight.fleet import ASSEMBLED_M, ASSEMBLED_SHARE, Fleet
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
@@ -39,10 +29,10 @@ class Estimating:
 
     def __init__(self, flight: Fleet) -> None:
         self._flight = flight
-        self._history = BatteryHistory(len(flight.vehicles))
+        self._history = time_estimates.BatteryHistory(len(flight.vehicles))
         self._made_s = -np.inf
         self._phases: list[Phase] = []  # rows as in FleetState
-        self.newest: Estimates = nothing(len(flight.vehicles))
+        self.newest: Estimates = time_estimates.nothing(len(flight.vehicles))
 
     def refresh(self, waiting: int, left_s: float | None) -> None:
         """Recompute the estimates once they are a second old; called every tick.
@@ -62,7 +52,7 @@ class Estimating:
         flying = self._in(IN_THE_AIR) & received
         self._history.note(remaining, flying, now_s)
         below = flight.config.failsafes.low_battery.below
-        known = batteries(self._history, remaining, flying, received, below, now_s)
+        known = time_estimates.batteries(self._history, remaining, flying, received, below, now_s)
         self.newest = replace(known, assembled_s=self._assembled_s(waiting), home_s=self._home_s(left_s))
 
     def _in(self, phases: frozenset[Phase]) -> Mask:
@@ -87,8 +77,8 @@ class Estimating:
             return None
         slot_m = center_m + formation.radius_m * memory.place[formed]
         on_way_s = max(
-            to_slots_s(position_m[formed], slot_m, within_m, speeds),
-            to_sphere_s(
+            time_estimates.to_slots_s(position_m[formed], slot_m, within_m, speeds),
+            time_estimates.to_sphere_s(
                 _raised(position_m, coming, operation.takeoff_height_m),
                 center_m,
                 formation.radius_m,
@@ -102,9 +92,11 @@ class Estimating:
         if waiting:
             climbs_m = np.append(climbs_m, operation.takeoff_height_m)
             ground_m = np.array([[center_m[0], center_m[1], -operation.takeoff_height_m]])
-            on_way_s = max(on_way_s, to_sphere_s(ground_m, center_m, formation.radius_m, within_m, speeds))
+            on_way_s = max(
+                on_way_s, time_estimates.to_sphere_s(ground_m, center_m, formation.radius_m, within_m, speeds)
+            )
         up_s = (
-            take_off_s(waiting, operation.takeoff_stagger_s, climbs_m)
+            time_estimates.take_off_s(waiting, operation.takeoff_stagger_s, climbs_m)
             if flight.show is ShowPhase.ARMING
             else 0.0
         )
@@ -137,7 +129,7 @@ class Estimating:
         home_m = np.array([place if place is not None else np.full(3, np.nan) for place in places])
         pads_z_m = np.array([vehicle.home_m[2] if vehicle.home_m is not None else np.nan for vehicle in ours])
         home_m[:, 2] = pads_z_m
-        found_s = home_s(
+        found_s = time_estimates.home_s(
             position_m,
             home_m,
             operation.takeoff_height_m,
@@ -147,11 +139,10 @@ class Estimating:
         )
         if found_s is None or left_s is None or flight.show is not ShowPhase.RETURNING:
             return found_s
-        return max(found_s, left_s + SEEN_DOWN_S)
+        return max(found_s, left_s + time_estimates.SEEN_DOWN_S)
 
 
 def speeds_of(control: ControlSettings) -> Speeds:
-    """Return the speeds of the control law."""
     law, limits = control.law, control.safety.limits
     return Speeds(
         level_m_s=SPEED_SHARE * min(law.speed_m_s, limits.horizontal_m_s),

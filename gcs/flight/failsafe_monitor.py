@@ -198,7 +198,6 @@ class FailsafeMonitor:
             self._note(request, self.commander.command_some(vehicles, VEHICLE_COMMAND[request.action]))
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
-        """Remember and log that the request was commanded."""
         for key in keys(request):
             self._acted[key] = max(self._acted.get(key, 0), request.severity)
         rows = [v.row for v in self.flight.airborne] if request.whole_show else request.rows

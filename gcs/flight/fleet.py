@@ -243,7 +243,6 @@ class Fleet:
         return self.vehicles[self.fleet.ids[row]]
 
     def newest(self) -> Columns:
-        """Return the newest telemetry of all vehicles."""
         parts = self.telemetry.parts
         return Columns(
             self.in_rows([part.heartbeat_time_s for part in parts]),
@@ -265,8 +264,11 @@ class Fleet:
         joined = list(chain.from_iterable(parts))
         return joined if self._in_order else [joined[place] for place in self._order]
 
+    @property
+    def setpoints_sent(self) -> int:
+        return sum(link.setpoints_sent for link in self.links)
+
     async def ticked(self) -> None:
-        """Return after the next tick."""
         await self._ticked.wait()
 
     def wake(self) -> None:
@@ -279,7 +281,6 @@ class Fleet:
         await self.link_of[command.vehicle_id].execute(command)
 
     def mode(self, vehicle: Vehicle) -> Mode:
-        """Return the mode in the newest heartbeat."""
         telemetry, at = self.telemetry[vehicle.id]
         return telemetry.mode[at]
 
@@ -387,7 +388,6 @@ class Fleet:
         log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
 
     def tasks(self) -> Tasks:
-        """Return the tasks of all vehicles in this tick."""
         vehicles = self.vehicles.values()  # rows as in FleetState
         now_s, show = self.fleet.time_s, self.show
         show_flies = show in SHOW_FLIES

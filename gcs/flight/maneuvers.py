@@ -55,12 +55,10 @@ class ManeuverTasks:
     """Starts, replaces and ends maneuvers."""
 
     def __init__(self, group: asyncio.TaskGroup) -> None:
-        """`group` is the control group."""
         self._group = group
         self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
 
     def running(self, vehicle: Vehicle) -> bool:
-        """Whether the vehicle executes a maneuver."""
         running = self._running.get(vehicle.id)
         return running is not None and not running[0].done()
 

@@ -8,6 +8,7 @@ import asyncio
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from copy import copy
 from functools import partial
 from typing import Protocol
 
@@ -43,11 +44,9 @@ class Heart(Protocol):
     @property
     def problem(self) -> str:
         """Why the receiver stopped listening, in words; empty while it listens, or if there never was one."""
-        ...
 
     def beat(self) -> None:
         """Report a tick that came in time. Never waits, never raises."""
-        ...
 
 
 class Orchestrator:
@@ -199,7 +198,6 @@ class Orchestrator:
         return None if countdown is None else countdown.at_unix_s
 
     def _note(self, result: Tick) -> None:
-        """Pass this tick to the record."""
         if self._record is not None:
             sample = record_sample(
                 self._flight,
@@ -214,27 +212,15 @@ class Orchestrator:
 
     def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
         """Return a function that builds the view of this tick: expensive for large fleets, rarely needed."""
-        flight = self._flight
         return partial(
             fleet_view,
-            flight,
-            fleet=flight.fleet,
-            tick=result,
-            telemetry=flight.telemetry.parts,
-            known=flight.known,
-            traits=flight.traits,
-            show=flight.show,
-            reason=flight.reason,
-            plan=flight.plan,
-            safety=flight.control.safety,
+            copy(self._flight),  # what commands change later does not belong to this tick
+            result,
             timing=self._clock.summary(),
             control_alive=self._control_alive,
             interventions=self._interventions,
-            link_quality=flight.link_quality.share,
-            setpoints_sent=sum(link.setpoints_sent for link in flight.links),
             estimates=self._estimating.newest,
             unix_time_s=self._flight.unix_s(),
-            show_run=flight.show_run,
             start_unix_s=self._start_unix_s,
             failsafes=self._progress.failsafes,
             interrupted=self.recovery.view(),

@@ -35,7 +35,6 @@ class PlanEditor:
 
     @property
     def current(self) -> Plan:
-        """The plan as of now, with every accepted change."""
         return self.flight.plan
 
     def _taking_part(self) -> list[Vehicle]:
@@ -73,7 +72,6 @@ class PlanEditor:
         self.show_player.set_target(replace(target, time_s=self.now_s()))
 
     def _followed(self) -> Target:
-        """Return the target as it is followed at this time."""
         now_s = self.now_s()
         return followed(self.flight.plan, now_s, self.flight.control.safety.fence)
 
@@ -82,7 +80,6 @@ class PlanEditor:
         self.flight.plan = replace(self.flight.plan, yaw=yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
-        """Add a box-shaped obstacle."""
         self.show_player.need_own_obstacle(obstacle.id)
         if any(known.id == obstacle.id for known in self.flight.plan.obstacles):
             raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
@@ -96,7 +93,6 @@ class PlanEditor:
         self._place_obstacle(obstacle)
 
     def remove_obstacle(self, obstacle_id: str) -> None:
-        """Remove an obstacle."""
         self._need_obstacle(obstacle_id)
         self._set_obstacles([known for known in self.flight.plan.obstacles if known.id != obstacle_id])
 
@@ -159,7 +155,6 @@ class RestoredPlan:
 
     @property
     def is_taken_over(self) -> bool:
-        """Whether the whole plan was restored: from then on the present plan counts."""
         return Offer.TAKE_OVER in self._restored
 
     def forget(self) -> None:

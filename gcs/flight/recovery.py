@@ -236,7 +236,6 @@ class Recovery:
         return all(one.id in self._sent_on or one.phase not in open_phases for one in left)
 
     def view(self) -> InterruptedFlight | None:
-        """Return the interruption for display."""
         found = self.found
         if found is None:
             return None

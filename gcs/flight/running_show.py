@@ -45,7 +45,6 @@ class ShowRun:
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """All obstacles, at any time of the show."""
         return tuple({box: None for _, standing in self.timeline.obstacles for box in standing})
 
     def follow(self, phase: ShowPhase, now_s: float) -> None:
@@ -66,7 +65,6 @@ class ShowRun:
         return self.clock.ended(self.timeline, now_s)
 
     def cue(self, now_s: float) -> str:
-        """Return the newest cue played."""
         return self.timeline.cue_at(self._within(now_s)).cue.cue
 
     def desired(self, now_s: float) -> Plan:
@@ -84,7 +82,6 @@ class ShowRun:
         return lights(self.timeline, self.parts, vehicle_ids, self._within(now_s))
 
     def view(self, now_s: float) -> SelectedShow:
-        """Return the show for display."""
         return SelectedShow(
             name=self.name,
             hash=self.hash,

@@ -166,7 +166,6 @@ class ShowPlayer:
             raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {fix}")
 
     def begin(self, chosen: Sequence[VehicleId]) -> None:
-        """Begin the selected show with these vehicles."""
         show_run = self.flight.show_run
         if show_run is not None:
             show_run.started = True

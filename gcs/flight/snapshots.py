@@ -1,6 +1,6 @@
 """Assembles what leaves a tick: the view for displays and clients, and the sample for the record."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -9,71 +9,64 @@ from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates
 from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import ShowRun, lights
+from gcs.flight.running_show import lights
 from gcs.model.interrupted_flight import InterruptedFlight
-from gcs.model.lifecycle import ShowPhase
-from gcs.model.plan import Plan
-from gcs.model.state import Array, FleetState, Telemetry, Traits, VehicleId
 from gcs.recording.sample import Sample
-from gcs.safety.filter import SafetySettings
 from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, TickView
 from gcs.service.alarms import Alarm
 from gcs.service.vehicle_table import VehicleTable
 
 
 def finite(value: float) -> float | None:
-    """Return the value, or None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
 def fleet_view(
     flight: Fleet,
-    *,
-    fleet: FleetState,
     tick: Tick,
-    telemetry: Sequence[Telemetry],
-    known: Collection[VehicleId],
-    traits: Traits,
-    show: ShowPhase,
-    reason: str,
-    plan: Plan,
-    safety: SafetySettings,
+    *,
     timing: TickView,
     control_alive: bool,
-    setpoints_sent: int,
     interventions: int,
-    link_quality: Array,
     unix_time_s: float,
-    show_run: ShowRun | None = None,
     start_unix_s: float | None = None,
     failsafes: Sequence[ActiveFailsafe] = (),
     interrupted: InterruptedFlight | None = None,
     alarms: Sequence[Alarm] = (),
     estimates: Estimates | None = None,
 ) -> FleetView:
-    """Assemble one tick's view. Reads from `flight` only its vehicles and what no command changes.
+    """Assemble one tick's view.
 
-    `telemetry` is that of all links. `known` are the vehicles with all data that a start requires: only they
-    are ready. `start_unix_s` is the time of a countdown, `interrupted` is a flight that was cut off, and
-    `alarms` are all current ones, most severe first.
+    Args:
+        flight: as of that tick; a shallow copy, where commands may have changed it since.
+        tick: its result.
+        timing: of the ticks so far.
+        control_alive: whether ticks come in time.
+        interventions: how often the safety filter limited a velocity.
+        unix_time_s: of the tick.
+        start_unix_s: time of a countdown.
+        failsafes: those that last.
+        interrupted: a flight that was cut off.
+        alarms: all current ones, most severe first.
+        estimates: the newest.
     """
-    center = tick.memory.center
+    center, fleet, show_run = tick.memory.center, flight.fleet, flight.show_run
     return FleetView(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
-        show=show,
-        reason=reason,
-        rows=_rows(flight, fleet, tick, telemetry, known, traits, show_run, link_quality),
-        plan=plan,
-        flight_envelope=FlightEnvelope.of(safety),
+        show=flight.show,
+        reason=flight.reason,
+        rows=_rows(flight, tick),
+        plan=flight.plan,
+        flight_envelope=FlightEnvelope.of(flight.control.safety),
         center_m=None if center is None else tuple3(center.position_m),
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,
-        target_m=plan.target.position_m(fleet.time_s),
+        target_m=flight.plan.target.position_m(fleet.time_s),
         minimum_separation_m=finite(tick.minimum_separation_m),
         tick=timing,
         control_alive=control_alive,
-        setpoints_sent=setpoints_sent,
+        setpoints_sent=flight.setpoints_sent,
         interventions=interventions,
         selected=None if show_run is None else show_run.view(fleet.time_s),
         start_unix_time_s=start_unix_s,
@@ -85,19 +78,11 @@ def fleet_view(
     )
 
 
-def _rows(
-    flight: Fleet,
-    fleet: FleetState,
-    tick: Tick,
-    telemetry: Sequence[Telemetry],
-    known: Collection[VehicleId],
-    traits: Traits,
-    show_run: ShowRun | None,
-    link_quality: Array,
-) -> VehicleTable:
-    vehicles = flight.vehicles.values()
-    heartbeat_s = flight.in_rows([part.heartbeat_time_s for part in telemetry])
-    ready = flight.ordered([part.ready for part in telemetry])
+def _rows(flight: Fleet, tick: Tick) -> VehicleTable:
+    fleet, parts, show_run = flight.fleet, flight.telemetry.parts, flight.show_run
+    vehicles, known = flight.vehicles.values(), flight.known  # only those with all data can be ready
+    heartbeat_s = flight.in_rows([part.heartbeat_time_s for part in parts])
+    ready = flight.ordered([part.ready for part in parts])
     setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
     if tick.setpoints.ids:
         row_of = {name: row for row, name in enumerate(fleet.ids)}
@@ -111,23 +96,23 @@ def _rows(
         links=[vehicle.link for vehicle in vehicles],
         phases=[vehicle.phase for vehicle in vehicles],
         reasons=[vehicle.reason for vehicle in vehicles],
-        modes=flight.ordered([part.mode for part in telemetry]),
-        armed=flight.ordered([part.armed for part in telemetry]),
-        landed=flight.ordered([part.landed for part in telemetry]),
+        modes=flight.ordered([part.mode for part in parts]),
+        armed=flight.ordered([part.armed for part in parts]),
+        landed=flight.ordered([part.landed for part in parts]),
         ready=[is_ready and name in known for name, is_ready in zip(fleet.ids, ready, strict=True)],
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
         setpoint_m_s=setpoint_m_s,
         yaw_rad=fleet.yaw_rad,
-        latitude_deg=flight.in_rows([part.latitude_deg for part in telemetry]),
-        longitude_deg=flight.in_rows([part.longitude_deg for part in telemetry]),
-        altitude_amsl_m=flight.in_rows([part.altitude_amsl_m for part in telemetry]),
-        battery_remaining=flight.in_rows([part.battery_remaining for part in telemetry]),
+        latitude_deg=flight.in_rows([part.latitude_deg for part in parts]),
+        longitude_deg=flight.in_rows([part.longitude_deg for part in parts]),
+        altitude_amsl_m=flight.in_rows([part.altitude_amsl_m for part in parts]),
+        battery_remaining=flight.in_rows([part.battery_remaining for part in parts]),
         position_age_s=fleet.age_s,
-        uncertainty_m=traits.uncertainty_m,
+        uncertainty_m=flight.traits.uncertainty_m,
         heartbeat_age_s=fleet.time_s - heartbeat_s,
-        link_quality=link_quality,
-        fix_type=flight.in_rows([part.fix_type for part in telemetry]),
+        link_quality=flight.link_quality.share,
+        fix_type=flight.in_rows([part.fix_type for part in parts]),
         limited_by=tick.limited_by,
         colour=colour,
         lit=lit,
@@ -181,7 +166,7 @@ def record_sample(
         minimum_separation_m=finite(tick.minimum_separation_m),
         timing=timing,
         control_alive=control_alive,
-        setpoints_sent=sum(link.setpoints_sent for link in flight.links),
+        setpoints_sent=flight.setpoints_sent,
         alarms=alarms,
         parts={} if show_run is None else show_run.parts,
         control=flight.control,

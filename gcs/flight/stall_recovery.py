@@ -169,7 +169,6 @@ class AwaitedVehicles:
 
     @property
     def any(self) -> bool:
-        """Whether a vehicle is awaited."""
         return self._command is not None and bool(self._command.vehicles)
 
     def expect(

@@ -145,7 +145,6 @@ class VehicleCommands:
     def _reached(
         self, action: VehicleAction, meant: Sequence[Vehicle], *, named: bool
     ) -> tuple[list[Vehicle], dict[VehicleId, str]]:
-        """Return the vehicles that a command reaches, and why it does not reach the others."""
         chosen: list[Vehicle] = []
         left_out: dict[VehicleId, str] = {}
         for vehicle in meant:
