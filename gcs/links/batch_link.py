@@ -59,11 +59,9 @@ class Part(Protocol):
 
     def open(self) -> None:
         """Raises: LinkError."""
-        ...
 
     def close(self) -> None:
         """May be called without `open`."""
-        ...
 
 
 class LinkParts:
@@ -427,7 +425,6 @@ class BatchLink(ABC):
         self._parameter_updates.take(self._ids[row], name, value)
 
     def _receive(self) -> None:
-        """Read what has arrived."""
         self._received_s = self._clock()
         self._ports.receive(self._inbox.take)
         self._addresses.forget(self._ports.gone())

@@ -80,15 +80,12 @@ class CommandChannel(Protocol):
 
         Raises: CommandError with a name for the failure.
         """
-        ...
 
     async def parameter(self, name: str) -> ParameterValue:
         """The autopilot's value. Raises: CommandError with a name for the failure."""
-        ...
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
         """Set the value, and wait for the answer. Raises: CommandError with a name for the failure."""
-        ...
 
 
 def is_confirmed(verb: Verb, reported: VehicleReport) -> bool:
@@ -122,7 +119,6 @@ class CommandProtocol:
 
     @property
     def awaited(self) -> bool:
-        """Whether an answer is awaited."""
         return self._awaited > 0
 
     def close(self) -> None:
@@ -227,7 +223,6 @@ async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
 
 
 async def _await_heartbeat(reported: VehicleReport, wait_s: float) -> None:
-    """Wait for the next heartbeat, at most `wait_s`."""
     try:
         async with asyncio.timeout(wait_s):
             await reported.next_heartbeat().wait()

@@ -35,7 +35,6 @@ class ParameterUpdates:
         self._names = frozenset(names)
 
     def take(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """Record a value that a vehicle has announced."""
         if name in self._names:
             self._updates.setdefault(vehicle_id, {})[name] = value
 
@@ -50,11 +49,8 @@ class Answers(Protocol):
 
     def take_acks(self, rows: Whole, reported: codec.Records) -> None:
         """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""
-        ...
 
-    def take_values(self, rows: Whole, reported: codec.Records) -> None:
-        """Read PARAM_VALUEs."""
-        ...
+    def take_values(self, rows: Whole, reported: codec.Records) -> None: ...
 
 
 @dataclass(eq=False)
@@ -81,7 +77,6 @@ class Inbox:
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
 
     def take(self, arrived: Datagrams) -> None:
-        """Read a batch of datagrams."""
         found = codec.find(arrived.data, arrived.start, arrived.length)
         self.counters.garbage_bytes += found.garbage_bytes
         self.counters.unknown_bytes += found.unknown_bytes

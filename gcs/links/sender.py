@@ -116,7 +116,6 @@ class Outbox:
         *,
         component_id: int = COMPONENT_ID,
     ) -> Mask:
-        """Encode and send."""
         return self.send(self.encode(message_id, messages, rows, component_id=component_id), rows, now_s)
 
     def send_raw(self, raws: Sequence[bytes], rows: Whole, now_s: float) -> Mask:

@@ -9,18 +9,8 @@ from typing import Final
 import numpy as np
 
 from gcs.links.settings import StreamSettings
+from gcs.mavlink import framing
 from gcs.mavlink.codec import Records, records
-from gcs.mavlink.framing import (
-    BATTERY_STATUS,
-    COMMAND_LONG,
-    EXTENDED_SYS_STATE,
-    GLOBAL_POSITION_INT,
-    GPS_RAW_INT,
-    ODOMETRY,
-    SET_MESSAGE_INTERVAL,
-    SYS_STATUS,
-    SYSTEM_TIME,
-)
 from gcs.mavlink.kernels import Whole
 from gcs.model.state import Mask
 
@@ -29,7 +19,7 @@ _NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 1
 range, altitude, the estimator, vibration.
 """
 
-NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {ODOMETRY}
+NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {framing.ODOMETRY}
 """Messages that MAVSDK does not receive. Of ODOMETRY the link itself reads the reset counter."""
 
 REQUESTING_COMPONENT: Final = 191
@@ -52,13 +42,13 @@ _MESSAGES_MIN: Final = 4  # in a window; rarer streams are not checked
 def desired_rates(streams: StreamSettings) -> dict[int, float]:
     """Rate in Hz of every message that is requested; 0 ends the stream."""
     return {
-        GLOBAL_POSITION_INT: streams.position_hz,
-        EXTENDED_SYS_STATE: streams.state_hz,
-        SYS_STATUS: min(streams.state_hz, 2.0),
-        GPS_RAW_INT: min(streams.state_hz, 2.0),
-        ODOMETRY: 1.0,
-        BATTERY_STATUS: 0.5,
-        SYSTEM_TIME: 1.0,
+        framing.GLOBAL_POSITION_INT: streams.position_hz,
+        framing.EXTENDED_SYS_STATE: streams.state_hz,
+        framing.SYS_STATUS: min(streams.state_hz, 2.0),
+        framing.GPS_RAW_INT: min(streams.state_hz, 2.0),
+        framing.ODOMETRY: 1.0,
+        framing.BATTERY_STATUS: 0.5,
+        framing.SYSTEM_TIME: 1.0,
         **dict.fromkeys(sorted(_NOT_NEEDED), streams.others_hz),
     }
 
@@ -125,7 +115,7 @@ class StreamRequests:
     def take_acks(self, rows: Whole, reported: Records) -> None:
         """Continue with the vehicles that answered: (k,) rows and COMMAND_ACKs, whatever the result."""
         is_ours = np.isin(reported["target_component"], (REQUESTING_COMPONENT, _ANY_COMPONENT))
-        answered = np.unique(rows[is_ours & (reported["command"] == SET_MESSAGE_INTERVAL)])
+        answered = np.unique(rows[is_ours & (reported["command"] == framing.SET_MESSAGE_INTERVAL)])
         self._go_on(answered[np.isfinite(self._requested_s[answered])])
 
     def _go_on(self, rows: Whole) -> None:
@@ -142,13 +132,13 @@ class StreamRequests:
         if not len(rows):
             return
         column = self._due[rows].argmax(axis=1)
-        messages = records(COMMAND_LONG, len(rows))
+        messages = records(framing.COMMAND_LONG, len(rows))
         messages["target_system"] = self._system_ids[rows]
         messages["target_component"] = _AUTOPILOT_COMPONENT
-        messages["command"] = SET_MESSAGE_INTERVAL
+        messages["command"] = framing.SET_MESSAGE_INTERVAL
         messages["confirmation"] = self._tries[rows]
         messages["param1"], messages["param2"] = self._message[column], self._interval_us[column]
-        self._send(COMMAND_LONG, messages, rows)
+        self._send(framing.COMMAND_LONG, messages, rows)
         self._tries[rows] += 1
         self._requested_s[rows] = now_s
 

@@ -11,31 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.address_book import SILENT_AFTER_S
+from gcs.mavlink import framing
 from gcs.mavlink.codec import Records, decode, frame
-from gcs.mavlink.framing import (
-    AHRS,
-    ATTITUDE,
-    BATTERY_STATUS,
-    EXTENDED_SYS_STATE,
-    FAILSAFE_STATES,
-    FIX_3D,
-    GLOBAL_POSITION_INT,
-    GPS_RAW_INT,
-    HEARTBEAT,
-    LOCAL_POSITION_NED,
-    METRES_PER_DILUTION,
-    ODOMETRY,
-    PREARM_CHECK,
-    SENSORS,
-    STATUSTEXT,
-    SYS_STATUS,
-    SYSTEM_TIME,
-    UNIX_KNOWN_S,
-    UNKNOWN_DILUTION,
-    TextChunk,
-    px4_mode,
-    status_text,
-)
+from gcs.mavlink.framing import TextChunk
 from gcs.mavlink.kernels import COMPONENT, MESSAGE, Bytes, Whole
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
@@ -186,16 +164,16 @@ class FleetTelemetry:
         self._modes_reported, self._landed_reported = _Reported(self._mode_of), _Reported(_LANDED.__getitem__)
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
             {
-                GLOBAL_POSITION_INT: self._take_positions,
-                ATTITUDE: self._take_clocks,
-                LOCAL_POSITION_NED: self._take_clocks,
-                HEARTBEAT: self._take_heartbeats,
-                SYS_STATUS: self._take_status,
-                EXTENDED_SYS_STATE: self._take_landed,
-                BATTERY_STATUS: self._take_batteries,
-                GPS_RAW_INT: self._take_accuracies,
-                SYSTEM_TIME: self._take_times,
-                ODOMETRY: self._take_reset_counters,
+                framing.GLOBAL_POSITION_INT: self._take_positions,
+                framing.ATTITUDE: self._take_clocks,
+                framing.LOCAL_POSITION_NED: self._take_clocks,
+                framing.HEARTBEAT: self._take_heartbeats,
+                framing.SYS_STATUS: self._take_status,
+                framing.EXTENDED_SYS_STATE: self._take_landed,
+                framing.BATTERY_STATUS: self._take_batteries,
+                framing.GPS_RAW_INT: self._take_accuracies,
+                framing.SYSTEM_TIME: self._take_times,
+                framing.ODOMETRY: self._take_reset_counters,
             }
         )
 
@@ -215,14 +193,15 @@ class FleetTelemetry:
             mine = np.flatnonzero(message == message_id)
             if len(mine):
                 read(rows[mine], decode(message_id, data, frames[mine]), time_s[mine])
-        texts = np.flatnonzero(message == STATUSTEXT).tolist()
+        texts = np.flatnonzero(message == framing.STATUSTEXT).tolist()
         for at in texts:
-            self._texts[rows[at]].take(status_text(frame(data, frames[at].tolist())), float(time_s[at]))
+            self._texts[rows[at]].take(
+                framing.status_text(frame(data, frames[at].tolist())), float(time_s[at])
+            )
         if texts:
             self._texts_reported = tuple(each.texts for each in self._texts)
 
     def reported(self, row: int) -> "VehicleReport":
-        """View of one vehicle."""
         return VehicleReport(self, row)
 
     def mode(self, row: int) -> Mode:
@@ -238,7 +217,6 @@ class FleetTelemetry:
 
     @property
     def awaited(self) -> bool:
-        """Whether a heartbeat is awaited."""
         return bool(self._waiting)
 
     def telemetry(self, *, may_be_ready: Mask | bool = True, discovered: Mask | None = None) -> Telemetry:
@@ -280,7 +258,7 @@ class FleetTelemetry:
     def _mode_of(self, custom_mode: int) -> Mode:
         known = self._modes.get(custom_mode)
         if known is None:
-            known = px4_mode(custom_mode)
+            known = framing.px4_mode(custom_mode)
             if known is not Mode.OTHER:  # the others are too many to cache
                 self._modes[custom_mode] = known
         return known
@@ -318,7 +296,9 @@ class FleetTelemetry:
         self.connection_count[returned] += 1
         self.heartbeat_time_s[rows] = time_s
         self.armed[rows] = (base & _ARMED) != 0
-        self.in_failsafe[rows] = self.armed[rows] & np.isin(reported["system_status"], FAILSAFE_STATES)
+        self.in_failsafe[rows] = self.armed[rows] & np.isin(
+            reported["system_status"], framing.FAILSAFE_STATES
+        )
         self._mode[rows] = np.where(base & _CUSTOM, reported["custom_mode"].astype(np.int64), _OTHER)
         if self._waiting:
             for row in rows.tolist():
@@ -329,8 +309,8 @@ class FleetTelemetry:
     def _take_status(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         health = reported["onboard_control_sensors_health"].astype(np.int64)
         enabled = reported["onboard_control_sensors_enabled"].astype(np.int64)
-        self.prearm_ok[rows] = (health & PREARM_CHECK) != 0
-        self._unhealthy_sensors[rows] = (enabled & SENSORS | AHRS) & ~health
+        self.prearm_ok[rows] = (health & framing.PREARM_CHECK) != 0
+        self._unhealthy_sensors[rows] = (enabled & framing.SENSORS | framing.AHRS) & ~health
         self._batteries.take_totals(rows, reported["battery_remaining"])
 
     def _take_batteries(self, rows: Whole, reported: Records, _time_s: Array) -> None:
@@ -339,12 +319,12 @@ class FleetTelemetry:
     def _take_accuracies(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         """As `gcs.mavlink.framing.gps_accuracy`."""
         self._fix_type[rows] = reported["fix_type"]
-        fixed = reported["fix_type"] >= FIX_3D
+        fixed = reported["fix_type"] >= framing.FIX_3D
         fields = (("eph", "h_acc"), ("epv", "v_acc"))
         for column, ((dilution, accuracy_field), metres) in enumerate(
-            zip(fields, METRES_PER_DILUTION, strict=True)
+            zip(fields, framing.METRES_PER_DILUTION, strict=True)
         ):
-            known = reported[dilution] != UNKNOWN_DILUTION
+            known = reported[dilution] != framing.UNKNOWN_DILUTION
             by_dilution_m = np.where(known, reported[dilution] / 100 * metres, np.nan)
             accuracy_m = np.where(
                 reported[accuracy_field] != 0, reported[accuracy_field] / 1000, by_dilution_m
@@ -353,7 +333,7 @@ class FleetTelemetry:
 
     def _take_times(self, rows: Whole, reported: Records, time_s: Array) -> None:
         unix_s = reported["time_unix_usec"] * 1e-6
-        self._clock_base_s[rows] = np.where(unix_s >= UNIX_KNOWN_S, unix_s, np.nan) - time_s
+        self._clock_base_s[rows] = np.where(unix_s >= framing.UNIX_KNOWN_S, unix_s, np.nan) - time_s
 
     def _take_reset_counters(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         for row, counted in zip(rows.tolist(), reported["reset_counter"].tolist(), strict=True):

@@ -24,7 +24,6 @@ _QUEUE_MAX_BYTES: Final = 32 << 20
 
 
 def record(unix_us: int, raw: bytes) -> bytes:
-    """One frame as a record of the file."""
     return _STAMP.pack(unix_us) + raw
 
 

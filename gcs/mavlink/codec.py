@@ -13,25 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.mavlink import kernels
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED, Frame
-from gcs.mavlink.kernels import (
-    BEGIN,
-    COMPONENT,
-    END,
-    FRAME_COLUMNS,
-    LENGTH,
-    MESSAGE,
-    PAYLOAD,
-    SHORTEST_FRAME,
-    SYSTEM,
-    Bytes,
-    Number,
-    Whole,
-    cut_out,
-    find_frames,
-    put_frames,
-    whole_until,
-)
+from gcs.mavlink.kernels import Bytes, Number, Whole
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
@@ -119,7 +103,6 @@ def _extras() -> NDArray[np.int16]:
 
 
 def records(message_id: int, count: int) -> Records:
-    """`count` messages of one kind, all zeros."""
     return np.zeros(count, dtype=layout(message_id).dtype)
 
 
@@ -145,7 +128,7 @@ def encode(
     frames, lengths = np.empty((n, size + HEADER_LENGTH), np.uint8), np.empty(n, np.int64)
     extra = layout(message_id).crc_extra
     systems = np.full(n, system_id, np.uint8)
-    put_frames(payloads, message_id, extra, sequence, systems, component_id, frames, lengths)
+    kernels.put_frames(payloads, message_id, extra, sequence, systems, component_id, frames, lengths)
     return Frames(frames, lengths)
 
 
@@ -157,25 +140,23 @@ def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
         starts: (m,) of each.
         lengths: (m,) in bytes.
     """
-    frames = np.empty((int(lengths.sum()) // SHORTEST_FRAME + 1, FRAME_COLUMNS), np.int64)
-    count, garbage, unknown = find_frames(data, starts, lengths, _extras(), frames)
+    frames = np.empty((int(lengths.sum()) // kernels.SHORTEST_FRAME + 1, kernels.FRAME_COLUMNS), np.int64)
+    count, garbage, unknown = kernels.find_frames(data, starts, lengths, _extras(), frames)
     return Found(frames[:count], garbage, unknown)
 
 
 def end_of_frames(data: bytes) -> int:
     """Number of bytes of a stream to search for frames; the rest, at most one frame, waits for more bytes."""
-    return int(whole_until(np.frombuffer(bytearray(data), np.uint8), _extras()))
+    return int(kernels.whole_until(np.frombuffer(bytearray(data), np.uint8), _extras()))
 
 
 def frame(data: Bytes, found: Sequence[int]) -> Frame:
-    """One frame that `find` found in `data`."""
-    payload = data[found[PAYLOAD] : found[PAYLOAD] + found[LENGTH]].tobytes()
-    raw = data[found[BEGIN] : found[END]].tobytes()
-    return Frame(found[MESSAGE], found[SYSTEM], found[COMPONENT], payload, raw)
+    payload = data[found[kernels.PAYLOAD] : found[kernels.PAYLOAD] + found[kernels.LENGTH]].tobytes()
+    raw = data[found[kernels.BEGIN] : found[kernels.END]].tobytes()
+    return Frame(found[kernels.MESSAGE], found[kernels.SYSTEM], found[kernels.COMPONENT], payload, raw)
 
 
 def joined(raws: Sequence[bytes]) -> Frames:
-    """Whole frames as rows."""
     length = np.array([len(raw) for raw in raws], np.int64)
     data = np.zeros((len(raws), length.max(initial=0)), np.uint8)
     for at, raw in enumerate(raws):
@@ -187,8 +168,11 @@ def decode(message_id: int, data: Bytes, frames: Whole) -> Records:
     """Messages from (k, FRAME_COLUMNS) frames of one kind, as `find` found them in `data`."""
     dtype = layout(message_id).dtype
     payloads = np.empty((len(frames), dtype.itemsize), np.uint8)
-    starts, lengths = np.ascontiguousarray(frames[:, PAYLOAD]), np.ascontiguousarray(frames[:, LENGTH])
-    cut_out(data, starts, lengths, payloads)
+    starts, lengths = (
+        np.ascontiguousarray(frames[:, kernels.PAYLOAD]),
+        np.ascontiguousarray(frames[:, kernels.LENGTH]),
+    )
+    kernels.cut_out(data, starts, lengths, payloads)
     return payloads.view(dtype)[:, 0]
 
 
@@ -225,7 +209,6 @@ def setpoint_messages(
 
 
 def heartbeats(count: int) -> Records:
-    """`count` heartbeats of a ground station."""
     messages = records(HEARTBEAT, count)
     messages["type"], messages["autopilot"] = dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID
     messages["system_status"], messages["mavlink_version"] = dialect.MAV_STATE_ACTIVE, 3

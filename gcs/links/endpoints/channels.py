@@ -1,7 +1,8 @@
 """TCP and serial channels: TCP sockets and a serial device, opened, read and written without waiting.
 
-A broken connection may show only when the kernel gives up: after `_GIVE_UP_S`. Data that it had accepted by
-then is lost with it; data delivered late within that time cannot be called back.
+No call blocks: BlockingIOError means that there is nothing to read, or no room. Every other OSError means
+that the channel has ended. A broken connection may show only when the kernel gives up: after `_GIVE_UP_S`.
+Data that it had accepted by then is lost with it. Data delivered late within that time cannot be called back.
 """
 
 import errno
@@ -11,7 +12,7 @@ import termios
 from contextlib import suppress
 from fcntl import ioctl
 from struct import Struct
-from typing import Final
+from typing import Final, TypeAlias
 
 import serial
 
@@ -25,7 +26,7 @@ _BITS_PER_BYTE: Final = 10  # with start and stop bit
 
 
 class SocketChannel:
-    """A connected socket. A `Channel`."""
+    """A connected socket."""
 
     def __init__(self, connected: socket.socket) -> None:
         self._socket = connected
@@ -43,15 +44,12 @@ class SocketChannel:
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
 
     def fileno(self) -> int:
-        """For the selector."""
         return self._socket.fileno()
 
     def read(self, size: int) -> bytes:
-        """Read what has arrived. Raises: OSError."""
         return self._socket.recv(size)
 
     def write(self, data: bytes) -> int:
-        """Number of bytes accepted. Raises: OSError."""
         return self._socket.send(data)
 
     def delay_s(self) -> float:
@@ -71,10 +69,9 @@ class SocketChannel:
 
 
 class TcpDial:
-    """Connects without waiting. A `Dial`."""
+    """Connects without waiting."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Nothing is opened yet."""
         self._at = (host, port)
         self._pending: socket.socket | None = None
         self._began_s = 0.0
@@ -105,7 +102,6 @@ class TcpDial:
         return SocketChannel(connected)
 
     def cancel(self) -> None:
-        """Abandon the attempt."""
         if self._pending is not None:
             self._pending.close()
             self._pending = None
@@ -126,15 +122,13 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 class SerialChannel:
-    """An open port. A `Channel`."""
+    """An open port."""
 
     def __init__(self, port: serial.Serial) -> None:
-        """Use an open port."""
         self._port = port
         self._byte_s = _BITS_PER_BYTE / port.baudrate
 
     def fileno(self) -> int:
-        """For the selector."""
         number: int = self._port.fileno()
         return number
 
@@ -143,7 +137,6 @@ class SerialChannel:
         return os.read(self.fileno(), size)
 
     def write(self, data: bytes) -> int:
-        """Number of bytes accepted. Raises: OSError."""
         return os.write(self.fileno(), data)
 
     def delay_s(self) -> float:
@@ -160,10 +153,9 @@ class SerialChannel:
 
 
 class SerialDial:
-    """Opens a port, which takes milliseconds. A `Dial`."""
+    """Opens a port, which takes milliseconds."""
 
     def __init__(self, device: str, baud: int) -> None:
-        """Nothing is opened yet."""
         self._device = device
         self._baud = baud
 
@@ -186,3 +178,8 @@ def _say_when_empty(file: int) -> None:
     settings = termios.tcgetattr(file)
     settings[6][termios.VMIN] = 1
     termios.tcsetattr(file, termios.TCSANOW, settings)
+
+
+Channel: TypeAlias = SocketChannel | SerialChannel
+Dial: TypeAlias = TcpDial | SerialDial
+"""Opens a channel without waiting: None while it takes longer, then it is called again."""

@@ -31,53 +31,27 @@ _ADDRESS: Final = np.dtype([("family", "=u2"), ("port", ">u2"), ("host", ">u4"),
 """struct sockaddr_in."""
 
 
-class _Header(ctypes.Structure):
-    """A msghdr; pointers as integers."""
-
-    _fields_ = (
-        ("name", ctypes.c_size_t),
-        ("name_length", ctypes.c_uint32),
-        ("parts", ctypes.c_size_t),
-        ("part_count", ctypes.c_size_t),
-        ("control", ctypes.c_size_t),
-        ("control_length", ctypes.c_size_t),
-        ("flags", ctypes.c_int),
-    )
+def _aligned(**fields: str | np.dtype[np.void]) -> np.dtype[np.void]:
+    """A structure of C, with its padding."""
+    return np.dtype(list(fields.items()), align=True)
 
 
-class _Message(ctypes.Structure):
-    """A mmsghdr."""
+_HEADER: Final = _aligned(
+    name="P", name_length="u4", parts="P", part_count="P", control="P", control_length="P", flags="i4"
+)
+"""struct msghdr; pointers and size_t as integers of that size."""
 
-    _fields_ = (("header", _Header), ("length", ctypes.c_uint32))
+_MESSAGE: Final = _aligned(header=_HEADER, length="u4")
+"""struct mmsghdr."""
 
+_PART: Final = _aligned(base="P", length="P")
+"""struct iovec."""
 
-class _Part(ctypes.Structure):
-    """An iovec."""
+_CONTROL: Final = _aligned(length="P", level="i4", kind="i4", seconds="l", nanoseconds="l")
+"""struct cmsghdr with a timespec."""
 
-    _fields_ = (("base", ctypes.c_size_t), ("length", ctypes.c_size_t))
-
-
-class _Control(ctypes.Structure):
-    """A cmsghdr that contains a timespec."""
-
-    _fields_ = (
-        ("length", ctypes.c_size_t),
-        ("level", ctypes.c_int),
-        ("kind", ctypes.c_int),
-        ("seconds", ctypes.c_long),
-        ("nanoseconds", ctypes.c_long),
-    )
-
-
-class _Segment(ctypes.Structure):
-    """A cmsghdr that contains the length of a run's datagrams."""
-
-    _fields_ = (
-        ("length", ctypes.c_size_t),
-        ("level", ctypes.c_int),
-        ("kind", ctypes.c_int),
-        ("bytes", ctypes.c_uint16),
-    )
+_SEGMENT: Final = _aligned(length="P", level="i4", kind="i4", bytes="u2")
+"""struct cmsghdr with the length of a run's datagrams."""
 
 
 def _library() -> Any:
@@ -127,9 +101,9 @@ class Batch:
         self.length: Whole = np.zeros(count, np.int64)
         self.time_s = np.full(count, np.nan)
         self._addresses = np.zeros(count, _ADDRESS)
-        self._parts = np.zeros(count, np.dtype(_Part))
-        self._control = np.zeros(count, np.dtype(_Control))
-        self._messages = np.zeros(count, np.dtype(_Message))
+        self._parts = np.zeros(count, _PART)
+        self._control = np.zeros(count, _CONTROL)
+        self._messages = np.zeros(count, _MESSAGE)
         self._addresses["family"] = socket.AF_INET
         rows = np.arange(count, dtype=np.uint64)
         self._parts["base"] = self.data.ctypes.data + rows * np.uint64(longest)
@@ -139,9 +113,9 @@ class Batch:
         headers["part_count"] = 1
         headers["name_length"] = _ADDRESS.itemsize
         self._control_places = self._control.ctypes.data + rows * np.uint64(self._control.itemsize)
-        self._runs = np.zeros(count, np.dtype(_Message))
-        self._segments = np.zeros(count, np.dtype(_Segment))
-        self._segments["length"] = _Segment.bytes.offset + _Segment.bytes.size
+        self._runs = np.zeros(count, _MESSAGE)
+        self._segments = np.zeros(count, _SEGMENT)
+        self._segments["length"] = socket.CMSG_LEN(2)
         self._segments["level"], self._segments["kind"] = socket.IPPROTO_UDP, _UDP_SEGMENT
         self._segment_places = self._segments.ctypes.data + rows * np.uint64(self._segments.itemsize)
 
@@ -177,7 +151,7 @@ class Batch:
         self.length[came] = self._messages["length"][came]
         control = self._control[came]
         stamped = (
-            (control["length"] >= _Control.nanoseconds.offset + _Control.nanoseconds.size)
+            (control["length"] >= _CONTROL.itemsize)
             & (control["level"] == socket.SOL_SOCKET)
             & (control["kind"] == SO_TIMESTAMPNS)
         )

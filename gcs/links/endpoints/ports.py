@@ -34,7 +34,6 @@ def socket_of(source: int) -> int:
 
 
 def host_number(host: str) -> int:
-    """An IPv4 address as a number."""
     return int.from_bytes(socket.inet_aton(host), "big")
 
 
@@ -71,7 +70,6 @@ class Ports(Protocol):
 
         Returns: (n,) whether each left.
         """
-        ...
 
     def standing(self) -> Iterable[int]:
         """Sources that can be sent to before they send anything."""

@@ -4,12 +4,12 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
 from selectors import EVENT_READ, BaseSelector, DefaultSelector
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.endpoints.channels import SerialDial, SocketChannel, TcpDial, listen
+from gcs.links.endpoints.channels import Channel, Dial, SerialDial, SocketChannel, TcpDial, listen
 from gcs.links.endpoints.ports import Datagrams, host_number, socket_of, source_of
 from gcs.links.endpoints.udp import TURN_S, UdpPorts
 from gcs.links.link import Address
@@ -31,42 +31,6 @@ _STALL_S: Final = 0.05
 _CONNECTIONS_MAX: Final = 256
 
 
-class Channel(Protocol):
-    """An open file or socket that never blocks. Every method but `close` raises OSError when it has ended."""
-
-    def fileno(self) -> int:
-        """For the selector."""
-        ...
-
-    def read(self, size: int) -> bytes:
-        """Read what has arrived, up to `size`. Raises: BlockingIOError when there is nothing."""
-        ...
-
-    def write(self, data: bytes) -> int:
-        """Number of bytes of `data` accepted. Raises: BlockingIOError when none were."""
-        ...
-
-    def delay_s(self) -> float:
-        """How long data written now would wait behind data written before."""
-        ...
-
-    def close(self) -> None:
-        """Discard what was not sent, and close."""
-        ...
-
-
-class Dial(Protocol):
-    """Opens a channel without waiting for it."""
-
-    def __call__(self, now_s: float) -> Channel | None:
-        """The channel, or None while it takes longer: call again. Raises: OSError when it cannot open."""
-        ...
-
-    def cancel(self) -> None:
-        """Abandon the attempt."""
-        ...
-
-
 class Stream:
     """One open channel and its frames."""
 
@@ -79,7 +43,6 @@ class Stream:
         self._unread = False
 
     def fileno(self) -> int:
-        """For the selector."""
         return self._channel.fileno()
 
     def read(self, now_s: float) -> Iterator[tuple[bytes, float]]:
@@ -170,14 +133,12 @@ class StreamPort:
             self.end(source, str(error), now_s)
 
     def begin(self, channel: Channel, source: int, now_s: float) -> None:
-        """Use a new stream."""
         stream = self.streams[source] = Stream(channel, source, now_s)
         if self._selector is not None:
             self._selector.register(stream, EVENT_READ, (self, source))
         self.log(logging.INFO, "connected", source)
 
     def end(self, source: int, cause: str, now_s: float, level: int = logging.WARNING) -> None:  # noqa: ARG002
-        """Close a stream, if it has not ended already."""
         stream = self.streams.pop(source, None)
         if stream is None:
             return
@@ -188,7 +149,6 @@ class StreamPort:
         self.log(level, "connection_lost", source, cause)
 
     def log(self, level: int, event: str, source: int, cause: str = "") -> None:
-        """Log an event of one stream."""
         about = {"link": self._name, "address": str(self._address_of(source))}
         log.log(level, event, extra=about | ({"cause": cause} if cause else {}))
 
@@ -214,7 +174,6 @@ class Redialled(StreamPort):
         super().close()
 
     def tend(self, now_s: float) -> None:
-        """See `StreamPort.tend`."""
         super().tend(now_s)
         if self.streams or now_s < self._retry_s:
             return
@@ -287,7 +246,6 @@ class LinkPorts(UdpPorts):
         *,
         replace_busy: bool = False,
     ) -> None:
-        """See `UdpPorts`."""
         super().__init__(name, places, clock, replace_busy=replace_busy)
         self._first = self.udp_count
         self._devices: dict[int, str] = {}
@@ -321,7 +279,6 @@ class LinkPorts(UdpPorts):
                 self.problems.append(str(error))
 
     def close(self) -> None:
-        """See `Ports.close`."""
         super().close()
         for each in self._streams:
             each.close()
@@ -330,7 +287,6 @@ class LinkPorts(UdpPorts):
             self._stream_selector = None
 
     def receive(self, take: Callable[[Datagrams], None]) -> None:
-        """See `Ports.receive`."""
         super().receive(take)
         if not self._streams or self._stream_selector is None:
             return
@@ -344,7 +300,6 @@ class LinkPorts(UdpPorts):
     def send(
         self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
     ) -> NDArray[np.bool_]:
-        """See `Ports.send`."""
         left = super().send(data, length, destination, until_s=until_s)
         if not self._streams or self._stream_selector is None:
             return left
@@ -360,7 +315,6 @@ class LinkPorts(UdpPorts):
         return (*super().standing(), *(source for each in self._streams for source in each.streams))
 
     def gone(self) -> Sequence[int]:
-        """See `Ports.gone`."""
         gone: list[int] = []
         for each in self._streams:
             if each.gone:
@@ -371,7 +325,6 @@ class LinkPorts(UdpPorts):
         return gone
 
     def address(self, source: int) -> Address:
-        """See `Ports.address`."""
         device = self._devices.get(socket_of(source))
         return super().address(source) if device is None else Address(device, 0, socket_of(source))
 
@@ -387,7 +340,6 @@ class LinkPorts(UdpPorts):
         return True
 
     def _read_streams(self, selector: BaseSelector, now_s: float, take: Callable[[Datagrams], None]) -> None:
-        """Read the streams, each for its share of a turn."""
         ready = selector.select(0)
         share_s = max(TURN_S / max(len(ready), 1), _SHARE_LEAST_S)
         arrived: list[tuple[bytes, int, float]] = []

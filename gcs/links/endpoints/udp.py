@@ -124,7 +124,6 @@ class UdpPorts(Ports):
             self._selector.register(opened_socket, selectors.EVENT_READ, index)
 
     def standing(self) -> Iterable[int]:
-        """The far ends."""
         return self._far[self._far != _ANY].tolist() if self._filtered else ()
 
     def close(self) -> None:
@@ -166,7 +165,6 @@ class UdpPorts(Ports):
     def send(
         self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
     ) -> NDArray[np.bool_]:
-        """See `Ports.send`."""
         left = np.zeros(len(destination), np.bool_)
         if not self._sockets or not len(destination):
             return left
@@ -273,7 +271,6 @@ class UdpPorts(Ports):
 
 
 def _receive_some(source: socket.socket, room: mmsg.Batch, first: int, most: int) -> int:
-    """One by one, as long as there are any."""
     for row in range(first, first + most):
         try:
             count, ancillary, _, sender = source.recvmsg_into([room.data[row]], 64)

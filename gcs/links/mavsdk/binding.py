@@ -65,7 +65,6 @@ class Loopback:
 
     @property
     def url(self) -> str:
-        """URL to which MAVSDK connects."""
         return f"udpout://{_HOST}:{self._socket.getsockname()[1]}"
 
     def await_mavsdk(self) -> None:
@@ -104,7 +103,6 @@ class Loopback:
         return 0
 
     def _take_singly(self, room: mmsg.Batch, first: int, most: int) -> int:
-        """For platforms without batches."""
         for row in range(first, first + most):
             try:
                 room.length[row] = self._socket.recv_into(memoryview(room.data[row]))
@@ -113,7 +111,6 @@ class Loopback:
         return most
 
     def close(self) -> None:
-        """Release the port."""
         self._socket.close()
 
 
@@ -209,7 +206,6 @@ class MavsdkBinding:
     """
 
     def __init__(self, station_id: int) -> None:
-        """`station_id` is its own system id."""
         self._station_id = station_id
         self._mavsdk: Any = None
         self._loopback: Loopback | None = None

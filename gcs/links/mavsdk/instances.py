@@ -66,7 +66,6 @@ class MavsdkInstances:
             frames.clear()
 
     def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
-        """Those of the desired systems that have been discovered, with new plugins."""
         found: dict[int, MavsdkVehicle] = {}
         for fleet, ids in zip(self._fleets, self._ids, strict=True):
             missing = ids.intersection(desired)

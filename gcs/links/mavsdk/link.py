@@ -202,7 +202,6 @@ class MavsdkLink(BatchLink):
             self._fleet.receive(system_id, data[begin:end].tobytes())
 
     def _pass_on(self) -> None:
-        """Send what MAVSDK has written."""
         if self._fleet is not None:
             while count := self._fleet.take(self._room):
                 self._setpoint_filter.take(self._room, count)

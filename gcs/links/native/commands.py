@@ -82,7 +82,6 @@ class Commands:
 
     @property
     def awaited(self) -> bool:
-        """Whether an answer is awaited."""
         return bool(self._pending)
 
     def close(self) -> None:
@@ -150,7 +149,6 @@ class Commands:
             self._resolve((row, command), Answer(result))
 
     def take_values(self, rows: Whole, reported: Records) -> None:
-        """Read PARAM_VALUEs."""
         for row, (name, value) in zip(rows.tolist(), parameter_values(reported), strict=True):
             self._resolve((row, name), Answer(value=value))
 
