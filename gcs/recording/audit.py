@@ -112,7 +112,6 @@ class Audit:
     def event(
         self, unix_s: float, level: str, event: str, vehicle: str | None, detail: Mapping[str, object]
     ) -> None:
-        """Record an event."""
         reported = json.dumps(detail, default=str, separators=(",", ":"))
         self._put(_EVENT, self._session, unix_s, level, event, vehicle, reported)
 
@@ -174,7 +173,6 @@ class Audit:
         self._show = sample.show
 
     def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:
-        """Record the vehicles' addresses if they are new."""
         changed = [(name, at) for name, at in addresses.items() if self._addresses.get(name) != at]
         nothing = (None,) * 7
         for name, at in changed:
@@ -208,7 +206,6 @@ class OfflineAudit:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """Write what is left."""
         self._journal.close()
         self.problem = self._journal.problem
 
@@ -221,7 +218,6 @@ class OfflineAudit:
         return command.id
 
     def closed(self, command_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:
-        """Record the outcome of one vehicle's part."""
         self._audit.closed(command_id, vehicle_id, part.outcome, part.reason)
 
     def killed(self, vehicle_id: VehicleId) -> None:

@@ -176,7 +176,6 @@ class Journal(DiskWriter[Row]):
         self._connection: sqlite3.Connection | None = None
 
     def _write(self, batch: Sequence[Row]) -> None:
-        """Write all rows in one transaction, or none."""
         try:
             if self._connection is None:
                 self._connection = open_to_write(self._path)

@@ -1,9 +1,10 @@
 """Judges a flight by its recorded positions: separation, fence, limits."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,7 @@ from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 from gcs.recording.mcap_reader import Standard
 from gcs.recording.trajectories import OnProgress, Single, Trajectories
-from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
-from gcs.safety.walls import Fence
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
 """Exit codes of `gcs report`, by verdict; 2: no flight, or no limits to judge by."""
@@ -41,6 +40,9 @@ PAIRS_AT_ONCE: Final = 20_000_000
 
 LEEWAY_REPORTED: Final = 1.01
 """A smaller ratio is rounding to single precision."""
+
+
+Limit: TypeAlias = Callable[[Standard], float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +129,6 @@ class FlightReport:
         return float(self.trajectories.time_s[-1] - self.trajectories.time_s[0])
 
     def report(self) -> dict[str, Any]:
-        """The whole report as JSON."""
         trajectories, pairs = self.trajectories, self.pairs
         return {
             "verdict": self.verdict,
@@ -231,41 +232,52 @@ def _separation(trajectories: Trajectories, pairs: PairDistances) -> Check:
 
 
 def _over_time(
-    standards: Sequence[Standard], at: NDArray[np.intp] | None, count: int, of: Callable[[Standard], float]
+    trajectories: Trajectories,
+    standards: Sequence[Standard],
+    of: Limit,
+    *,
+    setpoints: bool = False,
 ) -> Array:
-    """(k,) The limit at each sample."""
+    """(k,) The limit at each sample, or at each setpoint."""
+    at = trajectories.setpoint_held_at if setpoints else trajectories.held_at
     each = np.array([of(standard) for standard in standards])
-    return np.full(count, each[0]) if at is None else each[at]
+    times = trajectories.setpoint_m_s if setpoints else trajectories.time_s
+    return np.full(0 if times is None else len(times), each[0]) if at is None else each[at]
 
 
 def _fence(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
-    place_m = trajectories.position_m
-    out_m = np.hypot(place_m[..., 0], place_m[..., 1])
-
-    def limit(of: Callable[[Fence], float]) -> Array:
-        at, count = trajectories.held_at, len(trajectories.time_s)
-        return _over_time(standards, at, count, lambda standard: of(standard.safety.fence))
-
-    farthest_m, highest_m, lowest_m = (
-        limit(lambda fence: fence.distance_max_m),
-        limit(lambda fence: fence.height_max_m),
-        limit(lambda fence: fence.height_min_m),
-    )
+    limit = partial(_over_time, trajectories, standards)
+    place_m, airborne = trajectories.position_m, trajectories.airborne
+    out_m, height_m = np.hypot(place_m[..., 0], place_m[..., 1]), -place_m[..., 2]
+    farthest_m = limit(lambda standard: standard.safety.fence.distance_max_m)
+    highest_m = limit(lambda standard: standard.safety.fence.height_max_m)
+    lowest_m = limit(lambda standard: standard.safety.fence.height_min_m)
+    lowest = _most("", -lowest_m, -height_m, trajectories.formed, trajectories, "m")
     return [
-        _most("greatest distance", farthest_m, out_m, trajectories.airborne, trajectories, "m"),
-        _most("greatest height", highest_m, -place_m[..., 2], trajectories.airborne, trajectories, "m"),
-        _least(
-            "least height in the formation",
-            lowest_m,
-            -place_m[..., 2],
-            trajectories.formed,
-            trajectories,
-            "m",
+        _most("greatest distance", farthest_m, out_m, airborne, trajectories, "m"),
+        _most("greatest height", highest_m, height_m, airborne, trajectories, "m"),
+        replace(
+            lowest,
+            name="least height in the formation",
+            limit=-lowest.limit,
+            tolerated=-lowest.limit,
+            worst=None if lowest.worst is None else -lowest.worst,
         ),
     ]
 
 
+def _directions(
+    velocity_m_s: NDArray[Any],
+) -> Iterator[tuple[str, Callable[[Standard], float], NDArray[Any]]]:
+    """Yield name, limit and (k, n) speeds in each direction that has a limit, from velocities (k, n, 3)."""
+    flat_m_s = np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1])
+    yield "sideways", lambda standard: standard.safety.limits.horizontal_m_s, flat_m_s
+    yield "up", lambda standard: standard.safety.limits.up_m_s, -velocity_m_s[..., 2]
+    yield "down", lambda standard: standard.safety.limits.down_m_s, velocity_m_s[..., 2]
+
+
 def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
+    limit = partial(_over_time, trajectories, standards)
     period_s = float(np.median(np.diff(trajectories.time_s))) if len(trajectories.time_s) > 1 else SMOOTHED_S
     width = max(1, round(SMOOTHED_S / period_s))
     velocity_m_s = _smoothed(np.asarray(trajectories.velocity_m_s, np.float64), width)
@@ -273,29 +285,22 @@ def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[C
     change = np.full_like(velocity_m_s, np.nan)
     if len(velocity_m_s) > width:
         change[width:] = (velocity_m_s[width:] - velocity_m_s[:-width]) / (width * period_s)
-    acceleration_m_s2 = np.linalg.norm(change, axis=-1)
-    flat_m_s = np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1])
-    up_m_s = -velocity_m_s[..., 2]
-
-    def limit(of: Callable[[Standard], float]) -> Array:
-        return _over_time(standards, trajectories.held_at, len(trajectories.time_s), of)
-
-    def judged(name: str, of: Callable[[Limits], float], value: Array) -> Check:
-        most = limit(lambda standard: of(standard.safety.limits))
-        return _most(name, most, value, flown, trajectories, "m/s", 1.0 + TOLERATED, TOLERATED_M_S)
-
+    most_m_s2 = limit(lambda standard: standard.acceleration_max_m_s2)
+    tolerated, pushed = 1.0 + TOLERATED, _throughout(flown, width)
+    size_m_s2 = np.linalg.norm(change, axis=-1)
     return [
-        judged("speed sideways", lambda limits: limits.horizontal_m_s, flat_m_s),
-        judged("speed up", lambda limits: limits.up_m_s, up_m_s),
-        judged("speed down", lambda limits: limits.down_m_s, -up_m_s),
+        *(
+            _most(f"speed {name}", limit(of), speed, flown, trajectories, "m/s", tolerated, TOLERATED_M_S)
+            for name, of, speed in _directions(velocity_m_s)
+        ),
         _most(
             "acceleration",
-            limit(lambda standard: standard.acceleration_max_m_s2),
-            acceleration_m_s2,
-            _throughout(flown, width),
+            most_m_s2,
+            size_m_s2,
+            pushed,
             trajectories,
             "m/s^2",
-            1.0 + TOLERATED,
+            tolerated,
             TOLERATED_M_S2,
         ),
     ]
@@ -307,19 +312,11 @@ def _setpoints(trajectories: Trajectories, standards: Sequence[Standard]) -> lis
     if desired_m_s is None:
         return []
     given: Mask = np.asarray(np.isfinite(desired_m_s).all(axis=-1))
-    flat_m_s, up_m_s = np.hypot(desired_m_s[..., 0], desired_m_s[..., 1]), -desired_m_s[..., 2]
-
-    def judged(name: str, of: Callable[[Limits], float], value: Single) -> Check:
-        at, count = trajectories.setpoint_held_at, len(desired_m_s)
-        most = _over_time(standards, at, count, lambda standard: of(standard.safety.limits))
-        return _most(
-            name, most, value, given, trajectories, "m/s", 1.0 + TOLERATED_SETPOINT, 0.0, timed=False
-        )
-
+    limit = partial(_over_time, trajectories, standards, setpoints=True)
+    tolerated = 1.0 + TOLERATED_SETPOINT
     return [
-        judged("setpoint sideways", lambda limits: limits.horizontal_m_s, flat_m_s),
-        judged("setpoint up", lambda limits: limits.up_m_s, up_m_s),
-        judged("setpoint down", lambda limits: limits.down_m_s, -up_m_s),
+        _most(f"setpoint {name}", limit(of), speed, given, trajectories, "m/s", tolerated, timed=False)
+        for name, of, speed in _directions(desired_m_s)
     ]
 
 
@@ -347,15 +344,6 @@ def _most(
     return Check(
         name, float(limit[at]), round(most, 3), round(worst, 3), unit, vehicle, at_s, kept=worst <= most
     )
-
-
-def _least(
-    name: str, limit: Array, value: Single, counts: Mask, trajectories: Trajectories, unit: str
-) -> Check:
-    """Return the check of (k, n) values that must stay above their limit (k,)."""
-    found = _most(name, -limit, -value, counts, trajectories, unit)
-    worst = None if found.worst is None else -found.worst
-    return replace(found, limit=-found.limit, tolerated=-found.limit, worst=worst)
 
 
 def _smoothed(value: Array, width: int) -> Array:

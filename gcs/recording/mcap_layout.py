@@ -278,7 +278,6 @@ def _rows(ids: tuple[str, ...]) -> dict[str, int]:
 
 
 def vehicles_message(sample: Sample) -> bytes:
-    """Return a message of `/fleet/vehicles`."""
     when = stamp(sample.unix_time_s)
     data = b64encode(packed(sample).tobytes())
     return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (
@@ -310,7 +309,6 @@ def tick_message(sample: Sample, number: int | None = None) -> bytes:
 
 
 def status_message(sample: Sample) -> bytes:
-    """Return a message of `/fleet/status`."""
     control, limits = sample.control, None
     if control is not None:
         safety = control.safety.model_dump(mode="json")
@@ -346,7 +344,6 @@ _LEVELS: Final = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5
 
 
 def log_message(unix_s: float, level: str, event: str, detail: str) -> bytes:
-    """Return a message of `/log`."""
     return as_json(
         {
             "timestamp": stamp(unix_s),

@@ -39,7 +39,6 @@ class Origin(Settings):
 
     @property
     def frame(self) -> ShowFrame:
-        """The show frame."""
         return ShowFrame(**self.model_dump())
 
 
@@ -137,7 +136,6 @@ class Obstacles(Settings):
 
 
 def _kind(value: object) -> str:
-    """Return the kind of target that a value describes."""
     if isinstance(value, str):
         return "live"
     return "path" if isinstance(value, Path) or (isinstance(value, dict) and "path" in value) else "place"

@@ -84,7 +84,6 @@ class ShowLibrary:
         return NOT_KEPT if self._folder is None else ""
 
     async def list_shows(self) -> list[StoredShow]:
-        """Return all shows, by name."""
         return await asyncio.to_thread(self._listed)
 
     async def text(self, name: str) -> str:

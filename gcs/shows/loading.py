@@ -31,7 +31,6 @@ class LoadedShow:
     source: Source
 
     def problem(self, flaw: Flaw) -> Problem:
-        """Return a flaw with line and cue."""
         return located(flaw, self.source, [cue.cue for cue in self.show.timeline])
 
 
@@ -62,7 +61,6 @@ def parse(text: str, file: str) -> LoadedShow:
 
 
 def located(flaw: Flaw, source: Source, cues: list[str | None]) -> Problem:
-    """Return a flaw with its line and cue."""
     return Problem(source.line(*flaw.loc), _cue(flaw.loc, cues), flaw.text)
 
 

@@ -158,7 +158,6 @@ def written_out(cues: tuple[Cue, ...], loops: tuple[Loop, ...]) -> tuple[Played,
 
 
 def total_s(show: Show) -> float:
-    """Return the duration of the show with its loops."""
     at_s = {cue.cue: cue.at_s for cue in show.timeline}
     again_s = ((loop.times - 1) * (at_s[loop.to_cue] - at_s[loop.from_cue]) for loop in show.loops)
     return show.duration_s + sum(again_s)
@@ -236,19 +235,15 @@ class Timeline:
         return colours
 
     def cue_at(self, time_s: float) -> Played:
-        """Return the newest cue played."""
         return self.played[max(bisect_right(self.played, time_s, key=lambda one: one.at_s) - 1, 0)]
 
     def leg_at(self, time_s: float) -> Leg:
-        """Return the target's motion."""
         return self.legs[max(bisect_right(self.legs, time_s, key=lambda leg: leg.from_s) - 1, 0)]
 
     def orbit_at(self, time_s: float) -> Orbit:
-        """Return the present orbit, or the one of a transition in progress."""
         return self.orbits[max(bisect_right(self.orbits, time_s, key=lambda one: one[0]) - 1, 0)][1]
 
     def obstacles_at(self, time_s: float) -> tuple[Obstacle, ...]:
-        """Return all obstacles at that time."""
         return self.obstacles[max(bisect_right(self.obstacles, time_s, key=lambda one: one[0]) - 1, 0)][1]
 
 
@@ -386,7 +381,6 @@ def _orbit(orbit: CueOrbit) -> Orbit:
 
 
 def obstacle_of(box: Box) -> Obstacle:
-    """Return the static obstacle of a box."""
     return Obstacle(**box.model_dump())
 
 
@@ -414,7 +408,6 @@ class ShowClock:
 
     @property
     def runs(self) -> bool:
-        """Whether the clock runs."""
         return self.since_s is not None
 
     def show_s(self, clock_s: float) -> float:

@@ -49,12 +49,13 @@ def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) ->
 
     Raises: KeyError or ValueError for invalid events.
     """
-    show, cues, event_marks = _Spans(duration_s), list[CueMark](), list[EventMark]()
+    show, cues, event_marks = list[tuple[float, ShowPhase]](), list[CueMark](), list[EventMark]()
     flying = _Flying(duration_s)
     for unix_s, level, event, vehicle, detail in events:
         at_s = min(max(unix_s - began_unix_s, 0.0), duration_s)
         if event == SHOW_PHASE:
-            show.change(at_s, ShowPhase(detail["was"]), ShowPhase(detail["phase"]))
+            show += [(0.0, ShowPhase(detail["was"]))] if not show else []
+            show.append((at_s, ShowPhase(detail["phase"])))
         elif event == VEHICLE_PHASE and vehicle is not None:
             flying.change(at_s, vehicle, Phase(detail.get("was", Phase.STANDBY)), Phase(detail["phase"]))
         elif event == CUE:
@@ -62,31 +63,17 @@ def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) ->
         how = severity(level)
         if event == ALARM or how is not Severity.INFO:
             event_marks.append(EventMark(at_s, how, event == ALARM, words(event, detail), vehicle))
-    phases = show.spans()
+    phases = _phase_spans(show, duration_s)
     return ReplayMarks(phases, tuple(cues), _fewer(event_marks), _idle(phases, flying.spans(), duration_s))
 
 
-class _Spans:
-    """Collects the show's phases in order."""
-
-    def __init__(self, duration_s: float) -> None:
-        self._duration_s = duration_s
-        self._changes: list[tuple[float, ShowPhase]] = []
-
-    def change(self, at_s: float, was: ShowPhase, phase: ShowPhase) -> None:
-        if not self._changes:
-            self._changes.append((0.0, was))
-        self._changes.append((at_s, phase))
-
-    def spans(self) -> tuple[PhaseSpan, ...]:
-        if not self._changes:
-            return ()
-        ends_s = [*(at_s for at_s, _ in self._changes[1:]), self._duration_s]
-        return tuple(
-            PhaseSpan(phase, at_s, until_s)
-            for (at_s, phase), until_s in zip(self._changes, ends_s, strict=True)
-            if until_s > at_s
-        )
+def _phase_spans(changes: Sequence[tuple[float, ShowPhase]], duration_s: float) -> tuple[PhaseSpan, ...]:
+    ends_s = [*(at_s for at_s, _ in changes[1:]), duration_s]
+    return tuple(
+        PhaseSpan(phase, at_s, until_s)
+        for (at_s, phase), until_s in zip(changes, ends_s, strict=False)
+        if until_s > at_s
+    )
 
 
 class _Flying:

@@ -112,7 +112,6 @@ class NoCommands:
         )
 
     def newest(self) -> Sequence[CommandRecord]:
-        """Empty."""
         return ()
 
 
@@ -256,12 +255,10 @@ class Replay:
 
     @property
     def replaying(self) -> "Replay":
-        """This service itself."""
         return self
 
     @property
     def playback(self) -> Playback:
-        """Current state of the playback."""
         position_s = self._moment.unix_s - self._began_s
         if self._sought:
             position_s = self._head.position_s(self._now_s())
@@ -282,7 +279,6 @@ class Replay:
 
     @property
     def marks(self) -> ReplayMarks:
-        """Marks of the record for the scrubber."""
         return self._marks
 
     def change(
@@ -303,12 +299,10 @@ class Replay:
         return self.playback
 
     def make_flight_report(self) -> ReportState:
-        """Return the flight report of the record."""
         return self._report_task.state()
 
     @property
     def events(self) -> "Replay":
-        """The events of the record: see `newest`."""
         return self
 
     def newest(self) -> Sequence[LogEvent]:
@@ -401,7 +395,6 @@ class Replay:
 
 
 def _triple(values: Sequence[float] | None) -> Triple | None:
-    """Return the values as a tuple, or None if they are not known."""
     if values is None or not isfinite(values[0]):
         return None
     return values[0], values[1], values[2]
