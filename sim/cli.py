@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """A parser of whole numbers from low to high."""
 
     def parse(text: str) -> int:
         try:
@@ -36,7 +35,6 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
-    """A parser of numbers from low to high."""
 
     def parse(text: str) -> float:
         value = _float(text)
@@ -337,7 +335,6 @@ def fly(given: argparse.Namespace, greeting: str) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse and run."""
     return run(build_parser().parse_args(argv))
 
 
@@ -396,7 +393,6 @@ def greeting(given: argparse.Namespace) -> str:
 
 
 def _ids(given: argparse.Namespace) -> str:
-    """The system ids, by namespace where there are several."""
     size, first, last = given.namespace_size, given.first, given.first + given.count - 1
     if first // size == last // size:
         ids = _span([first % size + 1, last % size + 1])

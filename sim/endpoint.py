@@ -135,7 +135,6 @@ class Endpoint:
             self._send(packets, address)
 
     def send(self, frames: Iterable[bytes]) -> None:
-        """Send to the peer."""
         self._send(_packed(frames), self._peer)
 
     def send_alone(self, datagram: bytes) -> None:
@@ -147,7 +146,6 @@ class Endpoint:
         self._other_senders.clear()
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
 
     def _send(self, packets: Iterable[bytes], address: Address) -> None:
@@ -225,7 +223,6 @@ class Radio:
             endpoint.answered()
 
     def send(self) -> None:
-        """Send everything that is due."""
         self._send(self.fleet.take_frames(), answers=False)
 
     def _receive(self, batch: list[tuple[int, bytes]], origins: list[tuple[Endpoint, Address]]) -> None:

@@ -92,7 +92,6 @@ class SimulatorLink:
         self._next_s = 0.0
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
 
     def offer(self, fleet: Fleet, time_s: float) -> None:

@@ -79,7 +79,6 @@ class Way(Generic[Tag]):
         return arrived
 
     def _damaged(self, packet: bytes) -> bytes:
-        """Change one to three bytes."""
         damaged = bytearray(packet)
         for place in self._random.integers(0, len(packet), self._random.integers(1, 4)):
             damaged[place] ^= int(self._random.integers(1, 256))
@@ -111,14 +110,12 @@ class Channel(Generic[Tag]):
     """A vehicle's link: both directions and a jammer."""
 
     def __init__(self, random: np.random.Generator) -> None:
-        """Faultless at first."""
         self.out: Way[None] = Way(random)
         self.into: Way[Tag] = Way(random)
         self.jammer = Jammer(random)
 
     @property
     def ways(self) -> dict[str, DirectionFaults]:
-        """The faults by the name of the direction."""
         return {"out": self.out.faults, "in": self.into.faults}
 
 
@@ -143,7 +140,6 @@ class FaultInjector:
 
     @property
     def broken(self) -> Mapping[int, Channel[Origin]]:
-        """The links with faults, by row."""
         return self._channels
 
     def obey(self, line: str | bytes) -> str:
@@ -215,7 +211,6 @@ class FaultInjector:
         return True
 
     def _break_vehicle(self, row: int, command: FaultCommand) -> bool:
-        """Apply a fault to the vehicle itself."""
         state, values, fault = self._fleet.state, command.values, command.fault
         if fault in {"gps-jump", "position-reset"}:
             state.offset_m[row] += [float(values[name]) for name in ("north_m", "east_m", "down_m")]

@@ -125,7 +125,6 @@ class Autopilot:
         self._shared.outbox.forget(self.row)
 
     def parameter(self, name: str) -> Message:
-        """A PARAM_VALUE."""
         value = px4.encoded_value(name, self.parameters[name])
         return common.MAVLink_param_value_message(
             name.encode("ascii"), value, px4.kind(name), len(self.parameters), px4.index(name)

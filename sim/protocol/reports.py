@@ -240,7 +240,6 @@ def highres_imu(s: Snapshot) -> Fields:
 
 
 def global_position_int(s: Snapshot) -> Fields:
-    """Global position; hdg in centidegrees."""
     above_home_m = s.state.home_m[s.rows, 2] - s.position_m[:, 2]
     fields = {"time_boot_ms": s.boot_ms, "relative_alt": np.round(above_home_m * 1e3), "hdg": s.heading_cdeg}
     return (

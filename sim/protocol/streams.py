@@ -137,7 +137,6 @@ class Outbox:
         self._listed: dict[int, deque[str]] = {}
 
     def post(self, row: int, item: Item, due_s: float) -> None:
-        """Send it at due_s for vehicle `row`."""
         heapq.heappush(self._timed, (due_s, next(self._order), row, item))
 
     def list_parameters(self, row: int, names: Iterable[str]) -> None:
@@ -151,7 +150,6 @@ class Outbox:
         self._listed.pop(row, None)
 
     def take(self, now_s: float) -> list[tuple[int, Item]]:
-        """The items that are due, with their rows."""
         items = []
         while self._timed and self._timed[0][0] <= now_s:
             _, _, row, item = heapq.heappop(self._timed)

@@ -110,17 +110,14 @@ class Commander:
 
     @property
     def mode(self) -> Mode:
-        """The mode that is flown."""
         return MODES[int(self.state.mode[self.row])]
 
     @property
     def armed(self) -> bool:
-        """Whether the motors may turn."""
         return bool(self.state.armed[self.row])
 
     @property
     def landed(self) -> bool:
-        """Whether its own landed state is on the ground."""
         return bool(self.state.landed[self.row])
 
     @property
@@ -228,7 +225,6 @@ class Commander:
             self._intervene(mode)
 
     def lift_off(self) -> None:
-        """Take-off detected."""
         state, row = self.state, self.row
         state.landed[row], state.flown[row] = False, True
         state.airborne_since_s[row] = state.now_s
@@ -236,7 +232,6 @@ class Commander:
         self._report(INFO, "Takeoff detected")
 
     def touch_down(self) -> None:
-        """Landing detected."""
         state, row = self.state, self.row
         state.landed[row], state.landed_s[row] = True, state.now_s
         if state.armed[row]:

@@ -51,7 +51,6 @@ class Mode(Enum):
 
     @property
     def number(self) -> int:
-        """The mode in an array of modes."""
         return NUMBERS[self]
 
     @property
@@ -61,7 +60,6 @@ class Mode(Enum):
 
     @staticmethod
     def find(main: int, sub: int) -> Mode | None:
-        """The mode that DO_SET_MODE requests, or None."""
         for mode in Mode:
             if mode.value[0] == main and mode.value[1] == sub:
                 return mode
@@ -140,7 +138,6 @@ class Quirks:
 
 
 def quirk_names() -> tuple[str, ...]:
-    """All quirks, as on the command line."""
     return tuple(field.name.replace("_", "-") for field in fields(Quirks))
 
 
@@ -183,11 +180,9 @@ class Parameters:
             self.set(name, value)
 
     def __len__(self) -> int:
-        """How many parameters there are."""
         return len(defaults())
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is such a parameter."""
         return name in defaults()
 
     def __getitem__(self, name: str) -> Value:
@@ -196,7 +191,6 @@ class Parameters:
         return defaults()[name] if value is None else value
 
     def names(self) -> Iterable[str]:
-        """All names, in the order of their indices."""
         return defaults().keys()
 
     def set(self, name: str, value: Value) -> None:

@@ -61,7 +61,6 @@ class State:
         self._receive(count)
 
     def _boot(self, count: int) -> None:
-        """Create the clocks."""
         self.boot_s = np.zeros(count)
         self.clock_rate = np.ones(count)
         self.clock_offset_s = np.zeros(count)  # added to the boot clock by jumps
