@@ -2,9 +2,11 @@
 
 import asyncio
 import logging
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from threading import Condition, Thread
 from typing import ClassVar, Final, Generic, TypeVar
@@ -19,6 +21,42 @@ RETRY_S: Final = 1.0
 JOIN_S: Final = 5.0
 WAIT_S: Final = 1.0
 """Longest wait for a disk that hangs: `kept` then returns False."""
+
+
+class WholeFile:
+    """A new file to which each `append` writes all of its data, or nothing."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises: OSError; FileExistsError when there is such a file."""
+        self.path = path
+        self.size_bytes = 0
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+
+    @property
+    def is_open(self) -> bool:
+        """False also once the disk was gone: if it comes back, then with a new file."""
+        return self._file >= 0
+
+    def append(self, data: bytes | bytearray) -> None:
+        """Raises: OSError, on a full disk for instance: half a record would hide all that follow."""
+        written = 0
+        try:
+            while written < len(data):
+                written += os.write(self._file, data[written:])
+        except OSError:
+            try:
+                os.ftruncate(self._file, self.size_bytes)
+            except OSError:
+                with suppress(OSError):
+                    self.close()
+            raise
+        self.size_bytes += written
+
+    def close(self) -> None:
+        """Raises: OSError."""
+        file, self._file = self._file, -1
+        if file >= 0:
+            os.close(file)
 
 
 class DiskWriter(ABC, Generic[Item]):

@@ -4,7 +4,6 @@ A record is 8 bytes, big-endian, microseconds of Unix time, and the frame.
 """
 
 import logging
-import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -14,7 +13,7 @@ from struct import Struct
 from time import time as wall_time_s
 from typing import Final
 
-from gcs.links.disk_writer import DiskWriter
+from gcs.links.disk_writer import DiskWriter, WholeFile
 from gcs.links.link import Direction
 
 log = logging.getLogger(__name__)
@@ -44,8 +43,7 @@ class Recorder(DiskWriter[bytes]):
         self._clock = clock
         self._offset_s = 0.0
         self._newest_us = 0
-        self._file = -1
-        self._whole_bytes = 0
+        self._file: WholeFile | None = None
         self.path: Path | None = None  # the newest file, once it exists
 
     def open(self) -> None:
@@ -64,40 +62,23 @@ class Recorder(DiskWriter[bytes]):
 
     def _write(self, batch: Sequence[bytes]) -> None:
         if batch:
-            if self._file < 0:
-                self._create()
-            self._append(b"".join(batch))
+            if self._file is None or not self._file.is_open:
+                self._file = self._create()
+            self._file.append(b"".join(batch))
 
-    def _create(self) -> None:
+    def _create(self) -> WholeFile:
         self._folder.mkdir(parents=True, exist_ok=True)
         began = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
         for turn in range(1, 1000):
-            path = self._folder / f"{began}-{self._name}{'' if turn == 1 else f'-{turn}'}.tlog"
-            try:
-                self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
-            except FileExistsError:
-                continue
-            self.path, self._whole_bytes = path, 0
-            log.info("recording", extra={"file": str(path)})
-            return
+            self.path = self._folder / f"{began}-{self._name}{'' if turn == 1 else f'-{turn}'}.tlog"
+            with suppress(FileExistsError):
+                file = WholeFile(self.path)
+                log.info("recording", extra={"file": str(self.path)})
+                return file
         raise FileExistsError(f"{self._folder}: too many recordings of this second")
 
-    def _append(self, data: bytes) -> None:
-        """All of it or, on a full disk, nothing: half a record would hide all that follow."""
-        written = 0
-        try:
-            while written < len(data):
-                written += os.write(self._file, data[written:])
-        except OSError:
-            try:
-                os.ftruncate(self._file, self._whole_bytes)
-            except OSError:  # the disk itself is gone; if it comes back, then with a new file
-                self._end()
-            raise
-        self._whole_bytes += written
-
     def _end(self) -> None:
-        if self._file >= 0:
+        file, self._file = self._file, None
+        if file is not None:
             with suppress(OSError):
-                os.close(self._file)
-        self._file = -1
+                file.close()

@@ -6,7 +6,6 @@ begins.
 """
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import IO, Any, Final, NamedTuple, cast
 import numpy as np
 from mcap.writer import Writer
 
-from gcs.links.disk_writer import DiskWriter
+from gcs.links.disk_writer import DiskWriter, WholeFile
 from gcs.model.state import Mask
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import SCHEMAS, SHOW, as_json, stamp
@@ -154,38 +153,25 @@ class _OpenFile:
 
 
 class _Output:
-    """A new file that stores all bytes since the last flush, or none of them."""
+    """A new file for MCAP's writer: all bytes since the last flush are stored, or none of them."""
 
     def __init__(self, path: Path) -> None:
         """Raises: OSError."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
-        self._whole_bytes = 0
+        self._file = WholeFile(path)
         self._rest = bytearray()
+        self.close = self._file.close
 
     def write(self, data: bytes) -> int:
         self._rest += data
         return len(data)
 
     def tell(self) -> int:
-        return self._whole_bytes + len(self._rest)
+        return self._file.size_bytes + len(self._rest)
 
     def flush(self) -> None:
-        written = 0
-        try:
-            while written < len(self._rest):
-                written += os.write(self._file, self._rest[written:])
-        except OSError:
-            with suppress(OSError):
-                os.ftruncate(self._file, self._whole_bytes)
-            raise
-        self._whole_bytes += written
+        self._file.append(self._rest)
         self._rest.clear()
-
-    def close(self) -> None:
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
 
 
 def _free_name(folder: Path) -> Path:
