@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gcs.control.inputs import Memory, Task, TickInputs
+from gcs.control.detour import Scene, follow_detour
+from gcs.control.inputs import Detour, Memory, Task, TickInputs
 from gcs.formation.law import desired_center_velocity
+from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, advance_center, held_within, target_reach_m
-from gcs.formation.way import steer_center, way_ahead
+from gcs.formation.way import SIDE_KEPT, kept_sides
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
@@ -20,6 +22,7 @@ class Lead:
     radius_m: float
     engaged_time_s: Array  # (n,) when each vehicle joined, NaN outside the formation
     sides: dict[str, float]  # the side on which each obstacle is passed, LEFT or RIGHT, by obstacle id
+    detour: Detour | None  # the way round obstacles, None without any
 
 
 def move_center(now: TickInputs, memory: Memory) -> Lead:
@@ -34,12 +37,12 @@ def move_center(now: TickInputs, memory: Memory) -> Lead:
         center, position_m=center.position_m + now.dt_s * center.velocity_m_s
     )  # at the step's end
     sphere_m = max(radius_m, now.plan.formation.radius_m)
-    desired_m_s, sides = _around_obstacles(now, center, ahead, radius_m, memory)
+    desired_m_s, sides, detour = _around_obstacles(now, center, ahead, radius_m, memory)
     held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s)
     moved = advance_center(center, held_m_s, now.dt_s, now.settings.law.center_acceleration_max_m_s2)
     change_m = now.settings.radius_rate_m_s * now.dt_s
     wider_m = min(max(now.plan.formation.radius_m - radius_m, -change_m), change_m)
-    return Lead(moved, radius_m + wider_m, engaged_s, sides)
+    return Lead(moved, radius_m + wider_m, engaged_s, sides, detour)
 
 
 @kernel
@@ -56,10 +59,10 @@ def _without_drones(now: TickInputs, memory: Memory, engaged_s: Array) -> Lead:
     """Stop the centre while vehicles are expected back: a tick without telemetry does not end a formation."""
     expected = now.tasks.formation_waits or bool((now.tasks.task == Task.FORMATION).any())
     if memory.center is None or not expected:
-        return Lead(None, memory.radius_m, engaged_s, {})
+        return Lead(None, memory.radius_m, engaged_s, {}, None)
     acceleration_m_s2 = now.settings.law.center_acceleration_max_m_s2
     stopped = advance_center(memory.center, np.zeros(3), now.dt_s, acceleration_m_s2)
-    return Lead(stopped, memory.radius_m, memory.engaged_time_s, memory.sides)
+    return Lead(stopped, memory.radius_m, memory.engaged_time_s, memory.sides, memory.detour)
 
 
 def _begun(now: TickInputs) -> Center:
@@ -70,8 +73,8 @@ def _begun(now: TickInputs) -> Center:
 
 def _around_obstacles(
     now: TickInputs, center: Center, ahead: Center, radius_m: float, memory: Memory
-) -> tuple[Array, dict[str, float]]:
-    """The velocity (3,) for target, orbit and height, led around the obstacles, and the sides taken."""
+) -> tuple[Array, dict[str, float], Detour | None]:
+    """The velocity (3,) for target, orbit and height, led around the obstacles; sides taken; the detour."""
     fleet, plan, law, moves = now.fleet, now.plan, now.settings.law, now.tasks.center_moves
     fence_m, sphere_m = now.settings.safety.fence.distance_max_m, max(radius_m, plan.formation.radius_m)
     reach_m = target_reach_m(fence_m, plan.orbit.radius_m, sphere_m)
@@ -81,17 +84,19 @@ def _around_obstacles(
     if not moves:
         desired_m_s[:2] = 0.0
     if not now.ellipses:
-        return desired_m_s, {}
-    return steer_center(
+        return desired_m_s, {}, None
+    scene = Scene(now, center, sphere_m, reach_m, Outlines.of(now.ellipses))
+    led_m_s, detour = follow_detour(scene, desired_m_s, memory.detour)
+    sides = kept_sides(
+        scene.outlines,
         center.position_m,
-        desired_m_s,
+        led_m_s,
         now.position_m[now.rows],
-        now.ellipses,
         memory.sides,
-        law.avoidance,
-        radius_m=radius_m,
-        way=way_ahead(center.position_m, plan, fleet.time_s, moves=moves, reach_m=reach_m),
+        near_m=SIDE_KEPT * law.avoidance.lookahead_m,
+        tall=-center.position_m[2] - sphere_m < scene.outlines.top_height_m,
     )
+    return led_m_s, sides, detour
 
 
 def _inside_fence(now: TickInputs, ahead: Center, sphere_m: float, desired_m_s: Array) -> Array:

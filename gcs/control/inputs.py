@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
+from gcs.formation.route import Goal
 from gcs.model.jit import kernel
 from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
@@ -61,6 +62,22 @@ class Tasks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Detour:
+    """The planned way of the formation's centre past obstacles. It is planned anew twice a second."""
+
+    planned_s: float  # when
+    goal: Goal  # as it was then
+    corners: tuple[tuple[str, int], ...] = ()  # to pass, by obstacle id
+    reaches: bool = True  # False: no way to the goal is known
+    active: bool = False  # False: the law's own way is free
+    clear: float = 1.0  # share of the sphere that passes clear of every obstacle
+    height_m: float | None = None  # of the centre, above all obstacles on its way; None: the plan's
+    best_m: float = np.inf  # least length of the way since it gained on its goal
+    gained_s: float = 0.0  # when
+    held_by: str = ""  # the obstacle, once the centre has made no headway for the configured time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Memory:
     """State that one tick passes to the next. Rows as in FleetState. Owns its arrays."""
 
@@ -78,6 +95,7 @@ class Memory:
     pace: float  # share of the orbit's speed that the vehicles can keep up with
     sides: dict[str, float]
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
+    detour: Detour | None = None  # of the formation's centre round obstacles, None without any
 
     @staticmethod
     def fresh(count: int, time_s: float) -> "Memory":

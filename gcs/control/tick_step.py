@@ -13,6 +13,7 @@ from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
+from gcs.formation.route import warm_up as routes_warm_up
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
 from gcs.safety.filter import Surroundings, filter_velocities
@@ -85,6 +86,7 @@ def tick(
         pace=shaped.pace,
         sides=lead.sides,
         spin_rad_s=places.spin_rad_s,
+        detour=lead.detour,
     )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
     return Tick(setpoints, remembered, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
@@ -155,6 +157,7 @@ def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoint
 def warm_up() -> None:
     """Compile or load every kernel that a tick uses, so that nothing is compiled in flight."""
     safety_warm_up()
+    routes_warm_up()
     n, tower = 5, Obstacle("tower", 10.0, 0.0, 5.0, 5.0, 30.0)
     place_m = np.array(
         [[0.0, 0.0, -20.0], [4.0, 0.0, -20.0], [0.0, 4.0, -20.0], [8.0, 8.0, -9.0], [9.0, 0.0, -9.0]]

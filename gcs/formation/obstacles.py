@@ -7,8 +7,10 @@ circle, where tangents are simple; it keeps tangency, order along a line and sid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import sqrt
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from gcs.model.jit import kernel
 from gcs.model.plan import Obstacle
@@ -28,6 +30,8 @@ class AvoidanceSettings(Settings):
     center_lookahead_m: Positive = (
         60.0  # distance from which the formation's centre goes around, in a wide arc
     )
+    no_headway_s: Annotated[float, Field(ge=1.0, le=60.0)] = 6.0  # without gaining on its goal: an alarm
+    climbs: bool = True  # where no way leads round, the centre flies over, if the fence is high enough
     center_clearance: NotNegative = 1.0  # share of the sphere that its centre leads past; 0: the centre only
 
 

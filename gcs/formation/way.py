@@ -11,9 +11,7 @@ from math import inf
 import numpy as np
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
-from gcs.formation.orbit import followed_target
 from gcs.formation.steering import LEFT, RIGHT, contacts_m, level, steer_past, turns
-from gcs.model.plan import Plan
 from gcs.model.state import Array, Mask
 
 FORESEEN_S = 8.0
@@ -25,9 +23,6 @@ SLOWEST_M_S = 0.1
 SIDE_KEPT = 1.5
 """A side is kept within this many lookaheads of an obstacle."""
 
-SHORTEST_WAY_M = 20.0
-"""On an orbit smaller than this the centre looks farther ahead than its radius."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Way:
@@ -35,28 +30,6 @@ class Way:
 
     ends_m: Array | None  # (2,) where it comes to rest, if it does
     straight_m: float  # distance over which its desired velocity stays about the same
-
-
-def way_ahead(center_m: Array, plan: Plan, time_s: float, *, moves: bool, reach_m: float) -> Way:
-    """The path of a centre at (3,): to the target, round it, or none while it may not move.
-
-    Args:
-        center_m: show frame.
-        plan: target and orbit.
-        time_s: now.
-        moves: False while assembling.
-        reach_m: how far from the show's origin the target is followed (`gcs.formation.orbit`).
-    """
-    if not moves:
-        return Way(center_m[:2], 0.0)
-    if plan.orbit.radius_m > 0.0:
-        return Way(None, max(plan.orbit.radius_m, SHORTEST_WAY_M))
-    target_m, target_m_s = followed_target(
-        np.array(plan.target.position_m(time_s)), np.array(plan.target.velocity_m_s), reach_m
-    )
-    away_m = float(np.hypot(*(target_m - center_m[:2])))
-    goes_on_m = FORESEEN_S * float(np.hypot(*target_m_s))
-    return Way(target_m, away_m + goes_on_m)
 
 
 def steer_center(
@@ -114,6 +87,27 @@ def steer_center(
         kept[grown.names[met[0]]] = RIGHT if right > 0.0 else LEFT
     counts = {name for name, counting in zip(grown.names, ahead | near, strict=True) if counting}
     return np.append(chosen_m_s[0], desired_m_s[2]), {n: side for n, side in kept.items() if n in counts}
+
+
+def kept_sides(
+    outlines: Outlines,
+    center_m: Array,
+    velocity_m_s: Array,
+    drones_m: Array,
+    sides: Mapping[str, float],
+    *,
+    near_m: float,
+    tall: Mask,
+) -> dict[str, float]:
+    """Sides (LEFT, RIGHT by name) on which a centre at (3,) passes the `tall` (m,) outlines near its drones.
+
+    A side is kept while one of the drones (n, 3) is within `near_m` of the outline.
+    """
+    near = tall & (outlines.nearest_m(drones_m) < near_m)
+    passing_m_s = np.hypot(*(velocity_m_s[:2] - outlines.velocity_m_s).T) > SLOWEST_M_S
+    taken = _sides_taken(outlines, center_m, velocity_m_s[:2], near & passing_m_s)
+    counts = {name for name, counting in zip(outlines.names, near, strict=True) if counting}
+    return {name: side for name, side in (taken | dict(sides)).items() if name in counts}
 
 
 def _sides_taken(outlines: Outlines, center_m: Array, velocity_m_s: Array, ahead: Mask) -> dict[str, float]:

@@ -129,7 +129,7 @@ class SimulatedFlight:
                 for box, (x_m, y_m) in zip(self.plan.obstacles, places_m, strict=True)
             )
         )
-        record.held_by.append("")
+        record.held_by.append("" if memory.detour is None else memory.detour.held_by)
         record.limited.append(len(decided.limited_by) - decided.limited_by.count(""))
 
     def _closest_m(self, position_m: Array) -> float:

@@ -7,8 +7,8 @@ import pytest
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
 from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, tangent
-from gcs.formation.way import Way, steer_center, way_ahead
-from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.formation.way import Way, steer_center
+from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from tests.support.law_fleets import met_m, tangent_of
 
@@ -319,21 +319,6 @@ def test_hovering_formation_avoids_only_approaching_obstacles() -> None:
     assert sides == {"c": RIGHT}
     going = Ellipse(-30.0, 3.0, 5.0, 5.0, 100.0, -1.5, 0.0)
     assert led(center, np.zeros(3), {"c": going}, way=here)[0].tolist() == [0.0, 0.0, 0.0]
-
-
-def test_path_ahead_ends_at_the_target_or_is_none_in_assembly() -> None:
-    plan = Plan(Formation(10.0, 20.0), Orbit(0.0, 2.0), Target(30.0, 40.0))
-    center = np.array([0.0, 0.0, -20.0])
-    way = way_ahead(center, plan, 0.0, moves=True, reach_m=200.0)
-    assert way.ends_m is not None
-    assert way.ends_m.tolist() == [30.0, 40.0]
-    assert way.straight_m == pytest.approx(50.0)
-    waiting = way_ahead(center, plan, 0.0, moves=False, reach_m=200.0)
-    assert waiting.straight_m == 0.0
-    round_it = Plan(Formation(10.0, 20.0), Orbit(30.0, 2.0), Target(30.0, 40.0))
-    circling = way_ahead(center, round_it, 0.0, moves=True, reach_m=200.0)
-    assert circling.ends_m is None
-    assert circling.straight_m == 30.0
 
 
 def test_obstacles_out_of_reach_cost_and_change_nothing() -> None:
