@@ -91,7 +91,7 @@ class Fleet:
         self._response = dynamics.Response(drag_per_s=settings.drag_per_s)
         self.wind_m_s = np.tile(np.array(settings.wind_m_s, dtype=np.float64), (settings.count, 1))
         origin = settings.origin
-        self._tangent = Tangent(origin.latitude_deg, origin.longitude_deg, origin.altitude_amsl_m)
+        self.geodetic = Tangent(origin.latitude_deg, origin.longitude_deg, origin.altitude_amsl_m).geodetic
         count, indices = settings.count, range(settings.first, settings.first + settings.count)
         self.bodies = dynamics.PointMasses.at(_grid_m(settings))
         self._random = np.random.default_rng(
@@ -195,10 +195,6 @@ class Fleet:
         self.state.sequence[row] = 0
         self.autopilots[row].forget()
         self._schedule.start(row, self.time_s + off_s, self._randoms[row])
-
-    def geodetic(self, position_m: Array) -> Array:
-        """(n, 3) common NED to (n, 3): latitude and longitude in degrees, altitude AMSL in metres."""
-        return self._tangent.geodetic(position_m)
 
     def _boot(self, row: int, now_s: float) -> None:
         state, random, quirks = self.state, self._randoms[row], self.settings.quirks

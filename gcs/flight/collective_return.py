@@ -41,7 +41,7 @@ class CollectiveReturn:
         self._places: list[int] = []  # rows of FleetState, in the plan's order
         self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
         self._is_off = False  # no plan: the vehicles return one by one
-        self._problem = ""
+        self.problem = ""  # why the planner failed and what follows
         self._planned: Future[ReturnPaths] | None = None
         self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
@@ -52,11 +52,6 @@ class CollectiveReturn:
     def is_planned(self) -> bool:
         """Whether the plan is found and flown."""
         return self._progress is not None
-
-    @property
-    def problem(self) -> str:
-        """Why the planner failed and what follows; empty if it did not fail."""
-        return self._problem
 
     @property
     def left_s(self) -> float | None:
@@ -112,8 +107,8 @@ class CollectiveReturn:
     def _fail(self, error: BaseException) -> None:
         self._is_off = True
         detail = f": {cut(str(error))}" if str(error) else ""
-        self._problem = f"the planner failed with {type(error).__name__}{detail}"
-        log.error("return_planner_failed", extra={"reason": self._problem}, exc_info=error)
+        self.problem = f"the planner failed with {type(error).__name__}{detail}"
+        log.error("return_planner_failed", extra={"reason": self.problem}, exc_info=error)
 
     def _flown(self) -> Mask:
         """(n,) Which vehicles follow the plan."""

@@ -221,7 +221,7 @@ class Commander(VehicleCommands):
         def missed(vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
             self.flight.book.close(record.id, vehicle.id, outcome, reason)
 
-        self.recovery.expect(later, reached, missed, reaches_fallen=reclaim)
+        self.recovery.awaited.expect(later, reached, missed, reaches_fallen=reclaim)
 
     def _closer(self, record: CommandRecord, vehicle: Vehicle) -> Done:
         """Return a function that closes the vehicle's part, except if a stall has only delayed it."""
@@ -320,7 +320,7 @@ class Commander(VehicleCommands):
             raise RefusedError("no vehicle is in formation: use take-over where it is offered, or join")
         flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
         self._commanded = ShowEvent.RESUME
-        self.recovery.replace()
+        self.recovery.awaited.replace()
         return self._done("resume")
 
     def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> CommandRecord:

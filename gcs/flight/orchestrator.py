@@ -153,7 +153,7 @@ class Orchestrator:
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.setpoint_timeout_s:
             self._progress.stalled(gap_s)
-        self._progress.watch()
+        self._progress.telemetry_monitor.look()
         self.player.lead()
         result = self._decide()
         flight.memory = result.memory
@@ -172,7 +172,7 @@ class Orchestrator:
         links = self._flight.links
         recorded = () if self._record is None else self._record.problems
         return Findings(
-            failsafes=self._progress.failsafes,
+            failsafes=self._progress.failsafe_monitor.active,
             obstacles_wait=self.player.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
@@ -222,7 +222,7 @@ class Orchestrator:
             estimates=self._estimating.newest,
             unix_time_s=self._flight.unix_s(),
             start_unix_s=self._start_unix_s,
-            failsafes=self._progress.failsafes,
+            failsafes=self._progress.failsafe_monitor.active,
             interrupted=self.recovery.view(),
             alarms=self.alarms.alarms,
         )

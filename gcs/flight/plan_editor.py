@@ -14,7 +14,6 @@ from gcs.model.lifecycle import ON_THE_GROUND, Phase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target, Yaw, plan_of
 from gcs.planning.feasibility import (
     check_formation,
-    check_obstacle,
     check_orbit,
     check_radius,
     check_target,
@@ -109,16 +108,8 @@ class PlanEditor:
             vehicle.id: vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
             for vehicle in self._taking_part()
         }
-        check_obstacle(
-            obstacle,
-            flight.control.law.avoidance,
-            {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
-            {name: place_m for name, place_m in comes_down_m.items() if place_m is not None},
-            velocities_m_s={
-                vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in flight.airborne
-            },
-            braking=flight.control.safety.braking,
-        )
+        known_m = {name: place_m for name, place_m in comes_down_m.items() if place_m is not None}
+        self.show_player.check_obstacle(obstacle, known_m)
         others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
         self._set_obstacles([*others, obstacle])
 

@@ -7,7 +7,7 @@ Both are an `Interruption`.
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final
@@ -24,7 +24,7 @@ from gcs.flight.refusals import (
     with_alternative,
 )
 from gcs.flight.show_player import ShowPlayer
-from gcs.flight.stall_recovery import REPLACED, AwaitedVehicles, Missed, Reached, Stall, StallRecovery
+from gcs.flight.stall_recovery import REPLACED, AwaitedVehicles, Stall, StallRecovery
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import (
@@ -74,8 +74,8 @@ class Recovery:
         self._sent_on: set[VehicleId] = set()
         self._no_plan = ""  # why the formation cannot go on
         self._plans = RestoredPlan(self.flight, self.show_player)
-        self._stalls = StallRecovery(self.flight)
-        self._awaited = AwaitedVehicles(self.flight, self.maneuvers, asyncio.get_running_loop().time)
+        self.stalls = StallRecovery(self.flight)
+        self.awaited = AwaitedVehicles(self.flight, self.maneuvers, asyncio.get_running_loop().time)
         self._regained: set[VehicleId] = set()  # vehicles of the interruption that were under control since
         if self.found is not None:
             self._restore_pads(self.found)
@@ -96,20 +96,10 @@ class Recovery:
             reported = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
             log.warning("found_interrupted", extra=reported)
 
-    # stall
-
-    def note_setpoints(self) -> None:
-        """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
-        self._stalls.note_setpoints()
-
-    def stalled(self, gap_s: float) -> None:
-        """Note that no tick came for `gap_s`; to be called before telemetry changes phases."""
-        self._stalls.stalled(gap_s)
-
     def _explain(self, stall: Stall) -> None:
         """Add the vehicles that the stall took out of control to the interruption."""
         known = set() if self.found is None else self.found.vehicles.keys() - self._regained
-        fallen = self._stalls.fallen(known)
+        fallen = self.stalls.fallen(known)
         if not fallen:
             return
         self._regained -= fallen.keys()
@@ -126,17 +116,17 @@ class Recovery:
         for name in fallen:
             vehicle = self.flight.vehicles[name]
             if not self.maneuvers.running(vehicle):
-                self._awaited.falls(vehicle, stall.since_s)
+                self.awaited.falls(vehicle, stall.since_s)
 
     def reaches_again(self, vehicle: Vehicle) -> bool:
         """Whether the stall has just ended a command of `vehicle` that was given after it.
 
         Such a command is not over: it reaches the vehicle again once the vehicle's mode is explained.
         """
-        stall = self._stalls.stall
+        stall = self.stalls.stall
         if stall is None or vehicle.phase is not Phase.PILOT or vehicle.id not in stall.flown.vehicles:
             return False
-        return self._awaited.falls(vehicle, stall.since_s)
+        return self.awaited.falls(vehicle, stall.since_s)
 
     @property
     def reclaimable(self) -> list[Vehicle]:
@@ -169,16 +159,6 @@ class Recovery:
         vehicles = [self.flight.vehicles[name] for name in self.found.vehicles]
         return [one for one in vehicles if one.phase is Phase.OFFLINE]
 
-    def expect(
-        self, vehicles: Sequence[Vehicle], reached: Reached, missed: Missed, *, reaches_fallen: bool = True
-    ) -> None:
-        """Await `vehicles`, of `unreceived`, for a fleet-wide command; see `AwaitedVehicles.expect`."""
-        self._awaited.expect(vehicles, reached, missed, reaches_fallen=reaches_fallen)
-
-    def replace(self) -> None:
-        """Note a command that awaits no vehicle."""
-        self._awaited.replace()
-
     def _receive(self) -> None:
         shown = self.view()
         texts = {} if shown is None else {one.id: one.text for one in shown.vehicles}
@@ -187,20 +167,20 @@ class Recovery:
             why = self.why_not(vehicle) if vehicle.phase is Phase.PILOT else ""
             return why or texts.get(vehicle.id, vehicle.reason)
 
-        self._awaited.receive({one.id for one in self.reclaimable}, why_missed)
+        self.awaited.receive({one.id for one in self.reclaimable}, why_missed)
 
     # once a tick
 
     def advance(self) -> None:
         """Continue a batch whose vehicles hold, and forget interruptions that are settled."""
-        stall = self._stalls.stall
+        stall = self.stalls.stall
         if stall is not None:
             self._explain(stall)
-        self._stalls.expire()
+        self.stalls.expire()
         found, batch = self.found, self._batch
         if found is not None:
             self._keep_true(found)
-        if self._awaited.any:
+        if self.awaited.any:
             self._receive()
         if batch is not None and not batch.awaited:
             self._batch = None
@@ -229,7 +209,7 @@ class Recovery:
 
     def _all_settled(self, found: Interruption) -> bool:
         """Whether no vehicle is unreceived, waits for a command, or is handed back but not sent on."""
-        if self._batch is not None or self._awaited.any:
+        if self._batch is not None or self.awaited.any:
             return False
         open_phases = {Phase.OFFLINE, Phase.PILOT, Phase.HOLD}
         left = [one for name in found.vehicles if (one := self.flight.vehicles.get(name)) is not None]
@@ -306,7 +286,7 @@ class Recovery:
         batch = _Batch([record], set(meant))
         self._batch = batch
         take_one, note = partial(self._take_one, batch), partial(self._note, batch)
-        self.expect(unreceived, take_one, note, reaches_fallen=False)
+        self.awaited.expect(unreceived, take_one, note, reaches_fallen=False)
         for vehicle in chosen:
             if vehicle.phase is Phase.PILOT:
                 self._take_one(batch, vehicle)

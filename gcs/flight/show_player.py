@@ -1,7 +1,7 @@
 """Selects shows, and updates the plan from the selected show every tick."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 
@@ -12,7 +12,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, Target
-from gcs.model.state import VehicleId
+from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_obstacle, check_target
 from gcs.service import SelectedShow
 from gcs.shows import Flaw, Show, ShowClock, Timeline
@@ -213,20 +213,25 @@ class ShowPlayer:
         self.waits = tuple(waits)
         flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
 
+    def check_obstacle(self, box: Obstacle, comes_down_m: Mapping[VehicleId, Array]) -> None:
+        """Check that an obstacle can stand now, clear of the airborne vehicles and of places (3,) to land at.
+
+        Raises: RefusedError.
+        """
+        flight, airborne = self.flight, self.flight.airborne
+        check_obstacle(
+            box,
+            flight.control.law.avoidance,
+            {vehicle.id: flight.position_m(vehicle) for vehicle in airborne},
+            comes_down_m,
+            velocities_m_s={vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in airborne},
+            braking=flight.control.safety.braking,
+        )
+
     def _in_the_way(self, box: Obstacle) -> str:
         """Why an obstacle of the show cannot appear now; empty when it can."""
-        flight = self.flight
         try:
-            check_obstacle(
-                box,
-                flight.control.law.avoidance,
-                {vehicle.id: flight.position_m(vehicle) for vehicle in flight.airborne},
-                {},
-                velocities_m_s={
-                    vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in flight.airborne
-                },
-                braking=flight.control.safety.braking,
-            )
+            self.check_obstacle(box, {})
         except RefusedError as error:
             return f"{error}; it waits"
         return ""

@@ -19,7 +19,6 @@ from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
 from gcs.model.preflight_report import joined
 from gcs.model.state import Whereabouts
-from gcs.service import ActiveFailsafe
 
 log = logging.getLogger(__name__)
 
@@ -42,26 +41,15 @@ class ShowProgress:
     clock: TickClock
 
     def __post_init__(self) -> None:
-        self._telemetry_monitor = TelemetryMonitor(
-            self.flight, self.maneuvers, self.parameter_reader, self._come_back
-        )
-        self._failsafe_monitor = FailsafeMonitor(
+        self.telemetry_monitor = TelemetryMonitor(self.flight, self.maneuvers, self._come_back)
+        self.failsafe_monitor = FailsafeMonitor(
             self.flight, self.show_player, self.clock, self.commander, self.maneuvers.running
         )
 
-    @property
-    def failsafes(self) -> tuple[ActiveFailsafe, ...]:
-        """Failsafes whose causes last, most severe first."""
-        return self._failsafe_monitor.active
-
     def stalled(self, gap_s: float) -> None:
         """Note that no tick came for `gap_s`, longer than any setpoint lives: control may have been lost."""
-        self.commander.recovery.stalled(gap_s)
-        self._telemetry_monitor.resume()
-
-    def watch(self) -> None:
-        """Let the telemetry change phases, and end maneuvers that no longer apply."""
-        self._telemetry_monitor.look()
+        self.commander.recovery.stalls.stalled(gap_s)
+        self.telemetry_monitor.resume()
 
     async def _come_back(self, vehicle: Vehicle) -> None:
         """Take control through HOLD, then join the formation, return or land, as the other vehicles do.
@@ -101,8 +89,8 @@ class ShowProgress:
     def advance(self) -> None:
         """Advance the show: all have taken off, all are assembled, all have landed."""
         flight = self.flight
-        self._telemetry_monitor.inspect()
-        self._failsafe_monitor.look()
+        self.parameter_reader.watch(flight.newest())  # starts the reads that are due
+        self.failsafe_monitor.look()
         self.commander.starting.count_down()
         if self.commander.collective_return is not None:
             self.commander.collective_return.advance()
@@ -119,7 +107,7 @@ class ShowProgress:
         elif flight.show_run is not None and flight.show_run.is_over(flight.fleet.time_s):
             reason = f"show {flight.show_run.name!r} is over: all vehicles return home"
             self.commander.end_show(reason)
-        self.commander.recovery.note_setpoints()
+        self.commander.recovery.stalls.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
         """Continue with the vehicles that are airborne, if any."""

@@ -71,12 +71,7 @@ class StallRecovery:
 
     def __post_init__(self) -> None:
         self._flown = _Flown(self.flight.show, self.flight.reason, {})
-        self._stall: Stall | None = None
-
-    @property
-    def stall(self) -> Stall | None:
-        """Newest stall while it explains modes."""
-        return self._stall
+        self.stall: Stall | None = None  # the newest, while it explains modes
 
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
@@ -111,7 +106,7 @@ class StallRecovery:
             plan=None,
             stalled_s=gap_s,
         )
-        self._stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
+        self.stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
 
     def _written(self) -> Written | None:
         show_run = self.flight.show_run
@@ -122,12 +117,12 @@ class StallRecovery:
 
     def expire(self) -> None:
         """Forget a stall that no longer explains modes; called once a tick."""
-        if self._stall is not None and self.flight.fleet.time_s > self._stall.until_s:
-            self._stall = None
+        if self.stall is not None and self.flight.fleet.time_s > self.stall.until_s:
+            self.stall = None
 
     def fallen(self, known: Collection[VehicleId]) -> dict[VehicleId, Before]:
         """Return vehicles that the stall took out of control, without those already `known`."""
-        stall, flight = self._stall, self.flight
+        stall, flight = self.stall, self.flight
         if stall is None:
             return {}
         action, fallen = flight.config.operation.setpoint_loss_action, {}

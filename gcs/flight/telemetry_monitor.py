@@ -10,7 +10,6 @@ from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, are_s
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Columns, Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers
-from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.vehicle import Explanation, Vehicle, VehicleStatus
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
 from gcs.model.state import Array, Mask, Mode
@@ -27,7 +26,6 @@ class TelemetryMonitor:
 
     flight: Fleet
     maneuvers: Maneuvers
-    parameter_reader: ParameterReader
     come_back: Maneuver
     _resumed_s: float = -np.inf  # after a stall; messages of that time may not be read yet
     _calm: tuple[object, ...] | None = None  # state in which no vehicle needed inspection
@@ -58,10 +56,6 @@ class TelemetryMonitor:
                 all_calm = False
                 self._look_at(vehicle, telemetry_of)
         self._calm = state if all_calm else None
-
-    def inspect(self) -> None:
-        """Start the parameter reads that are due; called once a tick, later than `look`."""
-        self.parameter_reader.watch(self.flight.newest())
 
     def _judge(self, now_s: float, telemetry_of: Columns, known: Mask) -> Mask:
         """Judge which vehicles are silent, and keep the positions of the others.

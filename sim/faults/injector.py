@@ -133,14 +133,10 @@ class FaultInjector:
     def __init__(self, fleet: Fleet) -> None:
         """Begin without faults. Random numbers follow from the fleet's seed and each vehicle's index."""
         self._fleet = fleet
-        self._channels: dict[int, Channel[Origin]] = {}
+        self.broken: dict[int, Channel[Origin]] = {}  # the links with faults, by row
         self._ends: dict[tuple[int, str], float] = {}
         self.changes = 0
         """How often the set of links with faults has changed."""
-
-    @property
-    def broken(self) -> Mapping[int, Channel[Origin]]:
-        return self._channels
 
     def obey(self, line: str | bytes) -> str:
         """Execute one line of JSON.
@@ -196,11 +192,11 @@ class FaultInjector:
         return took
 
     def _break_link(self, row: int, fault: str, values: Mapping[str, Value]) -> bool:
-        channel = self._channels.get(row)
+        channel = self.broken.get(row)
         if channel is None:
             settings = self._fleet.settings
             seeds = np.random.SeedSequence(settings.seed, spawn_key=(settings.first + row, FAULT_SEED))
-            channel = self._channels[row] = Channel(np.random.default_rng(seeds))
+            channel = self.broken[row] = Channel(np.random.default_rng(seeds))
             self.changes += 1
         if fault == "jam":
             channel.jammer.rate_hz = float(values["rate_hz"])
@@ -293,7 +289,7 @@ class FaultInjector:
         return True
 
     def _fix(self, row: int) -> None:
-        if self._channels.pop(row, None) is not None:
+        if self.broken.pop(row, None) is not None:
             self.changes += 1
         for fault in ("gps-jump", "gps-freeze", *REPORTED, "wind", "stuck-mode", "pilot"):
             self._end(row, fault)
@@ -303,7 +299,7 @@ class FaultInjector:
     def _end(self, row: int, fault: str) -> None:
         self._ends.pop((row, fault), None)
         state = self._fleet.state
-        channel = self._channels.get(row)
+        channel = self.broken.get(row)
         if channel is not None and fault in LINK_FAULTS:
             channel.jammer.rate_hz *= fault != "jam"
             for faults in channel.ways.values():

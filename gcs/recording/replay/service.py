@@ -29,7 +29,6 @@ from gcs.service import (
     Latest,
     NoAudit,
     Playback,
-    ReplayMarks,
     ReportState,
     SelectedShow,
     StoredShow,
@@ -177,12 +176,13 @@ class Replay:
         self._event_history = EventHistory.of(data.path, data.about.session)
         self._report_task = ReportTask((data.path, *truths))
         self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
-        self._marks = self._event_history.marks(self._began_s, self._head.duration_s)
+        self.marks = self._event_history.marks(self._began_s, self._head.duration_s)
         self._skips_idle = True
         self._sought = False  # another position is requested
         self._changed = asyncio.Event()
         self._ended = False
         self._moment, self._shown_s = first, self._now_s()
+        self.events = self.replaying = self  # its own events, and its own controls
         self.view = Latest(self._state(first, self._shown_s, ended=False))
         refusal = f"this is a replay of {data.path}: nothing can be commanded or changed"
         self.audit: Audit = NoAudit()
@@ -230,7 +230,7 @@ class Replay:
         if not self._skips_idle or self._head.paused or self._sought:
             return
         at_s = sample.unix_s - self._began_s
-        for span in self._marks.idle:
+        for span in self.marks.idle:
             if span.from_s <= at_s < span.until_s:
                 self._head.change(self._now_s(), paused=None, speed=None, position_s=span.until_s)
                 self._sought = True
@@ -254,10 +254,6 @@ class Replay:
         return asyncio.get_running_loop().time()
 
     @property
-    def replaying(self) -> "Replay":
-        return self
-
-    @property
     def playback(self) -> Playback:
         position_s = self._moment.unix_s - self._began_s
         if self._sought:
@@ -276,10 +272,6 @@ class Replay:
             ended,
             self._skips_idle,
         )
-
-    @property
-    def marks(self) -> ReplayMarks:
-        return self._marks
 
     def change(
         self,
@@ -300,10 +292,6 @@ class Replay:
 
     def make_flight_report(self) -> ReportState:
         return self._report_task.state()
-
-    @property
-    def events(self) -> "Replay":
-        return self
 
     def newest(self) -> Sequence[LogEvent]:
         """Events up to the shown time."""
