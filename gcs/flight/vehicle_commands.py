@@ -83,18 +83,7 @@ class VehicleCommands:
             record = self.flight.book.open(action, [vehicle.id], {})
             self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
             return self.flight.book.get(record.id)
-        if action is VehicleAction.JOIN:
-            self.check_room([vehicle])
-        maneuvers: dict[VehicleAction, Maneuver] = {
-            VehicleAction.HOLD: self.maneuvers.hold,
-            VehicleAction.JOIN: self.maneuvers.join,
-            VehicleAction.RETURN: self.maneuvers.come_home,
-            VehicleAction.TAKE_CONTROL: self.maneuvers.take_control,
-        }
-        if action is VehicleAction.LAND:
-            place_m = landing_sites_m(self.flight, [vehicle])[vehicle.id]
-            return self._send(vehicle, self.maneuvers.descend(place_m), action)
-        return self._send(vehicle, maneuvers[action], action)
+        return self._command_each([vehicle], action, {})
 
     def _require(self, vehicle: Vehicle, action: VehicleAction) -> None:
         """Check that the vehicle accepts the command now. Raises: RefusedError naming the vehicle."""
@@ -132,15 +121,20 @@ class VehicleCommands:
         if not chosen:
             reasons = "; ".join(left_out.values()) or "no vehicle is airborne"
             raise RefusedError(f"{action} reaches no vehicle: {reasons}")
+        return self._command_each(chosen, action, left_out)
+
+    def _command_each(
+        self, chosen: Sequence[Vehicle], action: VehicleAction, left_out: Mapping[VehicleId, str]
+    ) -> CommandRecord:
         if action is VehicleAction.JOIN:
             self.check_room(chosen)
-        if action in {VehicleAction.JOIN, VehicleAction.TAKE_CONTROL}:
-            maneuver = self.maneuvers.join if action is VehicleAction.JOIN else self.maneuvers.take_control
-            record = self.flight.book.open(action, [vehicle.id for vehicle in chosen], left_out)
-            for vehicle in chosen:
-                self.maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
-            return record
-        return self.command_some(chosen, action, left_out)
+        if action not in {VehicleAction.JOIN, VehicleAction.TAKE_CONTROL}:
+            return self.command_some(chosen, action, left_out)
+        maneuver = self.maneuvers.join if action is VehicleAction.JOIN else self.maneuvers.take_control
+        record = self.flight.book.open(action, [vehicle.id for vehicle in chosen], left_out)
+        for vehicle in chosen:
+            self.maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
+        return record
 
     def _reached(
         self, action: VehicleAction, meant: Sequence[Vehicle], *, named: bool
@@ -171,8 +165,8 @@ class VehicleCommands:
         left_out: Mapping[VehicleId, str] = MappingProxyType({}),
     ) -> CommandRecord:
         """Give one command to several vehicles that accept it: hold, return or land, each to its own site."""
-        homeless = action is VehicleAction.RETURN
-        places_m = landing_sites_m(self.flight, [v for v in vehicles if not homeless or v.home_m is None])
+        landing = [v for v in vehicles if action is VehicleAction.LAND or v.home_m is None]
+        places_m = {} if action is VehicleAction.HOLD else landing_sites_m(self.flight, landing)
         record = self.flight.book.open(action, [vehicle.id for vehicle in vehicles], left_out)
         for vehicle in vehicles:
             maneuver: Maneuver = self.maneuvers.hold
@@ -223,8 +217,3 @@ class VehicleCommands:
             await self.flight.execute(Command(vehicle.id, Verb.KILL))
         except CommandError as error:
             raise RefusedError(f"the kill was sent, but not seen to work: {error}") from None
-
-    def _send(self, vehicle: Vehicle, maneuver: Maneuver, action: str) -> CommandRecord:
-        record = self.flight.book.open(action, [vehicle.id], {})
-        self.maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
-        return record

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import InitVar, dataclass
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,7 @@ NOWHERE: Final = -1
 """The source of a vehicle without an address."""
 
 
+@dataclass(eq=False)
 class Addresses:
     """The source of every vehicle, rows as on the link.
 
@@ -32,20 +34,15 @@ class Addresses:
         received_s: (n,) arrival of its newest frame, -inf before.
     """
 
-    def __init__(
-        self,
-        name: str,
-        system_ids: Sequence[int],
-        address_of: Callable[[int], Address],
-        counters: Counters,
-        clock: Callable[[], float],
-    ) -> None:
+    name: str
+    system_ids: InitVar[Sequence[int]]
+    address_of: Callable[[int], Address]
+    counters: Counters
+    clock: Callable[[], float]
+
+    def __post_init__(self, system_ids: Sequence[int]) -> None:
         self.source: Whole = np.full(len(system_ids), NOWHERE, np.int64)
         self.received_s: Array = np.full(len(system_ids), -np.inf)
-        self._name = name
-        self._address_of = address_of
-        self._counters = counters
-        self._clock = clock
         self._conflicts: dict[int, tuple[str, float]] = {}  # by row: the text, and when it was last true
         self._row_of = np.full(256, NOWHERE, np.int64)
         self._row_of[list(system_ids)] = np.arange(len(system_ids))
@@ -53,13 +50,13 @@ class Addresses:
 
     def conflicts(self) -> Mapping[int, str]:
         """Rows with recent frames of their system id from two addresses, both named in the text."""
-        since_s = self._clock() - CONFLICT_KEPT_S
+        since_s = self.clock() - CONFLICT_KEPT_S
         return {row: text for row, (text, time_s) in self._conflicts.items() if time_s >= since_s}
 
     def address(self, row: int) -> Address | None:
         """Source of the vehicle's newest frame; None before the first."""
         source = int(self.source[row])
-        return None if source == NOWHERE else self._address_of(source)
+        return None if source == NOWHERE else self.address_of(source)
 
     def forget(self, sources: Iterable[int]) -> None:
         """Remove sources whose connection ended. Their systems may come back from any address at once."""
@@ -86,10 +83,10 @@ class Addresses:
 
     def _judge_new(self, row: int, system_id: int, source: int, time_s: float) -> bool:
         """Whether a frame from an address new for its system is accepted. Each change is logged."""
-        address = self._address_of(source)
-        about = {"link": self._name, "system_id": system_id, "address": str(address)}
+        address = self.address_of(source)
+        about = {"link": self.name, "system_id": system_id, "address": str(address)}
         if row == NOWHERE:
-            self._counters.strangers += 1
+            self.counters.strangers += 1
             stranger = (system_id, address.host)
             if stranger not in self._strangers and len(self._strangers) < _STRANGERS_LOGGED_MAX:
                 self._strangers.add(stranger)
@@ -110,7 +107,7 @@ class Addresses:
         return True
 
     def _note_duplicate(self, row: int, text: str, time_s: float, about: Mapping[str, object]) -> None:
-        self._counters.duplicates += 1
+        self.counters.duplicates += 1
         before, before_s = self._conflicts.get(row, ("", -np.inf))
         self._conflicts[row] = text, time_s
         if before != text or time_s - before_s > CONFLICT_KEPT_S:

@@ -4,6 +4,7 @@ One interval after the other, since the acknowledgement does not name the messag
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import InitVar, dataclass
 from typing import Final
 
 import numpy as np
@@ -53,26 +54,21 @@ def desired_rates(streams: StreamSettings) -> dict[int, float]:
     }
 
 
+@dataclass(eq=False)
 class StreamRequests:
     """State of the requests to each of n vehicles. Rows as on the link, columns: messages of `rates_hz`."""
 
-    def __init__(
-        self, system_ids: Whole, rates_hz: Mapping[int, float], send: Callable[[int, Records, Whole], object]
-    ) -> None:
-        """Nothing is requested yet.
+    system_ids: Whole  # (n,) of the vehicles
+    rates_hz: InitVar[Mapping[int, float]]  # by message id, 0 for not at all
+    # sends messages of one kind to rows, from `REQUESTING_COMPONENT`
+    send: Callable[[int, Records, Whole], object]
 
-        Args:
-            system_ids: (n,) of the vehicles.
-            rates_hz: by message id, 0 for not at all.
-            send: sends messages of one kind to rows, from `REQUESTING_COMPONENT`.
-        """
-        n, kinds = len(system_ids), len(rates_hz)
+    def __post_init__(self, rates_hz: Mapping[int, float]) -> None:
+        n, kinds = len(self.system_ids), len(rates_hz)
         self._message = np.array(list(rates_hz), np.int64)
         self._sorter = np.argsort(self._message)
         self._rate_hz = np.array(list(rates_hz.values()))
         self._interval_us = np.where(self._rate_hz > 0, 1e6 / np.maximum(self._rate_hz, 1e-9), -1.0)
-        self._system_ids = system_ids
-        self._send = send
         self._due: Mask = np.zeros((n, kinds), np.bool_)  # intervals still to be requested
         self._tries = np.zeros(n, np.int64)
         self._requested_s = np.full(n, -np.inf)
@@ -133,12 +129,12 @@ class StreamRequests:
             return
         column = self._due[rows].argmax(axis=1)
         messages = records(framing.COMMAND_LONG, len(rows))
-        messages["target_system"] = self._system_ids[rows]
+        messages["target_system"] = self.system_ids[rows]
         messages["target_component"] = _AUTOPILOT_COMPONENT
         messages["command"] = framing.SET_MESSAGE_INTERVAL
         messages["confirmation"] = self._tries[rows]
         messages["param1"], messages["param2"] = self._message[column], self._interval_us[column]
-        self._send(framing.COMMAND_LONG, messages, rows)
+        self.send(framing.COMMAND_LONG, messages, rows)
         self._tries[rows] += 1
         self._requested_s[rows] = now_s
 

@@ -49,6 +49,12 @@ class Trajectories:
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
 
 
+UNKNOWN: Final = dict.fromkeys(("position_m", "velocity_m_s", "setpoint_m_s"), np.nan) | {
+    "uncertainty_m": 0.0,
+    **dict.fromkeys(("airborne", "flown", "formed"), False),
+}
+"""Values of an unknown sample in `Trajectories`."""
+
 GAPS_REPORTED: Final = 20
 GAP_S: Final = 1.0
 """Between two samples farther apart than this the path is unknown."""
@@ -164,32 +170,24 @@ def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> li
 
 def _with_gaps(trajectories: Trajectories, before: Sequence[int]) -> Trajectories:
     """Insert an unknown sample before each of these, so that no straight path is assumed."""
+    missing = tuple(text for text in trajectories.missing if text)
     if not before:
-        return replace(trajectories, missing=tuple(text for text in trajectories.missing if text))
-    time_s = np.insert(
-        trajectories.time_s,
-        before,
-        [(trajectories.time_s[at - 1] + trajectories.time_s[at]) / 2.0 for at in before],
-    )
-
-    def unknown(values: Any, nothing: float) -> Any:
-        return None if values is None else np.insert(values, before, nothing, axis=0)
-
-    held_at = trajectories.held_at
+        return replace(trajectories, missing=missing)
+    time_s, held_at = trajectories.time_s, trajectories.held_at
+    middle_s = [(time_s[at - 1] + time_s[at]) / 2.0 for at in before]
     at = None if held_at is None else np.insert(held_at, before, held_at[np.array(before) - 1])
+    with_unknown = {
+        name: np.insert(values, before, UNKNOWN[name], axis=0)
+        for name in UNKNOWN
+        if (values := getattr(trajectories, name)) is not None
+    }
     return replace(
         trajectories,
-        time_s=time_s,
-        position_m=unknown(trajectories.position_m, np.nan),
-        velocity_m_s=unknown(trajectories.velocity_m_s, np.nan),
-        uncertainty_m=unknown(trajectories.uncertainty_m, 0.0),
-        airborne=unknown(trajectories.airborne, nothing=False),
-        flown=unknown(trajectories.flown, nothing=False),
-        formed=unknown(trajectories.formed, nothing=False),
-        setpoint_m_s=unknown(trajectories.setpoint_m_s, np.nan),
-        missing=tuple(text for text in trajectories.missing if text),
+        time_s=np.insert(time_s, before, middle_s),
+        missing=missing,
         held_at=at,
         setpoint_held_at=at,
+        **with_unknown,
     )
 
 
