@@ -6,7 +6,6 @@ import argparse
 import contextlib
 import math
 import sys
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from gcs.sim.endpoint import HOST, MAX_PORT, Port, PortError, own_ports, shared_ports
@@ -17,7 +16,7 @@ from gcs.sim.server import serve
 from gcs.sim.vehicle.px4 import ParameterError, Parameters, QuirkError, Quirks, Value, defaults, quirk_names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
@@ -124,155 +123,65 @@ MAX_COUNT = 10_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the fleet's options to any parser, group by group as `--help` shows them."""
-    for title, options in VALUES.items():
-        group = parser.add_argument_group(title)
-        for name, parse, default, metavar, text in options:
-            group.add_argument(name, type=parse, default=default, metavar=metavar, help=text)
-        if title in FURTHER:
-            FURTHER[title](group)
+    add = parser.add_argument_group("vehicles").add_argument
+    add("--count", type=whole(1, MAX_COUNT), default=1, metavar="N", help="vehicles in this process")
+    text = "index of the first; its number is I+1, and so is its id, up to the namespace's size"
+    add("--first", type=whole(0, MAX_COUNT - 1), default=0, metavar="I", help=text)
+    text = "system ids per namespace: vehicle i has id i %% S + 1 in namespace i // S, with own ports"
+    add("--namespace-size", type=whole(1, MAX_SYSTEM_ID), default=MAX_SYSTEM_ID, metavar="S", help=text)
+    add("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="of everything random")
 
-
-def _add_ports(group: argparse._ArgumentGroup) -> None:
-    ports = group.add_mutually_exclusive_group()
-    ports.add_argument(
-        "--ports",
-        choices=["px4"],
-        help="as PX4: vehicle i binds 14580+i and talks to 14540+i (14549 from i = 10 on)",
+    ports = parser.add_argument_group("ports and telemetry")
+    text = "GLOBAL_POSITION_INT at HZ, the state once or twice a second; else 520 messages a second"
+    ports.add_argument("--telemetry-hz", type=number(0.1, 250.0), metavar="HZ", help=text)
+    add = ports.add_mutually_exclusive_group().add_argument
+    text = "as PX4: vehicle i binds 14580+i and talks to 14540+i (14549 from i = 10 on)"
+    add("--ports", choices=["px4"], help=text)
+    text = "vehicle i talks to P+i, from a port of its own"
+    add("--port-base", type=whole(1, MAX_PORT), metavar="P", help=text)
+    text = (
+        "one socket per namespace, as behind a radio: it binds 14580+k and talks to 14540+k, "
+        "or with --port-base to P+k"
     )
-    ports.add_argument(
-        "--port-base",
-        type=whole(1, MAX_PORT),
-        metavar="P",
-        help="vehicle i talks to P+i, from a port of its own",
+    ports.add_argument("--shared-port", action="store_true", help=text)
+
+    add = parser.add_argument_group("place and start grid").add_argument
+    text = "degrees, metres AMSL: the ground"
+    add("--origin", type=origin, default=Origin(), metavar="LAT,LON,ALT", help=text)
+    add("--spacing", type=number(0.0, 1e5), default=4.0, metavar="M", help="of the start grid")
+    text = "vehicle i starts at row i // C (north), column i %% C (east)"
+    add("--grid-columns", type=whole(1, 10**6), metavar="C", help=text)
+    text = "where vehicle 0 of the grid stands, m north and east of the origin"
+    add("--grid-at", type=pair("N,E"), default=(0.0, 0.0), metavar="N,E", help=text)
+    text = "where the grid's rows lead, clockwise from north; columns are to the right"
+    add("--grid-heading", type=number(-360.0, 360.0), default=0.0, metavar="DEG", help=text)
+    add("--heading", type=number(-360.0, 360.0), default=0.0, metavar="DEG", help="initial yaw")
+
+    add = parser.add_argument_group("how they fly").add_argument
+    text = "estimate error; 1 as measured, 0 none"
+    add("--noise", type=number(0.0, 100.0), default=1.0, metavar="SCALE", help=text)
+    text = "1.0 is PX4's simulator; real 0.1 to 0.3"
+    add("--drag", type=number(0.0, 10.0), default=1.0, metavar="PER_S", help=text)
+    add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
+    text = "flight time of a full battery"
+    add("--battery", type=number(0.1, 1e5), default=20.0, metavar="MIN", help=text)
+    text = "PX4 parameter of every vehicle, for instance COM_OBL_RC_ACT=5 (repeatable)"
+    add("--param", type=parameter, action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = f"make PX4 behave as one would wish (repeatable): {', '.join(quirk_names())}"
+    add("--quirk", type=quirk, action="append", default=[], metavar="NAME=off", help=text)
+
+    add = parser.add_argument_group("true states").add_argument
+    add("--truth", metavar="FILE", help="write the true states to FILE as JSON Lines, 20 a second")
+    text = (
+        "vehicle i sends its true state as HIL_STATE_QUATERNION to port P+i, as PX4's SIH does; "
+        f"{FIRST_PORT} without P"
     )
-    group.add_argument(
-        "--shared-port",
-        action="store_true",
-        help="one socket per namespace, as behind a radio: it binds 14580+k and talks to 14540+k, "
-        "or with --port-base to P+k",
-    )
+    add("--simulator-link", type=whole(1, MAX_PORT), nargs="?", const=FIRST_PORT, metavar="P", help=text)
 
-
-def _add_repeatable(group: argparse._ArgumentGroup) -> None:
-    repeatable: tuple[tuple[str, Callable[[str], object], str, str], ...] = (
-        (
-            "--param",
-            parameter,
-            "NAME=VALUE",
-            "PX4 parameter of every vehicle, for instance COM_OBL_RC_ACT=5 (repeatable)",
-        ),
-        (
-            "--quirk",
-            quirk,
-            "NAME=off",
-            f"make PX4 behave as one would wish (repeatable): {', '.join(quirk_names())}",
-        ),
-    )
-    for name, parse, metavar, text in repeatable:
-        group.add_argument(name, type=parse, action="append", default=[], metavar=metavar, help=text)
-
-
-def _add_truth(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--simulator-link",
-        type=whole(1, MAX_PORT),
-        nargs="?",
-        const=FIRST_PORT,
-        metavar="P",
-        help="vehicle i sends its true state as HIL_STATE_QUATERNION to port P+i, as PX4's SIH does; "
-        f"{FIRST_PORT} without P",
-    )
-
-
-def _add_faults(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--faults-from", choices=["-"], help="the same, line by line, from standard input")
-
-
-VALUES: Mapping[str, Sequence[tuple[str, Callable[[str], object], object, str, str]]] = MappingProxyType(
-    {
-        "vehicles": (
-            ("--count", whole(1, MAX_COUNT), 1, "N", "vehicles in this process"),
-            (
-                "--first",
-                whole(0, MAX_COUNT - 1),
-                0,
-                "I",
-                "index of the first; its number is I+1, and so is its id, up to the namespace's size",
-            ),
-            (
-                "--namespace-size",
-                whole(1, MAX_SYSTEM_ID),
-                MAX_SYSTEM_ID,
-                "S",
-                "system ids per namespace: vehicle i has id i %% S + 1 in namespace i // S, with own ports",
-            ),
-            ("--seed", whole(0, 2**63 - 1), 0, "N", "of everything random"),
-        ),
-        "ports and telemetry": (
-            (
-                "--telemetry-hz",
-                number(0.1, 250.0),
-                None,
-                "HZ",
-                "GLOBAL_POSITION_INT at HZ, the state once or twice a second; else 520 messages a second",
-            ),
-        ),
-        "place and start grid": (
-            ("--origin", origin, Origin(), "LAT,LON,ALT", "degrees, metres AMSL: the ground"),
-            ("--spacing", number(0.0, 1e5), 4.0, "M", "of the start grid"),
-            (
-                "--grid-columns",
-                whole(1, 10**6),
-                None,
-                "C",
-                "vehicle i starts at row i // C (north), column i %% C (east)",
-            ),
-            (
-                "--grid-at",
-                pair("N,E"),
-                (0.0, 0.0),
-                "N,E",
-                "where vehicle 0 of the grid stands, m north and east of the origin",
-            ),
-            (
-                "--grid-heading",
-                number(-360.0, 360.0),
-                0.0,
-                "DEG",
-                "where the grid's rows lead, clockwise from north; columns are to the right",
-            ),
-            ("--heading", number(-360.0, 360.0), 0.0, "DEG", "initial yaw"),
-        ),
-        "how they fly": (
-            ("--noise", number(0.0, 100.0), 1.0, "SCALE", "estimate error; 1 as measured, 0 none"),
-            ("--drag", number(0.0, 10.0), 1.0, "PER_S", "1.0 is PX4's simulator; real 0.1 to 0.3"),
-            ("--wind", triple("N,E,D"), (0.0, 0.0, 0.0), "N,E,D", "of the air, m/s"),
-            ("--battery", number(0.1, 1e5), 20.0, "MIN", "flight time of a full battery"),
-        ),
-        "true states": (
-            ("--truth", str, None, "FILE", "write the true states to FILE as JSON Lines, 20 a second"),
-        ),
-        "faults": (
-            (
-                "--control",
-                whole(1, MAX_PORT),
-                None,
-                "PORT",
-                'receive faults as JSON on that UDP port: {"vehicle": 3, "fault": "loss", "share": 0.3}',
-            ),
-        ),
-    }
-)
-"""Options with a value, by group: name, parser, default, form of the value, help."""
-
-FURTHER: Mapping[str, Callable[[argparse._ArgumentGroup], None]] = MappingProxyType(
-    {
-        "ports and telemetry": _add_ports,
-        "how they fly": _add_repeatable,
-        "true states": _add_truth,
-        "faults": _add_faults,
-    }
-)
+    add = parser.add_argument_group("faults").add_argument
+    text = 'receive faults as JSON on that UDP port: {"vehicle": 3, "fault": "loss", "share": 0.3}'
+    add("--control", type=whole(1, MAX_PORT), metavar="PORT", help=text)
+    add("--faults-from", choices=["-"], help="the same, line by line, from standard input")
 
 
 class FleetError(Exception):
