@@ -215,7 +215,7 @@ class FaultInjector:
         elif fault == "gps-freeze":
             state.frozen_m[row] = self._fleet.estimate_m[row]
         elif fault in REPORTED:
-            self._falsify_reports(row, fault, values)
+            self._report(row, fault, values)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = [
                 float(values[name]) for name in ("north_m_s", "east_m_s", "down_m_s")
@@ -232,28 +232,18 @@ class FaultInjector:
             return self._take_over(row, values)
         return True
 
-    def _falsify_reports(self, row: int, fault: str, values: Mapping[str, Value]) -> None:
-        """Make the vehicle report false values of its receiver, sensors or clock."""
+    def _report(self, row: int, fault: str, values: Mapping[str, Value] | None) -> None:
+        """Make the vehicle report these values of its receiver, sensors or clock; None: the true ones."""
         state = self._fleet.state
         if fault == "accuracy":
-            self._blur(row, values)
+            self._blur(row, RECORDED if values is None else values)
         elif fault == "fix":
-            state.fix_type[row] = FIXES[str(values["type"])]
+            state.fix_type[row] = FIX_3D if values is None else FIXES[str(values["type"])]
         elif fault == "sensor":
-            state.unhealthy_sensors[row] |= SENSORS[str(values["which"])]
+            broken = 0 if values is None else SENSORS[str(values["which"])] | state.unhealthy_sensors[row]
+            state.unhealthy_sensors[row] = broken
         else:
-            state.unix_ahead_s[row] = float(values["ahead_s"])
-
-    def _report_truly(self, row: int, fault: str) -> None:
-        state = self._fleet.state
-        if fault == "accuracy":
-            self._blur(row, RECORDED)
-        elif fault == "fix":
-            state.fix_type[row] = FIX_3D
-        elif fault == "sensor":
-            state.unhealthy_sensors[row] = 0
-        else:
-            state.unix_ahead_s[row] = 0.0
+            state.unix_ahead_s[row] = 0.0 if values is None else float(values["ahead_s"])
 
     def _blur(self, row: int, values: Mapping[str, Value]) -> None:
         state = self._fleet.state
@@ -309,7 +299,7 @@ class FaultInjector:
         elif fault == "gps-freeze":
             state.frozen_m[row] = np.nan
         elif fault in REPORTED:
-            self._report_truly(row, fault)
+            self._report(row, fault, None)
         elif fault == "wind":
             self._fleet.wind_m_s[row] = self._fleet.settings.wind_m_s
         elif fault == "stuck-mode":

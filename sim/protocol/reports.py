@@ -341,34 +341,19 @@ def home_position(s: Snapshot) -> Fields:
     }
 
 
-ALWAYS: Mapping[int, Callable[[Snapshot], Fields]] = MappingProxyType(
-    {
-        common.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
-        common.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
-        common.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
-        common.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
-        common.MAVLINK_MSG_ID_ATTITUDE: attitude,
-        common.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude_quaternion,
-        common.MAVLINK_MSG_ID_ATTITUDE_TARGET: attitude_target,
-        common.MAVLINK_MSG_ID_PING: ping,
-        common.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
-        common.MAVLINK_MSG_ID_TIMESYNC: timesync,
-        common.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
-        common.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: position_target_local_ned,
-        common.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
-    }
+def _by_id(*makers: Callable[[Snapshot], Fields]) -> Mapping[int, Callable[[Snapshot], Fields]]:
+    """Each under the id of the message that has its name."""
+    ids = [getattr(common, f"MAVLINK_MSG_ID_{make.__name__.upper()}") for make in makers]
+    return MappingProxyType(dict(zip(ids, makers, strict=True)))
+
+
+ALWAYS = _by_id(
+    *(heartbeat, sys_status, extended_sys_state, battery_status, attitude, attitude_quaternion),
+    *(attitude_target, ping, system_time, timesync, mission_current, position_target_local_ned, highres_imu),
 )
-WITH_A_FIX: Mapping[int, Callable[[Snapshot], Fields]] = MappingProxyType(
-    {
-        common.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
-        common.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
-        common.MAVLINK_MSG_ID_ODOMETRY: odometry,
-        common.MAVLINK_MSG_ID_ALTITUDE: altitude,
-        common.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
-        common.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
-        common.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
-        common.MAVLINK_MSG_ID_HOME_POSITION: home_position,
-    }
+WITH_A_FIX = _by_id(
+    *(global_position_int, local_position_ned, odometry, altitude, distance_sensor, vfr_hud),
+    *(gps_raw_int, home_position),
 )
 
 
