@@ -218,8 +218,7 @@ def run(given: argparse.Namespace) -> int:
 def fly(given: argparse.Namespace, greeting: str) -> None:
     """Fly until SIGINT or SIGTERM; print the greeting when the fleet can be reached.
 
-    Raises:
-        FleetError: a port or file is taken, or the arguments exceed the possible vehicles or ports.
+    Raises: FleetError when a port or file is taken, or the arguments exceed the possible ones.
     """
     ports = _checked_ports(given)
     with contextlib.ExitStack() as stack:

@@ -85,8 +85,7 @@ class Endpoint:
     def __init__(self, host: str, port: Port, circle: int) -> None:
         """Open the socket; `circle` is the receiver's number for the vehicles behind it.
 
-        Raises:
-            PortError: the port is taken.
+        Raises: PortError when the port is taken.
         """
         self.rows = port.rows
         self.circle = circle

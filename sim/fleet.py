@@ -81,8 +81,7 @@ class Fleet:
         Every autopilot has a random stream of its own, by its index. The estimate errors are drawn together,
         by seed and first index, so that processes that share a seed differ.
 
-        Raises:
-            ParameterError: settings name a parameter or value that PX4 does not accept.
+        Raises: ParameterError for a parameter or value that PX4 does not accept.
         """
         self.settings = settings
         self.time_s = start_s

@@ -52,11 +52,7 @@ class ControlPort:
     """The same commands in UDP datagrams, answered to the sender."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open it.
-
-        Raises:
-            PortError: the port is taken.
-        """
+        """Open it. Raises: PortError when the port is taken."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -119,8 +115,7 @@ def serve(
 
     With `simulator_port`, vehicle i sends its true state to that port + i, as PX4's SIH does.
 
-    Raises:
-        PortError: a port is taken.
+    Raises: PortError when a port is taken.
     """
     with ExitStack() as stack:
         interrupt = stack.enter_context(Interrupt())

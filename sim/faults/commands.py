@@ -127,8 +127,7 @@ class FaultCommand:
 def parse(line: str | bytes) -> FaultCommand:
     """Read one line of JSON.
 
-    Raises:
-        FaultCommandError: it is no JSON object, names something unknown, or a value is out of range.
+    Raises: FaultCommandError for no JSON object, an unknown name, or a value out of range.
     """
     if len(line) > LONGEST_LINE:
         raise FaultCommandError(f"a line of {len(line)} bytes; at most {LONGEST_LINE} are read")

@@ -126,8 +126,7 @@ class Quirks:
     def changed(self, changes: Iterable[tuple[str, bool]]) -> Quirks:
         """A copy with these switches set; names as on the command line.
 
-        Raises:
-            QuirkError: no such quirk.
+        Raises: QuirkError for an unknown quirk.
         """
         known = set(quirk_names())
         desired = dict(changes)
@@ -169,11 +168,7 @@ class Parameters:
     """One vehicle's parameters. Only existing ones can be set, only to finite values of their type."""
 
     def __init__(self, settings: Mapping[str, Value] | None = None) -> None:
-        """Start from the defaults, changed by settings.
-
-        Raises:
-            ParameterError: as in set.
-        """
+        """Start from the defaults, changed by settings. Raises: ParameterError as in `set`."""
         self._changed: dict[str, Value] = {}
         self.on_change: Callable[[str, Value], None] | None = None
         for name, value in (settings or {}).items():
@@ -274,11 +269,7 @@ def encoded_value(name: str, value: Value) -> float:
 
 
 def decoded_value(name: str, param_type: int, value: float) -> Value:
-    """Undo encoded_value.
-
-    Raises:
-        ParameterError: the sender uses another type for this parameter.
-    """
+    """Undo encoded_value. Raises: ParameterError when the sender uses another type."""
     if param_type != kind(name):
         raise ParameterError(f"{name} is of MAV_PARAM_TYPE {kind(name)}, not {param_type}")
     if param_type == REAL32:
