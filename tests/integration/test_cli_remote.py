@@ -33,7 +33,8 @@ from gcs.service.access import Role
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.shows import load, shipped
 from tests.support.api_background import in_background
-from tests.support.api_fake_service import FakeRecord, FakeService
+from tests.support.api_fake_service import FakeService
+from tests.support.replays import FakeRecord
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 
@@ -166,7 +167,7 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
         service.tick()
         return 0
     if word == "recorded":
-        service.record = FakeRecord()
+        service.replaying = FakeRecord()
         return 0
     if word == "good":
         answer = {"good": True, "problems": [], "model": SHOW.model_dump(mode="json")}

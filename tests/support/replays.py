@@ -1,11 +1,15 @@
-"""`gcs replay` in a separate process."""
+"""`gcs replay` in a separate process, and a replay of a minute in which nothing happens."""
 
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from gcs.recording.replay.playhead import Playhead
+from gcs.service import CheckState, Playback, ReplayMarks, ReportState
 
 
 @contextmanager
@@ -22,3 +26,35 @@ def replay(record: Path | str, *options: str, folder: Path | None = None) -> Ite
         process.terminate()
         process.communicate(timeout=120)
     assert process.returncode == 0
+
+
+class FakeRecord:
+    """A `gcs.service.Replaying` with a real playhead."""
+
+    def __init__(self) -> None:
+        self._head = Playhead(60.0, 1.0, time.monotonic())
+        self.report_state, self.marks = ReportState(CheckState.RUNNING), ReplayMarks()
+        self._skips_idle = True
+
+    @property
+    def playback(self) -> Playback:
+        head, at_s = self._head, self._head.position_s(time.monotonic())
+        skips = self._skips_idle
+        return Playback(
+            "flight.mcap", 1.7e9, 60.0, at_s, head.speed, head.paused, ended=False, skips_idle=skips
+        )
+
+    def change(
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        position_s: float | None = None,
+        skips_idle: bool | None = None,
+    ) -> Playback:
+        self._skips_idle = self._skips_idle if skips_idle is None else skips_idle
+        self._head.change(time.monotonic(), paused=paused, speed=speed, position_s=position_s)
+        return self.playback
+
+    def make_flight_report(self) -> ReportState:
+        return self.report_state

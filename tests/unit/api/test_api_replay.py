@@ -16,8 +16,8 @@ from gcs.service import (
     ReportState,
 )
 from gcs.service.event_log import Severity
-from tests.support.api_fake_service import FakeRecord
 from tests.support.api_harness import Api
+from tests.support.replays import FakeRecord
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +27,7 @@ def _patient() -> None:
 
 def playing() -> tuple[Api, FakeRecord]:
     api, record = Api(), FakeRecord()
-    api.service.record = record
+    api.service.replaying = record
     api.service.tick()
     return api, record
 
