@@ -67,11 +67,7 @@ def create_app(
 
 
 def routed(*, demands_tokens: bool = True) -> FastAPI:
-    """Create an app with every route for its OpenAPI document, without a service: no route can be called.
-
-    Args:
-        demands_tokens: whether the document demands a token for calls that need a right.
-    """
+    """Create an app with every route for its OpenAPI document, without a service: no route can be called."""
     app = DescribedApp(demands_tokens)
     app.include_router(fleet.health)
     app.include_router(metrics.router)

@@ -140,10 +140,7 @@ def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
     @router.api_route("/", methods=["GET", "HEAD"])
     async def page(request: Request) -> Response:
         """The console. Browsers revalidate it each time: it names the assets of its own version."""
-        index = folder / "index.html"
-        if not index.is_file():
-            return error_response(503, NOT_BUILT)
-        return answer(index, request, {**sent, "Cache-Control": "no-cache"})
+        return _page(folder / "index.html", request, {**sent, "Cache-Control": "no-cache"})
 
     @router.api_route("/assets/{name}", methods=["GET", "HEAD"])
     async def asset(name: str, request: Request) -> Response:
@@ -156,12 +153,13 @@ def routes(folder: Path = DIST, asked: str | None = None) -> APIRouter:
     @router.get("/docs")
     async def docs(request: Request) -> Response:
         """Swagger UI over `/openapi.json`, built with the console (decision 0026)."""
-        index = folder / "docs.html"
-        if not index.is_file():
-            return error_response(503, NOT_BUILT)
-        return answer(index, request, DOCS_HEADERS)
+        return _page(folder / "docs.html", request, DOCS_HEADERS)
 
     return router
+
+
+def _page(file: Path, request: Request, headers: Mapping[str, str]) -> Response:
+    return answer(file, request, headers) if file.is_file() else error_response(503, NOT_BUILT)
 
 
 def answer(file: Path, request: Request, headers: Mapping[str, str]) -> Response:

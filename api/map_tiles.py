@@ -75,10 +75,7 @@ class TileFile:
     def tile(self, zoom: int, column: int, row: int) -> bytes:
         """Return the bytes of one tile; `row` counts from the north.
 
-        Raises:
-            InvalidError: there is no such tile in web mercator.
-            UnknownError: the file has no such tile.
-            sqlite3.Error: the file cannot be read.
+        Raises: InvalidError for no tile of web mercator, UnknownError for one that is absent, sqlite3.Error.
         """
         if not 0 <= zoom <= ZOOM_MAX:
             raise InvalidError("z", zoom, f"from 0 to {ZOOM_MAX}")

@@ -60,14 +60,7 @@ _SHOW: Final = {phase: number for number, phase in enumerate(ShowPhase)}
 
 
 def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> bytes:
-    """Encode one state: `HEADER.itemsize` bytes + 75 bytes per vehicle.
-
-    Args:
-        view: the state.
-        frame: the show frame.
-        revision: of the status that belongs to it.
-        alive: whether control is alive now.
-    """
+    """Encode one state, whose status is of this revision: `HEADER.itemsize` bytes + 75 bytes per vehicle."""
     rows = view.rows
     n = len(rows.ids)
     floats_at = HEADER.itemsize

@@ -261,10 +261,8 @@ class Tick(Outward):
     lateness_p99_ms: Measured
 
 
-class Alarm(BaseModel):
+class Alarm(Outward):
     """One condition that an operator should know, with all vehicles that it concerns."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     id: str = Field(examples=["vehicle-lost-7"])
     severity: AlarmSeverity = Field(
@@ -299,10 +297,8 @@ class Alarm(BaseModel):
     command_id: str | None = Field(description="The command that the service gave because of it; null: none.")
 
 
-class AlarmList(BaseModel):
+class AlarmList(Outward):
     """All alarms, and the overall severity."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     severity: OverallSeverity = Field(description="The worst severity of the alarms that last.")
     alarms: list[Alarm] = Field(

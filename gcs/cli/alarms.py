@@ -38,12 +38,7 @@ ENDED: Final = "dim"
 
 
 def alarm_lines(severity: str, alarms: Sequence[Alarm]) -> RenderableType:
-    """Format alarms for `gcs alarms` and the top of `gcs status`.
-
-    Args:
-        severity: the overall severity.
-        alarms: all alarms, the most severe first.
-    """
+    """Format alarms, the most severe first, for `gcs alarms` and the top of `gcs status`."""
     if not alarms:
         return Text("normal: no alarms", style=STYLE["normal"])
     table = Table.grid(padding=(0, 1))

@@ -43,12 +43,8 @@ def kill_by_record(
 ) -> dict[str, tuple[str, str]] | None:
     """Kill vehicles with the addresses and the configuration of the service's record.
 
-    Args:
-        arguments: of `gcs kill`.
-        is_confirmed: asks for the second step, with vehicles, code and the time for which it is valid.
-
-    Returns: outcome and reason of each vehicle; None when the kill was not confirmed.
-    Raises: GcsError when nothing was sent.
+    Returns: outcome and reason of each vehicle; None when `is_confirmed` did not confirm vehicles, code and
+        the code's time. Raises: GcsError when nothing was sent.
     """
     known = last_known(Path(arguments.record))
     config, chosen = _config(known, arguments.record), _chosen(known, arguments)
@@ -220,12 +216,9 @@ def _note(target: _Target, received: Frame) -> None:
 def direct_kill(
     config: Config, vehicles: Sequence[KnownVehicle], *, within_s: float = WITHIN_S
 ) -> Mapping[VehicleId, VehicleOutcome]:
-    """Repeat the command to all vehicles until each reports that its motors are off.
+    """Repeat the command to all vehicles until each reports that its motors are off, or the time is over.
 
-    Args:
-        config: configuration of the session that controlled them last.
-        vehicles: the vehicles, as in the record.
-        within_s: time limit, whatever was received.
+    `config` is that of the session that controlled them last.
 
     Raises: ConfigError when a signing key cannot be read, before anything is sent.
     """

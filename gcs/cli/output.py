@@ -184,14 +184,7 @@ def picture_file(name: str, option: str = "") -> Path:
 
 
 def require_matplotlib(what: str) -> None:
-    """Check for matplotlib before a command spends time on the flight that it is to draw.
-
-    Args:
-        what: the command or option that draws, for the message.
-
-    Raises:
-        ConfigError: matplotlib is not installed; the text names the extra.
-    """
+    """Check for matplotlib before the flight to be drawn. Raises: ConfigError that names the extra."""
     if find_spec("matplotlib") is None:
         raise ConfigError(
             f"{what} needs matplotlib, which is not installed; to install it:"

@@ -26,17 +26,7 @@ Report = Callable[[float], None]
 def working(
     text: str, total: int | None = None, console: Console | None = None, *, shown: bool = True
 ) -> Iterator[Callable[[], None]]:
-    """Show the current work, its duration, and with a `total` how much of it is done.
-
-    Args:
-        text: description of the work.
-        total: number of parts; None: not known beforehand.
-        console: output; None: standard error.
-        shown: False to show nothing, as with `--json`.
-
-    Yields:
-        A function to call when a part is done.
-    """
+    """Show the current work, its duration and, with a `total` of parts, how many are done; call for each."""
     counted = () if total is None or total < 2 else (BarColumn(), MofNCompleteColumn(), TaskProgressColumn())
     with _bar((SpinnerColumn(), *_text(), *counted, TimeElapsedColumn()), console, shown=shown) as progress:
         task = progress.add_task(text, total=total)
@@ -45,16 +35,7 @@ def working(
 
 @contextmanager
 def share_of(text: str, console: Console | None = None, *, shown: bool = True) -> Iterator[Report]:
-    """Show the finished share of one long piece of work, in per cent.
-
-    Args:
-        text: description of the work.
-        console: output; None: standard error.
-        shown: False to show nothing, as with `--json`.
-
-    Yields:
-        A function to call with the finished share. The display never goes back.
-    """
+    """Show the share of one long piece of work; call with it. The display never goes back."""
     columns = (*_text(), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with _bar(columns, console, shown=shown) as progress:
         task = progress.add_task(text, total=1.0)

@@ -23,10 +23,11 @@ from gcs.client.http import Deferred
 from gcs.model.errors import GcsError, UnknownError
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
+    import pydantic_core
 
     from gcs.api.schemas import fleet as schemas
 else:
+    pydantic_core = Deferred("pydantic_core")
     schemas = Deferred("gcs.api.schemas.fleet")
 
 CONFIRM_DOWN: Final = "confirm-down"
@@ -205,14 +206,8 @@ def _reported(client: Client, commands: Sequence[schemas.Command], arguments: ar
     return REFUSED if any(command.outcome == FAILED for command in commands) else 0
 
 
-def _print(answer: BaseModel | Sequence[BaseModel] | str | None, arguments: argparse.Namespace) -> None:
+def _print(answer: object, arguments: argparse.Namespace) -> None:
     if isinstance(answer, str) and not arguments.json:
         print(answer, end="")
-    elif answer is None and not arguments.json:
-        pass
-    elif answer is None or isinstance(answer, str):
-        print_json(answer)
-    elif hasattr(answer, "model_dump"):
-        print_json(answer.model_dump(mode="json"))
-    else:
-        print_json([each.model_dump(mode="json") for each in answer])
+    elif answer is not None or arguments.json:
+        print_json(pydantic_core.to_jsonable_python(answer))

@@ -161,9 +161,7 @@ async def _listening(app: ASGIApp, config: Config, name: str, port: int) -> Asyn
     listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     api = asyncio.create_task(_keep_api(app, config, port, name, listening), name=name)
     try:
-        ready = asyncio.create_task(_ready(listening), name=f"{name}/ready")
-        await asyncio.wait((ready, api), return_when=asyncio.FIRST_COMPLETED)
-        ready.cancel()
+        await asyncio.wait((listening, api), return_when=asyncio.FIRST_COMPLETED)
         if not listening.done():
             await api  # raises the error that prevented listening
         yield listening.result()
@@ -171,10 +169,6 @@ async def _listening(app: ASGIApp, config: Config, name: str, port: int) -> Asyn
         api.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await api
-
-
-async def _ready(listening: asyncio.Future[int]) -> None:
-    await asyncio.shield(listening)
 
 
 async def _keep_api(
@@ -284,12 +278,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
 
 
 def load_here(name: str) -> Config:
-    """Load a configuration file, or a shipped configuration by name.
-
-    Raises:
-        ConfigError: names file, line, key, value and what is allowed; also for addresses that this
-            computer does not have.
-    """
+    """Load a configuration. Raises: ConfigError, also for addresses that this computer does not have."""
     path = configuration.find(name)
     config = configuration.load(path)
     found = [*_misfits(config)]

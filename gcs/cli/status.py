@@ -99,14 +99,7 @@ SORTED: Final = ("vehicle", "phase", "battery", "link", "age", "height", "speed"
 def board(
     fleet: schemas.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
 ) -> RenderableType:
-    """Format alarms, fleet and vehicles, `width` characters wide.
-
-    Args:
-        fleet: the state of the fleet.
-        width: width of the terminal in characters.
-        columns: names from `COLUMNS`; None: as many as fit.
-        sort: a name from `SORTED`; None: in the order of the configuration.
-    """
+    """Format alarms, fleet and vehicles, `width` characters wide; without `columns` as many as fit."""
     vehicles = _sorted(fleet.vehicles, sort)
     chosen = _fitting(vehicles, width) if columns is None else tuple(columns)
     alarms = alarm_lines(fleet.severity, fleet.alarms)

@@ -164,9 +164,7 @@ class Config(Settings):
             raise ValueError(f"links: {count} MAVSDK instances; one process bears {INSTANCES_MAX}")
 
 
-def find(name: str) -> Path:
-    """Find a configuration by path or shipped name. Raises: ConfigError that names the shipped ones."""
-    return yaml_files.CONFIGURATIONS.find(name)
+find = yaml_files.CONFIGURATIONS.find
 
 
 def load(path: Path) -> Config:
@@ -197,13 +195,8 @@ def misfits_of_fleet(
 ) -> Iterator[Misfit]:
     """Yield ports that cannot serve their vehicles, and a formation radius that is too small.
 
-    Only configuration files are checked: a recorded configuration was flown, and is accepted unchanged.
-
-    Args:
-        ports: number of ports of each link.
-        counts: number of vehicles of each link.
-        radius_m: initial radius of the formation.
-        safety: settings with the minimum separation.
+    `ports` and `counts` (of vehicles) are those of each link. Only configuration files are checked: a
+    recorded configuration was flown, and is accepted unchanged.
     """
     for at, (given, count) in enumerate(zip(ports, counts, strict=True)):
         if 1 < given < count:

@@ -85,7 +85,6 @@ Urls: TypeAlias = Annotated[
     tuple[Annotated[str, AfterValidator(_place)], ...], BeforeValidator(_listed), Field(min_length=1)
 ]
 
-
 Forwards: TypeAlias = Annotated[
     tuple[Annotated[Forward, BeforeValidator(_as_forward)], ...], BeforeValidator(_listed)
 ]

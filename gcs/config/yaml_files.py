@@ -42,47 +42,40 @@ _PLAIN: Final = {
 """Meaning of plain words: the core schema of YAML 1.2."""
 
 
-class _Refused(Exception):  # noqa: N818  (it leaves this module as a FileError)
-    """YAML that is not accepted, and its location."""
-
-    def __init__(self, mark: Mark | None, text: str) -> None:
-        super().__init__(text)
-        self.mark = mark
-        self.text = text
-
-
 class _Loader(yaml.SafeLoader):
     """Composes trees of bounded size, without anchors, aliases and tags."""
 
     yaml_implicit_resolvers: Any = {}  # noqa: RUF012  (as in PyYAML; filled once, below)
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, file: str) -> None:
         super().__init__(text)
+        self._file = file
         self._values = 0
         self._depth = 0
         self.twice: list[tuple[str, Mark]] = []  # repeated keys of a mapping
+
+    def _refused(self, at: Event | Node, text: str) -> FileError:
+        return FileError(self._file, [_problem(at.start_mark, text)])
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
         """As in SafeLoader, within bounds."""
         event: Event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, AliasEvent):
             text = f"*{cut(str(event.anchor))}: aliases are not allowed: write the value out"
-            raise _Refused(event.start_mark, text)
+            raise self._refused(event, text)
         if isinstance(event, NodeEvent) and event.anchor is not None:
             text = f"&{cut(event.anchor)}: anchors are not allowed: write the value out where it is needed"
-            raise _Refused(event.start_mark, text)
+            raise self._refused(event, text)
         tag = getattr(event, "tag", None)
         if tag is not None:
-            raise _Refused(
-                event.start_mark,
-                f"{cut(str(tag).replace(_STANDARD, '!!'))}: tags are not allowed: leave it out",
-            )
+            named = cut(str(tag).replace(_STANDARD, "!!"))
+            raise self._refused(event, f"{named}: tags are not allowed: leave it out")
         self._values += 1
         self._depth += 1
         if self._values > VALUES_MAX:
-            raise _Refused(event.start_mark, f"more than {VALUES_MAX} values")
+            raise self._refused(event, f"more than {VALUES_MAX} values")
         if self._depth > DEPTH_MAX:
-            raise _Refused(event.start_mark, f"nested deeper than {DEPTH_MAX} levels")
+            raise self._refused(event, f"nested deeper than {DEPTH_MAX} levels")
         node: Node | None = super().compose_node(parent, index)
         self._depth -= 1
         return node
@@ -93,9 +86,9 @@ class _Loader(yaml.SafeLoader):
         seen: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, ScalarNode):
-                raise _Refused(key.start_mark, "a key must be a word, not a list or a section")
+                raise self._refused(key, "a key must be a word, not a list or a section")
             if key.value == "<<" and key.style is None:
-                raise _Refused(key.start_mark, "<<: merge keys are not allowed: write the keys out")
+                raise self._refused(key, "<<: merge keys are not allowed: write the keys out")
             if key.value in seen:
                 self.twice.append((key.value, key.start_mark))
             seen.add(key.value)
@@ -131,10 +124,8 @@ class Source:
         if len(text) > CHARACTERS_MAX:
             raise FileError(file, [Problem(1, None, f"{len(text)} characters: at most {CHARACTERS_MAX}")])
         try:
-            loader = _Loader(text)
+            loader = _Loader(text, file)
             self._root: Node | None = loader.get_single_node()
-        except _Refused as error:
-            raise FileError(file, [_problem(error.mark, error.text)]) from None
         except yaml.MarkedYAMLError as error:
             words = f"not YAML: {cut(error.problem or error.context or 'it cannot be read')}"
             raise FileError(file, [_problem(error.problem_mark or error.context_mark, words)]) from None
@@ -143,13 +134,8 @@ class Source:
             words = f"not YAML: character U+{ord(text[error.position]):04X} is not allowed"
             raise FileError(file, [Problem(line, None, words)]) from None
         if loader.twice:
-            raise FileError(
-                file,
-                [
-                    Problem(mark.line + 1, None, f"key '{cut(key)}' is there twice")
-                    for key, mark in loader.twice
-                ],
-            )
+            twice = [(mark.line + 1, f"key '{cut(key)}' is there twice") for key, mark in loader.twice]
+            raise FileError(file, [Problem(line, None, words) for line, words in twice])
 
     def value(self) -> object:
         """Return the file's content as dicts, lists, strings, numbers, booleans and None."""

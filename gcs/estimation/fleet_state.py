@@ -14,31 +14,22 @@ from gcs.model.state import Array, Bits, FleetState, Mask, Telemetry, VehicleId
 FORWARD_MAX_S: Final = 0.5
 """Longest time by which positions are brought forward; older ones are refused by their age anyway."""
 
-
 SPEED_PLAUSIBLE_M_S, JUMP_PLAUSIBLE_M = 25.0, 10.0
 """A position is not accepted if it is farther from the last accepted one than this speed and jump explain."""
-
 
 UNEXPLAINED_M, UNEXPLAINED_M_S = 1.5, 2.0
 """An accepted position that is off by more than this and this speed from where the velocity led is a reset of
 the estimator or of its receiver. Noise comes in centimetres a step.
 """
 
-
 FAR_M: Final = 10_000.0
 """A position is not accepted farther than this from the show's origin, or at latitude and longitude 0."""
-
 
 CONSISTENT_S: Final = 2.0
 """How long a vehicle must be reported at a new place, without a jump, before that is accepted."""
 
-
 _SEMIMAJOR_M: Final = 6378137.0
-
-
 _FLATTENING: Final = 1.0 / 298.257223563
-
-
 _POLAR_SHARE: Final = (1.0 - _FLATTENING) ** 2
 """WGS84, as pymap3d has it."""
 

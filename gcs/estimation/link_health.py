@@ -123,7 +123,6 @@ BEATS_MAY_LACK_S: Final = 1.5
 `operation.silence_s` and this, and one in the air is reported.
 """
 
-
 BEATS_LACK_MAX_S: Final = 8.0
 """A vehicle in the air is lost after `operation.silence_s` and this. Where a fifth of all messages is lost,
 ten heartbeats in a row are lost once in ten million.

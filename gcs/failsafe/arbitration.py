@@ -39,11 +39,7 @@ def due(
 ) -> tuple[FailsafeRequest | None, tuple[FailsafeRequest, ...]]:
     """Return the commands due now, to the show and to vehicles: none twice, none weaker than what goes on.
 
-    Args:
-        requests: all that are requested, most severe first.
-        standing: what is in progress.
-        acted: what was commanded already.
-        together_share: if this share of the airborne vehicles must return, all return.
+    `requests` are all, most severe first. If `together_share` of the airborne vehicles must return, all do.
     """
     fresh = [
         request for request in requests if any(acted.get(key, 0) < request.severity for key in keys(request))

@@ -58,10 +58,7 @@ class FailsafeInputs:
 
 
 _TEXTS: Final = (
-    (
-        FailsafeCause.CRITICAL_BATTERY,
-        re.compile(r"(critical|emergency|dangerous\w*)\b.*\bbattery"),
-    ),
+    (FailsafeCause.CRITICAL_BATTERY, re.compile(r"(critical|emergency|dangerous\w*)\b.*\bbattery")),
     (FailsafeCause.CRITICAL_BATTERY, re.compile(r"battery \d+ (missing|disconnected)")),
     (FailsafeCause.LOW_BATTERY, re.compile(r"low battery|remaining flight time low")),
     (FailsafeCause.GEOFENCE, re.compile(r"geofence")),
@@ -72,14 +69,8 @@ _TEXTS: Final = (
             r"(lost|loss|invalid|fail|unreliable|jam|spoof|timeout)|\bno (valid )?((local|global) )?position",
         ),
     ),
-    (
-        FailsafeCause.DATA_LINK_LOSS,
-        re.compile(r"(gcs|data ?link|ground (control )?station).*\blost"),
-    ),
-    (
-        FailsafeCause.RC_LOSS,
-        re.compile(r"(\brc\b|manual control|radio control).*\b(lost|loss)"),
-    ),
+    (FailsafeCause.DATA_LINK_LOSS, re.compile(r"(gcs|data ?link|ground (control )?station).*\blost")),
+    (FailsafeCause.RC_LOSS, re.compile(r"(\brc\b|manual control|radio control).*\b(lost|loss)")),
 )
 """Words of PX4's texts in lower case, most specific cause first. They count only beside a failsafe, or a
 battery's beside a landing: PX4 warns of batteries and positions long before it acts.
@@ -116,7 +107,8 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
             return cause
     if not inputs.position_age_s <= inputs.setpoint_loss_s + 1.0 and inputs.mode in {Mode.LAND, Mode.OTHER}:
         return FailsafeCause.POSITION_LOSS
-    return FailsafeCause.SETPOINT_LOSS if _fits(inputs) else FailsafeCause.OTHER
+    fits = inputs.mode in _SETPOINT_LOSS_MODES.get(inputs.setpoint_loss_action, frozenset())
+    return FailsafeCause.SETPOINT_LOSS if fits else FailsafeCause.OTHER
 
 
 def _battery(inputs: FailsafeInputs, announced: set[FailsafeCause]) -> FailsafeCause | None:
@@ -128,21 +120,15 @@ def _battery(inputs: FailsafeInputs, announced: set[FailsafeCause]) -> FailsafeC
     return None
 
 
-def _fits(inputs: FailsafeInputs) -> bool:
-    return inputs.mode in _SETPOINT_LOSS_MODES.get(inputs.setpoint_loss_action, frozenset())
-
-
 _DOES: Final = {Mode.HOLD: "holds", Mode.LAND: "lands", Mode.RETURN: "returns", Mode.POSITION: "descends"}
 
-_ADVICE: Final = {
-    FailsafeCause.POSITION_LOSS: "It cannot be steered without a position: leave it, keep clear of it.",
-}
+_BLIND: Final = "It cannot be steered without a position: leave it, keep clear of it."
 _TAKE_CONTROL: Final = "Take control to fly it again."
 _LEAVE: Final = "Leave it."
 _LAND: Final = "Take control, and land it."
 
 ADVICE_TO_MANY: Final = {
-    _ADVICE[FailsafeCause.POSITION_LOSS]: "They cannot be steered without positions: leave them alone.",
+    _BLIND: "They cannot be steered without positions: leave them alone.",
     _TAKE_CONTROL: "Take control to fly them again.",
     _LEAVE: "Leave them.",
     _LAND: "Take control, and land them.",
@@ -159,8 +145,12 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInput
         )
     does = _DOES.get(inputs.mode, f"is in mode {inputs.mode}")
     failsafe = "a failsafe of its own" if cause is FailsafeCause.OTHER else f"its own {cause} failsafe"
-    level = f", battery {inputs.battery_remaining:.0%}" if cause in BATTERY and _is_known(inputs) else ""
-    advice = _ADVICE.get(cause, _TAKE_CONTROL)
+    level = (
+        f", battery {inputs.battery_remaining:.0%}"
+        if cause in BATTERY and not isnan(inputs.battery_remaining)
+        else ""
+    )
+    advice = _BLIND if cause is FailsafeCause.POSITION_LOSS else _TAKE_CONTROL
     if cause in BATTERY:
         advice = _LEAVE if comes_down(inputs) else _LAND
     if cause is FailsafeCause.SETPOINT_LOSS:
@@ -184,10 +174,6 @@ def lost_on_the_way(cause: FailsafeCause | None, inputs: FailsafeInputs) -> bool
     """
     sent = inputs.setpoint_gap_s < inputs.setpoint_loss_s  # False for NaN
     return cause is FailsafeCause.SETPOINT_LOSS and inputs.in_failsafe and inputs.mode is Mode.HOLD and sent
-
-
-def _is_known(inputs: FailsafeInputs) -> bool:
-    return not isnan(inputs.battery_remaining)
 
 
 def control_refusal(vehicle_id: VehicleId, inputs: FailsafeInputs) -> str:

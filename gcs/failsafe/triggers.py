@@ -228,17 +228,9 @@ def is_calm(on: Mask, known: Known, seen: Seen, settings: FailsafePolicy, weathe
 def advance(
     on: Mask, roles: Roles, seen: Seen, known: Known, settings: FailsafePolicy, weather: Weather
 ) -> tuple[Known, tuple[FailsafeRequest, ...]]:
-    """Return the failsafes that are requested now.
+    """Return the state for the next tick, and every failsafe whose cause lasts, most severe first.
 
-    Args:
-        on: (7, n), from `look`.
-        roles: of the vehicles.
-        seen: this tick's.
-        known: from `look`.
-        settings: thresholds and actions.
-        weather: from `look`.
-
-    Returns: the state for the next tick; and every failsafe whose cause lasts, most severe first.
+    `on` (7, n), `known` and `weather` are from `look`.
     """
     now_s, flies = seen.time_s, roles.flying
     befalls = on & flies

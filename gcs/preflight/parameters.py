@@ -229,10 +229,8 @@ def parameter_checks(
 ) -> list[Check]:
     """Return the parameter checks of one vehicle, with the command that fixes failures.
 
-    Args:
-        needed: of every vehicle. A show needs no more: its limits and its fence are within the service's.
-        read: the autopilot's values; None if they are not known.
-        problem: why they are not known, after a failed attempt.
+    A show needs no more than the service: its limits and its fence are within the service's. `read` is None
+    while the values are not known, for the reason `problem` after a failed attempt.
     """
     if read is None:
         text = f"parameters not read yet{f': {problem}' if problem else '; it is being asked'}"

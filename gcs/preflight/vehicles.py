@@ -97,16 +97,10 @@ def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
 
 
 def _address(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
-    conflict = inputs.conflicts.get(vehicle_id)
+    conflict, limit = inputs.conflicts.get(vehicle_id), "one address for each system id"
     if conflict is None:
-        return Check("address", State.PASS, limit="one address for each system id")
-    return Check(
-        "address",
-        State.FAIL,
-        limit="one address for each system id",
-        problem=conflict,
-        to_do="give each vehicle a system id of its own",
-    )
+        return Check("address", State.PASS, limit=limit)
+    return Check("address", State.FAIL, None, "", limit, conflict, "give each vehicle a system id of its own")
 
 
 def _position(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Check:

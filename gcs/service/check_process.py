@@ -51,11 +51,8 @@ async def answered(
         answer_max_bytes: a process that prints more is ended.
         memory_max_bytes: limit of its address space; beyond it, its allocations fail.
 
-    Raises:
-        RefusedError: the process failed or printed too much; the text has its last lines.
-        OSError: the process could not be started.
-        TimeoutError: the process ran for longer than `within_s`.
-        ValueError: the output is not JSON.
+    Raises: RefusedError with its last lines when it failed or printed too much, OSError when it could not be
+        started, TimeoutError after `within_s`, ValueError when the output is not JSON.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gcs", *arguments),

@@ -126,11 +126,8 @@ class Commands(Protocol):
     ) -> CommandRecord:
         """Execute a fleet-wide command.
 
-        Args:
-            action: the command.
-            vehicles: for START only: those that fly; None: all that are online.
-            show_hash: for START only: of the selected show; None where none is selected.
-            at_unix_time_s: for START only: when they take off; None: now.
+        The other arguments are for START only: the vehicles (None: all that are online), the hash of the
+        selected show (None where none is selected), and when they take off (None: now).
         """
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
@@ -139,14 +136,11 @@ class Commands(Protocol):
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        """Execute one command for a selection: hold, join, return, land or take control.
+        """Execute one command, except CONFIRM_DOWN, for a selection; None: all that it can apply to.
 
-        Args:
-            action: the command; CONFIRM_DOWN is for one vehicle only.
-            vehicles: the selection; None: all that it can apply to. The record names those that it cannot
-                reach, with the reason.
+        The record names those that it cannot reach, with the reason.
 
-        Raises: RefusedError when it reaches none of them.
+        Raises: RefusedError when it reaches none.
         """
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
