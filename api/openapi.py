@@ -1,5 +1,6 @@
 """The OpenAPI document, and what routes declare in it: names in paths, errors, the token, bodies."""
 
+from http import HTTPStatus
 from typing import Annotated, Any, Final
 
 from fastapi import Depends, FastAPI, Path
@@ -55,6 +56,13 @@ NO_BODY: Final = [Depends(_no_body)]
 READ: Final = errors(422)
 WRITE: Final = errors(400, 408, 413, 415, 422)
 COMMAND: Final = WRITE | errors(409, 503)
+
+
+def command(*statuses: int, status: int = HTTPStatus.OK, no_body: bool = False) -> dict[str, Any]:
+    """Options of a route that changes something; it may also return the errors `statuses`."""
+    responses, dependencies = COMMAND | errors(*statuses), NO_BODY if no_body else None
+    return {"status_code": status, "responses": responses, "dependencies": dependencies}
+
 
 VehicleId = Annotated[str, Path(max_length=NAME_MAX, examples=["d1"])]
 ObstacleId = Annotated[str, Path(max_length=NAME_MAX, examples=["tower"])]

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response
 
 from gcs.api.auth.authorization import VALID_S
 from gcs.api.context import ContextDep
-from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, CommandId, VehicleId, errors
+from gcs.api.openapi import READ, TOKEN, CommandId, VehicleId, command, errors
 from gcs.api.schemas import convert, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError, UnknownError
@@ -77,10 +77,8 @@ def _add_routes(
             name=f"{action.value.replace('-', '_')}_{name}",
             summary=summary,
             description=description,
-            status_code=HTTPStatus.ACCEPTED,
             tags=[tag],
-            dependencies=NO_BODY if no_body else None,
-            responses=COMMAND | errors(*statuses),
+            **command(*statuses, status=HTTPStatus.ACCEPTED, no_body=no_body),
         )
 
 
@@ -141,8 +139,7 @@ _add_routes(
     "/show/start",
     tags=["show"],
     summary="Check, take off, assemble and fly",
-    status_code=HTTPStatus.ACCEPTED,
-    responses=COMMAND | errors(404),
+    **command(404, status=HTTPStatus.ACCEPTED),
 )
 async def start_show(
     context: ContextDep, response: Response, body: requests.StartBody | None = None
@@ -197,8 +194,7 @@ async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Com
     "/vehicles/{vehicle_id}/exclude",
     tags=["preflight"],
     summary="Exclude a vehicle from the show",
-    status_code=HTTPStatus.ACCEPTED,
-    responses=COMMAND | errors(404),
+    **command(404, status=HTTPStatus.ACCEPTED),
 )
 async def exclude_vehicle(
     vehicle_id: VehicleId,
@@ -215,9 +211,7 @@ async def exclude_vehicle(
     "/vehicles/{vehicle_id}/include",
     tags=["preflight"],
     summary="Include an excluded vehicle",
-    status_code=HTTPStatus.ACCEPTED,
-    dependencies=NO_BODY,
-    responses=COMMAND | errors(404),
+    **command(404, status=HTTPStatus.ACCEPTED, no_body=True),
 )
 async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: Response) -> schemas.Command:
     """Only on the ground. The vehicle must then pass every check, as all others."""
@@ -227,9 +221,7 @@ async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: 
 # Kill
 
 
-@router.post(
-    "/kill", tags=["fleet"], summary="Arm a kill: the first of two steps", responses=COMMAND | errors(404)
-)
+@router.post("/kill", tags=["fleet"], summary="Arm a kill: the first of two steps", **command(404))
 async def arm_kill(context: ContextDep, body: requests.KillBody | None = None) -> schemas.KillArmed:
     """Returns a code and its vehicles: the named ones, else all that are not offline. Nothing is sent yet."""
     phases = {each.id: each.phase for each in context.view.vehicles}
@@ -252,8 +244,7 @@ async def arm_kill(context: ContextDep, body: requests.KillBody | None = None) -
     "/kill/confirm",
     tags=["fleet"],
     summary="Stop the motors now, even in the air: the second step",
-    status_code=HTTPStatus.ACCEPTED,
-    responses=COMMAND,
+    **command(status=HTTPStatus.ACCEPTED),
 )
 async def confirm_kill(
     body: requests.KillConfirmation, context: ContextDep, response: Response

@@ -9,7 +9,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
 from gcs.api.context import ContextDep
-from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, AlarmId, VehicleId, errors
+from gcs.api.openapi import READ, TOKEN, AlarmId, VehicleId, command, errors
 from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
 from gcs.api.schemas.fleet import Alarm, AlarmList, Status
@@ -94,13 +94,7 @@ async def list_alarms(context: ContextDep) -> AlarmList:
     return AlarmList(severity=severity, alarms=alarms)
 
 
-@api.post(
-    "/alarms/acknowledge",
-    tags=["alarms"],
-    summary="Acknowledge every alarm",
-    dependencies=NO_BODY,
-    responses=COMMAND,
-)
+@api.post("/alarms/acknowledge", tags=["alarms"], summary="Acknowledge every alarm", **command(no_body=True))
 async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
     """Returns the alarms that were not acknowledged before. Ended alarms are removed from the list."""
     return [convert.as_schema(schemas.Alarm, each) for each in context.service.alarms.acknowledge_all()]
@@ -110,8 +104,7 @@ async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
     "/alarms/{alarm_id}/acknowledge",
     tags=["alarms"],
     summary="Acknowledge one alarm",
-    dependencies=NO_BODY,
-    responses=COMMAND | errors(404),
+    **command(404, no_body=True),
 )
 async def acknowledge_alarm(alarm_id: AlarmId, context: ContextDep) -> Alarm:
     """The alarm stays listed while its cause lasts, with name and time of the first acknowledgement."""

@@ -6,7 +6,7 @@ from http import HTTPStatus
 from fastapi import APIRouter, Response
 
 from gcs.api.context import Context, ContextDep
-from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, ObstacleId, errors
+from gcs.api.openapi import READ, TOKEN, ObstacleId, command, errors
 from gcs.api.schemas import convert, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import InvalidError, UnknownError
@@ -21,7 +21,7 @@ async def get_formation(context: ContextDep) -> schemas.Formation:
     return convert.formation(context.plan.formation, context.view)
 
 
-@router.patch("/formation", tags=["formation"], summary="Change radius or height", responses=COMMAND)
+@router.patch("/formation", tags=["formation"], summary="Change radius or height", **command())
 async def change_formation(body: requests.FormationChange, context: ContextDep) -> schemas.Formation:
     """Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one."""
     context.service.plan.set_formation(replace(context.plan.formation, **body.given()))
@@ -35,7 +35,7 @@ async def get_target(context: ContextDep) -> schemas.Target:
     return convert.target(target, target.position_m(context.now_s()), context.frame)
 
 
-@router.put("/target", tags=["target"], summary="Set the target", responses=COMMAND)
+@router.put("/target", tags=["target"], summary="Set the target", **command())
 async def put_target(body: requests.TargetPut, context: ContextDep) -> schemas.Target:
     """Position in the show frame or as latitude and longitude. An absent velocity is 0."""
     context.service.plan.set_target(convert.target_desired(body, context.frame, context.now_s()))
@@ -49,7 +49,7 @@ async def get_orbit(context: ContextDep) -> schemas.Orbit:
     return convert.as_schema(schemas.Orbit, context.plan.orbit)
 
 
-@router.patch("/orbit", tags=["target"], summary="Change the orbit", responses=COMMAND)
+@router.patch("/orbit", tags=["target"], summary="Change the orbit", **command())
 async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> schemas.Orbit:
     """Changes the given fields. The formation follows continuously."""
     context.service.plan.set_orbit(replace(context.plan.orbit, **body.given()))
@@ -62,7 +62,7 @@ async def get_yaw(context: ContextDep) -> schemas.Yaw:
     return convert.yaw(context.plan.yaw, context.frame)
 
 
-@router.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", responses=COMMAND)
+@router.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", **command())
 async def change_yaw(body: requests.YawChange, context: ContextDep) -> schemas.Yaw:
     """Changes the policy, the heading for the policy `fixed`, or both."""
     context.service.plan.set_yaw(convert.yaw_desired(body, context.plan.yaw, context.frame))
@@ -94,11 +94,7 @@ async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.
 
 
 @router.post(
-    "/obstacles",
-    tags=["obstacles"],
-    summary="Add an obstacle",
-    status_code=HTTPStatus.CREATED,
-    responses=COMMAND,
+    "/obstacles", tags=["obstacles"], summary="Add an obstacle", **command(status=HTTPStatus.CREATED)
 )
 async def add_obstacle(
     body: requests.ObstaclePost, context: ContextDep, response: Response
@@ -111,10 +107,7 @@ async def add_obstacle(
 
 
 @router.put(
-    "/obstacles/{obstacle_id}",
-    tags=["obstacles"],
-    summary="Move or resize an obstacle",
-    responses=COMMAND | errors(404),
+    "/obstacles/{obstacle_id}", tags=["obstacles"], summary="Move or resize an obstacle", **command(404)
 )
 async def change_obstacle(
     obstacle_id: ObstacleId, body: requests.ObstaclePut, context: ContextDep
@@ -131,9 +124,7 @@ async def change_obstacle(
     "/obstacles/{obstacle_id}",
     tags=["obstacles"],
     summary="Remove an obstacle",
-    status_code=HTTPStatus.NO_CONTENT,
-    dependencies=NO_BODY,
-    responses=COMMAND | errors(404),
+    **command(404, status=HTTPStatus.NO_CONTENT, no_body=True),
 )
 async def remove_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> None:
     """Removes a box."""

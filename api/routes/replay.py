@@ -3,7 +3,7 @@
 from fastapi import APIRouter
 
 from gcs.api.context import Context, ContextDep
-from gcs.api.openapi import COMMAND, READ, TOKEN, errors
+from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError
@@ -26,7 +26,7 @@ async def get_replay(context: ContextDep) -> schemas.Replay:
     return convert.as_schema(schemas.Replay, _replaying(context).playback)
 
 
-@router.post("/replay", summary="Pause, continue, change speed or position", responses=COMMAND)
+@router.post("/replay", summary="Pause, continue, change speed or position", **command())
 async def change_replay(body: requests.ReplayChange, context: ContextDep) -> schemas.Replay:
     """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
     return convert.as_schema(schemas.Replay, _replaying(context).change(**body.given()))

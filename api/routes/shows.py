@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path
 from starlette.requests import Request
 
 from gcs.api.context import ContextDep
-from gcs.api.openapi import COMMAND, NO_BODY, READ, TOKEN, errors
+from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
 
@@ -48,7 +48,7 @@ async def get_show_file(name: Name, context: ContextDep) -> reports.ShowText:
     return reports.ShowText(name=name, text=await context.service.shows.text(name))
 
 
-@files.put("/{name}", summary="Upload a show file", responses=COMMAND, openapi_extra=YAML_BODY)
+@files.put("/{name}", summary="Upload a show file", openapi_extra=YAML_BODY, **command())
 async def put_show_file(name: Name, request: Request, context: ContextDep) -> reports.StoredShow:
     """Stores the file, and replaces one of the same name. A selected or flying show does not change."""
     return convert.as_schema(
@@ -57,24 +57,14 @@ async def put_show_file(name: Name, request: Request, context: ContextDep) -> re
 
 
 @files.delete(
-    "/{name}",
-    summary="Remove a show file",
-    status_code=HTTPStatus.NO_CONTENT,
-    dependencies=NO_BODY,
-    responses=COMMAND | errors(404),
+    "/{name}", summary="Remove a show file", **command(404, status=HTTPStatus.NO_CONTENT, no_body=True)
 )
 async def remove_show_file(name: Name, context: ContextDep) -> None:
     """Deletes the file. A selected or flying show does not change."""
     await context.service.shows.remove(name)
 
 
-@files.post(
-    "/{name}/check",
-    summary="Check a show",
-    status_code=HTTPStatus.ACCEPTED,
-    dependencies=NO_BODY,
-    responses=COMMAND | errors(404),
-)
+@files.post("/{name}/check", summary="Check a show", **command(404, status=HTTPStatus.ACCEPTED, no_body=True))
 async def check_show(name: Name, context: ContextDep) -> reports.ShowCheck:
     """Flies the show in virtual time, in a process of the lowest priority; GET returns its progress."""
     return convert.as_schema(reports.ShowCheck, context.service.shows.check(name))
@@ -86,7 +76,7 @@ async def get_show_check(name: Name, context: ContextDep) -> reports.ShowCheck:
     return convert.as_schema(reports.ShowCheck, context.service.shows.checked(name))
 
 
-@files.post("/{name}/select", summary="Select a show to fly next", responses=COMMAND | errors(404))
+@files.post("/{name}/select", summary="Select a show to fly next", **command(404))
 async def select_show(name: Name, body: requests.SelectBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet."""
     return convert.as_schema(schemas.SelectedShow, context.service.player.select(name, body.hash))
@@ -95,16 +85,14 @@ async def select_show(name: Name, body: requests.SelectBody, context: ContextDep
 @selected.post(
     "/deselect",
     summary="Deselect the show: manual control",
-    status_code=HTTPStatus.NO_CONTENT,
-    dependencies=NO_BODY,
-    responses=COMMAND,
+    **command(status=HTTPStatus.NO_CONTENT, no_body=True),
 )
 async def deselect_show(context: ContextDep) -> None:
     """Only on the ground. Manual control: formation, target and orbit follow the operator's commands."""
     context.service.player.deselect()
 
 
-@selected.post("/seek", summary="Start at a cue", responses=COMMAND | errors(404))
+@selected.post("/seek", summary="Start at a cue", **command(404))
 async def seek_show(body: requests.SeekBody, context: ContextDep) -> schemas.SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
     return convert.as_schema(schemas.SelectedShow, context.service.player.seek(body.cue))
