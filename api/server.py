@@ -17,11 +17,9 @@ from typing import Any, Final
 
 import h11
 import uvicorn
-from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from uvicorn.server import ServerState
 from websockets.datastructures import Headers
 from websockets.http11 import Request
 from websockets.http11 import Response as Handshake
@@ -76,14 +74,8 @@ def bound_log() -> None:
 class Http(H11Protocol):
     """HTTP/1.1 with a limit of connections and errors in the common shape."""
 
-    def __init__(
-        self,
-        config: uvicorn.Config,
-        server_state: ServerState,
-        app_state: dict[str, Any],
-        _loop: asyncio.AbstractEventLoop | None = None,
-    ) -> None:
-        super().__init__(config, server_state, app_state, _loop)
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
         self._served: Any = self.app
         self.app = self._answer
 
@@ -115,7 +107,11 @@ class _Handshakes(ServerProtocol):
 
     def reject(self, status: int, text: str) -> Handshake:
         response = error_response(status, text.strip() or "no WebSocket is opened here")
-        return _handshake(response)
+        headers = Headers(
+            [(name.decode("latin-1"), value.decode("latin-1")) for name, value in response.raw_headers]
+        )
+        headers["Connection"] = "close"
+        return Handshake(response.status_code, HTTPStatus(status).phrase, headers, bytes(response.body))
 
 
 class Viewer(WebSocketsSansIOProtocol):
@@ -124,15 +120,9 @@ class Viewer(WebSocketsSansIOProtocol):
     The next message sent is then the newest at that time, not one that waited.
     """
 
-    def __init__(
-        self,
-        config: uvicorn.Config,
-        server_state: ServerState,
-        app_state: dict[str, Any],
-        _loop: asyncio.AbstractEventLoop | None = None,
-    ) -> None:
-        super().__init__(config, server_state, app_state, _loop)
-        self.conn = _Handshakes(max_size=config.ws_max_size, logger=self.logger)
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self.conn = _Handshakes(max_size=self.config.ws_max_size, logger=self.logger)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Pause senders while any byte is unsent."""
@@ -150,16 +140,6 @@ class Viewer(WebSocketsSansIOProtocol):
         await super().send(message)
         if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
             self.handshake_complete = True
-
-
-def _handshake(response: Response) -> Handshake:
-    headers = Headers(
-        [(name.decode("latin-1"), value.decode("latin-1")) for name, value in response.raw_headers]
-    )
-    headers["Connection"] = "close"
-    return Handshake(
-        response.status_code, HTTPStatus(response.status_code).phrase, headers, bytes(response.body)
-    )
 
 
 HOST: Final = "127.0.0.1"

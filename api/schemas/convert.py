@@ -125,10 +125,7 @@ def vehicles(view: FleetView, frame: ShowFrame) -> list[schemas.Vehicle]:
         "latitude_deg": rows.latitude_deg.tolist(),
         "longitude_deg": rows.longitude_deg.tolist(),
         "altitude_amsl_m": rows.altitude_amsl_m.tolist(),
-        "light": [
-            "#{:02x}{:02x}{:02x}".format(*colour) if lit else None
-            for colour, lit in zip(rows.colour.tolist(), rows.lit, strict=True)
-        ],
+        "light": rows.lights(),
     }
     return _models(schemas.Vehicle, columns)
 
@@ -315,17 +312,18 @@ def center(view: FleetView, frame: ShowFrame) -> schemas.Center | None:
     if view.center_m is None:
         return None
     latitude_deg, longitude_deg, altitude_amsl_m = frame.geodetic(np.array([view.center_m]))
-    velocity_m_s = view.center_velocity_m_s
+    x_m, y_m, z_m = view.center_m
+    vx_m_s, vy_m_s, vz_m_s = view.center_velocity_m_s or (None, None, None)
     return schemas.Center(
-        x_m=view.center_m[0],
-        y_m=view.center_m[1],
-        height_m=_above(view.center_m[2]),
+        x_m=x_m,
+        y_m=y_m,
+        height_m=_above(z_m),
         latitude_deg=float(latitude_deg[0]),
         longitude_deg=float(longitude_deg[0]),
         altitude_amsl_m=float(altitude_amsl_m[0]),
-        vx_m_s=None if velocity_m_s is None else velocity_m_s[0],
-        vy_m_s=None if velocity_m_s is None else velocity_m_s[1],
-        vup_m_s=None if velocity_m_s is None else _above(velocity_m_s[2]),
+        vx_m_s=vx_m_s,
+        vy_m_s=vy_m_s,
+        vup_m_s=None if vz_m_s is None else _above(vz_m_s),
     )
 
 

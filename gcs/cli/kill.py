@@ -97,10 +97,7 @@ def is_confirmed(arguments: argparse.Namespace, names: Sequence[str], code: str,
     if sys.stdin.readline().split() == desired.split():
         return True
     refused = "confirmation does not match; no motors were stopped"
-    if arguments.json:
-        fail(refused, REFUSED, as_json=True)
-    else:
-        note(refused, as_json=arguments.json)
+    fail(refused, REFUSED, as_json=arguments.json)
     return False
 
 

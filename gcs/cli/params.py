@@ -3,8 +3,7 @@
 import argparse
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -87,18 +86,13 @@ async def _with_links(
 ) -> list[Row]:
     """Open the links, and inspect all vehicles at once. Raises: LinkErrors in a group, for ports in use."""
     links = [make_link(settings, config) for settings in config.links]
-    async with _running(links):
-        return await inspect(links, config, chosen, wait_s, named=named, apply=apply)
-
-
-@asynccontextmanager
-async def _running(links: Sequence[Link]) -> AsyncIterator[None]:
     async with asyncio.TaskGroup() as group:
         tasks = [group.create_task(link.run(), name=f"link/{link.name}") for link in links]
         tasks.append(group.create_task(_keep_alive(links), name="alive"))
-        yield
+        rows = await inspect(links, config, chosen, wait_s, named=named, apply=apply)
         for task in tasks:
             task.cancel()
+    return rows
 
 
 async def _keep_alive(links: Sequence[Link]) -> None:
@@ -160,7 +154,7 @@ async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: 
         return Row(name, requirement.name, value, requirement.desired, verdict)
 
     try:
-        value = await _reached(lambda: _read(link, name, requirement.name))
+        value = await _read(link, name, requirement.name)
         if requirement.holds(value):
             return row("ok")
         if not apply:
@@ -177,16 +171,12 @@ async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: 
 
 
 async def _read(link: Link, vehicle_id: VehicleId, name: str) -> ParameterValue:
-    return (await link.read_parameters(vehicle_id, (name,)))[name]
-
-
-async def _reached(read: Callable[[], Awaitable[ParameterValue]]) -> ParameterValue:
-    """Return the answer; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet."""
+    """Read one; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet."""
     loop = asyncio.get_running_loop()
     until_s = loop.time() + REACHED_S
     while True:
         try:
-            return await read()
+            return (await link.read_parameters(vehicle_id, (name,)))[name]
         except CommandError as error:
             if "never received" not in str(error) or loop.time() >= until_s:
                 raise

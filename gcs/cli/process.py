@@ -124,14 +124,11 @@ class Notifier:
         except BlockingIOError:  # the supervisor reads late; the next message suffices
             return
         except OSError as error:
-            self._note("nothing starts this service again", str(error))
+            if not self.problem:
+                log.warning("supervisor_gone", extra={"cause": str(error)})
+            self.problem = "nothing starts this service again"
         else:
-            self._note("", "")
-
-    def _note(self, problem: str, cause: str) -> None:
-        if problem and not self.problem:
-            log.warning("supervisor_gone", extra={"cause": cause})
-        self.problem = problem
+            self.problem = ""
 
 
 def notifier_from_environment(environment: MutableMapping[str, str] = os.environ) -> Notifier:

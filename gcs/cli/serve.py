@@ -249,15 +249,6 @@ def _any_airborne(view: FleetView) -> bool:
     return any(vehicle.phase in AIRBORNE for vehicle in view.vehicles)
 
 
-def run(config: Config, say: Say) -> None:
-    """Serve on a new event loop. Raises: GcsError when it cannot start."""
-    notifier = notifier_from_environment()
-    try:
-        run_exactly(serve(config, say, notifier))
-    finally:
-        notifier.close()
-
-
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve. Returns: the exit code. Raises: ConfigError."""
     if arguments.supervised:
@@ -270,10 +261,13 @@ def run_serve(arguments: argparse.Namespace) -> int:
         config = configuration.Config.model_validate(config.model_dump() | {"api": api})
     except ValidationError as error:
         raise explained(error, "with --host and --port", configuration.Config, None) from None
+    notifier = notifier_from_environment()
     try:
-        run(config, lines(arguments))
+        run_exactly(serve(config, lines(arguments), notifier))
     except GcsError as error:
         return failed(error, arguments, REFUSED)
+    finally:
+        notifier.close()
     return 0
 
 

@@ -1,8 +1,9 @@
 """Per-vehicle state of one snapshot, as columns or as `VehicleView` objects."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,14 @@ class VehicleView:
     link_quality: float | None  # share of the requested position messages that arrive, 0 to 1
     limited_by: str  # why the safety filter limited it, "" if it did not
     light: str | None = None  # colour that the show sets now, #rrggbb; None: it has no part in one
+
+
+VECTORS: Final = ("position_m", "velocity_m_s", "setpoint_m_s")
+KNOWN_OR_NONE: Final = (
+    *("yaw_rad", "latitude_deg", "longitude_deg", "altitude_amsl_m"),
+    *("battery_remaining", "position_age_s", "heartbeat_age_s", "link_quality"),
+)
+"""Columns of one value each that `VehicleView` has under the same name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,72 +85,38 @@ class VehicleTable:
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        for name in ("position_m", "velocity_m_s", "setpoint_m_s"):
+        for name in VECTORS:
             freeze(getattr(self, name), (n, 3), name)
-        for name in (
-            "yaw_rad",
-            "latitude_deg",
-            "longitude_deg",
-            "altitude_amsl_m",
-            "battery_remaining",
-            "position_age_s",
-            "uncertainty_m",
-            "heartbeat_age_s",
-            "link_quality",
-            "fix_type",
-        ):
+        for name in (*KNOWN_OR_NONE, "uncertainty_m", "fix_type"):
             freeze(getattr(self, name), (n,), name)
 
     def counts(self) -> Counts:
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())
 
+    def lights(self) -> list[str | None]:
+        """Colour that the show sets for each vehicle, #rrggbb; None: it sets none."""
+        colours = zip(self.colour.tolist(), self.lit, strict=True)
+        return ["#{:02x}{:02x}{:02x}".format(*colour) if lit else None for colour, lit in colours]
+
     def one_by_one(self) -> tuple[VehicleView, ...]:
-        position_m, velocity_m_s, setpoint_m_s = (
-            [_triple(row) for row in rows.tolist()]
-            for rows in (self.position_m, self.velocity_m_s, self.setpoint_m_s)
-        )
-        yaw_rad, latitude_deg, longitude_deg, altitude_m, battery, age_s, beat_age_s, quality = (
-            [_known(value) for value in column.tolist()]
-            for column in (
-                self.yaw_rad,
-                self.latitude_deg,
-                self.longitude_deg,
-                self.altitude_amsl_m,
-                self.battery_remaining,
-                self.position_age_s,
-                self.heartbeat_age_s,
-                self.link_quality,
-            )
-        )
-        uncertainty_m, colours = self.uncertainty_m.tolist(), self.colour.tolist()
-        return tuple(
-            VehicleView(
-                id=name,
-                system_id=self.system_ids[row],
-                link=self.links[row],
-                phase=self.phases[row],
-                reason=self.reasons[row],
-                mode=self.modes[row],
-                armed=bool(self.armed[row]),
-                landed=self.landed[row],
-                ready=bool(self.ready[row]),
-                position_m=position_m[row],
-                velocity_m_s=velocity_m_s[row],
-                yaw_rad=yaw_rad[row],
-                latitude_deg=latitude_deg[row],
-                longitude_deg=longitude_deg[row],
-                altitude_amsl_m=altitude_m[row],
-                battery_remaining=battery[row],
-                position_age_s=age_s[row],
-                position_uncertainty_m=uncertainty_m[row],
-                heartbeat_age_s=beat_age_s[row],
-                setpoint_m_s=setpoint_m_s[row],
-                link_quality=quality[row],
-                limited_by=self.limited_by[row],
-                light="#{:02x}{:02x}{:02x}".format(*colours[row]) if self.lit[row] else None,
-            )
-            for row, name in enumerate(self.ids)
-        )
+        columns: dict[str, Iterable[Any]] = {
+            "id": self.ids,
+            "system_id": self.system_ids,
+            "link": self.links,
+            "phase": self.phases,
+            "reason": self.reasons,
+            "mode": self.modes,
+            "armed": map(bool, self.armed),
+            "landed": self.landed,
+            "ready": map(bool, self.ready),
+            "position_uncertainty_m": self.uncertainty_m.tolist(),
+            "limited_by": self.limited_by,
+            "light": self.lights(),
+            **{name: map(_triple, getattr(self, name).tolist()) for name in VECTORS},
+            **{name: map(_known, getattr(self, name).tolist()) for name in KNOWN_OR_NONE},
+        }
+        rows = zip(*columns.values(), strict=True)
+        return tuple(VehicleView(**dict(zip(columns, row, strict=True))) for row in rows)
 
 
 def _triple(row: Sequence[float]) -> tuple[float, float, float] | None:
