@@ -7,7 +7,7 @@ from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError
-from gcs.service import Replaying
+from gcs.service import Replaying, ReplayMarks
 
 router = APIRouter(dependencies=TOKEN, tags=["replay"])
 
@@ -33,9 +33,9 @@ async def change_replay(body: requests.ReplayChange, context: ContextDep) -> sch
 
 
 @router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
-async def get_replay_marks(context: ContextDep) -> reports.ReplayMarks:
+async def get_replay_marks(context: ContextDep) -> ReplayMarks:
     """Phases, cues, events and idle times of the whole record, for a timeline; they never change."""
-    return convert.as_schema(reports.ReplayMarks, _replaying(context).marks)
+    return _replaying(context).marks
 
 
 @router.get("/replay/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))

@@ -10,6 +10,7 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
+from gcs.service import StoredShow
 
 Name = Annotated[str, Path(pattern=requests.NAME_PATTERN, examples=["lighthouse"])]
 
@@ -37,9 +38,9 @@ async def get_show(context: ContextDep) -> schemas.Show:
 
 
 @files.get("", summary="Every show file", responses=errors(409))
-async def list_shows(context: ContextDep) -> list[reports.StoredShow]:
+async def list_shows(context: ContextDep) -> list[StoredShow]:
     """All uploaded show files, by name."""
-    return [convert.as_schema(reports.StoredShow, each) for each in await context.service.shows.list_shows()]
+    return await context.service.shows.list_shows()
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))
@@ -49,11 +50,9 @@ async def get_show_file(name: Name, context: ContextDep) -> reports.ShowText:
 
 
 @files.put("/{name}", summary="Upload a show file", openapi_extra=YAML_BODY, **command())
-async def put_show_file(name: Name, request: Request, context: ContextDep) -> reports.StoredShow:
+async def put_show_file(name: Name, request: Request, context: ContextDep) -> StoredShow:
     """Stores the file, and replaces one of the same name. A selected or flying show does not change."""
-    return convert.as_schema(
-        reports.StoredShow, await context.service.shows.store(name, await request.body())
-    )
+    return await context.service.shows.store(name, await request.body())
 
 
 @files.delete(

@@ -230,7 +230,7 @@ def status(
         ),
         limits=sorted(set(view.rows.limited_by) - {""}),
         replay=None if view.playback is None else as_schema(schemas.Replay, view.playback),
-        events=[as_schema(schemas.LogEvent, each) for each in events],
+        events=list(events),
         vehicles=records(view.rows),
     )
 

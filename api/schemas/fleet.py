@@ -14,7 +14,7 @@ from gcs.model.plan import Direction, YawPolicy
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmSeverity, OverallSeverity
-from gcs.service.event_log import Severity
+from gcs.service.event_log import LogEvent
 
 
 def _known(value: object) -> object:
@@ -390,16 +390,6 @@ class Separation(Outward):
     horizontal_m: float
     vertical_m: float = Field(description="Vertical half-axis; greater, because a vehicle's air goes down.")
     margin_m: float = Field(description="Margin added sideways, and in proportion up and down.")
-
-
-class LogEvent(Outward):
-    """One event of the service's log."""
-
-    number: int = Field(description="Increases since the service began.")
-    unix_time_s: float
-    severity: Severity
-    text: str
-    vehicle: str | None = Field(description="The vehicle concerned; null: none in particular.")
 
 
 class FleetSummary(Outward):

@@ -5,11 +5,9 @@ from typing import Literal
 from pydantic import Field
 
 from gcs.api.schemas.fleet import Measured, Outward
-from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import State
 from gcs.service import CheckState
 from gcs.service.access import Right
-from gcs.service.event_log import Severity
 
 
 class Problem(Outward):
@@ -94,14 +92,6 @@ class Preflight(Outward):
     not_checked: list[str] = Field(description="What is not checked, and why.")
 
 
-class StoredShow(Outward):
-    """A stored show file."""
-
-    name: str
-    size_bytes: int
-    sha256: str = Field(description="Hash of the file; what is flown has a hash of its own.")
-
-
 class ShowText(Outward):
     """A show file and its text."""
 
@@ -176,47 +166,6 @@ class ShowCheck(Outward):
     )
     problems: list[ShowProblem]
     figures: ShowFigures | None = Field(description="null: not flown.")
-
-
-class PhaseSpan(Outward):
-    """A period in one phase of the show. Times are in seconds since the first recorded state."""
-
-    phase: ShowPhase
-    from_s: float
-    until_s: float
-
-
-class CueMark(Outward):
-    """The start of a cue of the written show."""
-
-    cue: str
-    at_s: float
-
-
-class EventMark(Outward):
-    """An alarm, or a warning or error of the event log."""
-
-    at_s: float
-    severity: Severity
-    is_alarm: bool
-    text: str
-    vehicle: str | None = Field(description="The vehicle concerned; null: none in particular.")
-
-
-class IdleSpan(Outward):
-    """A period in which no vehicle flies or is about to."""
-
-    from_s: float
-    until_s: float
-
-
-class ReplayMarks(Outward):
-    """Marks of the whole record for a timeline; empty when the flight data has no audit beside it."""
-
-    phases: list[PhaseSpan]
-    cues: list[CueMark]
-    events: list[EventMark] = Field(description="At most 500; alarms before others.")
-    idle: list[IdleSpan] = Field(description="Jumped over while `skips_idle` is true.")
 
 
 class ReportCheck(Outward):

@@ -1,4 +1,4 @@
-"""Typed Python client of the REST API; imports only the API's schemas and model."""
+"""Typed Python client of the REST API; imports only the API's schemas, service and model."""
 
 from gcs.client.fleet_client import URL, Client
 

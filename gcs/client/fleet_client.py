@@ -23,11 +23,13 @@ from gcs.client.http import Calls, Deferred, Exchange, calls, part
 from gcs.model.errors import CommandError, InvalidError
 
 if TYPE_CHECKING:
+    from gcs import service
     from gcs.api.schemas import fleet as schemas
     from gcs.api.schemas import reports
 else:
     schemas = Deferred("gcs.api.schemas.fleet")
     reports = Deferred("gcs.api.schemas.reports")
+    service = Deferred("gcs.service")
 
 URL: Final = "http://127.0.0.1:8000"
 
@@ -67,7 +69,7 @@ class Playback(Calls):
         """Get position and speed of the playback."""
 
     @calls("GET", "/api/v1/replay/marks")
-    def marks(self) -> reports.ReplayMarks:
+    def marks(self) -> service.ReplayMarks:
         """Get phases, cues, events and idle times of the whole record."""
 
     @calls("POST", "/api/v1/replay")
@@ -90,7 +92,7 @@ class Shows(Calls):
     """Show files of the service, their checks, and the selected show. Raises the errors of `Client`."""
 
     @calls("GET", "/api/v1/shows")
-    def stored(self) -> list[reports.StoredShow]:
+    def stored(self) -> list[service.StoredShow]:
         """List the stored show files."""
 
     def text(self, name: str) -> str:
@@ -101,7 +103,7 @@ class Shows(Calls):
     def _file(self, name: str) -> reports.ShowText:
         """Get a show file."""
 
-    def upload(self, name: str, file: Path | str) -> reports.StoredShow:
+    def upload(self, name: str, file: Path | str) -> service.StoredShow:
         """Upload a show under a name; `file` is a path, or the YAML text itself.
 
         Raises: InvalidError when there is no such file.
@@ -110,7 +112,7 @@ class Shows(Calls):
             content = file.read_bytes() if isinstance(file, Path) else file.encode()
         except OSError as error:
             raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
-        stored: reports.StoredShow = self._exchange.call(
+        stored: service.StoredShow = self._exchange.call(
             "PUT", f"/api/v1/shows/{part(name)}", self.upload, content
         )
         return stored

@@ -8,7 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from itertools import count
-from typing import Final
+from typing import Annotated, Final
+
+from pydantic import Field
 
 from gcs.model.state import VehicleId
 
@@ -93,13 +95,15 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LogEvent:
-    """One event."""
+    """One event of the service's log."""
 
-    number: int  # counts up
+    number: Annotated[int, Field(description="Increases since the service began.")]
     unix_time_s: float
     severity: Severity
     text: str
-    vehicle: VehicleId | None  # None: it concerns no single vehicle
+    vehicle: Annotated[
+        VehicleId | None, Field(description="The vehicle concerned; null: none in particular.")
+    ]
 
 
 def vehicle_of(record: logging.LogRecord) -> VehicleId | None:

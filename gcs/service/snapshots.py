@@ -5,9 +5,10 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
 
 from prometheus_client import Histogram
+from pydantic import Field
 
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.errors import Problem
@@ -68,11 +69,11 @@ class Latest(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class StoredShow:
-    """A show file that the service stores."""
+    """A stored show file."""
 
     name: str
     size_bytes: int
-    sha256: str  # of the file; what is flown has a hash of its own
+    sha256: Annotated[str, Field(description="Hash of the file; what is flown has a hash of its own.")]
 
 
 class CheckState(StrEnum):
@@ -179,7 +180,7 @@ class Playback:
 
 @dataclass(frozen=True, slots=True)
 class PhaseSpan:
-    """Time span of one show phase. Times of marks are seconds since the first recorded state."""
+    """A period in one phase of the show. Times are in seconds since the first recorded state."""
 
     phase: ShowPhase
     from_s: float
@@ -188,7 +189,7 @@ class PhaseSpan:
 
 @dataclass(frozen=True, slots=True)
 class CueMark:
-    """Start of a cue of the written show."""
+    """The start of a cue of the written show."""
 
     cue: str
     at_s: float
@@ -196,18 +197,20 @@ class CueMark:
 
 @dataclass(frozen=True, slots=True)
 class EventMark:
-    """An alarm, or a log record of severity warning or above."""
+    """An alarm, or a warning or error of the event log."""
 
     at_s: float
     severity: Severity
     is_alarm: bool
     text: str
-    vehicle: VehicleId | None
+    vehicle: Annotated[
+        VehicleId | None, Field(description="The vehicle concerned; null: none in particular.")
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class IdleSpan:
-    """Time span in which no vehicle flies or is about to fly."""
+    """A period in which no vehicle flies or is about to."""
 
     from_s: float
     until_s: float
@@ -215,12 +218,12 @@ class IdleSpan:
 
 @dataclass(frozen=True, slots=True)
 class ReplayMarks:
-    """All marks of one record, in order; empty if there is no audit beside the flight data."""
+    """Marks of the whole record for a timeline; empty when the flight data has no audit beside it."""
 
-    phases: tuple[PhaseSpan, ...] = ()
-    cues: tuple[CueMark, ...] = ()
-    events: tuple[EventMark, ...] = ()
-    idle: tuple[IdleSpan, ...] = ()
+    phases: tuple[PhaseSpan, ...]
+    cues: tuple[CueMark, ...]
+    events: Annotated[tuple[EventMark, ...], Field(description="At most 500; alarms before others.")]
+    idle: Annotated[tuple[IdleSpan, ...], Field(description="Jumped over while `skips_idle` is true.")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ class FakeRecord:
 
     def __init__(self) -> None:
         self._head = Playhead(60.0, 1.0, time.monotonic())
-        self.report_state, self.marks = ReportState(CheckState.RUNNING), ReplayMarks()
+        self.report_state, self.marks = ReportState(CheckState.RUNNING), ReplayMarks((), (), (), ())
         self._skips_idle = True
 
     @property
