@@ -8,7 +8,7 @@ from gcs.cli import supervisor
 TRANSPORTS: Final = ("native", "mavsdk")
 ROWS: Final = (
     *("shape", "saddle", "article", "tracking", "separation"),
-    *("obstacles", "changes", "neighbours", "landing"),
+    *("obstacles", "moving-boxes", "concave", "changes", "neighbours", "landing"),
 )
 """Rows of docs/flight-quality.md, as in `gcs.simulation.scenario.ROWS`."""
 
