@@ -82,7 +82,6 @@ def _numbers(text: str, form: str, count: int) -> list[float]:
 
 
 def origin(text: str) -> Origin:
-    """Parse LAT,LON,ALT."""
     latitude_deg, longitude_deg, altitude_amsl_m = triple("LAT,LON,ALT")(text)
     if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180):
         raise argparse.ArgumentTypeError(
@@ -92,7 +91,6 @@ def origin(text: str) -> Origin:
 
 
 def parameter(text: str) -> tuple[str, Value]:
-    """Parse NAME=VALUE of a PX4 parameter."""
     name, separator, value_text = text.partition("=")
     value = _float(value_text)
     if not separator or not math.isfinite(value):
@@ -107,7 +105,6 @@ def parameter(text: str) -> tuple[str, Value]:
 
 
 def quirk(text: str) -> tuple[str, bool]:
-    """Parse NAME=on or NAME=off."""
     name, _, switch = text.partition("=")
     if switch not in {"on", "off"}:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=on or NAME=off, as in double-ack=off")
@@ -197,7 +194,6 @@ class FleetError(Exception):
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of `python -m gcs.sim`."""
     parser = argparse.ArgumentParser(
         prog="sim", description="A fleet of fake PX4 vehicles that speak MAVLink 2."
     )

@@ -104,7 +104,6 @@ class Endpoint:
             raise PortError(f"udp port {port.bind}: {error.strerror}") from error
 
     def fileno(self) -> int:
-        """File descriptor of the socket."""
         return self._socket.fileno()
 
     def read(self) -> list[tuple[bytes, Address]]:
@@ -121,7 +120,6 @@ class Endpoint:
         return arrived
 
     def received(self, address: Address, now_s: float) -> None:
-        """Record the sender of a valid frame."""
         if address == self._peer or now_s - self._received_s >= PEER_SILENT_AFTER_S:
             self._peer, self._received_s = address, now_s
         else:
@@ -141,7 +139,6 @@ class Endpoint:
         self._send([datagram], self._peer)
 
     def answered(self) -> None:
-        """Forget the other senders."""
         self._other_senders.clear()
 
     def close(self) -> None:

@@ -33,7 +33,6 @@ class StandardInput:
         return sys.stdin.fileno()
 
     def read(self, fault_injector: FaultInjector) -> bool:
-        """Execute the whole lines that have arrived."""
         data = os.read(self.fileno(), LARGEST)
         *lines, self._part = (self._part + data).split(b"\n")
         if len(self._part) > LONGEST_LINE or (not data and self._part):
@@ -65,7 +64,6 @@ class ControlPort:
         return self._socket.fileno()
 
     def read(self, fault_injector: FaultInjector) -> bool:
-        """Execute the lines of one datagram."""
         try:
             data, sender = self._socket.recvfrom(LARGEST)
             answers = [fault_injector.obey(line) for line in data.split(b"\n") if line.strip()]

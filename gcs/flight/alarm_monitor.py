@@ -177,7 +177,6 @@ class AlarmMonitor:
         return now_s >= self._due_s
 
     def look(self, tick: Tick, findings: Findings) -> None:
-        """Update the alarms after a tick, and log the changes."""
         now_s = self.flight.fleet.time_s
         self._due_s = now_s + PERIOD_S
         conditions = [
@@ -365,7 +364,6 @@ def _of_the_interruption(found: InterruptedFlight) -> Condition:
 
 
 def _log_change(change: Change) -> None:
-    """Log a change; the log feeds the events and the record."""
     alarm = change.alarm
     about = {"alarm": alarm.id, "severity": alarm.severity.value, "cause": alarm.cause.value}
     if change.kind is ChangeKind.ENDED:

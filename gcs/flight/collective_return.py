@@ -50,7 +50,6 @@ class CollectiveReturn:
 
     @property
     def is_planned(self) -> bool:
-        """Whether the plan is found and flown."""
         return self._progress is not None
 
     @property

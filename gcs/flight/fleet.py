@@ -186,7 +186,6 @@ class Fleet:
         self.fleet = self.receive(now_s)
 
     def receive(self, now_s: float) -> FleetState:
-        """Read the newest telemetry of all links."""
         parts = [link.snapshot() for link in self.links]
         self.telemetry = Newest(parts, self.telemetry.places)
         self.fleet = self._table.state(parts, now_s)
@@ -272,7 +271,6 @@ class Fleet:
         await self._ticked.wait()
 
     def wake(self) -> None:
-        """Wake the tasks that wait for the end of this tick."""
         self._ticked.set()
         self._ticked = asyncio.Event()
 

@@ -120,7 +120,6 @@ class Orchestrator:
         self.view = Latest(self._promised_view(self._decide())())
 
     async def run(self) -> None:
-        """Fly until cancelled."""
         try:
             with attached(self.events):
                 async with self._group as group:

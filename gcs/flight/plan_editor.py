@@ -37,7 +37,6 @@ class PlanEditor:
         return self.flight.plan
 
     def _taking_part(self) -> list[Vehicle]:
-        """Vehicles in the air, or about to take off."""
         return [*self.flight.airborne, *self.maneuvers.waiting]
 
     def set_formation(self, formation: Formation) -> None:
@@ -67,7 +66,6 @@ class PlanEditor:
         flight.plan = replace(flight.plan, orbit=orbit)
 
     def set_target(self, target: Target) -> None:
-        """Set the target's position and velocity."""
         self.show_player.set_target(replace(target, time_s=self.now_s()))
 
     def _followed(self) -> Target:
@@ -75,7 +73,6 @@ class PlanEditor:
         return followed(self.flight.plan, now_s, self.flight.control.safety.fence)
 
     def set_yaw(self, yaw: Yaw) -> None:
-        """Change the vehicles' heading."""
         self.flight.plan = replace(self.flight.plan, yaw=yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
@@ -87,7 +84,6 @@ class PlanEditor:
         self._place_obstacle(obstacle)
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
-        """Replace the obstacle of the same id."""
         self._need_obstacle(obstacle.id)
         self._place_obstacle(obstacle)
 

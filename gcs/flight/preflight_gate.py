@@ -70,7 +70,6 @@ class _Kept(NamedTuple):
     report: PreflightReport
 
     def answers(self, meant: tuple[VehicleId, ...] | None, flight: Fleet) -> bool:
-        """Whether the report still answers this request."""
         same = self.show is flight.show_run and self.out == frozenset(flight.excluded)
         return same and self.meant == meant and flight.fleet.time_s - self.time_s < AGAIN_S
 

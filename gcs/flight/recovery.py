@@ -303,7 +303,6 @@ class Recovery:
             self._end_part(batch, vehicle, Outcome.FAILED, REPLACED)
 
     def _end_part(self, batch: _Batch, vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
-        """Record one vehicle's outcome in every record that contains it."""
         for record in batch.records:
             if vehicle.id in record.outcomes:
                 self.flight.book.close(record.id, vehicle.id, outcome, reason)

@@ -40,7 +40,6 @@ class ShowRun:
 
     @property
     def obstacle_ids(self) -> frozenset[str]:
-        """Every obstacle that appears at any time of the show."""
         return frozenset(box.id for box in self.obstacles)
 
     @property
@@ -57,7 +56,6 @@ class ShowRun:
             self.clock, self.started, self.live = ShowClock(), False, None
 
     def is_live(self, now_s: float) -> bool:
-        """Whether the show follows target updates at this time."""
         return isinstance(self.timeline.leg_at(self._within(now_s)), Live)
 
     def is_over(self, now_s: float) -> bool:

@@ -87,7 +87,6 @@ class ShowProgress:
         log.info("rejoined", extra={"vehicle": vehicle.id})
 
     def advance(self) -> None:
-        """Advance the show: all have taken off, all are assembled, all have landed."""
         flight = self.flight
         self.parameter_reader.watch(flight.newest())  # starts the reads that are due
         self.failsafe_monitor.look()

@@ -75,7 +75,6 @@ class TelemetryMonitor:
         return np.asarray(~flight.silent & (np.minimum(beat_age_s, judged_s) <= silence_s))
 
     def _look_at(self, vehicle: Vehicle, telemetry_of: Columns) -> None:
-        """Let the telemetry of one vehicle change its phase."""
         flight, row, now_s = self.flight, vehicle.row, self.flight.fleet.time_s
         silence_s = flight.config.operation.silence_s
         silent, has_heartbeat = bool(flight.silent[row]), bool(flight.has_heartbeat[row])

@@ -444,7 +444,6 @@ class BatchLink(ABC):
             await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
 
     def _watch(self, now_s: float) -> None:
-        """Look after what changes slowly."""
         may_be_asked = self._connected(now_s) & self._commandable()
         self._streams.watch(may_be_asked, self._telemetry.connection_count, now_s)
 

@@ -41,7 +41,6 @@ class Forwarder:
     """One further station. Used on the loop's thread only."""
 
     def __init__(self, to: Forward, counters: Counters) -> None:
-        """Nothing is opened yet."""
         self._far = to.address
         self._read_only = to.read_only
         self._counters = counters
@@ -141,7 +140,6 @@ class Forwarding:
                     self.counters.refused_from_others += 1
 
     def _passes(self, frame: Frame) -> bool:
-        """Whether a frame of another station was sent to its vehicle."""
         if self.signatures is not None and not self.signatures.is_signed(frame):
             return False
         if not may_pass(frame, self.rows, self.station_id):

@@ -39,7 +39,6 @@ class ParameterUpdates:
             self._updates.setdefault(vehicle_id, {})[name] = value
 
     def drain(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
-        """The values announced since the last call."""
         updates, self._updates = self._updates, {}
         return updates
 

@@ -119,7 +119,6 @@ class Outbox:
         return self.send(self.encode(message_id, messages, rows, component_id=component_id), rows, now_s)
 
     def send_raw(self, raws: Sequence[bytes], rows: Whole, now_s: float) -> Mask:
-        """Send whole frames that were encoded elsewhere."""
         return self.send(joined(raws), rows, now_s)
 
     def broadcast(self, message_id: int, message: Records, now_s: float) -> None:

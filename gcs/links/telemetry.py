@@ -208,7 +208,6 @@ class FleetTelemetry:
         return self._mode_of(int(self._mode[row]))
 
     def text(self, row: int) -> tuple[str, float]:
-        """Its newest status text, and that text's arrival."""
         return self._texts[row].text, self._texts[row].text_time_s
 
     def next_heartbeat(self, row: int) -> asyncio.Event:
@@ -317,7 +316,6 @@ class FleetTelemetry:
         self._batteries.take_packs(rows, reported["id"], reported["battery_remaining"])
 
     def _take_accuracies(self, rows: Whole, reported: Records, _time_s: Array) -> None:
-        """As `gcs.mavlink.framing.gps_accuracy`."""
         self._fix_type[rows] = reported["fix_type"]
         fixed = reported["fix_type"] >= framing.FIX_3D
         fields = (("eph", "h_acc"), ("epv", "v_acc"))

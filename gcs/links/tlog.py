@@ -52,7 +52,6 @@ class Recorder(DiskWriter[bytes]):
         super().open()
 
     def record(self, time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:
-        """Keep a frame. An `Observer`."""
         if self._closed:
             return
         with self._changed:

@@ -251,7 +251,6 @@ def _padded(frame: Frame) -> bytes:
 
 
 def is_armed(frame: Frame) -> bool:
-    """Whether a HEARTBEAT reports its vehicle as armed."""
     return len(frame.payload) > _BASE_MODE_AT and bool(frame.payload[_BASE_MODE_AT] & _ARMED)
 
 

@@ -85,7 +85,6 @@ class Audit:
         self._put("UPDATE sessions SET ended_unix_s = ? WHERE id = ?", time.time(), self._session)
 
     def call(self, call: Call) -> None:
-        """Record a call of the API and its response."""
         body = call.body if len(call.body) <= BODY_MAX else f"{call.body[:BODY_MAX]}…"
         values = (self._session, time.time(), call.caller, call.method, call.path, body, call.status)
         self._put("INSERT INTO calls VALUES (?, ?, ?, ?, ?, ?, ?)", *values)
@@ -106,7 +105,6 @@ class Audit:
         self._journal.put([command, *parts])
 
     def closed(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str) -> None:
-        """Record the outcome of one vehicle's part."""
         self._put(_OUTCOME, self._session, command_id, vehicle_id, time.time(), outcome.value, reason)
 
     def event(
@@ -116,7 +114,6 @@ class Audit:
         self._put(_EVENT, self._session, unix_s, level, event, vehicle, reported)
 
     def watch(self, sample: Sample) -> None:
-        """Record what has changed since the previous sample."""
         at_s = sample.unix_time_s
         changed = set() if sample.phases == self._phases else _differing(sample.phases, self._phases)
         if sample.modes != self._modes or sample.armed != self._armed:

@@ -170,7 +170,6 @@ class Journal(DiskWriter[Row]):
     REPEATS = True
 
     def __init__(self, path: Path) -> None:
-        """Opens nothing yet."""
         super().__init__(path, "rows of the audit", ROWS_MAX)
         self._path = path
         self._connection: sqlite3.Connection | None = None

@@ -55,7 +55,6 @@ class PairDistances:
     sample: NDArray[np.int32]  # of the least ratio
 
     def nearest(self, count: int) -> list[tuple[int, int]]:
-        """Return the pairs with the least ratios, nearest first."""
         first, second = np.triu_indices(len(self.ratio), 1)
         ratio = self.ratio[first, second]
         order = np.argsort(ratio, kind="stable")[:count]
@@ -125,7 +124,6 @@ class FlightReport:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first sample to the last."""
         return float(self.trajectories.time_s[-1] - self.trajectories.time_s[0])
 
     def report(self) -> dict[str, Any]:

@@ -238,12 +238,10 @@ def checksum(metadata: Mapping[str, str]) -> str:
 
 
 def nanoseconds(unix_s: float) -> int:
-    """Convert to MCAP's time."""
     return round(unix_s * 1e6) * 1000  # a float is no more precise than microseconds
 
 
 def stamp(unix_s: float) -> dict[str, int]:
-    """Convert to the time of Foxglove's messages."""
     second, nanosecond = divmod(nanoseconds(unix_s), 1_000_000_000)
     return {"sec": second, "nsec": nanosecond}
 

@@ -93,7 +93,6 @@ class Loss:
     to_s: float | None  # of the first tick after; None: none follows
 
     def describe(self, began_s: float) -> str:
-        """Describe it in words, with times since the record began."""
         if self.damage.in_index:
             return f"{self.damage}; nothing that was recorded is lost"
         begin = "the beginning" if self.from_s is None else f"{self.from_s - began_s:.2f} s"
@@ -252,7 +251,6 @@ class _Newest:
         self._messages.clear()
 
     def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Sample]:
-        """Yield the complete ticks of a chunk."""
         for record in inside:
             if isinstance(record, Channel):
                 self._topics[record.id] = record.topic

@@ -106,7 +106,6 @@ class _LogHandler(logging.Handler):
         self._flight = flight
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Record one log message. On any thread."""
         fields, name = details(record), vehicle_of(record)
         level, event = record.levelname.lower(), record.getMessage()
         self._audit.event(record.created, level, event, name, fields)

@@ -162,7 +162,6 @@ def _gaps(
 
 
 def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> list[str]:
-    """Describe the vehicles with unknown paths."""
     blind = (airborne & ~np.isfinite(position_m).all(axis=2)).sum(axis=0)
     names = [name for name, count in zip(ids, blind.tolist(), strict=True) if count]
     return [f"in the air, at a position that is not known: {', '.join(names)}"] if names else []

@@ -68,7 +68,6 @@ class ShowLibrary:
         self._misfits = misfits
 
     async def close(self) -> None:
-        """End the running checks."""
         tasks = dict(self._tasks)
         for task in tasks.values():
             task.cancel()

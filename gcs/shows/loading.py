@@ -83,7 +83,6 @@ def _cue(loc: Loc, cues: list[str | None]) -> str | None:
 
 
 def _names(raw: dict[str, object]) -> list[str | None]:
-    """Return the names of the cues of an unvalidated file."""
     timeline = raw.get("timeline")
     entries = timeline if isinstance(timeline, list) else []
     names = [entry.get("cue") if isinstance(entry, dict) else None for entry in entries]

@@ -437,5 +437,4 @@ class ShowClock:
         return ShowClock(times_s[cue])
 
     def ended(self, timeline: Timeline, clock_s: float) -> bool:
-        """Whether the show is over, so that all vehicles return."""
         return self.runs and self.show_s(clock_s) >= timeline.duration_s

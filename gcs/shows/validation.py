@@ -65,7 +65,6 @@ def flaws(show: Show) -> list[Flaw]:
 
 
 def _fleet(show: Show) -> Iterator[Flaw]:
-    """Check fence and start pattern."""
     fence, fleet, floor = show.fence, show.fleet, show.control.safety.floor
     if not fence.height_min_m < fence.height_max_m:
         yield Flaw(("fence", "height_max_m"), f"height_max_m = {fence.height_max_m:g}: above height_min_m")
@@ -90,7 +89,6 @@ def _fleet(show: Show) -> Iterator[Flaw]:
 
 
 def _structure(show: Show) -> Iterator[Flaw]:
-    """Check names and times of the cues."""
     cues = show.timeline
     first = cues[0]
     if first.at_s != 0.0:
@@ -187,7 +185,6 @@ def _obstacles(show: Show) -> Iterator[Flaw]:
 
 
 def _again(one: Played) -> str:
-    """Name the passage of a loop."""
     return "" if one.passage == 1 else f"in passage {one.passage} of its loop: "
 
 

@@ -155,7 +155,6 @@ class FaultInjector:
         return json.dumps(answer)
 
     def pass_time(self) -> None:
-        """End the faults whose time is over."""
         if not self._ends:
             return
         for (row, fault), end_s in list(self._ends.items()):

@@ -40,7 +40,6 @@ class Codec:
         self._mav = common.MAVLink(None, srcComponent=AUTOPILOT_COMPONENT)
 
     def encode(self, message: Message, system_id: int, sequence: int) -> bytes:
-        """Pack one message into a MAVLink 2 frame."""
         self._mav.srcSystem, self._mav.seq = system_id, sequence
         return bytes(message.pack(self._mav))
 

@@ -84,7 +84,7 @@ class Snapshot:
 
     @property
     def heading_cdeg(self) -> Array:
-        """The same in hundredths of a degree, from 0 to 35999."""
+        """Heading in hundredths of a degree, from 0 to 35999."""
         heading_cdeg: Array = np.round(np.degrees(self.yaw_rad) % 360.0 * 100.0) % 36000
         return heading_cdeg
 
@@ -342,7 +342,6 @@ def home_position(s: Snapshot) -> Fields:
 
 
 def _by_id(*makers: Callable[[Snapshot], Fields]) -> Mapping[int, Callable[[Snapshot], Fields]]:
-    """Each under the id of the message that has its name."""
     ids = [getattr(common, f"MAVLINK_MSG_ID_{make.__name__.upper()}") for make in makers]
     return MappingProxyType(dict(zip(ids, makers, strict=True)))
 
@@ -358,7 +357,6 @@ WITH_A_FIX = _by_id(
 
 
 def exists(message_id: int) -> bool:
-    """Whether vehicles can send that message as a stream."""
     return message_id in ALWAYS or message_id in WITH_A_FIX
 
 

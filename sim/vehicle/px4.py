@@ -41,7 +41,6 @@ class Mode(Enum):
 
     @property
     def custom_mode(self) -> int:
-        """The HEARTBEAT's custom_mode field."""
         return self.value[0] << 16 | self.value[1] << 24
 
     @property
@@ -251,7 +250,6 @@ def kind(name: str) -> int:
 
 
 def index(name: str) -> int:
-    """The place of a parameter in the list."""
     return _indices()[name]
 
 

@@ -146,7 +146,6 @@ class State:
         return (self.now_s - self.boot_s) * self.clock_rate + self.clock_offset_s
 
     def boot_ms(self, row: int) -> int:
-        """One vehicle's clock in milliseconds."""
         return max(math.floor(float(self.boot_clock_s()[row]) * 1e3), 0)
 
 

@@ -29,7 +29,6 @@ def source_of(host: int, port: int, socket_index: int) -> int:
 
 
 def socket_of(source: int) -> int:
-    """Index of our port."""
     return source >> 48
 
 

@@ -100,7 +100,6 @@ class StreamPort:
     """The streams of one port of ours, and the addresses whose stream has ended."""
 
     def __init__(self, name: str, address_of: Callable[[int], Address]) -> None:
-        """`name` is the link's, for logs."""
         self.streams: dict[int, Stream] = {}
         self.gone: list[int] = []
         self._name = name
@@ -222,7 +221,6 @@ class TcpServer(StreamPort):
             del self._listening
 
     def accept(self, now_s: float) -> None:
-        """Accept one connection; one too many is closed at once."""
         try:
             connected, (host, port) = self._listening.accept()
         except OSError:  # ended again, or no file descriptor is left: the client tries again

@@ -127,7 +127,6 @@ class UdpPorts(Ports):
         return self._far[self._far != _ANY].tolist() if self._filtered else ()
 
     def close(self) -> None:
-        """Release the ports; what is sent afterwards is lost."""
         sockets, self._sockets = self._sockets, ()
         if self._selector is not None:
             self._selector.close()
@@ -181,7 +180,6 @@ class UdpPorts(Ports):
         return left
 
     def _filled(self, data: Bytes, length: Whole, destination: Whole) -> mmsg.Batch:
-        """The outbox filled with these datagrams, enlarged if necessary."""
         n, longest = data.shape
         if self._outbox.data.shape[0] < n or self._outbox.data.shape[1] < longest:
             rows, columns = self._outbox.data.shape
@@ -238,7 +236,6 @@ class UdpPorts(Ports):
         return send(through.fileno(), first, end)
 
     def _read(self, index: int, first: int, most: int) -> int:
-        """Read up to `most` datagrams of a socket. Returns: number."""
         source = self._sockets[index]
         for _ in range(_ERRORS):
             try:

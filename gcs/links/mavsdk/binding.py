@@ -60,7 +60,6 @@ class Loopback:
 
     @property
     def fd(self) -> int:
-        """File descriptor of the socket, to wait for."""
         return self._socket.fileno()
 
     @property

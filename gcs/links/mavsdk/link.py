@@ -192,7 +192,6 @@ class MavsdkLink(BatchLink):
             self._fleet.flush()
 
     def _show(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
-        """Keep the received frames that concern MAVSDK."""
         if self._fleet is None:
             return
         shown = self._frame_filter.of(data, frames, rows, time_s)

@@ -64,7 +64,6 @@ class ReadOnly:
     """Refuses every call: stands for each role of `gcs.service.Service` that commands or changes."""
 
     def __init__(self, why: str) -> None:
-        """`why` nothing can be commanded or changed."""
         self._why = why
 
     def __getattr__(self, _name: str) -> Callable[..., NoReturn]:
@@ -124,7 +123,6 @@ class ReportTask:
         self._task: asyncio.Task[None] | None = None
 
     def state(self) -> ReportState:
-        """Return the state of the report; the first call starts it."""
         if self._task is None:
             self._task = asyncio.create_task(self._judge(), name="report")
         return self._found
@@ -146,7 +144,6 @@ class ReportTask:
             self._found = ReportState(CheckState.FAILED, str(error))
 
     async def close(self) -> None:
-        """End the running process."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -294,7 +291,6 @@ class Replay:
         return self._report_task.state()
 
     def newest(self) -> Sequence[LogEvent]:
-        """Events up to the shown time."""
         return self._event_history.until(self._moment.unix_s)
 
     def _state(self, sample: Sample, now_s: float, *, ended: bool) -> FleetView:
