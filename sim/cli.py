@@ -271,18 +271,14 @@ def _checked_ports(given: argparse.Namespace) -> list[Port]:
     if last > MAX_COUNT:
         fit = f"at most {MAX_COUNT - given.first} fit"
         raise FleetError(2, f"--first {given.first} --count {given.count}: {fit}")
-    ports = _ports(given)
+    make = shared_ports if given.shared_port else own_ports
+    ports = make(given.first, given.count, given.namespace_size, given.port_base)
     if max(max(port.destination, port.bind) for port in ports) > MAX_PORT:
         text = f"--port-base {given.port_base} leads beyond port {MAX_PORT}; choose a lower one"
         raise FleetError(2, text)
     if given.simulator_link is not None and given.simulator_link + last > MAX_PORT:
         raise FleetError(2, f"--simulator-link {given.simulator_link} leads beyond port {MAX_PORT}")
     return ports
-
-
-def _ports(given: argparse.Namespace) -> list[Port]:
-    make = shared_ports if given.shared_port else own_ports
-    return make(given.first, given.count, given.namespace_size, given.port_base)
 
 
 def destinations(given: argparse.Namespace) -> list[int]:

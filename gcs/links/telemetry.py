@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.address_book import SILENT_AFTER_S
@@ -35,7 +35,7 @@ _LANDED: Final = tuple(Landed)
 _TEXT_CHUNKS_MAX: Final = 8
 _TEXTS_KEPT: Final = 6
 
-_BATTERY_IDS: Final = 256
+_PACKS: Final = 256
 _NO_PERCENT: Final = 127
 """In int8, above every percentage, so that the minimum ignores it."""
 
@@ -71,29 +71,18 @@ class BatteryPacks:
 
     def __init__(self, count: int) -> None:
         self.remaining: Array = np.full(count, np.nan)
-        self._percent = np.full(
-            (count, _BATTERY_IDS + 1), _NO_PERCENT, np.int8
-        )  # the last column: SYS_STATUS
+        self._percent = np.full((count, _PACKS + 1), _NO_PERCENT, np.int8)  # last column: SYS_STATUS
 
-    def take_packs(self, rows: ArrayLike, ids: ArrayLike, percent: ArrayLike) -> None:
-        """Read BATTERY_STATUS messages: (k,) rows, battery ids, and percentages in order of arrival."""
-        self._take(np.asarray(rows), np.asarray(ids), np.asarray(percent))
-
-    def take_totals(self, rows: ArrayLike, percent: ArrayLike) -> None:
-        """Read SYS_STATUS messages: (k,) rows, and percentages in order of arrival."""
-        rows = np.asarray(rows)
-        self._take(rows, np.full(rows.shape, _BATTERY_IDS), np.asarray(percent))
-
-    def forget(self, rows: ArrayLike) -> None:
-        """The autopilots of (k,) rows have restarted: their packs may have been replaced."""
-        rows = np.asarray(rows)
-        self._percent[rows] = _NO_PERCENT
-        self.remaining[rows] = np.nan
-
-    def _take(self, rows: NDArray[np.int_], ids: NDArray[np.int_], percent: NDArray[np.int_]) -> None:
-        self._percent[rows, ids] = np.where(percent >= 0, np.minimum(percent, 100), _NO_PERCENT)
+    def take(self, rows: Whole, percent: NDArray[np.int8], packs: NDArray[np.uint8] | int = _PACKS) -> None:
+        """Read messages: (k,) rows, percentages in order of arrival, and pack ids; none: of SYS_STATUS."""
+        self._percent[rows, packs] = np.where(percent >= 0, np.minimum(percent, 100), _NO_PERCENT)
         least = self._percent[rows].min(axis=1)
         self.remaining[rows] = np.where(least == _NO_PERCENT, np.nan, least / 100.0)
+
+    def forget(self, rows: Whole) -> None:
+        """The autopilots of (k,) rows have restarted: their packs may have been replaced."""
+        self._percent[rows] = _NO_PERCENT
+        self.remaining[rows] = np.nan
 
 
 class StatusTexts:
@@ -310,10 +299,10 @@ class FleetTelemetry:
         enabled = reported["onboard_control_sensors_enabled"].astype(np.int64)
         self.prearm_ok[rows] = (health & framing.PREARM_CHECK) != 0
         self._unhealthy_sensors[rows] = (enabled & framing.SENSORS | framing.AHRS) & ~health
-        self._batteries.take_totals(rows, reported["battery_remaining"])
+        self._batteries.take(rows, reported["battery_remaining"])
 
     def _take_batteries(self, rows: Whole, reported: Records, _time_s: Array) -> None:
-        self._batteries.take_packs(rows, reported["id"], reported["battery_remaining"])
+        self._batteries.take(rows, reported["battery_remaining"], reported["id"])
 
     def _take_accuracies(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         self._fix_type[rows] = reported["fix_type"]
