@@ -121,6 +121,9 @@ class FleetTelemetry:
         prearm_ok: (n,) the autopilot's own pre-arm checks pass.
         connection_count: (n,) how often it connected: at first, after a restart, after a silence.
         reboot_count: (n,) how often the boot clock has jumped back.
+        custom_mode: (n,) of the newest heartbeat.
+        texts: of each vehicle.
+        waiting: events of rows whose next heartbeat is awaited.
         position_resets: (n,) how often the estimator's reset counter has changed.
     """
 
@@ -133,7 +136,7 @@ class FleetTelemetry:
         self.reboot_count, self.position_resets = np.zeros(n, np.int64), np.zeros(n, np.int64)
         self.landed = np.zeros(n, np.int64)
         self._ids = tuple(ids)
-        self._mode = np.full(n, _UNKNOWN, np.int64)  # custom_mode
+        self.custom_mode = np.full(n, _UNKNOWN, np.int64)  # custom_mode
         self._boot_ms = np.full(n, -1, np.int64)
         self._reset_counter = np.full(n, -1, np.int64)
         self._accuracy_m = np.full((n, 2), np.nan)  # horizontal, vertical
@@ -143,14 +146,14 @@ class FleetTelemetry:
         self._velocity_m_s = np.full((n, 3), np.nan)
         self._yaw_deg = np.full(n, np.nan)
         self._batteries = BatteryPacks(n)
-        self._texts = tuple(StatusTexts() for _ in ids)
+        self.texts = tuple(StatusTexts() for _ in ids)
         self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
-        self._waiting: dict[int, asyncio.Event] = {}
+        self.waiting: dict[int, asyncio.Event] = {}
         self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
         self._armed_reported, self._ready_reported = _Reported(bool), _Reported(bool)
         self._failsafe_reported = _Reported(bool)
         self._reboot_count_reported, self._resets_reported = _Reported(int), _Reported(int)
-        self._modes_reported, self._landed_reported = _Reported(self._mode_of), _Reported(_LANDED.__getitem__)
+        self._modes_reported, self._landed_reported = _Reported(self.mode_of), _Reported(_LANDED.__getitem__)
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
             {
                 framing.GLOBAL_POSITION_INT: self._take_positions,
@@ -184,28 +187,18 @@ class FleetTelemetry:
                 read(rows[mine], decode(message_id, data, frames[mine]), time_s[mine])
         texts = np.flatnonzero(message == framing.STATUSTEXT).tolist()
         for at in texts:
-            self._texts[rows[at]].take(
+            self.texts[rows[at]].take(
                 framing.status_text(frame(data, frames[at].tolist())), float(time_s[at])
             )
         if texts:
-            self._texts_reported = tuple(each.texts for each in self._texts)
+            self._texts_reported = tuple(each.texts for each in self.texts)
 
     def reported(self, row: int) -> "VehicleReport":
         return VehicleReport(self, row)
 
-    def mode(self, row: int) -> Mode:
-        return self._mode_of(int(self._mode[row]))
-
-    def text(self, row: int) -> tuple[str, float]:
-        return self._texts[row].text, self._texts[row].text_time_s
-
-    def next_heartbeat(self, row: int) -> asyncio.Event:
-        """Event that fires at the vehicle's next heartbeat; afterwards it is another one."""
-        return self._waiting.setdefault(row, asyncio.Event())
-
     @property
     def awaited(self) -> bool:
-        return bool(self._waiting)
+        return bool(self.waiting)
 
     def telemetry(self, *, may_be_ready: Mask | bool = True, discovered: Mask | None = None) -> Telemetry:
         """A copy of all values.
@@ -229,7 +222,7 @@ class FleetTelemetry:
             yaw_deg=np.where(undiscovered, np.nan, self._yaw_deg),
             battery_remaining=self._batteries.remaining.copy(),
             armed=self._armed_reported.of(self.armed),
-            mode=self._modes_reported.of(self._mode),
+            mode=self._modes_reported.of(self.custom_mode),
             in_failsafe=self._failsafe_reported.of(self.in_failsafe),
             landed=self._landed_reported.of(self.landed),
             ready=self._ready_reported.of(ready),
@@ -243,7 +236,7 @@ class FleetTelemetry:
             texts=self._texts_reported,
         )
 
-    def _mode_of(self, custom_mode: int) -> Mode:
+    def mode_of(self, custom_mode: int) -> Mode:
         known = self._modes.get(custom_mode)
         if known is None:
             known = framing.px4_mode(custom_mode)
@@ -287,10 +280,10 @@ class FleetTelemetry:
         self.in_failsafe[rows] = self.armed[rows] & np.isin(
             reported["system_status"], framing.FAILSAFE_STATES
         )
-        self._mode[rows] = np.where(base & _CUSTOM, reported["custom_mode"].astype(np.int64), _OTHER)
-        if self._waiting:
+        self.custom_mode[rows] = np.where(base & _CUSTOM, reported["custom_mode"].astype(np.int64), _OTHER)
+        if self.waiting:
             for row in rows.tolist():
-                event = self._waiting.pop(row, None)
+                event = self.waiting.pop(row, None)
                 if event is not None:
                     event.set()
 
@@ -350,7 +343,7 @@ class VehicleReport:
 
     @property
     def mode(self) -> Mode:
-        return self.fleet.mode(self.row)
+        return self.fleet.mode_of(int(self.fleet.custom_mode[self.row]))
 
     @property
     def landed(self) -> Landed:
@@ -359,7 +352,9 @@ class VehicleReport:
     @property
     def text(self) -> tuple[str, float]:
         """Its newest status text, and that text's arrival."""
-        return self.fleet.text(self.row)
+        texts = self.fleet.texts[self.row]
+        return texts.text, texts.text_time_s
 
     def next_heartbeat(self) -> asyncio.Event:
-        return self.fleet.next_heartbeat(self.row)
+        """Event that fires at its next heartbeat; afterwards it is another one."""
+        return self.fleet.waiting.setdefault(self.row, asyncio.Event())

@@ -123,9 +123,9 @@ def test_ready_is_the_prearm_bit(health: int) -> None:
 def test_long_text_is_joined_from_its_chunks() -> None:
     fleet = FleetTelemetry(IDS)
     take(fleet, 1.0, text(b"a" * 50, 9, 0), text(b"b" * 50, 9, 1), text(b"end", 9, 2))
-    assert fleet.text(ROW) == ("a" * 50 + "b" * 50 + "end", 1.0)
+    assert fleet.reported(ROW).text == ("a" * 50 + "b" * 50 + "end", 1.0)
     reported = take(fleet, 2.0, text(b"next"))
-    assert fleet.text(ROW) == ("next", 2.0)
+    assert fleet.reported(ROW).text == ("next", 2.0)
     assert [each.text[-4:] for each in reported.texts[ROW]] == ["bend", "next"]
     assert reported.texts[0] == ()
 
@@ -134,7 +134,7 @@ def test_endless_chunks_stay_bounded() -> None:
     fleet = FleetTelemetry(IDS)
     for chunk in range(200):
         take(fleet, 1.0, text(b"a" * 50, 9, chunk))
-    assert len(fleet.text(ROW)[0]) == 8 * 50
+    assert len(fleet.reported(ROW).text[0]) == 8 * 50
 
 
 @pytest.mark.parametrize(
