@@ -11,7 +11,13 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import ShapeError, cut
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.return_paths import PathProgress, ReturnPaths, plan_return_paths, return_planner
+from gcs.planning.return_paths import (
+    PathProgress,
+    Planner,
+    ReturnPaths,
+    plan_return_paths,
+    return_planner,
+)
 
 log = logging.getLogger(__name__)
 
@@ -20,9 +26,9 @@ STOPPED_WITHIN_S = 5.0
 """A vehicle that has not stopped or is not under control by then returns without a planned path."""
 
 PLANNED_WITHIN_S = 10.0
-"""The best plan at that time is flown; the first is always completed. 50 vehicles take one or two seconds."""
+"""The best plan at that time is flown; the first is always completed. 50 vehicles take less than a second."""
 
-TOGETHER_MAX = 300
+TOGETHER_MAX = 1000
 """Larger fleets return without planned paths: their first plan would take too long."""
 
 FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
@@ -42,6 +48,7 @@ class CollectiveReturn:
         self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
         self._is_off = False  # no plan: the vehicles return one by one
         self.problem = ""  # why the planner failed and what follows
+        self._planner: Planner | None = None
         self._planned: Future[ReturnPaths] | None = None
         self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
@@ -62,6 +69,8 @@ class CollectiveReturn:
     def give_up(self) -> None:
         """Stop improving the plan."""
         self._enough = True
+        if self._planner is not None:
+            self._planner.halt()
 
     def stopping(self, vehicle: Vehicle) -> None:
         """Note that a vehicle is under control and stops."""
@@ -154,7 +163,7 @@ class CollectiveReturn:
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
         self._home_m = np.array([home_m for _, home_m in homes])
         try:
-            planner = return_planner(
+            self._planner = return_planner(
                 flight.fleet.position_m[rows].copy(),
                 self._home_m,
                 (operation.takeoff_height_m, operation.handover_height_m),
@@ -163,6 +172,6 @@ class CollectiveReturn:
                 flight.fleet.time_s,
                 flight.traits.uncertainty_m[rows],
             )
-            self._planned = self._planning.submit(plan_return_paths, planner, lambda: self._enough)
+            self._planned = self._planning.submit(plan_return_paths, self._planner, lambda: self._enough)
         except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
             self._fail(error)

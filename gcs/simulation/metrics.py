@@ -274,7 +274,7 @@ def _on_orbit_s(record: Record, flight: FormationFlight | ArticleFlight) -> floa
     return None
 
 
-TOTAL_SHARE, TOTAL_SPARE_S = 1.5, 10.0
+TOTAL_SHARE, TOTAL_SPARE_S, SPARE_OF_MANY_S, MANY = 1.5, 10.0, 30.0, 200
 """`arrival.late_s` is the last arrival minus share times the longest straight-line time minus reserve."""
 
 
@@ -295,12 +295,13 @@ def arrival(record: Record) -> dict[str, object]:
     ever = there.any(axis=0)
     took_s = np.where(ever, there.argmax(axis=0) / scenario.world.tick_rate_hz, np.inf)
     ratio = took_s / np.maximum(straight_s, 1e-9)
+    spare_s = TOTAL_SPARE_S if record.count <= MANY else SPARE_OF_MANY_S
     return {
         "arrived": int(ever.sum()),
         "median_ratio": rounded(float(np.median(ratio))),
         "worst_ratio": rounded(float(ratio.max())),
         "total_s": rounded(float(took_s.max())),
-        "late_s": rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + TOTAL_SPARE_S))),
+        "late_s": rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + spare_s))),
     }
 
 

@@ -30,6 +30,8 @@ Row: TypeAlias = Literal[
     "changes",
     "neighbours",
     "landing",
+    "loss",
+    "return",
 ]
 """The rows of docs/flight-quality.md: scenarios that answer the same question."""
 

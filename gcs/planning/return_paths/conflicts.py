@@ -25,12 +25,14 @@ def chosen_paths(
     free: Mask,
     spared: Mask,
     kept_m: Array,
-    reaction_s: float,
-    deceleration_m_s2: float,
-    low_m: float,
-    count: int,
-) -> tuple[Rows, Rows]:
+    numbers: tuple[float, float, float],
+    counts: tuple[int, int, int],
+    halted: Mask,
+) -> tuple[Rows, Rows, Mask]:
     """Select for each vehicle the path that ends soonest without a conflict with those planned before.
+
+    A vehicle without one is planned again after all others: it waits until the last that passes its start has
+    passed. The filter moves it aside for them.
 
     Args:
         order: (n,) rows in the order of planning.
@@ -39,38 +41,47 @@ def chosen_paths(
         free: (k,) which paths may be taken.
         spared: (n,) vehicles whose starts the others pass only if there is no alternative.
         kept_m: (n, n) distance that each pair keeps, scaled.
-        reaction_s: a pair closes no faster than it can stop within its gap, after this delay
-        deceleration_m_s2: and with this braking.
-        low_m: pairs that are both lower, scaled, do not count.
-        count: steps within which all must be down.
+        numbers: a pair closes no faster than it can stop within its gap, after this delay, s, and with this
+            braking, m/s^2; and pairs that are both lower than this, scaled, m, do not count.
+        counts: steps within which all must be down, those planned again, and between two waits.
+        halted: (1,) set by another thread: the rest is left without paths.
 
-    Returns: (n,) the path taken, -1 where none is free, and (n,) the steps it waits before.
+    Returns: (n,) the path taken, -1 where none is free, (n,) the steps it waits before, and (n,) which were
+        planned again.
     """
     n, each = len(order), len(free) // len(order)
-    way, wait = np.full(n, -1, np.intp), np.zeros(n, np.intp)
-    path_m = np.empty((n, count, 3))
+    count, later, _ = counts
+    way, wait, again = np.full(n, -1, np.intp), np.zeros(n, np.intp), np.zeros(n, np.bool_)
+    path_m = np.empty((n, later, 3))
     for i in range(n):
         path_m[i] = place_m[first[i * each]]
-    numbers = reaction_s, deceleration_m_s2, low_m
     others, known = np.empty(n, np.intp), 0
-    for i in order:
-        met = known
-        for j in range(n):
-            if spared[j] and way[j] < 0 and j != i:
-                others[met] = j
-                met += 1
-        found, begins = _soonest(i, each, place_m, first, free, path_m, others[:met], kept_m, numbers)
-        if found < 0 and met > known:
-            found, begins = _soonest(i, each, place_m, first, free, path_m, others[:known], kept_m, numbers)
-        if found < 0:
-            continue
-        way[i], wait[i] = found, begins
-        way_m = place_m[first[found] : first[found + 1]]
-        path_m[i, begins : begins + len(way_m)] = way_m
-        path_m[i, begins + len(way_m) :] = way_m[-1]
-        others[known] = i
-        known += 1
-    return way, wait
+    for turn in range(2):
+        for i in order:
+            if way[i] >= 0 or halted[0]:
+                continue
+            met = known
+            for j in range(n):
+                if turn == 0 and spared[j] and way[j] < 0 and j != i:
+                    others[met] = j
+                    met += 1
+            limits = (0, count) if turn == 0 else (1, later)
+            found, begins = _soonest(
+                i, each, place_m, first, free, path_m, others[:met].copy(), kept_m, numbers, limits, counts[2]
+            )
+            if found < 0 and met > known:
+                found, begins = _soonest(
+                    i, each, place_m, first, free, path_m, others[:known], kept_m, numbers, limits, counts[2]
+                )
+            if found < 0:
+                continue
+            way[i], wait[i], again[i] = found, begins, turn > 0
+            way_m = place_m[first[found] : first[found + 1]]
+            path_m[i, begins : begins + len(way_m)] = way_m
+            path_m[i, begins + len(way_m) :] = way_m[-1]
+            others[known] = i
+            known += 1
+    return way, wait, again
 
 
 @kernel
@@ -84,24 +95,36 @@ def _soonest(
     others: Rows,
     kept_m: Array,
     numbers: tuple[float, float, float],
+    limits: tuple[int, int],
+    stride: int,
 ) -> tuple[int, int]:
-    """Return the path of vehicle i that ends soonest, and the steps it waits before; -1: none is free."""
-    own, count = i * each, path_m.shape[1]
-    latest, shortest = count, count
+    """Return the path of vehicle i that ends soonest, and the steps it waits before; -1: none is free.
+
+    `limits`: 1 if others may pass its start before it begins, and the steps within which it must be down.
+    """
+    own, (waits, count) = i * each, limits
+    earliest, latest, shortest = 0, count, count
     for j in others:
-        latest = min(latest, _stays_free(place_m[first[own]], path_m[j], kept_m[i, j], latest, numbers))
+        if waits:
+            earliest = max(earliest, _is_passed_until(place_m[first[own]], path_m[j], kept_m[i, j], numbers))
+        else:
+            latest = min(latest, _stays_free(place_m[first[own]], path_m[j], kept_m[i, j], latest, numbers))
     for k in range(own, own + each):
         shortest = min(shortest, first[k + 1] - first[k])
-    blocker = np.full(each, -1, np.intp)
-    for end in range(shortest, count):
+    blocker, blocked_at = np.full(each, -1, np.intp), np.zeros(each, np.intp)
+    for end in range(shortest + earliest, count, stride):
         for k in range(own, own + each):
             begins = end - (first[k + 1] - first[k])
-            if begins < 0 or begins > latest or not free[k]:
+            if begins < earliest or begins > latest or not free[k]:
                 continue
             way_m = place_m[first[k] : first[k + 1]]
-            if _is_free(way_m, begins, i, path_m, others, kept_m, blocker, k - own, numbers):
+            if _is_free(way_m, begins, i, path_m, others, kept_m, blocker, blocked_at, k - own, numbers):
                 return k, begins
     return -1, 0
+
+
+AGAIN_STEPS = 12
+"""A path that was blocked is first tested this many steps about where it was blocked before."""
 
 
 @kernel
@@ -113,18 +136,41 @@ def _is_free(
     others: Rows,
     kept_m: Array,
     blocker: Rows,
+    blocked_at: Rows,
     mine: int,
     numbers: tuple[float, float, float],
 ) -> bool:
-    """Whether a path conflicts with none of the others; tests the last blocker first."""
-    last = blocker[mine]
-    if last >= 0 and _meets(way_m, begins, path_m[last], kept_m[i, last], numbers):
-        return False
-    for j in others:
-        if j != last and _meets(way_m, begins, path_m[j], kept_m[i, j], numbers):
-            blocker[mine] = j
+    """Whether a path conflicts with none of the others; tests first where the last blocker was met."""
+    last, end = blocker[mine], len(way_m) - 1
+    if last >= 0:
+        near = max(blocked_at[mine] - AGAIN_STEPS, 0)
+        until = min(blocked_at[mine] + AGAIN_STEPS, end)
+        met = _meets(way_m, begins, path_m[last], kept_m[i, last], near, until, numbers)
+        if met >= 0:
+            blocked_at[mine] = met
+            return False
+    for k in range(len(others)):
+        j = others[k]
+        met = _meets(way_m, begins, path_m[j], kept_m[i, j], 0, end, numbers)
+        if met >= 0:
+            blocker[mine], blocked_at[mine] = j, met
+            others[k], others[k // 2] = others[k // 2], j  # what blocks often is tested early
             return False
     return True
+
+
+@kernel
+def _is_passed_until(
+    start_m: Array, other_m: Array, kept_m: float, numbers: tuple[float, float, float]
+) -> int:
+    """Return the steps until another has passed a vehicle that stays at its start, for the last time."""
+    t, until = 0, 0
+    while t < len(other_m) - 1:
+        step = _step(start_m, start_m, other_m[t], other_m[t + 1], kept_m, numbers)
+        if step == 0:
+            until = t + 1
+        t += max(step, 1)
+    return until
 
 
 @kernel
@@ -143,17 +189,23 @@ def _stays_free(
 
 @kernel
 def _meets(
-    way_m: Array, begins: int, other_m: Array, kept_m: float, numbers: tuple[float, float, float]
-) -> bool:
-    """Whether a path (k, 3) begun after `begins` steps conflicts with another's path (t, 3)."""
-    k = 0
-    while k < len(way_m) - 1:
+    way_m: Array,
+    begins: int,
+    other_m: Array,
+    kept_m: float,
+    first: int,
+    end: int,
+    numbers: tuple[float, float, float],
+) -> int:
+    """Return the step from `first` to before `end` at which a path (k, 3) meets another; -1: none."""
+    k = first
+    while k < end:
         t = begins + k
         step = _step(way_m[k], way_m[k + 1], other_m[t], other_m[t + 1], kept_m, numbers)
         if step == 0:
-            return True
+            return k
         k += step
-    return False
+    return -1
 
 
 @kernel

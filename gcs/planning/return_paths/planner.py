@@ -31,8 +31,14 @@ ROUNDS = len(SPARED_FAILS) * ATTEMPT_ROUNDS
 HASTY_SHARE = 0.4
 """In the last attempt pairs may close faster, although the filter will slow some of them down."""
 
-MORE_S = 60.0
-"""Additional time in the last round until all vehicles must be down."""
+MORE_S, MORE_FOR_MANY_S, MANY = 60.0, 20.0, 200
+"""Additional time until all must be down: in the last round, and at a second try where they are many."""
+
+ROUNDS_SPENT = 4.0e5
+"""Rounds times the square of the vehicles: about 10 s of planning, also where no clock is looked at."""
+
+WAITS_TRIED = 250
+"""Vehicles for which every step of waiting is tried; with k times as many, every k-th."""
 
 LONGEST_SHARE = 1.1
 """Of the longest path: no vehicle lands later than that and `spare_s`, if possible."""
@@ -107,7 +113,9 @@ class Planner:
         self._rounds = 0
         self._candidates: Candidates | None = None
         self._place_m = self._kept_m = start_m  # both are set in the first round
-        self._best: tuple[Rows, Rows] | None = None  # as returned by `chosen_paths`
+        self._best: tuple[Rows, Rows, Mask] | None = None  # as returned by `chosen_paths`
+        self._halted = np.zeros(1, np.bool_)
+        self._rounds_max = max(1, min(ROUNDS, int(ROUNDS_SPENT / len(start_m) ** 2)))
 
     @property
     def return_paths(self) -> ReturnPaths:
@@ -116,37 +124,57 @@ class Planner:
             raise ShapeError("no round has been planned")
         return self._laid(self._candidates, *self._best)
 
+    def halt(self) -> None:
+        """End the planning at once, from another thread; the first round is completed."""
+        self._halted[0] = self._best is not None
+
     def round(self) -> bool:
         """Plan all vehicles once more. Returns: whether no further round can improve the plan."""
         candidates = self._candidates
         if candidates is None:
             candidates = self._candidates = self._prepared()
         self._rounds += 1
-        settings, last = self._settings, self._rounds >= ROUNDS
+        settings, last = self._settings, self._rounds >= self._rounds_max
         attempt, before = divmod(self._rounds - 1, ATTEMPT_ROUNDS)
         if before == 0:
             self._fails[:] = 0
         longest_s = float(self._quickest_s.max(initial=STEP_S))
         share = LONGEST_SHARE if before < LATER_ROUNDS else LATER_SHARE
+        many_s = MORE_FOR_MANY_S if len(self._start_m) > MANY else 0.0
         down_s = share * longest_s + settings.spare_s + (MORE_S if last else 0.0)
+        later_s = max(down_s, LATER_SHARE * longest_s + settings.spare_s + many_s)
         quickest = int(candidates.length.reshape(-1, EACH).min(axis=1).max())
-        way, wait = chosen_paths(
-            np.lexsort((-self._quickest_s, -self._fails)),
+        way, wait, again = chosen_paths(
+            np.lexsort((-self._start_m[:, 2], -self._fails)),  # lowest first: it makes room
             self._place_m,
             candidates.first,
             candidates.free,
             self._fails >= SPARED_FAILS[attempt],
             self._kept_m,
-            settings.reaction_s * (HASTY_SHARE if attempt == len(SPARED_FAILS) - 1 else 1.0),
-            settings.deceleration_m_s2,
-            self._low_m,
-            max(int(down_s / STEP_S), quickest) + 1,
+            (
+                settings.reaction_s * (HASTY_SHARE if attempt == len(SPARED_FAILS) - 1 else 1.0),
+                settings.deceleration_m_s2,
+                self._low_m,
+            ),
+            (
+                max(int(down_s / STEP_S), quickest) + 1,
+                max(int(later_s / STEP_S), quickest) + 1,
+                1 + len(self._start_m) // WAITS_TRIED,
+            ),
+            self._halted,
         )
-        left = way < 0
-        if self._best is None or left.sum() < (self._best[0] < 0).sum():
-            self._best = way, wait
+        left = (way < 0) | again
+        if self._best is None or (
+            not self._halted[0] and self._cost(way, again) < self._cost(*self._best[::2])
+        ):
+            self._best = way, wait, again
         self._fails[left] += 1  # vehicles without a path choose earlier in the next round
-        return last or not left.any()
+        return last or bool(self._halted[0]) or not left.any()
+
+    @staticmethod
+    def _cost(way: Rows, again: Mask) -> float:
+        """Vehicles without a path count as two that are passed while they wait."""
+        return float(2 * (way < 0).sum() + again.sum())
 
     def _prepared(self) -> Candidates:
         """Return the candidate paths, which all rounds share."""
@@ -165,7 +193,7 @@ class Planner:
         self._kept_m = np.minimum(wide_m, np.maximum(0.98 * apart_m, least_m))
         return candidates
 
-    def _laid(self, candidates: Candidates, way: Rows, wait: Rows) -> ReturnPaths:
+    def _laid(self, candidates: Candidates, way: Rows, wait: Rows, _: Mask) -> ReturnPaths:
         """Return the plan as positions. Vehicles without a path follow when all others are down."""
         unplanned = np.flatnonzero(way < 0)
         way, wait, length = way.copy(), wait.copy(), candidates.length
