@@ -1,8 +1,8 @@
 """Error messages for settings: key, value, what is allowed, and the probable key for a misspelt one."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
-from typing import Any, Final, NamedTuple, get_args
+from typing import Final, NamedTuple, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -14,31 +14,29 @@ LOCATED: Final = "located"
 KEYS_REPORTED: Final = 12
 """Most keys of a section that an error names when none resembles the unknown key."""
 
-_WORDS: Final[Mapping[str, Callable[[Mapping[str, Any]], str]]] = {
-    "float_type": lambda _: "a number is needed",
-    "float_parsing": lambda _: "a number is needed",
-    "finite_number": lambda _: "a number is needed, neither infinite nor nan",
-    "int_type": lambda _: "a whole number is needed",
-    "int_parsing": lambda _: "a whole number is needed",
-    "int_from_float": lambda _: "a whole number is needed",
-    "bool_type": lambda _: "true or false is needed",
-    "bool_parsing": lambda _: "true or false is needed",
-    "string_type": lambda _: "text is needed",
-    "path_type": lambda _: "a file or folder is needed",
-    "tuple_type": lambda _: "a list is needed",
-    "list_type": lambda _: "a list is needed",
-    "dict_type": lambda _: "a section is needed",
-    "greater_than": lambda ctx: f"must be greater than {ctx['gt']:g}",
-    "greater_than_equal": lambda ctx: f"at least {ctx['ge']:g}",
-    "less_than": lambda ctx: f"must be less than {ctx['lt']:g}",
-    "less_than_equal": lambda ctx: f"at most {ctx['le']:g}",
-    "literal_error": lambda ctx: f"one of {ctx['expected']}",
-    "enum": lambda ctx: f"one of {ctx['expected']}",
-    "too_short": lambda ctx: f"at least {ctx['min_length']} entries are needed",
-    "too_long": lambda ctx: f"at most {ctx['max_length']} entries are possible",
-    "string_too_short": lambda ctx: f"at least {ctx['min_length']} characters are needed",
-    "string_too_long": lambda ctx: f"at most {ctx['max_length']} characters are possible",
-    "union_tag_invalid": lambda ctx: f"one of {ctx['expected_tags']}",
+_WORDS: Final = {
+    kind: words
+    for kinds, words in (
+        ("float_type float_parsing", "a number is needed"),
+        ("finite_number", "a number is needed, neither infinite nor nan"),
+        ("int_type int_parsing int_from_float", "a whole number is needed"),
+        ("bool_type bool_parsing", "true or false is needed"),
+        ("string_type", "text is needed"),
+        ("path_type", "a file or folder is needed"),
+        ("tuple_type list_type", "a list is needed"),
+        ("dict_type", "a section is needed"),
+        ("greater_than", "must be greater than {gt:g}"),
+        ("greater_than_equal", "at least {ge:g}"),
+        ("less_than", "must be less than {lt:g}"),
+        ("less_than_equal", "at most {le:g}"),
+        ("literal_error enum", "one of {expected}"),
+        ("too_short", "at least {min_length} entries are needed"),
+        ("too_long", "at most {max_length} entries are possible"),
+        ("string_too_short", "at least {min_length} characters are needed"),
+        ("string_too_long", "at most {max_length} characters are possible"),
+        ("union_tag_invalid", "one of {expected_tags}"),
+    )
+    for kind in kinds.split()
 }
 
 
@@ -110,7 +108,7 @@ def _misfit(problem: ErrorDetails, model: type[BaseModel], source: Source | None
         return Misfit(loc, key, shown or "", _section(model, loc))
     words = _WORDS.get(kind)
     if words is not None:
-        return Misfit(loc, key, shown, words(problem.get("ctx", {})))
+        return Misfit(loc, key, shown, words.format_map(problem.get("ctx", {})))
     text = problem["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return Misfit(loc, key, shown if loc else None, text)
 

@@ -261,11 +261,11 @@ class Table:
         self._rows: dict[tuple[VehicleId, ...], NDArray[np.intp]] = {}  # of each link's vehicles
         self._origin = (frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg)
         n = len(self.ids)
-        self._believed_m, self._believed_s = np.full((n, 3), np.nan), np.full(n, -np.inf)
-        self._believed_m_s = np.full((n, 3), np.nan)  # with the accepted position
-        self._reported_m, self._reported_s = np.full((n, 3), np.nan), np.full(n, -np.inf)  # accepted or not
-        self._reported_since_s = np.full(n, np.inf)  # without a jump, of vehicles not trusted
-        self._trusted = np.ones(n, dtype=np.bool_)
+        # accepted: position, its time, the velocity that came with it, and whether the newest was accepted
+        self._believed: tuple[Array, Array, Array, Mask]
+        self._believed = _unknown(n), np.full(n, -np.inf), _unknown(n), np.ones(n, np.bool_)
+        # accepted or not: position, its time, and since when without a jump, of vehicles not trusted
+        self._reported: tuple[Array, Array, Array] = _unknown(n), np.full(n, -np.inf), np.full(n, np.inf)
         self._resets = np.full(n, -1)  # reset counters of the estimators
         self.reset_time_s = np.full(n, -np.inf)
 
@@ -275,11 +275,8 @@ class Table:
         Called once a tick; a second call with the same telemetry has the same result.
         """
         n = len(self.ids)
-        position_m, velocity_m_s, yaw_rad = (
-            np.full((n, 3), np.nan),
-            np.full((n, 3), np.nan),
-            np.full(n, np.nan),
-        )
+        position_m, velocity_m_s = _unknown(n), _unknown(n)
+        yaw_rad = np.full(n, np.nan)
         time_s, exists, armed = np.full(n, -np.inf), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         resets = self._resets.copy()
         for part in telemetry:
@@ -301,45 +298,25 @@ class Table:
             armed[rows] = part.armed
             resets[rows] = part.position_resets
         self.reset_time_s = self.reset_time_s.copy()  # holders of the old array keep it unchanged
-        judge(
-            now_s,
-            position_m,
-            time_s,
-            velocity_m_s,
-            exists,
-            armed,
-            resets,
-            self._reported_m,
-            self._reported_s,
-            self._reported_since_s,
-            self._believed_m,
-            self._believed_s,
-            self._believed_m_s,
-            self._trusted,
-            self._resets,
-            self.reset_time_s,
-        )
-        here_m, moves_m_s, age_s = brought_forward(
-            now_s,
-            self._believed_m,
-            self._believed_s,
-            self._believed_m_s,
-            self._trusted,
-            self._flies_on_s,
-            self._brakes_s,
-        )
+        new = (position_m, time_s, velocity_m_s, exists, armed, resets)
+        judge(now_s, *(*new, *self._reported, *self._believed, self._resets, self.reset_time_s))
+        here_m, moves_m_s, age_s = brought_forward(now_s, *self._believed, self._flies_on_s, self._brakes_s)
         return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s)
 
     @property
     def last_velocity_m_s(self) -> Array:
         """(n, 3) the whole velocity that came with each vehicle's last accepted position."""
-        return self._believed_m_s.copy()
+        return self._believed[2].copy()
 
     def _rows_of(self, ids: tuple[VehicleId, ...]) -> NDArray[np.intp]:
         rows = self._rows.get(ids)
         if rows is None:
             rows = self._rows[ids] = np.array([self._row[vehicle_id] for vehicle_id in ids], dtype=np.intp)
         return rows
+
+
+def _unknown(n: int) -> Array:
+    return np.full((n, 3), np.nan)
 
 
 def tuple3(row: Array) -> tuple[float, float, float] | None:

@@ -20,7 +20,8 @@ from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
-from gcs.preflight import Pattern, PreflightInputs, own_checks, room_to_wander, spacing, standing
+from gcs.preflight.fleet import Pattern, room_to_wander, spacing, standing
+from gcs.preflight.vehicles import PreflightInputs, own_checks
 from gcs.service import CALLER, CommandRecord, Outcome
 
 log = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
 from gcs.planning.landing_sites import STOP_S
-from gcs.preflight import PAD_HEIGHT_MAX_M
+from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
 """Values of COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot descends."""

@@ -10,7 +10,8 @@ from gcs.config.sections import PreflightSettings
 from gcs.estimation.fleet_state import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
-from gcs.preflight import PAD_HEIGHT_MAX_M, Pattern, PreflightInputs, own_checks, spacing, standing
+from gcs.preflight.fleet import Pattern, spacing, standing
+from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, PreflightInputs, own_checks
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 
