@@ -95,7 +95,7 @@ class LinkParts:
 
 
 class BatchLink(ABC):
-    """Up to 250 vehicles. A `gcs.links.Link`. Used on the loop's thread only."""
+    """Up to 250 vehicles. Implements `gcs.links.Link`, which documents it. Used on the loop's thread only."""
 
     def __init__(
         self,
@@ -275,7 +275,6 @@ class BatchLink(ABC):
 
     @property
     def counters(self) -> Counters:
-        """Totals since the link was created: setpoints sent, setpoints dropped by the watchdog, and so on."""
         return self._counters
 
     def observe(self, observer: Observer) -> Callable[[], None]:
@@ -295,7 +294,6 @@ class BatchLink(ABC):
         return self._sent.times_s(self._row[vehicle_id])
 
     async def run(self) -> None:
-        """Move bytes until cancelled. Raises: LinkError naming the port that cannot be opened."""
         stop_recording = None if self._recorder is None else self.observe(self._recorder.record)
         try:
             self._ports.open()
@@ -314,7 +312,6 @@ class BatchLink(ABC):
                 stop_recording()
 
     def snapshot(self) -> Telemetry:
-        """The newest telemetry of every vehicle, with arrival times; pending datagrams are read first."""
         self._receive_for_tick()
         return self._telemetry.telemetry(may_be_ready=self._protocol is not None)
 
@@ -350,10 +347,6 @@ class BatchLink(ABC):
         self._send_setpoints(SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
 
     async def execute(self, command: Command) -> None:
-        """Send a command, and return when the vehicle's heartbeat confirms it. See `Link.execute`.
-
-        Raises: UnknownError for a vehicle of another link; CommandError.
-        """
         otherwise = f"{command.verb} impossible"
         protocol, row = self._protocol_for(command.vehicle_id, otherwise)
         reported = self._telemetry.reported(row)
