@@ -87,11 +87,13 @@ def _around_obstacles(
         return desired_m_s, {}, None
     scene = Scene(now, center, sphere_m, reach_m, Outlines.of(now.ellipses))
     led_m_s, detour = follow_detour(scene, desired_m_s, memory.detour)
+    drones_m = now.position_m[now.rows]  # those that were left behind pass on the side that suits them
+    behind_m = np.linalg.norm(drones_m - center.position_m, axis=1) - sphere_m
     sides = kept_sides(
         scene.outlines,
         center.position_m,
         led_m_s,
-        now.position_m[now.rows],
+        drones_m[behind_m < law.avoidance.lookahead_m],
         memory.sides,
         near_m=SIDE_KEPT * law.avoidance.lookahead_m,
         tall=-center.position_m[2] - sphere_m < scene.outlines.top_height_m,

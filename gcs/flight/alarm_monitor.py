@@ -182,6 +182,7 @@ class AlarmMonitor:
         conditions = [
             *self._of_vehicles(findings.failsafes),
             *self._of_distances(tick),
+            *_of_the_centre(tick),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
             *self._of_the_ground(),
@@ -309,6 +310,15 @@ class AlarmMonitor:
             yield Condition(AlarmCause.NOT_FLYING, because, (vehicle_id,), severity=severity)
         if flight.columns and flight.show in BEFORE_ASSEMBLING:
             yield Condition(AlarmCause.STACKED, flight.columns)
+
+
+def _of_the_centre(tick: Tick) -> Iterator[Condition]:
+    """Yield the obstacle that keeps the formation's centre from its goal."""
+    detour = tick.memory.detour
+    if detour is not None and detour.held_by:
+        waits = "no way leads to the target" if not detour.reaches else "the way round it makes no headway"
+        consequence = "The formation keeps clear of it, and goes on as soon as a way is free."
+        yield Condition(AlarmCause.NO_HEADWAY, waits, consequence=consequence, about=detour.held_by)
 
 
 def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:

@@ -52,6 +52,7 @@ class AlarmCause(StrEnum):
     RETURN_UNPLANNED = "return-unplanned"
     TARGET_STALE = "target-stale"
     OBSTACLE_WAITS = "obstacle-waits"
+    NO_HEADWAY = "no-headway"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
     RECORD_FAILS = "record-fails"
@@ -159,6 +160,11 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.TARGET_STALE: CauseRow(C, "Live target not renewed", "Check what sends the target."),
     AlarmCause.OBSTACLE_WAITS: CauseRow(
         C, "Obstacle of the show does not stand yet", "Keep vehicles clear of it, or pause the show."
+    ),
+    AlarmCause.NO_HEADWAY: CauseRow(
+        C,
+        "No headway past obstacle {about}",
+        "Move the target, or remove the obstacle if it is gone; pause the show or bring it home otherwise.",
     ),
     AlarmCause.POOR_LINK: CauseRow(
         C,
