@@ -259,7 +259,8 @@ def _choices(scene: Scene) -> Iterator[tuple[float, float | None]]:
     highest_m = fence.height_max_m - scene.sphere_m
     over_m = np.unique(scene.outlines.top_height_m) + scene.sphere_m + ALOFT_M
     if settings.climbs:
-        for height_m in over_m[(over_m > scene.plan_height_m) & (over_m <= highest_m)]:
+        possible_m = over_m[(over_m > scene.plan_height_m) & (over_m <= highest_m)]
+        for height_m in (*possible_m[:1], *possible_m[1:][-1:]):  # lowest and highest: bounded in cost
             yield 1.0, float(height_m)
     for clear in CLEARANCES[1:]:
         yield clear, None
