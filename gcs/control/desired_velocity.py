@@ -19,6 +19,7 @@ from gcs.formation.law import (
     spin_velocity,
     turned,
 )
+from gcs.formation.obstacles import Ellipse
 from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.steering import avoid_all
@@ -97,6 +98,12 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
         to_goal_m_s = goal_velocity(now.position_m[goers], now.tasks.goal_m[goers], settings=law)
         half_m_s = 0.5 * np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
         desired_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s)
+        if len(now.tasks.segments_m):
+            free = ~now.tasks.descending[goers]  # these choose their way; a planned path is kept
+            if now.tasks.follows_planned_path is not None:
+                free &= ~now.tasks.follows_planned_path[goers]
+            past_m_s = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, now.columns)
+            desired_m_s[goers[free]] = past_m_s[free]
     return scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
 
 
@@ -106,9 +113,11 @@ def _avoiding(
     desired_m_s: Array,
     sides: Mapping[str, float],
     sliding_m_s: Array,
+    columns: Mapping[str, Ellipse] | None = None,
 ) -> Array:
     """(m, 3) velocities of those rows (m,) with obstacles avoided; the other arguments as in `avoid_all`."""
-    if not now.ellipses:
+    ellipses = {**now.ellipses, **(columns or {})}
+    if not ellipses:
         return desired_m_s
     avoidance = now.settings.law.avoidance
-    return avoid_all(now.position_m[rows], desired_m_s, now.ellipses, sides, sliding_m_s, avoidance)
+    return avoid_all(now.position_m[rows], desired_m_s, ellipses, sides, sliding_m_s, avoidance)

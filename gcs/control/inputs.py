@@ -158,6 +158,19 @@ class TickInputs:
     to_goal: Mask  # (n,) commanded and on the way to a goal of its own
     ellipses: dict[str, Ellipse]  # the plan's obstacles at this time
 
+    @property
+    def columns(self) -> dict[str, Ellipse]:
+        """The columns in which lost vehicles stay or descend; others fly round them to their goals."""
+        floor = self.settings.safety.floor
+        wide_m, tall_m = floor.kept_m(2.0 * floor.uncertainty_m)
+        upright = (self.tasks.segments_m[:, 0, :2] == self.tasks.segments_m[:, 1, :2]).all(axis=1)
+        found = {}
+        for place_m in self.tasks.segments_m[upright]:
+            x_m, y_m = place_m[0, :2].tolist()
+            top_m = tall_m - float(place_m[:, 2].min())
+            found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(x_m, y_m, wide_m, wide_m, top_m)
+        return found
+
     def of_formed(self, values: Array) -> Array:
         """A copy of the rows in formation: (m,) or (m, 3) of (n,) or (n, 3)."""
         return values.copy() if len(self.rows) == len(self.formed) else values[self.rows]

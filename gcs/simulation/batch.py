@@ -75,7 +75,8 @@ def figure(figures: dict[str, object], name: str) -> object:
         settle_s, straight_s = section["settle_time_s"], section["straight_line_time_s"]
         return settle_s is not None and settle_s <= SHAPE_FACTOR * straight_s + SHAPE_SPARE_S
     if key == "missing":
-        return None if section["arrived"] is None else int(str(figures["vehicles"])) - section["arrived"]
+        expected = int(str(section.get("expected") or figures["vehicles"]))
+        return None if section["arrived"] is None else expected - section["arrived"]
     return section[key]
 
 

@@ -13,6 +13,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
+from gcs.planning.landing_sites import STOP_S, swept_segments_m
 from gcs.planning.return_paths import (
     PathProgress,
     ReturnPaths,
@@ -51,6 +52,7 @@ class SimulatedFlight:
         self.goal_m = np.array(goal_m)
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
+        self.segments_m = np.zeros((0, 2, 3))  # (m, 2, 3) paths that lost vehicles may take
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
         self._progress: PathProgress | None = None
@@ -97,7 +99,7 @@ class SimulatedFlight:
             self.goal_m.copy(),
             self.world.in_air & self.present,
             self.descending.copy(),
-            np.zeros((0, 2, 3)),
+            self.segments_m.copy(),
             center_moves=self.center_moves,
             follows_planned_path=self._follows_planned_path(),
         )
@@ -342,16 +344,60 @@ class GoalRun(SimulatedFlight):
 
     def __init__(self, scenario: Scenario, flight: GoalFlight, count: int, seed: int) -> None:
         self.flight = flight
-        start_m, goal_m = layout.goals_m(flight, count, np.random.default_rng([seed, 1]))
+        self._random = np.random.default_rng([seed, 1])
+        start_m, goal_m = layout.goals_m(flight, count, self._random)
         middle_m = start_m.mean(axis=0)
         plan = Plan(Formation(10.0, float(-middle_m[2])))
         super().__init__(scenario, start_m, goal_m, plan, seed)
         self.task[:] = Task.GOAL
         self._since_s = np.inf
+        lost = self._random.choice(count, round(flight.loss.share * count), replace=False)
+        self._lost = np.isin(np.arange(count), lost)
+
+    def before_tick(self) -> None:
+        """Cut links, let the autopilots notice it, and take the vehicles for lost, as the flight does."""
+        loss, tick_s = self.flight.loss, self.world.tick_s
+        since_s = self.time_s - loss.at_s
+        if not self._lost.any() or since_s < -tick_s / 2:
+            return
+        operation = OperationSettings()
+        if since_s < tick_s / 2:
+            self.world.cut_links(self._lost)
+            self._last_m = self.world.received_m.copy()
+            self._last_m_s = self.world.estimate()[1].copy()
+        if abs(since_s - operation.setpoint_loss_s) < tick_s / 2:
+            sinking_m_s = {"descend": DESCEND_M_S, "land": TOUCHDOWN_M_S, "hold": 0.0}[loss.action]
+            self.world.leave_to_themselves(self._lost, sinking_m_s)
+        if abs(since_s - operation.silence_s) < tick_s / 2:
+            self._take_for_lost(operation)
+
+    def _take_for_lost(self, operation: OperationSettings) -> None:
+        """Close the space that lost vehicles may sweep, and expect only the others with clear goals."""
+        self.task[self._lost] = Task.NONE
+        self.world.forget(self._lost)
+        self.segments_m = np.concatenate(
+            [
+                swept_segments_m(
+                    self._last_m[row],
+                    self._last_m_s[row],
+                    None,
+                    self.flight.loss.action,
+                    operation.return_height_m,
+                    drift_s=operation.setpoint_loss_s + STOP_S,
+                )
+                for row in np.flatnonzero(self._lost)
+            ]
+        )
+        kept_m = self.floor.widest_m + self.flight.arrived_m
+        away_m = self.record.goal_m[:, None] - self.segments_m[None, :, 0]
+        over_m = self.segments_m[None, :, 0, 2] - self.record.goal_m[:, None, 2]
+        beside_m = np.hypot(away_m[..., 0], away_m[..., 1])
+        self.record.expected = ~self._lost & ((beside_m > kept_m) | (over_m > kept_m)).all(axis=1)
 
     def finished(self) -> bool:
         """Whether `LINGER_S` have passed since the last arrival."""
-        away_m = np.linalg.norm(self.world.position_m - self.record.goal_m, axis=1).max()
+        expected = self.record.expected
+        away_m = np.linalg.norm(self.world.position_m - self.record.goal_m, axis=1)[expected].max(initial=0.0)
         self._since_s = min(self._since_s, self.time_s) if away_m < self.flight.arrived_m else np.inf
         return self.time_s - self._since_s > LINGER_S
 

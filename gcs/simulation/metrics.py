@@ -292,12 +292,14 @@ def arrival(record: Record) -> dict[str, object]:
         there = np.linalg.norm(path_m - record.goal_m, axis=2) < flight.arrived_m
     else:
         there = ~np.array(record.in_air[begin:])
+    there, straight_s = there[:, record.expected], straight_s[record.expected]
     ever = there.any(axis=0)
     took_s = np.where(ever, there.argmax(axis=0) / scenario.world.tick_rate_hz, np.inf)
     ratio = took_s / np.maximum(straight_s, 1e-9)
     spare_s = TOTAL_SPARE_S if record.count <= MANY else SPARE_OF_MANY_S
     return {
         "arrived": int(ever.sum()),
+        "expected": int(record.expected.sum()),
         "median_ratio": rounded(float(np.median(ratio))),
         "worst_ratio": rounded(float(ratio.max())),
         "total_s": rounded(float(took_s.max())),

@@ -44,9 +44,13 @@ class Record:
     tick_s: list[float] = field(default_factory=list)  # processor time of each decision
     violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
     charge: Array | None = None  # (n,), None: all alike
+    expected: Mask = field(init=False)  # (n,) vehicles that must arrive: not lost, and with a clear goal
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight
     changed_s: float = 0.0  # start of settling: engagement, or the last event
+
+    def __post_init__(self) -> None:
+        self.expected = np.ones(len(self.start_m), dtype=np.bool_)
 
     @property
     def count(self) -> int:

@@ -176,6 +176,14 @@ class Radio(Settings):
     law: NeighboursSettings = NeighboursSettings()
 
 
+class Loss(Settings):
+    """Vehicles that lose their links for good, and do what their autopilots are configured to do."""
+
+    share: Share = 0.0
+    at_s: NotNegative = 12.0
+    action: Literal["hold", "descend", "land"] = "hold"
+
+
 class FormationFlight(Settings):
     """A flight in formation: all vehicles hover at take-off height and are engaged at time 0."""
 
@@ -213,6 +221,7 @@ class GoalFlight(Settings):
     spacing_m: Positive = 6.0  # least distance between positions
     lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
+    loss: Loss = Loss()
 
 
 class ArticleParameters(Settings):

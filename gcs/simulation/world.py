@@ -70,6 +70,7 @@ class TrueWorld:
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
         self._gone: Mask = np.zeros(n, dtype=bool)
+        self._silent: Mask = np.zeros(n, dtype=bool)
         self._rest_m = np.full((n, 3), np.nan)  # positions of landed vehicles
         self._command_m_s = np.zeros((n, 3))
         self._received_m, self._received_m_s = self.estimate()
@@ -103,10 +104,11 @@ class TrueWorld:
         position_m, velocity_m_s = self.estimate()
         n, world = len(self.ids), self._world
         kept = self._random.random(n) >= world.loss if world.loss else np.ones(n, dtype=bool)
+        kept &= ~self._silent
         self._telemetry.append((self.time_s + world.telemetry_delay_s, kept, position_m, velocity_m_s))
         while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
             _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
-            if not world.loss:
+            if not world.loss and not self._silent.any():
                 self._received_m, self._received_m_s = position_m, velocity_m_s
                 self._received_s = np.full(n, self.time_s)
                 continue
@@ -130,6 +132,7 @@ class TrueWorld:
             sent_m_s[[self.row_of[name] for name in setpoints.ids]] = setpoints.velocity_m_s
         if world.loss:
             sent_m_s[self._random.random(n) < world.loss] = np.nan
+        sent_m_s[self._silent] = np.nan
         self._setpoints.append((self.time_s + world.setpoint_delay_s, sent_m_s))
 
     def leave_to_themselves(self, rows: Mask, sinking_m_s: float) -> None:
@@ -138,6 +141,16 @@ class TrueWorld:
         self._command_m_s[rows, 2] = sinking_m_s
         for _, sent_m_s in self._setpoints:
             sent_m_s[rows] = np.nan
+
+    def cut_links(self, rows: Mask) -> None:
+        """End telemetry and setpoints of the vehicles in `rows` (n,); they keep their last setpoint."""
+        self._silent = self._silent | rows
+        for _, sent_m_s in self._setpoints:
+            sent_m_s[rows] = np.nan
+
+    def forget(self, rows: Mask) -> None:
+        """Take the vehicles in `rows` (n,) for lost: their positions are not known any more."""
+        self._gone = self._gone | rows
 
     def remove(self, rows: Mask) -> None:
         """Remove vehicles: they are no longer airborne, and send no more telemetry."""

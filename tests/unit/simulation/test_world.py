@@ -45,3 +45,22 @@ def test_delay_each_way_is_seen_after_both() -> None:
         world.advance()
     assert moved_s[0] == pytest.approx(0.25, abs=0.051)  # the link's delay and the vehicle's own
     assert seen_s[0] == pytest.approx(moved_s[0] + 0.1, abs=1e-9)
+
+
+def test_a_vehicle_without_links_stays_in_the_air_unseen() -> None:
+    world = TrueWorld(np.full((2, 3), -20.0), World(), 1)
+    lost = np.array([True, False])
+    world.cut_links(lost)
+    world.leave_to_themselves(lost, 0.9)
+    for _ in range(100):
+        fleet = world.receive()
+        world.send(Setpoints(world.time_s, world.ids, np.tile([1.0, 0.0, 0.0], (2, 1)), np.zeros(2)))
+        world.advance()
+    assert fleet.age_s[0] > 4.0
+    assert fleet.age_s[1] == 0.0
+    assert world.position_m[0, 2] == pytest.approx(-20.0 + 0.9 * 4.7, abs=0.4)
+    assert abs(world.position_m[0, 0] + 20.0) < 0.1
+    assert world.position_m[1, 0] > -19.0
+    assert world.in_air.all()
+    world.forget(lost)
+    assert np.isnan(world.receive().position_m[0]).all()
