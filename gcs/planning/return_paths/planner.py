@@ -37,6 +37,9 @@ MORE_S, MORE_FOR_MANY_S, MANY = 60.0, 20.0, 200
 ROUNDS_SPENT = 4.0e5
 """Rounds times the square of the vehicles: about 10 s of planning, also where no clock is looked at."""
 
+FEW = 50
+"""Up to this many the longest path goes first, above it the lowest vehicle (decision 0038)."""
+
 WAITS_TRIED = 250
 """Vehicles for which every step of waiting is tried; with k times as many, every k-th."""
 
@@ -109,6 +112,8 @@ class Planner:
         way_m = pad_m - start_m
         level_s = np.hypot(way_m[:, 0], way_m[:, 1]) / (SPEED_SHARE * speed_m_s)
         self._quickest_s = np.maximum(level_s, way_m[:, 2] / (SPEED_SHARE * limits.down_m_s))
+        few = len(start_m) <= FEW
+        self._rank = -self._quickest_s if few else -start_m[:, 2]  # the lowest of many make room
         self._fails = np.zeros(len(start_m))
         self._rounds = 0
         self._candidates: Candidates | None = None
@@ -145,7 +150,7 @@ class Planner:
         later_s = max(down_s, LATER_SHARE * longest_s + settings.spare_s + many_s)
         quickest = int(candidates.length.reshape(-1, EACH).min(axis=1).max())
         way, wait, again = chosen_paths(
-            np.lexsort((-self._start_m[:, 2], -self._fails)),  # lowest first: it makes room
+            np.lexsort((self._rank, -self._fails)),
             self._place_m,
             candidates.first,
             candidates.free,
