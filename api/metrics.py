@@ -35,7 +35,7 @@ VEHICLE_GAUGES: Final = {
     "gcs_vehicle_position_age_seconds": "Since the newest position arrived.",
     "gcs_vehicle_heartbeat_age_seconds": "Since the newest heartbeat arrived.",
     "gcs_vehicle_battery_ratio": "Battery remaining, 0 to 1.",
-    "gcs_vehicle_position_uncertainty_meters": "How far off its position may be, sideways.",
+    "gcs_vehicle_position_uncertainty_meters": "Standard deviation of its position, sideways.",
     "gcs_vehicle_ready": "1: could be started now.",
     "gcs_vehicle_limited": "1: the safety filter held it back in the newest tick.",
 }

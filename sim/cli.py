@@ -155,8 +155,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--heading", type=number(-360.0, 360.0), default=0.0, metavar="DEG", help="initial yaw")
 
     add = parser.add_argument_group("how they fly").add_argument
-    text = "estimate error; 1 as measured, 0 none"
-    add("--noise", type=number(0.0, 100.0), default=1.0, metavar="SCALE", help=text)
+    text = "estimate error; 0.25 RTK, 1 PX4's simulator, 0 none"
+    add("--noise", type=number(0.0, 100.0), default=0.25, metavar="SCALE", help=text)
     text = "1.0 is PX4's simulator; real 0.1 to 0.3"
     add("--drag", type=number(0.0, 10.0), default=1.0, metavar="PER_S", help=text)
     add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")

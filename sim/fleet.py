@@ -18,7 +18,15 @@ from gcs.sim.vehicle import dynamics
 from gcs.sim.vehicle.commander import Transitions
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks
-from gcs.sim.vehicle.sensors import Batteries, Sensors, Tangent, draw_errors, step_errors
+from gcs.sim.vehicle.sensors import (
+    Batteries,
+    Sensors,
+    Tangent,
+    accuracy_m,
+    draw_errors,
+    fix_type,
+    step_errors,
+)
 from gcs.sim.vehicle.state import State
 
 if TYPE_CHECKING:
@@ -57,7 +65,7 @@ class Settings:
     first: int = 0
     namespace_size: int = MAX_SYSTEM_ID
     seed: int = 0
-    noise_scale: float = 1.0
+    noise_scale: float = 0.25
     drag_per_s: float = 1.0
     wind_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     origin: Origin = Origin()
@@ -102,6 +110,9 @@ class Fleet:
         ]
         self.state = State(count, math.remainder(math.radians(settings.heading_deg), math.tau))
         self.state.now_s = start_s
+        self.accuracy_m = accuracy_m(settings.noise_scale)
+        self.state.horizontal_accuracy_m[:], self.state.vertical_accuracy_m[:] = self.accuracy_m
+        self.state.fix_type[:] = self.fix_type = fix_type(settings.noise_scale)
         self.state.system_id[:] = [i % settings.namespace_size + 1 for i in indices]
         self._outbox, self._codec = Outbox(), Codec()
         self._schedule = Schedule(count, settings.rates_hz)

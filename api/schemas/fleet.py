@@ -113,7 +113,7 @@ class Vehicle(VehicleRecord, Motion):
     position_age_s: Measured
     heartbeat_age_s: Measured
     uncertainty_m: Measured = Field(
-        description="Horizontal position uncertainty: as configured, more for a poor fix or after a jump."
+        description="Standard deviation sideways: as reported, at least what its kind of fix can mean."
     )
     link_quality: Measured = Field(
         description="Share of the requested positions that arrive, 0 to 1; null in a replay."

@@ -35,7 +35,13 @@ from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw
 from gcs.model.settings import Settings
 from gcs.model.state import VehicleId
-from gcs.planning.feasibility import check_formation, check_orbit, check_target, smallest_formation_radius_m
+from gcs.planning.feasibility import (
+    check_formation,
+    check_orbit,
+    check_target,
+    radius_allowed,
+    smallest_formation_radius_m,
+)
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 from gcs.service.access import AccessSettings, is_loopback
@@ -203,11 +209,8 @@ def misfits_of_fleet(
             text = f"1 port for all, or one for each of the {count} vehicles: {count}"
             yield _misfit(("links", at, "ports"), given, text)
     count = sum(counts)
-    smallest_m = smallest_formation_radius_m(count, safety)
-    if radius_m < smallest_m:
-        apart_m = safety.floor.widest_m
-        text = f"at least {smallest_m:.1f} m for {count} vehicles {apart_m:.1f} m apart"
-        yield _misfit(("formation", "radius_m"), radius_m, text)
+    if radius_m < smallest_formation_radius_m(count, safety):
+        yield _misfit(("formation", "radius_m"), radius_m, radius_allowed(count, safety))
 
 
 def fence_too_small(radius_m: float, orbit_radius_m: float, fence: Fence) -> tuple[Loc, str] | None:

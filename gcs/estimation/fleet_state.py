@@ -327,51 +327,61 @@ def tuple3(row: Array) -> tuple[float, float, float] | None:
 
 
 class Positioning(Settings):
-    """How reported accuracy and position resets widen a vehicle's margin (decision 0010).
+    """What a reported accuracy and a jump say about the error of a position (decision 0036).
 
-    The floor's own uncertainty goes with the accuracy that a good receiver reports: as recorded, 0.9 m
-    sideways and 1.8 m up, for an estimate that is 0.2 m off. Reported accuracy beyond that counts by `share`.
+    A vehicle's standard deviation is what its receiver reports, but no less than its kind of fix can mean.
     """
 
-    usual_horizontal_m: Positive = 1.0
-    usual_vertical_m: Positive = 2.0
-    share: NotNegative = 0.4  # recorded: 0.35 m of uncertainty at 0.9 m of accuracy
-    uncertainty_max_m: Positive = 1.5  # if wider, the vehicles of a fleet could only flee from each other
-    reset_margin_m: NotNegative = 0.7  # added after a position jumped
+    rtk_fixed_m: Positive = (
+        0.05  # least standard deviation sideways of each kind of fix; up as the floor has it
+    )
+    rtk_float_m: Positive = 0.2
+    dgps_m: Positive = 0.5
+    fix_3d_m: Positive = 1.0
+    share: Positive = 1.0  # of the reported accuracy that is a vehicle's own error, and not common to all
+    uncertainty_max_m: Positive = 2.0  # if wider, the vehicles of a fleet could only flee from each other
+    reset_uncertainty_m: NotNegative = 0.2  # added after a position jumped
     reset_margin_s: NotNegative = 30.0
     freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
 
+    def least_m(self, fix_type: Array) -> Array:
+        """(n,) least standard deviation of each GPS_FIX_TYPE, sideways: NaN unknown, inf without a height.
 
-def excess_m(horizontal_m: Array, vertical_m: Array, positioning: Positioning) -> Array:
-    """(n,) by how much reported accuracies (n,) are worse than usual, sideways or half of it upwards.
-
-    0 where nothing is reported (NaN), inf without a fix.
-    """
-    sideways_m = horizontal_m - positioning.usual_horizontal_m
-    up_m = (vertical_m - positioning.usual_vertical_m) / 2.0  # half, since the floor counts it twice there
-    worse_m: Array = np.fmax(np.fmax(sideways_m, up_m), 0.0)
-    return worse_m
+        Types above RTK fixed (a base station, precise point positioning) count as RTK float.
+        """
+        best_first_m = np.array([self.rtk_fixed_m, self.rtk_float_m, self.dgps_m, self.fix_3d_m])
+        fixed_m, float_m, dgps_m, fix_3d_m = np.maximum.accumulate(best_first_m)  # a worse fix is no better
+        by_type_m = np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
+        known = np.isfinite(fix_type)
+        kind = np.clip(np.where(known, fix_type, 0.0), 0.0, len(by_type_m) - 1.0).astype(np.intp)
+        return np.where(known, by_type_m[kind], np.nan)
 
 
 def uncertainty_m(
     configured_m: float,
+    up_share: float,
     horizontal_m: Array,
     vertical_m: Array,
+    fix_type: Array,
     since_reset_s: Array,
     positioning: Positioning,
 ) -> Array:
-    """Uncertainty of each position.
+    """Standard deviation of each position, sideways.
 
     Args:
-        configured_m: least uncertainty.
+        configured_m: where neither accuracy nor fix type is reported.
+        up_share: standard deviation up for one metre sideways (`Floor.vertical_uncertainty`).
         horizontal_m: (n,) accuracy as reported, one sigma; NaN unknown, inf without a fix.
         vertical_m: (n,) the same up and down.
+        fix_type: (n,) GPS_FIX_TYPE; NaN unknown.
         since_reset_s: (n,) since its position jumped, inf where it never did.
         positioning: settings.
 
-    Returns: (n,) sideways, at most `uncertainty_max_m` (or the configured one, where that is more).
+    Returns: (n,) at most `uncertainty_max_m` (or the configured one, where that is more).
     """
-    wider_m = positioning.share * excess_m(horizontal_m, vertical_m, positioning)
-    wider_m += np.where(since_reset_s < positioning.reset_margin_s, positioning.reset_margin_m, 0.0)
-    wide_m: Array = np.minimum(configured_m + wider_m, max(configured_m, positioning.uncertainty_max_m))
-    return wide_m
+    reported_m = positioning.share * np.fmax(horizontal_m, vertical_m / up_share)
+    wide_m = np.fmax(reported_m, positioning.least_m(fix_type))
+    wide_m = np.where(np.isnan(wide_m), configured_m, wide_m)
+    wide_m += np.where(since_reset_s < positioning.reset_margin_s, positioning.reset_uncertainty_m, 0.0)
+    capped_m: Array = np.minimum(wide_m, max(configured_m, positioning.uncertainty_max_m))
+    return capped_m

@@ -196,16 +196,23 @@ class Fleet:
         return self.fleet
 
     def _widen(self, now_s: float) -> None:
-        """Set each vehicle's margin from its reported accuracy and its latest position jump."""
+        """Set each position's uncertainty from its reported accuracy, fix type and latest jump."""
         parts = self.telemetry.parts
+        floor = self.control.safety.floor
         wide_m = uncertainty_m(
-            self.control.safety.floor.uncertainty_m,
+            floor.uncertainty_m,
+            floor.vertical_uncertainty,
             self.in_rows([part.horizontal_accuracy_m for part in parts]),
             self.in_rows([part.vertical_accuracy_m for part in parts]),
+            self.in_rows([part.fix_type for part in parts]),
             now_s - self._table.reset_time_s,
             self.config.positioning,
         )
         self.traits = replace(self.traits, uncertainty_m=wide_m)
+
+    def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
+        """(k,) standard deviations of these vehicles' positions, sideways."""
+        return self.traits.uncertainty_m[[vehicle.row for vehicle in vehicles]]
 
     @property
     def control_now(self) -> ControlSettings:

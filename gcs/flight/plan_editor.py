@@ -39,20 +39,23 @@ class PlanEditor:
     def _taking_part(self) -> list[Vehicle]:
         return [*self.flight.airborne, *self.maneuvers.waiting]
 
+    def _to_fly(self) -> list[Vehicle]:
+        """Vehicles that the formation must have room for: on the ground, those online and not excluded."""
+        flight = self.flight
+        online = (vehicle for vehicle in flight.vehicles.values() if vehicle.phase is not Phase.OFFLINE)
+        found = [vehicle for vehicle in online if vehicle.id not in flight.excluded]
+        flying = found if flight.show in ON_THE_GROUND else self._taking_part()
+        return flying or list(flight.vehicles.values())
+
     def set_formation(self, formation: Formation) -> None:
         """Change radius and height; a refusal names values that are accepted."""
         flight = self.flight
         self.show_player.need_free("formation")
-        if flight.show not in ON_THE_GROUND:
-            count = max(1, len(self._taking_part()))
-        elif any(vehicle.phase is not Phase.OFFLINE for vehicle in flight.vehicles.values()):
-            count = 1  # the start may name any of them, and checks the radius for those
-        else:
-            count = len(flight.vehicles)
+        flying = self._to_fly()
         target, control, was = self._followed(), flight.control, flight.plan.formation
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
             check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)
-        check_formation(formation, count, control.safety)
+        check_formation(formation, len(flying), control.safety, flight.uncertainty_m(flying))
         check_target(target, flight.plan.orbit, formation, control, changed="formation")
         flight.plan = replace(flight.plan, formation=formation)
 
@@ -230,7 +233,10 @@ class RestoredPlan:
         if found.written is not None:
             return plan  # checked as a whole, under its own limits
         try:
-            check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
+            known = self.flight.vehicles
+            flying = [known[name] for name in found.vehicles if name in known]
+            uncertainty_m = self.flight.uncertainty_m(flying)
+            check_formation(plan.formation, max(1, len(found.vehicles)), control.safety, uncertainty_m)
             check_orbit(plan.orbit, control.law)
             target = followed(plan, self.flight.fleet.time_s, control.safety.fence)
             check_target(target, plan.orbit, plan.formation, control)

@@ -272,7 +272,7 @@ class PreflightGate:
         yield (
             "formation",
             "a sphere that has room for all vehicles",
-            lambda: check_formation(flight.plan.formation, len(chosen), flight.control.safety),
+            lambda: self._check_formations(chosen),
         )
         if operation.require_safe_setpoint_loss:
             rows = [flight.vehicles[name].row for name in chosen]
@@ -291,6 +291,18 @@ class PreflightGate:
             )
         yield "obstacles", "none on a pad", lambda: self._check_obstacles(chosen)
 
+    def _check_formations(self, chosen: Sequence[VehicleId]) -> None:
+        """Check every sphere of the flight for the accuracy that these vehicles report now."""
+        flight = self.flight
+        uncertainty_m = flight.uncertainty_m([flight.vehicles[name] for name in chosen])
+        for cue, plan in self.show_player.plans():
+            try:
+                check_formation(plan.formation, len(chosen), flight.control.safety, uncertainty_m)
+            except InvalidError as error:
+                if not cue:
+                    raise
+                raise RefusedError(f"at '{cue}': {error}") from None
+
     def _check_obstacles(self, chosen: Sequence[VehicleId]) -> None:
         flight = self.flight
         pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
@@ -301,7 +313,9 @@ class PreflightGate:
         """Store how many pairs will be stacked, as far as it can be predicted."""
         flight = self.flight
         home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
-        width_m = column_m(flight.control.safety.floor)
+        width_m = column_m(
+            flight.control.safety.floor, flight.uncertainty_m([flight.vehicles[name] for name in chosen])
+        )
         plan = min((plan for _, plan in self.show_player.plans()), key=lambda each: each.formation.radius_m)
         rehearsed, words = self._rehearsed_overlaps(chosen), ""
         if len(chosen) <= PREDICTED_MAX:

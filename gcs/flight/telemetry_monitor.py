@@ -153,7 +153,8 @@ class TelemetryMonitor:
             return
         reason = (
             f"its position jumped: it stands for {positioning.freeze_s:g} s,"
-            f" and is given {positioning.reset_margin_m:g} m more room for {positioning.reset_margin_s:g} s"
+            f" and its position counts as {positioning.reset_uncertainty_m:g} m more uncertain"
+            f" for {positioning.reset_margin_s:g} s"
         )
         vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
 

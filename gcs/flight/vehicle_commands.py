@@ -185,7 +185,12 @@ class VehicleCommands:
         others = [other for other in flight.airborne if other not in joining]
         formed = [other for other in others if other.entering_offboard or other.phase is Phase.FORMATION]
         try:
-            check_formation(flight.plan.formation, len(formed) + len(joining), flight.control.safety)
+            check_formation(
+                flight.plan.formation,
+                len(formed) + len(joining),
+                flight.control.safety,
+                flight.uncertainty_m([*formed, *joining]),
+            )
         except InvalidError as error:
             named = ", ".join(vehicle.id for vehicle in joining)
             raise RefusedError(f"{named} cannot join: {error}") from None

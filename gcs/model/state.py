@@ -163,7 +163,7 @@ class Traits:
 
     charge: Array  # (n,) share of the sphere, above 0; 1 for equal shares
     speed_max_m_s: Array  # (n,) in any direction; inf: only the fleet's limits apply
-    uncertainty_m: Array  # (n,) of the reported position, sideways; up and down in the floor's proportion
+    uncertainty_m: Array  # (n,) standard deviation of the reported position, sideways; up as the floor has it
 
     def __post_init__(self) -> None:
         n = len(self.charge)

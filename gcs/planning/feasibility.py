@@ -34,20 +34,52 @@ def _down(value: float) -> float:
     return floor(tenths) / 10.0 if isfinite(tenths) else value
 
 
-def smallest_formation_radius_m(count: int, safety: SafetySettings) -> float:
-    """Smallest radius that keeps separation and margin for `count`, rounded up to a tenth of a metre."""
-    return _up(smallest_radius_m(count, safety.floor.widest_m))
+def smallest_formation_radius_m(
+    count: int, safety: SafetySettings, uncertainty_m: Array | None = None
+) -> float:
+    """Smallest radius that keeps separation and margin for `count`, rounded up to a tenth of a metre.
+
+    Args:
+        count: number of vehicles.
+        safety: the floor and its margins.
+        uncertainty_m: (n,) standard deviations of the fleet's positions; None: as configured.
+    """
+    return _up(smallest_radius_m(count, safety.floor.widest_m(uncertainty_m)))
 
 
-def check_formation(formation: Formation, count: int, safety: SafetySettings) -> None:
-    """Check the sphere's size and height. Raises: InvalidError if too small for `count`, or out of height."""
-    smallest_m = smallest_formation_radius_m(count, safety)
-    if formation.radius_m < smallest_m:
-        raise InvalidError(
-            "radius_m",
-            formation.radius_m,
-            f"at least {smallest_m:.1f} m for {count} vehicles {safety.floor.widest_m:.1f} m apart",
-        )
+def radius_allowed(count: int, safety: SafetySettings, uncertainty_m: Array | None = None) -> str:
+    """The smallest radius in words; arguments as of `smallest_formation_radius_m`."""
+    smallest_m = smallest_formation_radius_m(count, safety, uncertainty_m)
+    text = (
+        f"at least {smallest_m:.1f} m for {count} vehicles {safety.floor.widest_m(uncertainty_m):.1f} m apart"
+    )
+    if uncertainty_m is None or not len(uncertainty_m):
+        return text
+    worst_m, usual_m = float(uncertainty_m.max()), safety.floor.uncertainty_m
+    if worst_m <= usual_m:
+        return text
+    usual_radius_m = smallest_formation_radius_m(count, safety)
+    return (
+        f"{text}, because the position of at least one is uncertain by {worst_m:.2f} m (1 sigma);"
+        f" {usual_radius_m:.1f} m is enough at {usual_m:g} m, as with RTK"
+    )
+
+
+def check_formation(
+    formation: Formation, count: int, safety: SafetySettings, uncertainty_m: Array | None = None
+) -> None:
+    """Check the sphere's size and height.
+
+    Args:
+        formation: to be flown.
+        count: number of vehicles.
+        safety: floor, margins and heights.
+        uncertainty_m: (n,) standard deviations of the fleet's positions; None: as configured.
+
+    Raises: InvalidError if too small for `count` vehicles that uncertain, or out of height.
+    """
+    if formation.radius_m < smallest_formation_radius_m(count, safety, uncertainty_m):
+        raise InvalidError("radius_m", formation.radius_m, radius_allowed(count, safety, uncertainty_m))
     lowest_m, highest_m = safety.fence.height_min_m, safety.fence.height_max_m
     if formation.height_m < lowest_m + formation.radius_m - NEARLY_M:
         raise InvalidError(

@@ -207,9 +207,9 @@ NAMED_MAX = 10
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 
-def column_m(floor: Floor) -> float:
-    """Width of the column that a descending vehicle keeps free."""
-    return floor.horizontal_m + floor.margin_m + 2.0 * floor.uncertainty_m
+def column_m(floor: Floor, uncertainty_m: Array | None = None) -> float:
+    """Width of the column that a descending vehicle keeps free; `uncertainty_m` as of `Floor.widest_m`."""
+    return floor.kept_m(floor.worst_reserve_m(uncertainty_m))[0]
 
 
 def overlapping(position_m: Array, width_m: float) -> tuple[NDArray[np.intp], Array]:

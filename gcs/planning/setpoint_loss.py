@@ -66,7 +66,7 @@ def clashes(
             brings paths closer that cross here already.
     """
     first, second = np.triu_indices(len(position_m), 1)
-    unsure_m = uncertainty_m[first] + uncertainty_m[second]
+    unsure_m = floor.reserve_m(uncertainty_m[first], uncertainty_m[second])
     wide_m = floor.horizontal_m + unsure_m + speed_m_s * NOTICED_WITHIN_S
     tall_m = floor.vertical_m + floor.vertical_uncertainty * unsure_m
     apart_m = np.hypot(*(position_m[first] - position_m[second])[:, :2].T)

@@ -17,6 +17,9 @@ ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
 
 PLANNED_TOLERANCE_M = 0.01
 
+OFF_DEVIATIONS = 2.0
+"""A standing vehicle may be this many standard deviations of its position off its place."""
+
 REPORTED_MAX_DEG = 30.0
 """A pattern too small to detect even this rotation has no rotation check."""
 
@@ -99,7 +102,7 @@ def _pattern(
     if not len(housed):
         return
     names, places_m = [placed[index] for index in housed.tolist()], pattern.places_m[place[housed]]
-    fitted = fit(places_m, measured_m[housed], inputs.uncertainty_m[at[housed]], within_m)
+    fitted = fit(places_m, measured_m[housed], OFF_DEVIATIONS * inputs.uncertainty_m[at[housed]], within_m)
     _places(inputs, names, at[housed], fitted, place[housed], pattern, found)
     _lies(inputs, len(names), fitted, pattern, found)
 
@@ -124,7 +127,10 @@ def _places(
         if not fitted.stands[index]:
             away_m = np.linalg.norm(lies_m - inputs.fleet.position_m[at[index], :2], axis=1)
             nearest = int(away_m.argmin())
-            if away_m[nearest] <= most_m + inputs.uncertainty_m[at[index]] and nearest != place[index]:
+            if (
+                away_m[nearest] <= most_m + OFF_DEVIATIONS * inputs.uncertainty_m[at[index]]
+                and nearest != place[index]
+            ):
                 owner = f"that of {owner_of[nearest]}" if nearest in owner_of else "another"
                 problem += f", on {owner}"
         found.of[name].append(
@@ -263,7 +269,7 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
     A pair that both fly is reported once, with the first of them: the second has no such check then.
     """
     floor, ids = inputs.floor, inputs.fleet.ids
-    place_m, kept_m = inputs.fleet.position_m[:, :2], floor.horizontal_m + floor.margin_m
+    place_m, kept_m = inputs.fleet.position_m[:, :2], floor.kept_m(0.0)[0]
     found: dict[VehicleId, list[Check]] = {}
     reported: set[tuple[int, int]] = set()
     for name in vehicles:
@@ -273,7 +279,7 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
         away_m = np.linalg.norm(place_m - place_m[row], axis=1)
         away_m[row] = np.inf
         near_m = np.where(np.isfinite(away_m), away_m, np.inf)
-        least_m = kept_m + inputs.uncertainty_m + inputs.uncertainty_m[row]
+        least_m = kept_m + floor.reserve_m(inputs.uncertainty_m, inputs.uncertainty_m[row])
         too_close = np.flatnonzero(near_m < least_m).tolist()
         for other in too_close:
             if (other, row) in reported:

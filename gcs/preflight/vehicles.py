@@ -7,7 +7,7 @@ from math import inf, isfinite, isnan
 import numpy as np
 
 from gcs.config.sections import PreflightSettings
-from gcs.estimation.fleet_state import Positioning, excess_m
+from gcs.estimation.fleet_state import Positioning
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 from gcs.safety.separation import Floor
@@ -22,7 +22,7 @@ class PreflightInputs:
     rows: Mapping[VehicleId, int]  # of FleetState
     telemetry: Mapping[VehicleId, tuple[Telemetry, int]]  # its link's, and its row there
     conflicts: Mapping[VehicleId, str]  # system ids received from two addresses
-    uncertainty_m: Array  # (n,) of each position, as reported
+    uncertainty_m: Array  # (n,) standard deviation of each position, sideways
     age_max_s: float  # of a position
     floor: Floor  # pads closer than minimum separation and margin would violate it on the way up
     fence: Fence  # pads beyond its distance are not at the show's site
@@ -87,7 +87,7 @@ def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
     checks = [
         _address(inputs, vehicle_id),
         _position(inputs, vehicle_id, row),
-        *_receiver(inputs, vehicle_id, row),
+        *_receiver(inputs, vehicle_id),
         _estimator(inputs, vehicle_id),
         _battery(inputs, vehicle_id),
         *_origin(inputs, row),
@@ -127,8 +127,8 @@ def _position(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Check
     )
 
 
-def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Iterator[Check]:
-    """Check fix and accuracy: at the cap the margin is smaller than the accuracy requires."""
+def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId) -> Iterator[Check]:
+    """Check fix and accuracy: beyond the cap the margin is smaller than the accuracy requires."""
     if not inputs.settings.require_fix:
         return
     received, at = inputs.telemetry[vehicle_id]
@@ -143,24 +143,20 @@ def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Itera
         to_do="wait, under an open sky",
     )
     accuracy_m = float(received.horizontal_accuracy_m[at]), float(received.vertical_accuracy_m[at])
-    excess = float(excess_m(np.array(accuracy_m[:1]), np.array(accuracy_m[1:]), positioning)[0])
-    capped = inputs.uncertainty_m[row] >= positioning.uncertainty_max_m and excess > 0.0
-    worse_m = (positioning.uncertainty_max_m - inputs.floor.uncertainty_m) / max(positioning.share, 1e-9)
-    usual_m = positioning.usual_horizontal_m, positioning.usual_vertical_m
-    for axis, name, most_m in (
-        (0, "accuracy sideways", usual_m[0] + worse_m),
-        (1, "accuracy up", usual_m[1] + 2.0 * worse_m),
+    widest_m = positioning.uncertainty_max_m / positioning.share
+    for value_m, name, most_m in (
+        (accuracy_m[0], "accuracy sideways", widest_m),
+        (accuracy_m[1], "accuracy up", inputs.floor.vertical_uncertainty * widest_m),
     ):
         of = (
             f"its receiver reports an accuracy of {accuracy_m[0]:.1f} m sideways and {accuracy_m[1]:.1f} m up"
         )
         is_reported = isfinite(accuracy_m[0]) and isfinite(accuracy_m[1])
-        value_m = accuracy_m[axis]
         yield judged(
             name,
             value_m,
             f"below {most_m:.1f} m (1 sigma)",
-            good=not capped,
+            good=value_m < most_m,
             problem=f"{of}: too little for any margin"
             if is_reported
             else "its receiver does not tell its accuracy",

@@ -51,7 +51,7 @@ class PairDistances:
 
     distance_m: Single  # between centres
     ratio: Single  # of the distance to the minimum, in the ellipsoid's metric: below 1 is inside
-    sure_ratio: Single  # the same if both were off by their uncertainty, towards each other
+    sure_ratio: Single  # the same if they were nearer by all that the margin for their uncertainty covers
     sample: NDArray[np.int32]  # of the least ratio
 
     def nearest(self, count: int) -> list[tuple[int, int]]:
@@ -371,7 +371,13 @@ def nearest_approaches(trajectories: Trajectories, floor: Floor) -> tuple[PairDi
         np.ascontiguousarray(trajectories.position_m, np.float32),
         np.ascontiguousarray(trajectories.airborne),
         np.ascontiguousarray(trajectories.uncertainty_m, np.float32),
-        (floor.horizontal_m, floor.vertical_m, floor.pad_height_m, floor.vertical_uncertainty),
+        (
+            floor.horizontal_m,
+            floor.vertical_m,
+            floor.pad_height_m,
+            floor.vertical_uncertainty,
+            floor.deviations,
+        ),
     )
     return PairDistances(distance_m, ratio, sure_ratio, sample), over_time_m
 
@@ -381,9 +387,9 @@ def _nearest(
     position_m: Single,
     airborne: NDArray[np.bool_],
     uncertainty_m: Single,
-    floor: tuple[float, float, float, float],
+    floor: tuple[float, float, float, float, float],
 ) -> tuple[Single, Single, Single, NDArray[np.int32], Single]:
-    horizontal_m, vertical_m, pad_m, vertical_uncertainty = floor
+    horizontal_m, vertical_m, pad_m, vertical_uncertainty, deviations = floor
     k, n = position_m.shape[0], position_m.shape[1]
     distance_m = np.full((n, n), np.inf, np.float32)
     ratio = np.full((n, n), np.inf, np.float32)
@@ -416,7 +422,7 @@ def _nearest(
                         x, y, z = x + share * dx, y + share * dy, z + share * dz
                         away_m = min(away_m, np.sqrt(x * x + y * y + z * z))
                         scaled = np.sqrt((x * x + y * y) / horizontal_m**2 + z * z / vertical_m**2)
-                off_m = uncertainty_m[t, i] + uncertainty_m[t, j]
+                off_m = deviations * np.sqrt(uncertainty_m[t, i] ** 2 + uncertainty_m[t, j] ** 2)
                 off = off_m / min(horizontal_m, vertical_m / vertical_uncertainty)
                 distance_m[i, j] = min(distance_m[i, j], away_m)
                 over_time_m[t] = min(over_time_m[t], away_m)

@@ -80,8 +80,8 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
     return _with_gaps(
         Trajectories(
             "estimated positions",
-            "what the autopilots reported, brought forward to each tick; each may be off by its margin,"
-            f" up to {widest_m:.2f} m sideways",
+            "what the autopilots reported, brought forward to each tick; each with a standard deviation"
+            f" of up to {widest_m:.2f} m sideways",
             data.about.ids,
             time_s,
             position_m,

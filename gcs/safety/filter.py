@@ -74,7 +74,7 @@ class Surroundings:
     segments_m: Array  # (m, 2, 3) paths that lost vehicles may take
     ellipses: Mapping[str, Ellipse]
     names: Sequence[str]
-    uncertainty_m: Array  # (n,) of the positions, sideways
+    uncertainty_m: Array  # (n,) standard deviations of the positions, sideways
     speed_max_m_s: Array  # (n,) of each vehicle, in any direction
 
 

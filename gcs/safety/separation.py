@@ -20,8 +20,9 @@ class Floor(Settings):
     margin_m: NotNegative = (
         0.3  # added horizontally, in proportion vertically: half of it for each vehicle's tracking
     )
-    uncertainty_m: NotNegative = 0.35  # of each vehicle's position, where none is reported
+    uncertainty_m: NotNegative = 0.05  # standard deviation of each position, sideways, where none is reported
     vertical_uncertainty: Positive = 2.0  # factor for up and down (recorded: 0.41 m against 0.19 m)
+    deviations: Positive = 6.0  # of a pair's relative position that its margin covers (decision 0036)
     pad_height_m: NotNegative = 2.0  # pairs that are both below this height on their pads are exempt
 
     @property
@@ -29,18 +30,34 @@ class Floor(Settings):
         """(3,) factors that turn the ellipsoid into a sphere of radius `horizontal_m`."""
         return np.array([1.0, 1.0, self.horizontal_m / self.vertical_m])
 
-    def kept_m(self, uncertainty_m: float) -> tuple[float, float]:
-        """Semi-axes, sideways and up, with margin, for a pair with this sum of uncertainties."""
+    def reserve_m(self, first_m: Array | float, second_m: Array | float) -> Array:
+        """(k,) sideways margins for the error of a pair's relative position: the two variances add.
+
+        Args:
+            first_m: (k,) standard deviations of the positions, sideways.
+            second_m: (k,) those of the other vehicles.
+        """
+        reserved_m: Array = self.deviations * np.hypot(first_m, second_m)
+        return reserved_m
+
+    def worst_reserve_m(self, uncertainty_m: Array | None = None) -> float:
+        """`reserve_m` of the least certain two of (n,); without them, of two that report nothing."""
+        if uncertainty_m is None or len(uncertainty_m) == 0:
+            return float(self.reserve_m(self.uncertainty_m, self.uncertainty_m))
+        second_m, first_m = np.sort(np.append(uncertainty_m, 0.0))[-2:]
+        return float(self.reserve_m(first_m, second_m))
+
+    def kept_m(self, reserve_m: float) -> tuple[float, float]:
+        """Semi-axes, sideways and up, with margin, for a pair with this `reserve_m`."""
         stretch = self.vertical_m / self.horizontal_m
         return (
-            self.horizontal_m + self.margin_m + uncertainty_m,
-            self.vertical_m + self.margin_m * stretch + self.vertical_uncertainty * uncertainty_m,
+            self.horizontal_m + self.margin_m + reserve_m,
+            self.vertical_m + self.margin_m * stretch + self.vertical_uncertainty * reserve_m,
         )
 
-    @property
-    def widest_m(self) -> float:
-        """Separation that satisfies floor and margin in every direction."""
-        return max(self.kept_m(2.0 * self.uncertainty_m))
+    def widest_m(self, uncertainty_m: Array | None = None) -> float:
+        """Separation that satisfies floor and margin in every direction, for any two of (n,) vehicles."""
+        return max(self.kept_m(self.worst_reserve_m(uncertainty_m)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +181,7 @@ def separation_constraints(
         airborne: (n,) True where a vehicle is in the air or may be.
         floor: ellipsoid and margin.
         braking: how vehicles stop.
-        uncertainty_m: (n,) of the positions, sideways; added to the margin.
+        uncertainty_m: (n,) standard deviations of the positions, sideways.
         course_m_s: (n, 3) desired velocities of the commanded vehicles.
         spare_m_s: (n,) by how much each velocity may come to differ from that. Pairs whose constraint no such
             velocities break are left out.
@@ -180,7 +197,7 @@ def separation_constraints(
         uncertainty_m,
         np.array(course_m_s),
         spare_m_s,
-        (*floor.kept_m(0.0), floor.vertical_uncertainty),
+        (*floor.kept_m(0.0), floor.vertical_uncertainty, floor.deviations),
         (braking.reaction_s, braking.lead_s, braking.deceleration_m_s2),
     )
     if only is None:
@@ -211,14 +228,14 @@ def _looks(
     uncertainty_m: Array,
     course_m_s: Array,
     spare_m_s: Array,
-    floor: tuple[float, float, float],
+    floor: tuple[float, float, float, float],
     braking: tuple[float, float, float],
 ) -> tuple[Mask, Array, Array, Array, Array]:
     """Which vehicles are known, their measured and desired velocities, and each one's search radius.
 
     Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n,) half the distance to search, m.
     """
-    wide_m, tall_m, taller = floor
+    wide_m, tall_m, taller, deviations = floor
     reaction_s, lead_s, deceleration_m_s2 = braking
     n = len(position_m)
     known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
@@ -234,7 +251,8 @@ def _looks(
                 course[i, k] = measured[i, k]
             mean[k] += course[i, k] / n  # the common velocity brings no pair closer
         spare[i] = spare_m_s[i] if commanded[i] else 0.0
-        wider_m, taller_m = wide_m + 2.0 * uncertainty_m[i], tall_m + 2.0 * taller * uncertainty_m[i]
+        reserve_m = 2.0 * deviations * uncertainty_m[i]  # halved and added, two are at least their hypotenuse
+        wider_m, taller_m = wide_m + reserve_m, tall_m + taller * reserve_m
         flat = max(flat, taller_m / wider_m, wider_m / taller_m)
     # Along the gradient the gap may look shorter than the distance to the ellipsoid: Kantorovich's
     # inequality.
@@ -246,14 +264,15 @@ def _looks(
             stray2 += (course[i, k] - mean[k]) ** 2
         stray_m_s = np.sqrt(stray2) + spare[i]
         reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2
-        wider_m, taller_m = wide_m + 2.0 * uncertainty_m[i], tall_m + 2.0 * taller * uncertainty_m[i]
+        reserve_m = 2.0 * deviations * uncertainty_m[i]
+        wider_m, taller_m = wide_m + reserve_m, tall_m + taller * reserve_m
         look_m[i] = (max(wider_m, taller_m) / 2.0 + reach_m + lead_s * np.sqrt(drift2)) * longer + TINY
     return known, measured, course, spare, look_m
 
 
-Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
+Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float, float]
 """Floor (sideways, up, factor of uncertainty up, pad height), braking (reaction, lead, deceleration, escape),
-and one vehicle's part of the margin (sideways, up).
+one vehicle's part of the margin (sideways, up), and the deviations that a margin covers.
 """
 
 
@@ -269,6 +288,7 @@ def _numbers(floor: Floor, braking: Braking) -> Numbers:
         braking.escape_rate_per_s,
         own_m,
         own_m * floor.vertical_m / floor.horizontal_m,
+        floor.deviations,
     )
 
 
@@ -287,7 +307,7 @@ def _bounds(
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
     """Turn near pairs (k,) into the constraints that could bind; see `separation_constraints`."""
     wide_m, tall_m, taller, pad_height_m, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers[:8]
-    own_wide_m, own_tall_m = numbers[8:]
+    own_wide_m, own_tall_m, deviations = numbers[8:]
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
@@ -299,7 +319,7 @@ def _bounds(
         low = -position_m[i, 2] < pad_height_m and -position_m[j, 2] < pad_height_m
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
-        unsure_m = uncertainty_m[i] + uncertainty_m[j]
+        unsure_m = deviations * np.sqrt(uncertainty_m[i] ** 2 + uncertainty_m[j] ** 2)
         pair_wide_m, pair_tall_m = wide_m + unsure_m, tall_m + taller * unsure_m
         if not (
             airborne[i] and airborne[j]
@@ -367,7 +387,7 @@ def keepout_constraints(
         segments_m: (m, 2, 3) straight pieces of the paths that lost vehicles may take.
         floor: as between vehicles.
         braking: how vehicles stop.
-        uncertainty_m: (n,) of the positions; that of lost vehicles is the floor's own.
+        uncertainty_m: (n,) standard deviations of the positions, sideways; lost vehicles have the widest.
         fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
         out.
     """
@@ -382,7 +402,8 @@ def keepout_constraints(
     scaled = offset - np.clip(share, 0.0, 1.0)[:, None] * along
     distance_m = np.linalg.norm(scaled, axis=1)
     apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (1.0, 0, 0))
-    gap_m = distance_m - floor.horizontal_m - floor.margin_m - uncertainty_m[row] - floor.uncertainty_m
+    reserve_m = floor.reserve_m(uncertainty_m[row], float(np.max(uncertainty_m)))
+    gap_m = distance_m - floor.horizontal_m - floor.margin_m - reserve_m
     normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
     kept = bound_m_s >= -2.0 * fastest_m_s
     row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]

@@ -33,7 +33,7 @@ class VehicleView:
     altitude_amsl_m: float | None
     battery_remaining: float | None  # 0 to 1
     position_age_s: float | None
-    position_uncertainty_m: float  # margin for its reported accuracy, or a jump; sideways
+    position_uncertainty_m: float  # standard deviation, sideways
     heartbeat_age_s: float | None
     setpoint_m_s: tuple[float, float, float] | None  # sent in the last tick; None: not commanded
     link_quality: float | None  # share of the requested position messages that arrive, 0 to 1

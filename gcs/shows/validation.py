@@ -73,7 +73,7 @@ def _fleet(show: Show) -> Iterator[Flaw]:
             ("fleet", "takeoff_height_m"),
             f"takeoff_height_m = {fleet.takeoff_height_m:g}: at least the fence's {fence.height_min_m:g} m",
         )
-    least_m = floor.horizontal_m + floor.margin_m + 2.0 * floor.uncertainty_m
+    least_m = floor.kept_m(floor.worst_reserve_m())[0]
     if fleet.vehicles > 1 and fleet.pads.spacing_m < least_m - NEARLY:
         yield Flaw(
             ("fleet", "pads", "spacing_m"),

@@ -9,10 +9,11 @@ import numpy as np
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
 from gcs.control.desired_velocity import Law, spread
-from gcs.model.errors import RefusedError
+from gcs.estimation.fleet_state import Positioning, uncertainty_m
+from gcs.model.errors import ConfigError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, Mask, Traits
-from gcs.planning.feasibility import check_obstacle
+from gcs.planning.feasibility import check_obstacle, radius_allowed, smallest_formation_radius_m
 from gcs.planning.landing_sites import STOP_S, swept_segments_m
 from gcs.planning.return_paths import (
     PathProgress,
@@ -23,6 +24,7 @@ from gcs.planning.return_paths import (
 )
 from gcs.planning.return_paths.planner import return_planner
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
+from gcs.sim.vehicle.sensors import accuracy_m, fix_type
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.initial_states import draw_world
@@ -30,6 +32,9 @@ from gcs.simulation.neighbours import Neighbourhood, NeighboursLaw
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
 from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
 from gcs.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
+
+PADS_DEVIATIONS = 3.0
+"""By this many standard deviations pads are farther apart than the least: preflight measures it."""
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
 AFTER_BOXES_S = 25.0
@@ -57,8 +62,7 @@ class SimulatedFlight:
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
         self._progress: PathProgress | None = None
         self.memory = Memory.fresh(n, 0.0)
-        uncertainty_m = self.floor.uncertainty_m * min(1.0, scenario.world.noise)
-        self.traits = Traits.alike(n, uncertainty_m)
+        self.traits = Traits.alike(n, reported_uncertainty_m(scenario))
 
     @property
     def floor(self) -> Floor:
@@ -198,6 +202,45 @@ class SimulatedFlight:
         self.world.remove(rows)
 
 
+def reported_uncertainty_m(scenario: Scenario) -> float:
+    """Uncertainty that the service gives each position, from what the receivers of this world report.
+
+    Their fix is of the kind that the error of the world can have, also where they report less than it.
+    """
+    world, floor = scenario.world, scenario.control.safety.floor
+    horizontal_m, vertical_m = np.hypot(np.multiply(world.noise, accuracy_m(1.0)), world.bias_m)
+    scale = max(horizontal_m, vertical_m / floor.vertical_uncertainty) / accuracy_m(1.0)[0]
+    wide_m = uncertainty_m(
+        floor.uncertainty_m,
+        floor.vertical_uncertainty,
+        np.full(1, world.reported_share * horizontal_m),
+        np.full(1, world.reported_share * vertical_m),
+        np.full(1, float(fix_type(scale))),
+        np.full(1, np.inf),
+        Positioning(),
+    )
+    return float(wide_m[0])
+
+
+def accepted(scenario: Scenario, flight: FormationFlight, count: int) -> tuple[FormationFlight, float]:
+    """Return the flight with pads as far apart as the service needs them, and the formation's radius.
+
+    Raises: ConfigError when the service would refuse the radius.
+    """
+    safety, uncertainty = scenario.control.safety, np.full(count, reported_uncertainty_m(scenario))
+    pads_m = safety.floor.kept_m(safety.floor.worst_reserve_m(uncertainty))[0]
+    pads_m += PADS_DEVIATIONS * float(np.hypot(uncertainty[0], uncertainty[0]))  # they are measured, too
+    if pads_m > flight.spacing_m:
+        flight = flight.model_copy(update={"spacing_m": pads_m})
+    least_m, radius_m = smallest_formation_radius_m(count, safety, uncertainty), flight.radius_m
+    if radius_m is None or radius_m == "least":
+        return flight, max(least_m, layout.assembly_radius_m(count) if radius_m is None else 0.0)
+    if radius_m < least_m:
+        text = radius_allowed(count, safety, uncertainty)
+        raise ConfigError(f"{scenario.name}: flight.radius_m = {radius_m:g}: {text}")
+    return flight, radius_m
+
+
 class FormationRun(SimulatedFlight):
     """A formation engaged at once; target, leaving, joining and return follow the scenario."""
 
@@ -205,8 +248,8 @@ class FormationRun(SimulatedFlight):
         self.flight = flight
         self._random = np.random.default_rng([seed, 1])
         total = count + flight.join
-        start_m = layout.formation_start_m(flight, total, self._random)
-        radius_m = flight.radius_m or layout.assembly_radius_m(total)
+        flight, radius_m = accepted(scenario, flight, total)
+        start_m = layout.formation_start_m(flight, radius_m, total, self._random)
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         orbit = Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction)
         self._boxes = _boxes_of(flight)
@@ -388,7 +431,7 @@ class GoalRun(SimulatedFlight):
                 for row in np.flatnonzero(self._lost)
             ]
         )
-        kept_m = self.floor.widest_m + self.flight.arrived_m
+        kept_m = self.floor.widest_m(self.traits.uncertainty_m) + self.flight.arrived_m
         away_m = self.record.goal_m[:, None] - self.segments_m[None, :, 0]
         over_m = self.segments_m[None, :, 0, 2] - self.record.goal_m[:, None, 2]
         beside_m = np.hypot(away_m[..., 0], away_m[..., 1])

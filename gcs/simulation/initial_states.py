@@ -66,19 +66,20 @@ def lattice(count: int) -> Array:
     return np.stack([ring * np.cos(angle_rad), ring * np.sin(angle_rad), z], axis=1)
 
 
-def formation_start_m(flight: FormationFlight, count: int, random: np.random.Generator) -> Array:
-    """(count, 3) hover positions, show frame."""
+def formation_start_m(
+    flight: FormationFlight, radius_m: float, count: int, random: np.random.Generator
+) -> Array:
+    """(count, 3) hover positions, show frame, of a formation with that radius."""
     if flight.start == "grid":
         return grid_m(count, flight.spacing_m, flight.takeoff_height_m)
     if flight.start == "square":
         return square_m(count, flight.spacing_m, flight.takeoff_height_m)
     if flight.start == "sphere":
-        radius_m = flight.radius_m or assembly_radius_m(count)
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
         on_sphere: Array = radius_m * best(count) @ turn.T - (0.0, 0.0, height_m)
         return on_sphere
-    half_m = 1.5 * (flight.radius_m or assembly_radius_m(count))
+    half_m = 1.5 * radius_m
     low_m = np.array([-half_m, -half_m, -flight.takeoff_height_m - 2.0 * half_m])
     high_m = np.array([half_m, half_m, -flight.takeoff_height_m])
     return scattered_m(count, low_m, high_m, flight.spacing_m, random)

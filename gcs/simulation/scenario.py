@@ -24,6 +24,7 @@ Row: TypeAlias = Literal[
     "article",
     "tracking",
     "separation",
+    "uncertainty",
     "obstacles",
     "moving-boxes",
     "concave",
@@ -59,6 +60,7 @@ class World(Settings):
     noise: NotNegative = 0.0  # times the recorded error of the vehicles' own estimates
     bias_m: NotNegative = 0.0  # standard deviation of a slow error of each position, along each axis
     bias_time_s: Positive = 60.0  # its correlation time (first-order Gauss-Markov)
+    reported_share: Positive = 1.0  # of the true standard deviation that receivers report; below 1 they lie
     telemetry_delay_s: NotNegative = 0.0  # one way
     setpoint_delay_s: NotNegative = 0.0  # one way
     loss: Share = 0.0  # of telemetry and of setpoints
@@ -190,9 +192,9 @@ class FormationFlight(Settings):
     kind: Literal["formation"]
     start: Literal["grid", "random", "square", "sphere"] = "grid"
     pads: Literal["below", "shuffled"] = "below"  # below the start, or a random permutation of a grid
-    spacing_m: Positive = 4.0
+    spacing_m: Positive = 4.0  # or as far as the service needs, if more
     takeoff_height_m: Positive = 5.0
-    radius_m: Positive | None = None  # None: max(10, 1.4 sqrt(N))
+    radius_m: Positive | Literal["least"] | None = None  # None: max(10, 1.4 sqrt(N)), or the least if more
     height_m: Positive | None = None  # None: the lowest point 5 m above the take-off height
     orbit: Circle = Circle()
     center_moves_from_s: NotNegative = 0.0

@@ -14,7 +14,6 @@ import numpy as np
 from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, FaultCommand, FaultCommandError, parse
 from gcs.sim.vehicle.commander import Stuck
 from gcs.sim.vehicle.px4 import Mode
-from gcs.sim.vehicle.state import FIX_3D
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -124,7 +123,7 @@ Origin: TypeAlias = Any
 
 FAULT_SEED = 2
 REPORTED = ("accuracy", "fix", "sensor", "wrong-time")
-RECORDED = {"eph_m": 0.9, "epv_m": 1.78, "hdop": 0.7, "vdop": 1.1}
+DILUTIONS = {"hdop": 0.7, "vdop": 1.1}
 
 
 class FaultInjector:
@@ -235,9 +234,10 @@ class FaultInjector:
         """Make the vehicle report these values of its receiver, sensors or clock; None: the true ones."""
         state = self._fleet.state
         if fault == "accuracy":
-            self._blur(row, RECORDED if values is None else values)
+            truth = dict(zip(("eph_m", "epv_m"), self._fleet.accuracy_m, strict=True)) | DILUTIONS
+            self._blur(row, truth if values is None else values)
         elif fault == "fix":
-            state.fix_type[row] = FIX_3D if values is None else FIXES[str(values["type"])]
+            state.fix_type[row] = self._fleet.fix_type if values is None else FIXES[str(values["type"])]
         elif fault == "sensor":
             broken = 0 if values is None else SENSORS[str(values["which"])] | state.unhealthy_sensors[row]
             state.unhealthy_sensors[row] = broken

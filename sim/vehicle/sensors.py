@@ -87,6 +87,16 @@ class EstimateError:
             array.setflags(write=False)
 
 
+def accuracy_m(scale: float) -> tuple[float, float]:
+    """What receivers report, sideways and up, one sigma: as the errors of that scale are, at least 1 cm."""
+    return max(0.2 * scale, 0.01), max(0.4 * scale, 0.01)  # 0 would be unknown
+
+
+def fix_type(scale: float) -> int:
+    """GPS_FIX_TYPE of errors of that scale: RTK fixed up to 0.06 m, RTK float 0.5 m, DGPS 1 m, 3D above."""
+    return 6 - int(np.searchsorted((0.3, 2.5, 5.0), scale))
+
+
 def draw_errors(count: int, scale: float, random: np.random.Generator) -> EstimateError:
     """Errors of vehicles that have been running for long; scale 1 is as measured, 0 is none."""
     position_m = scale * random.normal(0.0, POSITION_SD_M, (count, 3))

@@ -120,7 +120,7 @@ class State:
         self.offset_m = np.zeros((count, 3))  # added to the estimated position by a fault
         self.frozen_m = np.full((count, 3), np.nan)  # the estimate that a frozen receiver repeats
         self.reset_counter = np.zeros(count, dtype=np.uint8)
-        self.horizontal_accuracy_m = np.full(count, 0.9)  # as recorded
+        self.horizontal_accuracy_m = np.full(count, 0.9)  # as PX4's simulator reports
         self.vertical_accuracy_m = np.full(count, 1.78)
         self.hdop = np.full(count, 0.7)
         self.vdop = np.full(count, 1.1)

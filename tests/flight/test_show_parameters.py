@@ -6,6 +6,7 @@ import pytest
 from gcs.cli.params import Row, inspect
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Formation
 from gcs.service import ShowAction
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
@@ -199,8 +200,8 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
     (fastest_m_s, *wide_m), later_m, phases, reason = fly(story, show_config(3))
     assert reason.startswith("its position jumped: it stands for 3 s")
     assert fastest_m_s < 1.5
-    assert wide_m == pytest.approx([0.35, 1.05, 0.35])
-    assert later_m == pytest.approx([0.35] * 3)
+    assert wide_m == pytest.approx([0.05, 0.25, 0.05])
+    assert later_m == pytest.approx([0.05] * 3)
     assert phases[-1] is Phase.FORMATION, "it goes on by itself"
 
 
@@ -218,14 +219,18 @@ def test_small_jump_reported_by_the_estimator_counts() -> None:
 def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
     """A vehicle that reports a poor accuracy stays on the ground."""
 
-    async def story(show: Show) -> tuple[list[float], Refusal]:
+    async def story(show: Show) -> tuple[list[float], Refusal, Refusal]:
         await show.standby()
-        show.befall("d1", "accuracy", eph_m=1.5, epv_m=1.8)
-        show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
+        show.befall("d1", "accuracy", eph_m=1.0, epv_m=1.8)
         await show.wait(0.6)  # it is reported twice a second
-        return [seen.position_uncertainty_m for seen in show.view.vehicles], await start(show)
+        smaller = await refused(show, lambda: show.service.plan.set_formation(Formation(6.0, 14.0)))
+        show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
+        await show.wait(0.6)
+        return [seen.position_uncertainty_m for seen in show.view.vehicles], smaller, await start(show)
 
-    wide_m, refusal = fly(story, show_config(3), spacing_m=8.0)
-    assert wide_m == pytest.approx([0.35 + 0.4 * 0.5, 1.5, 0.35])
+    wide_m, smaller, refusal = fly(story, show_config(3), spacing_m=16.0)
+    assert wide_m == pytest.approx([1.0, 2.0, 0.05])
+    assert "at least 9.0 m for 3 vehicles 15.5 m apart" in smaller.text
+    assert "uncertain by 1.00 m (1 sigma); 2.5 m is enough at 0.05 m, as with RTK" in smaller.text
     assert refusal.text.startswith("d2: its receiver reports an accuracy of 9.0 m sideways and 20.0 m up")
     assert "d1" not in refusal.text

@@ -67,7 +67,7 @@ def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
     assert "d2: system id 2 at 10.0.0.2:14580 and at 10.0.1.2:14580" in refusal.text
     for one, other in (("d1", "d2"), ("d1", "d3"), ("d2", "d4"), ("d3", "d4")):
         assert f"{one}: stands " in refusal.text
-        assert f"m from {other}, at least 3 m is needed" in refusal.text
+        assert f"m from {other}, at least 2.72 m is needed" in refusal.text
     assert refusal.plan_kept
 
 
@@ -83,9 +83,7 @@ async def odd_choices(show: Show) -> dict[str, Refusal]:
         "abort": await refused(show, lambda: show.service.commands.command_show(ShowAction.ABORT)),
         "pause": await refused(show, lambda: show.service.commands.command_show(ShowAction.PAUSE)),
     }
-    show.service.plan.set_formation(Formation(2.5, 14.0))
-    found["radius"] = await refused(show, start_of("d1", "d2", "d3")(show))
-    show.service.plan.set_formation(Formation(6.0, 14.0))
+    found["radius"] = await refused(show, lambda: show.service.plan.set_formation(Formation(2.0, 14.0)))
     show.service.plan.add_obstacle(tower)
     found["pad"] = await refused(show, start_of()(show))
     show.ports.silence(*show.config.ids)
@@ -107,7 +105,7 @@ def odd() -> dict[str, Refusal]:
         ("stop", RefusedError, "not possible while the show is idle"),
         ("abort", RefusedError, "not possible while the show is idle"),
         ("pause", RefusedError, "it is from aborting, arming, assembling, paused"),
-        ("radius", InvalidError, "at least 2.9 m for 3 vehicles"),
+        ("radius", InvalidError, "at least 2.5 m for 3 vehicles"),
         ("pad", RefusedError, "d2"),
         ("none", RefusedError, "no vehicle is online"),
     ],

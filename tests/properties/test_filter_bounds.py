@@ -1,6 +1,7 @@
 """Every constraint, against the geometry it stands for, computed in another way; and none is missing."""
 
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 from hypothesis import assume, event, given
@@ -77,7 +78,7 @@ def ellipsoid(unsure_m: float, flying: int) -> tuple[float, float]:
 def expected(fleet: Fleet, i: int, j: int) -> tuple[Array, float]:
     """Normal and bound of vehicle i against j."""
     flying = int(fleet.airborne[i]) + int(fleet.airborne[j])
-    wide_m, tall_m = ellipsoid(fleet.uncertainty_m[i] + fleet.uncertainty_m[j], flying)
+    wide_m, tall_m = ellipsoid(SAFETY.floor.deviations * hypot(*fleet.uncertainty_m[[i, j]]), flying)
     away_m = fleet.position_m[i] - fleet.position_m[j]
     axes_m = np.array([wide_m, wide_m, tall_m])
     level = np.linalg.norm(away_m / axes_m)  # 1 on the ellipsoid
@@ -170,7 +171,7 @@ def test_vehicles_are_kept_off_the_nearest_point_of_each_path(
         nearest_m = away_m[scaled_m.argmin()]
         assume(scaled_m.min() > 0.1)
         gradient = nearest_m * floor.scale**2 / scaled_m.min()
-        kept_m = floor.horizontal_m + floor.margin_m + unsure_m + floor.uncertainty_m
+        kept_m = floor.horizontal_m + floor.margin_m + floor.deviations * hypot(unsure_m, unsure_m)
         gap_m = float((scaled_m.min() - kept_m) / np.linalg.norm(gradient))
         assert np.allclose(found.normal[k], gradient / np.linalg.norm(gradient), atol=2e-2)
         assert np.isclose(found.bound_m_s[k], -stopping_speed_m_s(gap_m), atol=1e-2)

@@ -117,7 +117,7 @@ class Flight:
             fleet,
             tasks,
             self.plan,
-            Traits.alike(len(self._ids), SETTINGS.safety.floor.uncertainty_m),
+            Traits.alike(len(self._ids), max(SETTINGS.safety.floor.uncertainty_m, 0.2 * self._noise_scale)),
             self._memory,
             SETTINGS,
         )

@@ -73,7 +73,7 @@ class Planner:
         goal_rate_per_s: float,
         limits: Limits,
         floor: Floor,
-        uncertainty_m: float,
+        reserve_m: float,
         settings: ReturnSettings | None = None,
         are_free: AreFree | None = None,
     ) -> None:
@@ -88,7 +88,7 @@ class Planner:
             goal_rate_per_s: rate at which a vehicle approaches its goal.
             limits: up and down.
             floor: minimum separation of each pair.
-            uncertainty_m: of a pair's positions, summed.
+            reserve_m: margin for the error of a pair's relative position, sideways.
             settings: of the plan.
             are_free: which places are inside the fence and clear of obstacles; None: all.
 
@@ -101,7 +101,7 @@ class Planner:
             if len(unknown):
                 raise ShapeError(f"{name} must be finite in every row, and is not in rows {unknown.tolist()}")
         settings = settings or ReturnSettings()
-        wide_m, tall_m = (kept_m + settings.spare_m for kept_m in floor.kept_m(uncertainty_m))
+        wide_m, tall_m = (kept_m + settings.spare_m for kept_m in floor.kept_m(reserve_m))
         self._start_m, self._pad_m, self._heights_m = start_m, pad_m, (over_m, handover_m)
         self._scale = np.array([1.0, 1.0, wide_m / tall_m])
         self._low_m = floor.pad_height_m * wide_m / tall_m
@@ -250,7 +250,7 @@ def warm_up() -> None:
         goal_rate_per_s=0.8,
         limits=Limits(),
         floor=Floor(),
-        uncertainty_m=0.7,
+        reserve_m=0.7,
     )
     plan_return_paths(planner)
 
@@ -276,7 +276,7 @@ def return_planner(
         control: speeds, fence and minimum separation.
         plan: the paths avoid its obstacles at their positions at `time_s`.
         time_s: time of the planning.
-        uncertainty_m: (n,) uncertainty of the positions.
+        uncertainty_m: (n,) standard deviations of the positions, sideways.
 
     Raises: ShapeError if there are no vehicles, or a position is not finite.
     """
@@ -288,7 +288,7 @@ def return_planner(
         goal_rate_per_s=control.law.goal_rate_per_s,
         limits=control.safety.limits,
         floor=control.safety.floor,
-        uncertainty_m=2.0 * float(uncertainty_m.max()),
+        reserve_m=control.safety.floor.worst_reserve_m(uncertainty_m),
         are_free=_are_free(control, plan, time_s),
     )
 

@@ -1,4 +1,4 @@
-"""A margin is never less than configured, wider for a poor fix and after a jump, and capped."""
+"""A position is as uncertain as its receiver reports, no less than its kind of fix can mean, and capped."""
 
 import numpy as np
 import pytest
@@ -9,45 +9,64 @@ from gcs.estimation.fleet_state import Positioning, uncertainty_m
 
 P = Positioning()
 NEVER = np.inf
+WORST_FIRST = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+ACCURACY_M = st.floats(0.0, 20.0) | st.just(np.inf)
 
 
-def one(horizontal_m: float, vertical_m: float, since_s: float = NEVER, configured_m: float = 0.35) -> float:
-    wide_m = uncertainty_m(
-        configured_m, np.array([horizontal_m]), np.array([vertical_m]), np.array([since_s]), P
+def one(horizontal_m: float, vertical_m: float, fix_type: float, since_s: float = NEVER) -> float:
+    accuracy_m, up_m, fix, since = (
+        np.array([value]) for value in (horizontal_m, vertical_m, fix_type, since_s)
     )
-    return float(wide_m[0])
+    return float(uncertainty_m(0.3, 2.0, accuracy_m, up_m, fix, since, P)[0])
 
 
-def test_usual_or_unreported_accuracy_has_configured_margin() -> None:
-    assert one(0.9, 1.78) == one(np.nan, np.nan) == one(0.0, 0.0) == 0.35
+@pytest.mark.parametrize(
+    ("fix_type", "least_m"),
+    [(6, 0.05), (5, 0.2), (4, 0.5), (3, 1.0), (2, 2.0), (0, 2.0), (7, 0.2), (99, 0.2)],
+)
+def test_no_fix_is_better_than_its_kind_can_mean(fix_type: float, least_m: float) -> None:
+    assert one(0.01, 0.01, fix_type) == one(np.nan, np.nan, fix_type) == least_m
 
 
 @pytest.mark.parametrize(
     ("horizontal_m", "vertical_m", "wide_m"),
-    [(2.0, 1.0, 0.75), (1.0, 4.0, 0.75), (np.nan, 4.0, 0.75), (9.0, 1.0, 1.5), (np.inf, np.inf, 1.5)],
+    [
+        (1.5, 1.0, 1.5),
+        (0.1, 2.4, 1.2),
+        (np.nan, 2.4, 1.2),
+        (1.5, np.nan, 1.5),
+        (9.0, 1.0, 2.0),
+        (np.inf, 0.1, 2.0),
+    ],
 )
-def test_worse_accuracy_widens_the_margin_up_to_the_cap(
+def test_reported_accuracy_counts_up_to_the_cap(
     horizontal_m: float, vertical_m: float, wide_m: float
 ) -> None:
-    assert one(horizontal_m, vertical_m) == pytest.approx(wide_m)
+    assert one(horizontal_m, vertical_m, 6.0) == pytest.approx(wide_m)
 
 
-def test_after_a_jump_the_margin_is_wider_for_a_while() -> None:
-    assert one(0.9, 1.8, 0.0) == one(0.9, 1.8, 29.9) == pytest.approx(1.05)
-    assert one(0.9, 1.8, 30.0) == 0.35
+def test_vehicle_that_reports_nothing_is_as_configured() -> None:
+    assert one(np.nan, np.nan, np.nan) == 0.3
 
 
-def test_margin_configured_above_the_cap_stays() -> None:
-    assert one(9.0, 9.0, 0.0, configured_m=2.0) == 2.0
+def test_after_a_jump_it_is_wider_for_a_while() -> None:
+    assert one(0.9, 1.8, 6.0, 0.0) == one(0.9, 1.8, 6.0, 29.9) == pytest.approx(1.1)
+    assert one(0.9, 1.8, 6.0, 30.0) == 0.9
 
 
 @given(
-    st.floats(0.0, 5.0),
-    st.floats(width=32),
-    st.floats(width=32),
-    st.floats(allow_nan=False, allow_infinity=True),
+    ACCURACY_M, ACCURACY_M, ACCURACY_M, ACCURACY_M, st.sampled_from(WORST_FIRST), st.sampled_from(WORST_FIRST)
 )
-def test_no_report_makes_the_margin_smaller_or_infinite(
-    configured_m: float, horizontal_m: float, vertical_m: float, since_s: float
+def test_no_margin_shrinks_when_accuracy_or_fix_worsens(
+    horizontal_m: float, worse_m: float, vertical_m: float, worse_up_m: float, fix: float, other: float
 ) -> None:
-    assert configured_m <= one(horizontal_m, vertical_m, since_s, configured_m) <= max(configured_m, 1.5)
+    better = one(min(horizontal_m, worse_m), min(vertical_m, worse_up_m), max(fix, other))
+    worse = one(max(horizontal_m, worse_m), max(vertical_m, worse_up_m), min(fix, other))
+    assert 0.05 <= better <= worse <= 2.0
+
+
+@given(st.lists(st.floats(0.01, 5.0), min_size=4, max_size=4))
+def test_a_worse_kind_of_fix_is_never_configured_better(least_m: list[float]) -> None:
+    fixed_m, float_m, dgps_m, fix_3d_m = least_m
+    given = Positioning(rtk_fixed_m=fixed_m, rtk_float_m=float_m, dgps_m=dgps_m, fix_3d_m=fix_3d_m)
+    assert (np.diff(given.least_m(np.array(WORST_FIRST[3:]))) <= 0.0).all()

@@ -48,4 +48,6 @@ def test_overlap_is_described_and_silent_when_there_is_none() -> None:
 
 
 def test_column_is_as_wide_as_passing_separation() -> None:
-    assert column_m(Floor(horizontal_m=2.0, vertical_m=3.0, uncertainty_m=0.5, margin_m=0.25)) == 3.25
+    floor = Floor(horizontal_m=2.0, margin_m=0.25, uncertainty_m=0.0, deviations=2.0)
+    assert column_m(floor) == 2.25
+    assert column_m(floor, np.array([0.4, 0.1, 0.3])) == 3.25

@@ -174,7 +174,7 @@ def test_moving_vehicle_drifts_and_may_descend_at_either_end() -> None:
 
 
 def test_columns_of_a_drift_leave_no_gap_between_them() -> None:
-    assert Floor().horizontal_m + Floor().margin_m + Floor().uncertainty_m >= COLUMNS_APART_M
+    assert Floor().kept_m(Floor().worst_reserve_m())[0] >= COLUMNS_APART_M
     swept = drifting((8.0, 0.0, 0.0))
     for share in np.linspace(0.0, 1.0, 50):
         for height_m in (1.0, 10.0, 19.0):

@@ -6,7 +6,7 @@ import pytest
 from gcs.planning.setpoint_loss import ACTIONS, Action, Clash, clashes, turned_upright
 from gcs.safety.separation import Floor
 
-FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=5.0, uncertainty_m=5.0, pad_height_m=2.0)
+FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=5.0, uncertainty_m=5.0, deviations=1.0)
 """Margin and general uncertainty are greater than everything here: they do not count."""
 
 Place = tuple[float, float, float]
@@ -65,9 +65,9 @@ def test_holding_vehicle_conflicts_only_inside_the_floor(away_m: Place, clash: b
         ((0.0, 0.0, 3.9), False),
     ],
 )
-def test_uncertainties_of_both_are_added_to_the_separation(away_m: Place, clash: bool) -> None:
+def test_variances_of_both_are_added_to_the_separation(away_m: Place, clash: bool) -> None:
     x_m, _, z_m = away_m
-    both = clashing([(0.0, 0.0, -20.0), (x_m, 0.0, -20.0 + z_m)], "hold", uncertainty_m=[0.1, 0.3])
+    both = clashing([(0.0, 0.0, -20.0), (x_m, 0.0, -20.0 + z_m)], "hold", uncertainty_m=[0.24, 0.32])
     assert bool(both) is clash
 
 

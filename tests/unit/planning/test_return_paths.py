@@ -22,7 +22,7 @@ def planner_of(start_m: Array, pad_m: Array, **changes: object) -> Planner:
         "goal_rate_per_s": 0.8,
         "limits": Limits(),
         "floor": FLOOR,
-        "uncertainty_m": UNSURE_M,
+        "reserve_m": UNSURE_M,
     }
     return Planner(start_m, pad_m, OVER_M, HANDOVER_M, **{**usual, **changes})  # type: ignore[arg-type]
 

@@ -184,7 +184,7 @@ def test_spinning_formation_needs_room_and_its_cue_is_named() -> None:
                 pads(8),
                 [("wide", standing), ("small", small)],
                 CONTROL,
-                np.full(8, 0.35),
+                np.full(8, 0.08),
                 "hold",
                 30.0,
             )

@@ -16,7 +16,7 @@ from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 
 IDS = ("a", "b", "c")
-FLOOR = Floor(horizontal_m=2.0, margin_m=1.0, uncertainty_m=0.0)
+FLOOR = Floor(horizontal_m=2.0, margin_m=0.8, deviations=2.0 * 2.0**0.5)  # 3 m with RTK
 P = Positioning()
 NEVER = np.full(3, np.inf)
 FENCE = Fence(distance_max_m=300.0)
@@ -37,11 +37,11 @@ GOOD = Telemetry(
     in_failsafe=(False,) * 3,
     landed=(Landed.ON_GROUND,) * 3,
     ready=(True,) * 3,
-    horizontal_accuracy_m=np.full(3, 0.9),
-    vertical_accuracy_m=np.full(3, 1.8),
+    horizontal_accuracy_m=np.full(3, 0.05),
+    vertical_accuracy_m=np.full(3, 0.1),
     reboot_count=(0,) * 3,
     position_resets=(0,) * 3,
-    fix_type=np.full(3, 3.0),
+    fix_type=np.full(3, 6.0),
     unhealthy_sensors=np.zeros(3, np.int64),
     clock_base_s=np.zeros(3),
     texts=((),) * 3,
@@ -65,7 +65,7 @@ def known(
         "rows": {name: row for row, name in enumerate(IDS)},
         "telemetry": {name: (telemetry, row) for row, name in enumerate(IDS)},
         "conflicts": {},
-        "uncertainty_m": uncertainty_m(0.0, *reported_m, NEVER, P),
+        "uncertainty_m": uncertainty_m(0.0, 2.0, *reported_m, telemetry.fix_type, NEVER, P),
         "age_max_s": 0.5,
         "floor": FLOOR,
         "fence": FENCE,
@@ -99,8 +99,8 @@ def test_fleet_in_order_passes_with_every_measured_value() -> None:
     ]
     measured = {check.name: (check.value, check.unit) for check in own_checks(known(), "b")}
     assert measured["position"] == (0.1, "s")
-    assert measured["fix"] == (3.0, "")
-    assert measured["accuracy sideways"] == (0.9, "m")
+    assert measured["fix"] == (6.0, "")
+    assert measured["accuracy sideways"] == (0.05, "m")
     assert measured["battery"] == (1.0, "of 1")
     assert measured["distance of the origin"] == (4.0, "m")
     assert measured["clock"] == (0.0, "s")
@@ -117,7 +117,12 @@ def of_b(column: str, value: float) -> Telemetry:
 FAILING: dict[str, tuple[PreflightInputs, State, str, str]] = {
     "address": (known(conflicts={"b": "system id 2 sends twice"}), State.FAIL, "sends twice", "its own"),
     "position": (known(age_s=(0.1, 0.7, 0.1)), State.FAIL, "no position for 0.7 s", "link"),
-    "fix": (known(of_b("fix_type", 2.0)), State.FAIL, "fix is 2D, 3D is needed", "open sky"),
+    "fix": (
+        known(of_b("fix_type", 2.0), east_m=(0.0, 9.0, 18.0)),
+        State.FAIL,
+        "fix is 2D, 3D is needed",
+        "open sky",
+    ),
     "accuracy up": (known(of_b("vertical_accuracy_m", np.nan)), State.UNKNOWN, "not tell its", "better fix"),
     "autopilot": (
         known(of_b("unhealthy_sensors", 0x4)),
@@ -201,16 +206,13 @@ def test_stale_position_is_not_judged() -> None:
 
 
 def test_receiver_without_a_good_fix_is_named_with_its_report() -> None:
-    found = failed(known(of_b("horizontal_accuracy_m", 6.0), east_m=(0.0, 8.0, 16.0)))
-    assert [(vehicle, check.name) for vehicle, check in found] == [
-        ("b", "accuracy sideways"),
-        ("b", "accuracy up"),
-    ]
-    assert found[0][1].problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 1.8 m up")
+    found = failed(known(of_b("horizontal_accuracy_m", 6.0), east_m=(0.0, 9.0, 18.0)))
+    assert [(vehicle, check.name) for vehicle, check in found] == [("b", "accuracy sideways")]
+    assert found[0][1].problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 0.1 m up")
 
 
 def test_unknown_accuracy_is_not_reported_as_infinite() -> None:
-    found = failed(known(of_b("horizontal_accuracy_m", np.inf), east_m=(0.0, 8.0, 16.0)))
+    found = failed(known(of_b("horizontal_accuracy_m", np.inf), east_m=(0.0, 9.0, 18.0)))
     assert {check.problem for _, check in found} == {"its receiver does not tell its accuracy"}
 
 
@@ -228,7 +230,7 @@ def test_grounded_neighbour_counts_as_too_close() -> None:
 
 
 def test_pad_distance_depends_on_the_reported_accuracies() -> None:
-    worse = replace(GOOD, horizontal_accuracy_m=np.array([3.0, 3.0, 0.9]))  # 0.4 times 2 m more, each
+    worse = replace(GOOD, horizontal_accuracy_m=np.array([0.45, 0.45, 0.05]))  # times 4 each
     found = failed(known(worse))
     assert found[0][1].problem == "stands 4.0 m from b, at least 4.6 m is needed"
 
@@ -260,7 +262,7 @@ def nine(
     fleet = FleetState(0.0, NINE, position, np.zeros((9, 3)), np.zeros(9), np.full(9, 0.1))
     rows = {name: row for row, name in enumerate(NINE)}
     settings = settings or PreflightSettings()
-    return replace(known(settings=settings), fleet=fleet, rows=rows, uncertainty_m=np.full(9, 0.35))
+    return replace(known(settings=settings), fleet=fleet, rows=rows, uncertainty_m=np.full(9, 0.175))
 
 
 def pattern(

@@ -26,13 +26,19 @@ def test_pairs_on_pads_are_exempt_and_unknown_are_ignored() -> None:
 
 
 def test_widest_separation_satisfies_the_ellipsoid_everywhere() -> None:
-    assert FLOOR.widest_m == pytest.approx(4.5)
-    unsure = FLOOR.model_copy(update={"uncertainty_m": 0.35, "vertical_uncertainty": 2.0})
-    assert unsure.widest_m == pytest.approx(4.5 + 2.0 * 0.7)
+    assert FLOOR.widest_m() == pytest.approx(4.5)
+    unsure = FLOOR.model_copy(update={"vertical_uncertainty": 2.0, "deviations": 2.0})
     assert unsure.kept_m(0.7) == pytest.approx((3.7, 5.9))
-    assert Floor(horizontal_m=3.0, vertical_m=2.0, margin_m=1.0, uncertainty_m=0.0).widest_m == pytest.approx(
-        4.0
-    )
+    flat = Floor(horizontal_m=3.0, vertical_m=2.0, margin_m=1.0, uncertainty_m=0.0)
+    assert flat.widest_m() == pytest.approx(4.0)
+
+
+def test_margin_is_a_multiple_of_the_relative_deviation() -> None:
+    floor = FLOOR.model_copy(update={"vertical_uncertainty": 2.0, "deviations": 2.0})
+    assert floor.reserve_m(0.3, 0.4) == pytest.approx(2.0 * 0.5)
+    assert floor.worst_reserve_m(np.array([0.1, 0.4, 0.2, 0.3])) == pytest.approx(2.0 * 0.5)
+    assert floor.worst_reserve_m(np.array([0.4])) == pytest.approx(2.0 * 0.4)
+    assert floor.widest_m(np.array([0.3, 0.4])) == pytest.approx(4.5 + 2.0 * 1.0)
 
 
 def test_head_on_pair_is_held_to_its_combined_braking() -> None:
@@ -173,7 +179,7 @@ SLOW = Braking(reaction_s=1.5, lead_s=0.5, deceleration_m_s2=0.8, escape_rate_pe
 def test_pair_is_found_as_soon_as_it_could_come_too_close(
     spare_m_s: float, closing_m_s: float, unsure_m: float, floor: Floor, braking: Braking
 ) -> None:
-    wide_m, tall_m = floor.kept_m(2.0 * unsure_m)
+    wide_m, tall_m = floor.kept_m(float(floor.reserve_m(unsure_m, 0.0)))
     free_m = 2.0 * spare_m_s * braking.reaction_s + (2.0 * spare_m_s) ** 2 / (2.0 * braking.deceleration_m_s2)
     for up in np.linspace(0.0, np.pi / 2.0, 9):
         away = np.array([np.cos(up), 0.0, np.sin(up)])
@@ -190,7 +196,7 @@ def test_pair_is_found_as_soon_as_it_could_come_too_close(
                 np.ones(2, dtype=bool),
                 floor=floor,
                 braking=braking,
-                uncertainty_m=np.full(2, unsure_m),
+                uncertainty_m=np.array([unsure_m, 0.0]),
                 course_m_s=np.zeros((2, 3)),
                 spare_m_s=np.full(2, spare_m_s),
             )

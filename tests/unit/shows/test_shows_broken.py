@@ -21,7 +21,7 @@ EXPECTED = {
     "over-the-fence": (19, "change", "within 50.0 m of the origin"),
     "spin-too-fast": (19, "change", "at most 1 m/s^2: 20.2 deg/s"),
     "too-fast": (20, "change", "radius_m changes by 6 m, that takes at least 11.2 s"),
-    "too-small": (19, "change", "radius_m = 4.0: at least 4.5 m for 8 vehicles"),
+    "too-small": (19, "change", "radius_m = 3.5: at least 4.0 m for 8 vehicles"),
     "unknown-key": (19, "change", "diameter_m = 20"),
 }
 

@@ -2818,7 +2818,7 @@ export interface components {
             system_id: number;
             /**
              * Uncertainty M
-             * @description Horizontal position uncertainty: as configured, more for a poor fix or after a jump.
+             * @description Standard deviation sideways: as reported, at least what its kind of fix can mean.
              */
             uncertainty_m: number | null;
             /** Vup M S */
