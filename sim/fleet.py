@@ -83,8 +83,10 @@ class Settings:
 class Fleet:
     """Steps all vehicles together; the arrays' row i belongs to autopilots[i]."""
 
-    def __init__(self, settings: Settings, *, start_s: float, unix_at_start_s: float = 0.0) -> None:
-        """Place the vehicles on their grid and boot them at start_s.
+    def __init__(
+        self, settings: Settings, *, start_s: float, unix_at_start_s: float = 0.0, step_s: float = STEP_S
+    ) -> None:
+        """Place the vehicles on their grid and boot them at start_s; step_s as in `dynamics.step`.
 
         Every autopilot has a random stream of its own, by its index. The estimate errors are drawn together,
         by seed and first index, so that processes that share a seed differ.
@@ -93,6 +95,7 @@ class Fleet:
         """
         self.settings = settings
         self.time_s = start_s
+        self.step_s = step_s
         self._start_s, self._steps = start_s, 0
         self.unix_ahead_s = unix_at_start_s - start_s  # of time_s; grows where time is dropped
         self._response = dynamics.Response(drag_per_s=settings.drag_per_s)
@@ -137,26 +140,27 @@ class Fleet:
         self._sensors = self._sense()
 
     def step(self) -> None:
-        """Advance all vehicles by STEP_S."""
+        """Advance all vehicles by step_s."""
+        step_s = self.step_s
         self._steps += 1
-        self.time_s = self.state.now_s = self._start_s + self._steps * STEP_S
+        self.time_s = self.state.now_s = self._start_s + self._steps * step_s
         if self.settings.noise_scale > 0.0:
-            self._error = step_errors(self._error, STEP_S, self.settings.noise_scale, self._random)
+            self._error = step_errors(self._error, step_s, self.settings.noise_scale, self._random)
         state, sensors = self.state, self._sense()
         self._sensors = sensors
         awake = self.time_s >= state.fix_at_s
         for row in (awake & ~state.home_set).nonzero()[0].tolist():
             self._set_home(row)
-        demand_m_s = self._guidance.velocity(sensors, awake, STEP_S)
+        demand_m_s = self._guidance.velocity(sensors, awake, step_s)
         self._transitions.update(awake, sensors.contact, -demand_m_s[:, 2], self._batteries)
         powered = state.powered
-        self._guidance.turn(powered, STEP_S)
-        self._batteries.drain(powered, STEP_S)
+        self._guidance.turn(powered, step_s)
+        self._batteries.drain(powered, step_s)
         state.demanded_m_s = np.where(state.armed[:, np.newaxis], demand_m_s, np.nan)
         bodies = dynamics.step(
             self.bodies,
             demand_m_s,
-            STEP_S,
+            step_s,
             self._response,
             wind_m_s=self.wind_m_s,
             velocity_error_m_s=self._error.velocity_m_s,

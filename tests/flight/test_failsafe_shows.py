@@ -44,6 +44,7 @@ def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
         assert [command.action for command in by_itself(show)[1:]] == ["pause"]
         show.service.commands.command_show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
+        await show.wait(2.0)
         assert off_sphere_m(show, *show.config.ids) < 1.5
         show.service.commands.command_show(ShowAction.STOP)
         await home(show)

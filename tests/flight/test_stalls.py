@@ -54,7 +54,16 @@ PHASES: tuple[Into, ...] = (
     returning,
 )
 STALLS_S = (4.0, 1.0, 10.0, 2.0)
-CASES = [(turn, PHASES[turn % len(PHASES)], STALLS_S[turn % len(STALLS_S)]) for turn in range(20)]
+CASES = [
+    pytest.param(
+        turn,
+        PHASES[turn % len(PHASES)],
+        STALLS_S[turn % len(STALLS_S)],
+        marks=() if turn < len(PHASES) else pytest.mark.soak,
+    )
+    for turn in range(20)
+]
+"""Each phase once; `make soak` flies each with another moment and another length."""
 
 
 def assert_true(show: Show) -> None:
@@ -118,7 +127,13 @@ def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, 
 EARLY: tuple[Into, ...] = (running, returning, assembling, aborting, paused)
 STOPS_AFTER_S = (0.0, 0.05, 0.3, 0.6, 0.9)
 EARLY_CASES = [
-    (turn, EARLY[turn % len(EARLY)], STALLS_S[turn % len(STALLS_S)], after_s)
+    pytest.param(
+        turn,
+        EARLY[turn % len(EARLY)],
+        STALLS_S[turn % len(STALLS_S)],
+        after_s,
+        marks=() if turn < len(EARLY) else pytest.mark.soak,
+    )
     for turn, after_s in enumerate(STOPS_AFTER_S * 2)
 ]
 

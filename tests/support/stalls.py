@@ -7,7 +7,6 @@ import numpy as np
 
 from gcs.model.state import Array
 from gcs.safety.separation import minimum_separation
-from gcs.sim.fleet import STEP_S
 from tests.support.virtual_show import Show
 
 RECEIVED_FIRST: float = 1.0
@@ -27,7 +26,7 @@ def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> 
     loop: Any = asyncio.get_running_loop()  # async_solipsism's
     end_s = loop.time() + seconds
     true_m = []
-    while show.fleet.time_s + STEP_S / 2 < end_s:
+    while show.fleet.time_s + show.fleet.step_s / 2 < end_s:
         show.ports.step()
         true_m.append(show.true_m)
     show.ports.keep_oldest(kept_share)

@@ -25,7 +25,7 @@ from gcs.mavlink.kernels import Bytes, Whole
 from gcs.model.errors import LinkError
 from gcs.model.state import Setpoints, VehicleId
 from gcs.sim.faults.injector import FaultInjector
-from gcs.sim.fleet import STEP_S, Fleet
+from gcs.sim.fleet import Fleet
 from gcs.sim.protocol import frames
 from gcs.sim.protocol.streams import RECORDED_HZ
 
@@ -126,7 +126,7 @@ class VirtualPorts(Ports):
 
     def step(self) -> None:
         """Step the vehicles, which first receive what was sent to them until then."""
-        broken, time_s = self.fault_injector.broken, self._fleet.time_s + STEP_S
+        broken, time_s = self.fault_injector.broken, self._fleet.time_s + self._fleet.step_s
         arrived: list[tuple[int, bytes]] = []
         while self._to_vehicles and self._to_vehicles[0][0] <= time_s:
             _, row, datagram = self._to_vehicles.popleft()
@@ -289,10 +289,10 @@ class VirtualLink(NativeLink):
         loop = asyncio.get_running_loop()
         while True:
             self._step_until(loop.time())
-            await asyncio.sleep(self._fleet.time_s + STEP_S - loop.time())
+            await asyncio.sleep(self._fleet.time_s + self._fleet.step_s - loop.time())
 
     def _step_until(self, time_s: float) -> None:
-        while self._fleet.time_s + STEP_S / 2 < time_s:
+        while self._fleet.time_s + self._fleet.step_s / 2 < time_s:
             self.ports.step()
 
     async def _fail(self) -> None:
