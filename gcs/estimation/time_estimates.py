@@ -46,8 +46,8 @@ SLANT_SHARE: Final = 0.25
 TOUCHES_DOWN_M_S: Final = 0.6
 """The autopilot's own landing, from the handover height."""
 
-SEEN_DOWN_S: Final = 2.5
-"""From the touch-down until the autopilot reports it."""
+SEEN_DOWN_S: Final = 5.0
+"""From the touch-down until the motors are off: PX4's land detector (3 s), then COM_DISARM_LAND (2 s)."""
 
 
 class BatteryHistory:

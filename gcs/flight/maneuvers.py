@@ -374,14 +374,14 @@ class Maneuvers(ManeuverTasks):
     async def _descend_slowly(self, vehicle: Vehicle, place_m: Array) -> None:
         """Descend through the safety filter to just above the place, then have the autopilot touch down."""
         vehicle.goal_m = np.array([place_m[0], place_m[1], place_m[2]])
-        await self._until(
-            vehicle,
-            lambda: bool(
-                may_hand_over(
-                    self._position_m(vehicle)[None], place_m[None], self._settings.handover_height_m
-                )[0]
-            ),
-        )
+        handover_m = self._settings.handover_height_m
+
+        def over_or_down() -> bool:
+            """Down: where the filter keeps it off its place, it stands beside it in the end."""
+            here_m = self._position_m(vehicle)[None]
+            return vehicle.phase is Phase.STANDBY or bool(may_hand_over(here_m, place_m[None], handover_m)[0])
+
+        await self._until(vehicle, over_or_down)
         await self._touch_down(vehicle)
 
     async def _touch_down(self, vehicle: Vehicle) -> None:

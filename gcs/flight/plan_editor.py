@@ -233,10 +233,8 @@ class RestoredPlan:
         if found.written is not None:
             return plan  # checked as a whole, under its own limits
         try:
-            known = self.flight.vehicles
-            flying = [known[name] for name in found.vehicles if name in known]
-            uncertainty_m = self.flight.uncertainty_m(flying)
-            check_formation(plan.formation, max(1, len(found.vehicles)), control.safety, uncertainty_m)
+            # As configured, not as reported: a worse accuracy must not leave flying vehicles uncontrolled.
+            check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
             check_orbit(plan.orbit, control.law)
             target = followed(plan, self.flight.fleet.time_s, control.safety.fence)
             check_target(target, plan.orbit, plan.formation, control)

@@ -319,12 +319,18 @@ def _bounds(
         low = -position_m[i, 2] < pad_height_m and -position_m[j, 2] < pad_height_m
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
-        unsure_m = deviations * np.sqrt(uncertainty_m[i] ** 2 + uncertainty_m[j] ** 2)
-        pair_wide_m, pair_tall_m = wide_m + unsure_m, tall_m + taller * unsure_m
-        if not (
-            airborne[i] and airborne[j]
-        ):  # a vehicle on the ground has no tracking error and needs no margin
-            pair_wide_m, pair_tall_m = pair_wide_m - own_wide_m, pair_tall_m - own_tall_m
+        mine_m, theirs_m = uncertainty_m[i], uncertainty_m[j]
+        own_share = 0.0
+        # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
+        if not (airborne[i] and airborne[j]):
+            own_share = 1.0
+            if airborne[i]:
+                theirs_m = min(theirs_m, mine_m)
+            else:
+                mine_m = min(mine_m, theirs_m)
+        unsure_m = deviations * np.sqrt(mine_m**2 + theirs_m**2)
+        pair_wide_m = wide_m + unsure_m - own_share * own_wide_m
+        pair_tall_m = tall_m + taller * unsure_m - own_share * own_tall_m
         gap_m, x, y, z = _gap(position_m, i, j, pair_wide_m, pair_tall_m)
         desired_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
         closing_m_s = -_along(measured_m_s, i, j, x, y, z)

@@ -225,7 +225,7 @@ def test_bad_position_that_recovers_holds_until_commanded() -> None:
         await show.start()
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
         await show.phase("d2", Phase.HOLD)
-        show.befall("d2", "accuracy", eph_m=0.9, epv_m=1.8)
+        show.befall("d2", "accuracy", eph_m=0.1, epv_m=0.2)
         await show.until(lambda: failsafe(show, Cause.BAD_POSITION) is None)
         await show.wait(10.0)
         assert show.vehicle("d2").phase is Phase.HOLD

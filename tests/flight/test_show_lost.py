@@ -211,6 +211,7 @@ async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Pha
     await show.settled(record)
     await show.phase("d2", Phase.STANDBY, 90.0)
     await show.reach(ShowPhase.LANDED)
+    await show.wait(0.1)
     return show.track.phases("d2"), show.floor_violations()
 
 
@@ -299,6 +300,6 @@ async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], CommandR
 
 
 def test_lost_vehicle_confirmed_down_is_offline_until_seen() -> None:
-    phases, confirmed = fly(confirmed_down_while_silent, noise_scale=0.5)
+    phases, confirmed = fly(confirmed_down_while_silent)
     assert phases == [Phase.LOST, Phase.OFFLINE, Phase.STANDBY]
     assert confirmed.outcome is Outcome.DONE

@@ -169,18 +169,18 @@ async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     await show.start()
     show.ports.silence("d4")
     await show.phase("d4", Phase.LOST)
-    show.service.plan.set_formation(Formation(2.9, 14.0))
+    show.service.plan.set_formation(Formation(2.6, 14.0))
     show.ports.restore("d4")
     await show.phase("d4", Phase.HOLD)
     refusal = await refused(show, lambda: show.service.commands.command_vehicle("d4", JOIN))
-    show.service.plan.set_formation(Formation(3.2, 14.0))
+    show.service.plan.set_formation(Formation(2.8, 14.0))
     return refusal, await show.command("d4", JOIN)
 
 
 def test_joining_a_too_small_sphere_names_the_radius_that_fits() -> None:
     refusal, joined = fly(no_room, show_config(4, operation=HOLDS_WHEN_LOST))
     assert refusal.kind is RefusedError
-    assert "at least 3.2 m for 4 vehicles" in refusal.text
+    assert "at least 2.8 m for 4 vehicles" in refusal.text
     assert joined.outcome is Outcome.DONE
 
 

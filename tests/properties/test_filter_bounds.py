@@ -78,7 +78,12 @@ def ellipsoid(unsure_m: float, flying: int) -> tuple[float, float]:
 def expected(fleet: Fleet, i: int, j: int) -> tuple[Array, float]:
     """Normal and bound of vehicle i against j."""
     flying = int(fleet.airborne[i]) + int(fleet.airborne[j])
-    wide_m, tall_m = ellipsoid(SAFETY.floor.deviations * hypot(*fleet.uncertainty_m[[i, j]]), flying)
+    mine_m, theirs_m = fleet.uncertainty_m[[i, j]].tolist()
+    if flying == 1:  # what stands counts as no less certain than what flies
+        theirs_m, mine_m = (
+            (min(theirs_m, mine_m), mine_m) if fleet.airborne[i] else (theirs_m, min(mine_m, theirs_m))
+        )
+    wide_m, tall_m = ellipsoid(SAFETY.floor.deviations * hypot(mine_m, theirs_m), flying)
     away_m = fleet.position_m[i] - fleet.position_m[j]
     axes_m = np.array([wide_m, wide_m, tall_m])
     level = np.linalg.norm(away_m / axes_m)  # 1 on the ellipsoid

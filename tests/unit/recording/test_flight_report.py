@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from math import hypot
 from pathlib import Path
 from typing import Any
 
@@ -185,7 +186,7 @@ def test_estimates_are_judged_with_their_uncertainty(tmp_path: Path) -> None:
     assert "up to 0.35 m sideways" in str(report["uncertainty"])
     (pair,) = report["nearest_pairs"]
     assert (pair["vehicles"], pair["floor_ratio"]) == (["d1", "d2"], pytest.approx(1.5, abs=0.01))
-    assert pair["floor_ratio_if_off"] == pytest.approx(1.5 - 0.7 * 2.0 / 3.0, abs=0.01)
+    assert pair["floor_ratio_if_off"] == pytest.approx(1.5 - 6.0 * hypot(0.35, 0.35) / 1.5, abs=0.01)
     assert check(report, "setpoint sideways")["worst"] == pytest.approx(1.0)
     assert judged(flight(tmp_path / "near", apart_m=1.9))[0] == 1
 
