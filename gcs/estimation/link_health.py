@@ -92,30 +92,34 @@ GAP_COUNTS_S: Final = 10.0
 
 
 class SetpointGaps:
-    """Recent gaps between the setpoints sent to each vehicle: a stall of the station leaves one."""
+    """Recent times in which this station could send a vehicle no setpoint: a stall of the station leaves one.
+
+    A tick that sends none because the vehicle's position is too old is no gap: the link lost the position.
+    """
 
     def __init__(self, count: int) -> None:
-        self._last_s = np.full(count, np.nan)  # when it was last commanded
+        self._last_s = np.nan  # the last tick
+        self._commanded = np.zeros(count, dtype=np.bool_)  # ever
         self._gap_s, self._ended_s = np.zeros(count), np.full(count, -np.inf)  # the longest recent one
 
-    def note(self, commanded: Mask, now_s: float) -> None:
-        """Add a tick: (n,) vehicles to which a setpoint was sent at `now_s`."""
-        gap_s = np.where(commanded, now_s - self._last_s, np.nan)
-        longer = (gap_s >= self._gap_s) | (commanded & (now_s - self._ended_s > GAP_COUNTS_S))
-        self._gap_s = np.where(longer, np.nan_to_num(gap_s), self._gap_s)
-        self._ended_s = np.where(longer, now_s, self._ended_s)
-        self._last_s = np.where(commanded, now_s, self._last_s)
+    def note(self, commanded: Mask, left: Mask, now_s: float) -> None:
+        """Begin a tick at `now_s`.
 
-    def longest_s(self, row: int, now_s: float) -> float:
-        """The longest gap of the last GAP_COUNTS_S, including one still open; NaN: never commanded."""
-        open_s = now_s - float(self._last_s[row])
-        ended_s = float(self._gap_s[row]) if now_s - self._ended_s[row] <= GAP_COUNTS_S else 0.0
-        return float(np.fmax(open_s, ended_s)) if np.isfinite(open_s) else np.nan
+        Args:
+            commanded: (n,) vehicles to which the last tick sent a setpoint.
+            left: (n,) vehicles that were outside control in the last tick: theirs stays the gap before that.
+            now_s: time of this tick.
+        """
+        gap_s = now_s - self._last_s  # NaN in the first tick
+        counts = ~left & ((gap_s >= self._gap_s) | (now_s - self._ended_s > GAP_COUNTS_S))
+        self._gap_s = np.where(counts, np.nan_to_num(gap_s), self._gap_s)
+        self._ended_s = np.where(counts | left, now_s, self._ended_s)
+        self._commanded |= commanded
+        self._last_s = now_s
 
-    @property
-    def last_s(self) -> Array:
-        """(n,) when each was last commanded, NaN: never."""
-        return self._last_s
+    def longest_s(self, row: int) -> float:
+        """The longest gap of the last GAP_COUNTS_S, or before it left control; NaN: never commanded."""
+        return float(self._gap_s[row]) if self._commanded[row] else np.nan
 
 
 BEATS_MAY_LACK_S: Final = 1.5

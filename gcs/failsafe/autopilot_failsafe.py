@@ -51,7 +51,7 @@ class FailsafeInputs:
     battery_remaining: float  # 0 to 1
     battery_critical_below: float  # `failsafes.low_battery.critical_below`
     texts: Sequence[str]  # its status texts of the last TEXTS_COUNT_S, oldest first
-    setpoint_gap_s: float  # the longest time without a setpoint to it in the last seconds
+    setpoint_gap_s: float  # the longest time in which this station could send it none, of the last seconds
     setpoint_loss_s: float  # COM_OF_LOSS_T as configured
     setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.schema.OperationSettings`
     position_age_s: float  # inf: no plausible position
@@ -164,16 +164,25 @@ def _setpoints(inputs: FailsafeInputs) -> str:
         return "this station has sent none since it started"
     if inputs.setpoint_gap_s >= inputs.setpoint_loss_s:  # False for NaN
         return f"this station sent none for {inputs.setpoint_gap_s:.1f} s"
-    return "they left, and did not reach it"
+    return "its link lost them, or its positions"
 
 
-def lost_on_the_way(cause: FailsafeCause | None, inputs: FailsafeInputs) -> bool:
+def lost_on_the_way(
+    cause: FailsafeCause | None, inputs: FailsafeInputs, *, hold_commanded: bool = False
+) -> bool:
     """Whether it holds because its link lost setpoints, so that it can be flown on.
 
     False if this station sent none: after a stall the operator decides for the whole fleet.
+
+    Args:
+        cause: why it left control.
+        inputs: what is known of it now.
+        hold_commanded: whether this station has commanded HOLD since, even if the answer was lost: the
+            command ends the failsafe, and the mode stays.
     """
     sent = inputs.setpoint_gap_s < inputs.setpoint_loss_s  # False for NaN
-    return cause is FailsafeCause.SETPOINT_LOSS and inputs.in_failsafe and inputs.mode is Mode.HOLD and sent
+    holds = inputs.mode is Mode.HOLD and (inputs.in_failsafe or hold_commanded)
+    return cause is FailsafeCause.SETPOINT_LOSS and holds and sent
 
 
 def control_refusal(vehicle_id: VehicleId, inputs: FailsafeInputs) -> str:

@@ -278,7 +278,9 @@ class Commander(VehicleCommands):
             self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
 
         def reached(vehicle: Vehicle) -> None:
-            maneuvers.start(vehicle, maneuvers.take_control, self.flight.book.closer(record, vehicle.id))
+            comes_back = vehicle.rejoins and maneuvers.running(vehicle)  # it goes on, and holds in OFFBOARD
+            maneuver = maneuvers.take_control_first(maneuvers.join) if comes_back else maneuvers.take_control
+            maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
 
         for vehicle in back:
             reached(vehicle)

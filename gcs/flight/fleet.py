@@ -298,11 +298,16 @@ class Fleet:
             battery_remaining=float(telemetry.battery_remaining[at]),
             battery_critical_below=self.config.failsafes.low_battery.critical_below,
             texts=[text.text for text in telemetry.texts[at] if now_s - text.time_s <= TEXTS_COUNT_S],
-            setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row, now_s),
+            setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row),
             setpoint_loss_s=self.config.operation.setpoint_loss_s,
             setpoint_loss_action=self.config.operation.setpoint_loss_action,
             position_age_s=float(self.fleet.age_s[vehicle.row]),
         )
+
+    def note_setpoint_gaps(self) -> None:
+        """Begin a tick, before telemetry changes phases: see `gcs.estimation.link_health.SetpointGaps`."""
+        left = np.array([vehicle.phase is Phase.PILOT for vehicle in self.vehicles.values()])
+        self.setpoint_gaps.note(~np.isnan(self.memory.desired_m_s[:, 0]), left, self.fleet.time_s)
 
     @property
     def known(self) -> set[VehicleId]:

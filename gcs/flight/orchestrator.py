@@ -12,8 +12,6 @@ from copy import copy
 from functools import partial
 from typing import Protocol
 
-import numpy as np
-
 from gcs.config.schema import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
@@ -149,6 +147,7 @@ class Orchestrator:
         """Run one tick without waiting for any vehicle: read telemetry, compute, send."""
         flight = self._flight
         flight.receive(now_s)
+        flight.note_setpoint_gaps()
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.setpoint_timeout_s:
             self._progress.stalled(gap_s)
@@ -156,7 +155,6 @@ class Orchestrator:
         self.player.lead()
         result = self._decide()
         flight.memory = result.memory
-        flight.setpoint_gaps.note(~np.isnan(result.memory.desired_m_s[:, 0]), now_s)
         for link, share in zip(flight.links, self._routing.of(result.setpoints), strict=True):
             link.send(share)
         # The rest can wait for the next tick: setpoints cannot.

@@ -121,12 +121,13 @@ class TelemetryMonitor:
     def _mind_failsafe(self, vehicle: Vehicle, *, beat_is_fresh: bool) -> None:
         """Update the explanation, and fly on a vehicle that holds only because its link lost setpoints."""
         inputs = self.flight.inputs(vehicle)
-        cause = cause_of(inputs)
-        vehicle.explain(
-            (cause, described(vehicle.id, cause, inputs)), inputs.mode, in_failsafe=inputs.in_failsafe
-        )
+        by_command = not inputs.in_failsafe and Mode.HOLD in vehicle.modes
+        if not (by_command and lost_on_the_way(vehicle.cause, inputs, hold_commanded=True)):
+            cause = cause_of(inputs)
+            explanation = cause, described(vehicle.id, cause, inputs)
+            vehicle.explain(explanation, inputs.mode, in_failsafe=inputs.in_failsafe)
         idle = beat_is_fresh and not self.maneuvers.running(vehicle)
-        if idle and lost_on_the_way(vehicle.cause, inputs):
+        if idle and lost_on_the_way(vehicle.cause, inputs, hold_commanded=by_command):
             self._by_itself(vehicle, self.come_back)
 
     def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:

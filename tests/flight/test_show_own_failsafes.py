@@ -83,7 +83,9 @@ async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowP
 def test_hold_from_missed_setpoints_flies_on() -> None:
     phases, reason, shows = fly(lambda show: deaf(show, 8.0), config())
     assert phases == [Phase.FORMATION, Phase.PILOT, Phase.HOLD, Phase.FORMATION]
-    assert reason.startswith("d2 holds by its own setpoint-loss failsafe: they left, and did not reach it")
+    assert reason.startswith(
+        "d2 holds by its own setpoint-loss failsafe: its link lost them, or its positions"
+    )
     assert shows == [ShowPhase.RUNNING]
 
 

@@ -74,13 +74,9 @@ def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
 
 def test_lost_vehicle_over_poor_links_rejoins_by_itself() -> None:
     poor = fly(lambda show: poor_links(show, 0.63), config(), grid_columns=5, seed=5)
-    lost = [phases for phases in poor.phases.values() if Phase.LOST in phases]
-    assert lost, "at such a loss some vehicles fall out"
-    assert {phases[-1] for phases in lost} == {Phase.FORMATION}
-    for name, phases in poor.phases.items():
-        if phases[-1] is not Phase.FORMATION:  # its own failsafe took it out, which only an operator ends
-            reasons = {seen.reason for seen in poor.track.of(name)}
-            assert any("by its own setpoint-loss failsafe" in reason for reason in reasons), reasons
+    left = {phase for phases in poor.phases.values() for phase in phases}
+    assert {Phase.LOST, Phase.PILOT} <= left, "at such a loss some vehicles fall out, some by their failsafe"
+    assert {phases[-1] for phases in poor.phases.values()} == {Phase.FORMATION}
     assert poor.joined_by_hand == 0
     assert poor.violations == 0
 

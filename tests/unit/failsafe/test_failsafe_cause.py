@@ -11,6 +11,7 @@ from gcs.failsafe.autopilot_failsafe import (
     cause_of,
     control_refusal,
     described,
+    lost_on_the_way,
 )
 from gcs.model.state import Mode
 
@@ -68,7 +69,7 @@ def test_the_operator_reads_what_it_does_why_and_what_to_do() -> None:
     assert text == "d1 lands by its own critical-battery failsafe, battery 5%. Leave it."
     stalled = replace(INPUTS, setpoint_gap_s=4.0)
     assert "this station sent none for 4.0 s" in described("d1", cause_of(stalled), stalled)
-    assert "did not reach it" in described("d1", cause_of(INPUTS), INPUTS)
+    assert "its link lost them" in described("d1", cause_of(INPUTS), INPUTS)
     taken = replace(INPUTS, in_failsafe=False)
     assert "when the pilot agrees" in described("d1", cause_of(taken), taken)
 
@@ -89,3 +90,22 @@ def test_newly_started_station_does_not_blame_the_link() -> None:
     text = described("d1", cause_of(inputs), inputs)
     assert "this station has sent none since it started" in text
     assert "did not reach it" not in text
+
+
+@pytest.mark.parametrize(
+    ("inputs", "hold_commanded", "flown_on"),
+    [
+        (INPUTS, False, True),
+        (replace(INPUTS, in_failsafe=False), True, True),  # it obeys HOLD, and the answer was lost
+        (replace(INPUTS, in_failsafe=False), False, False),  # a pilot may have chosen HOLD
+        (replace(INPUTS, setpoint_gap_s=1.2), True, False),  # this station stalled
+        (replace(INPUTS, setpoint_gap_s=nan), True, False),
+        (replace(INPUTS, mode=Mode.POSITION), True, False),
+    ],
+)
+def test_only_a_vehicle_whose_link_lost_setpoints_is_flown_on(
+    inputs: FailsafeInputs, hold_commanded: bool, flown_on: bool
+) -> None:
+    cause = FailsafeCause.SETPOINT_LOSS
+    assert lost_on_the_way(cause, inputs, hold_commanded=hold_commanded) is flown_on
+    assert not lost_on_the_way(FailsafeCause.OTHER, inputs, hold_commanded=hold_commanded)
