@@ -15,10 +15,11 @@ from gcs.control import Tick
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
 from gcs.failsafe.policy import Action, Cause
 from gcs.flight.fleet import FLIES, Fleet
-from gcs.flight.vehicle import Vehicle
+from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
+from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
 from gcs.safety.separation import Floor
 from gcs.service import CALLER, ActiveFailsafe, CommandRecord, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
@@ -40,6 +41,9 @@ BEFORE_ASSEMBLING: Final = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, 
 
 POOR_LINK: Final = Limit(on=0.7, off=0.85)
 """Share of the requested position messages that arrive."""
+
+TOO_SMALL: Final = Limit(on=1.02, off=1.0)
+"""Least radius at the accuracy that the vehicles report now, as a share of the radius."""
 
 CLOSE: Final = Limit(on=1.0, off=1.05)
 """Distance as a share of the minimum, in the metric in which the ellipsoid is a sphere."""
@@ -167,6 +171,7 @@ class AlarmMonitor:
         self._due_s = -np.inf
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
         self._pairs = ClosePairs()
+        self._is_small = np.zeros(1, np.bool_)
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -183,6 +188,7 @@ class AlarmMonitor:
             *self._of_vehicles(findings.failsafes),
             *self._of_distances(tick),
             *_of_the_centre(tick),
+            *self._of_the_radius(),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
             *self._of_the_ground(),
@@ -280,6 +286,19 @@ class AlarmMonitor:
         for pair in pairs.look(tick.position_m, tick.airborne, floor):
             names = ids[pair.rows[0]], ids[pair.rows[1]]
             yield Condition(AlarmCause.TOO_CLOSE, f"{pair.apart_m:.1f} m apart, {least}", names)
+
+    def _of_the_radius(self) -> Iterator[Condition]:
+        """Yield a radius that the service would refuse now: the accuracy was better when it was set."""
+        flight = self.flight
+        formed = flight.in_phase(Phase.FORMATION) if flight.show in SHOW_FLIES else []
+        about = len(formed), flight.control.safety, flight.uncertainty_m(formed)
+        radius_m = flight.plan.formation.radius_m
+        needed = smallest_formation_radius_m(*about) / radius_m if formed else 0.0
+        self._is_small = beyond(self._is_small, np.array([needed]), TOO_SMALL)
+        if self._is_small[0]:
+            because = f"{radius_m:g} m are set, the safety filter needs {radius_allowed(*about)}"
+            consequence = "It keeps the vehicles apart, and holds them off their places."
+            yield Condition(AlarmCause.RADIUS_SMALL, because, consequence=consequence)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
         flight = self.flight

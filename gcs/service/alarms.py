@@ -53,6 +53,7 @@ class AlarmCause(StrEnum):
     TARGET_STALE = "target-stale"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
+    RADIUS_SMALL = "radius-small"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
     RECORD_FAILS = "record-fails"
@@ -165,6 +166,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C,
         "No headway past obstacle {about}",
         "Move the target, or remove the obstacle if it is gone; pause the show or bring it home otherwise.",
+    ),
+    AlarmCause.RADIUS_SMALL: CauseRow(
+        C,
+        "Radius too small for the accuracy of the positions",
+        "Enlarge the radius, or bring the show home.",
+        on_after_s=2.0,
     ),
     AlarmCause.POOR_LINK: CauseRow(
         C,

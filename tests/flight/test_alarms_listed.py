@@ -216,3 +216,22 @@ def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
         await show.until(lambda: listed(show, AlarmCause.KILLED) is None, WITHIN_S)
 
     fly(story)
+
+
+def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        assert listed(show, AlarmCause.RADIUS_SMALL) is None
+        show.befall("d2", "accuracy", eph_m=0.9, epv_m=1.2)
+        await show.until(lambda: listed(show, AlarmCause.RADIUS_SMALL) is not None)
+        alarm = listed(show, AlarmCause.RADIUS_SMALL)
+        assert alarm is not None
+        assert alarm.severity is AlarmSeverity.CAUTION
+        assert "uncertain by 0.90 m" in alarm.text
+        await show.wait(10.0)
+        assert show.floor_violations() == 0
+        show.befall("d2", "accuracy", eph_m=0.1, epv_m=0.2)
+        await show.until(lambda: not (found := listed(show, AlarmCause.RADIUS_SMALL)) or not found.lasts)
+        assert show.view.failsafes == ()
+
+    fly(story, show_config(8, formation={"radius_m": 7.0, "height_m": 25.0}))
