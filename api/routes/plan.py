@@ -15,15 +15,18 @@ from gcs.model.plan import Obstacle
 router = APIRouter(dependencies=TOKEN)
 
 
-@router.get("/formation", tags=["formation"], summary="Radius and height, desired and now")
+@router.get("/formation", tags=["formation"], summary="Radius, height and law")
 async def get_formation(context: ContextDep) -> schemas.Formation:
-    """The desired formation, and the radius and height that are commanded now."""
+    """The desired formation and its law, and the radius and height that are commanded now."""
     return convert.formation(context.plan.formation, context.view)
 
 
-@router.patch("/formation", tags=["formation"], summary="Change radius or height", **command())
+@router.patch("/formation", tags=["formation"], summary="Change radius, height or law", **command())
 async def change_formation(body: requests.FormationChange, context: ContextDep) -> schemas.Formation:
-    """Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one."""
+    """Radius and height change continuously; the law is refused in flight.
+
+    A radius too small for the fleet is refused, with the smallest allowed one.
+    """
     context.service.plan.set_formation(replace(context.plan.formation, **body.given()))
     return await get_formation(context)
 

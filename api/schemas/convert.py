@@ -303,6 +303,7 @@ def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
     return schemas.Formation(
         radius_m=desired.radius_m,
         height_m=desired.height_m,
+        law=desired.law,
         radius_now_m=view.radius_m,
         height_now_m=None if view.center_m is None else _above(view.center_m[2]),
     )

@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Direction, YawPolicy
+from gcs.model.plan import Direction, LawName, YawPolicy
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmSeverity, OverallSeverity
@@ -188,10 +188,11 @@ class Show(Outward):
 
 
 class Formation(Outward):
-    """Radius and height of the formation: desired, and commanded now."""
+    """Radius and height of the formation: desired, and commanded now; and its law."""
 
     radius_m: float
     height_m: float
+    law: LawName
     radius_now_m: Measured
     height_now_m: Measured
 

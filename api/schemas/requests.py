@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from gcs.model.plan import Direction, YawPolicy
+from gcs.model.plan import Direction, LawName, YawPolicy
 
 NAME_MAX: Final = 64
 """Most characters of a name; the configuration allows 32 for vehicles."""
@@ -36,6 +36,7 @@ Heading = Annotated[
 ]
 ObstacleId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$", examples=["tower"])]
 Sense = Annotated[Direction, Field(strict=False, description="Seen from above.")]
+Law = Annotated[LawName, Field(strict=False, description="Changes on the ground only.")]
 Policy = Annotated[YawPolicy, Field(strict=False)]
 ShowHash = Annotated[
     str,
@@ -84,10 +85,11 @@ class Change(Inward):
 
 
 class FormationChange(Change):
-    """New radius or height of the formation, which changes continuously."""
+    """New radius or height of the formation, which changes continuously, or its law."""
 
     radius_m: Length = Field(default=ABSENT, description="Radius of the virtual sphere.")
     height_m: Coordinate = Field(default=ABSENT, description="Height of the centre above the show's origin.")
+    law: Law = Field(default=ABSENT)
 
 
 class OrbitChange(Change):

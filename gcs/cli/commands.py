@@ -115,11 +115,12 @@ CALLS: Final = (
     Call("interrupted", "interrupted", "the flight that was cut off, and what it offers"),
     Call("take-over", "take_over", "go on with a flight that was cut off: into the formation, which stands"),
     Call("bring-home", "bring_home", "bring a flight that was cut off home to where it took off"),
-    Call("formation", "formation", "radius and height, wanted and now"),
+    Call("formation", "formation", "radius, height and law"),
     Call("radius", "change_formation", "change the formation's radius", ("radius_m",), alone=True),
     Call(
         "height", "change_formation", "change the height of the formation's centre", ("height_m",), alone=True
     ),
+    Call("law", "change_formation", "choose the formation's law, on the ground", ("law",), alone=True),
     Call("target show", "target", "where the target is now"),
     Call("target set", "set_target", "say where the target is, in the show frame"),
     Call("target set-geodetic", "set_target_geodetic", "say where the target is, on the globe"),

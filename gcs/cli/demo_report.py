@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.formation.thomson import best_configuration, energy, nearest_m
+from gcs.formation.repulsion import best_configuration, energy, nearest_m
 from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle

@@ -329,7 +329,7 @@ class Client(Calls):
 
     @calls("PATCH", "/api/v1/formation")
     def change_formation(
-        self, *, radius_m: float | None = None, height_m: float | None = None
+        self, *, radius_m: float | None = None, height_m: float | None = None, law: str | None = None
     ) -> schemas.Formation:
         """Change the given fields."""
 

@@ -20,7 +20,7 @@ from gcs.links.settings import (
 )
 from gcs.links.settings import parse as place_at
 from gcs.model.errors import ConfigError
-from gcs.model.plan import Direction, YawPolicy
+from gcs.model.plan import Direction, LawName, YawPolicy
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
 
@@ -225,10 +225,11 @@ class OperationSettings(Settings):
 
 
 class FormationSettings(Settings):
-    """Initial sphere of the show."""
+    """Initial sphere of the show, and the law that spreads the vehicles over it (docs/decisions/0040)."""
 
     radius_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
     height_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
+    law: LawName = LawName.SLOTS
 
 
 class OrbitSettings(Settings):

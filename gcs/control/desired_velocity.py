@@ -1,15 +1,15 @@
 """Velocities that the law and the goals require of every vehicle, before the safety filter."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from math import hypot
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.center import Lead
 from gcs.control.inputs import Memory, TickInputs
+from gcs.formation.article import ForceSettings, flown_velocity
 from gcs.formation.law import (
     begun,
     directions_from,
@@ -17,43 +17,54 @@ from gcs.formation.law import (
     ramped_spin,
     slot_velocity,
     spin_velocity,
+    symmetry_offsets,
     turned,
 )
+from gcs.formation.neighbours import Belief, Sight, neighbours_velocity, range_m, sight_of
 from gcs.formation.obstacles import Ellipse
+from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.steering import avoid_all
+from gcs.model.plan import LawName
 from gcs.model.state import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Slots of the vehicles in formation, and the velocities towards them."""
+    """Velocities of the vehicles in formation, and what the law keeps for its next tick."""
 
+    velocity_m_s: Array  # (m, 3) of the m vehicles in formation
     place: Array  # (n, 3) as in Memory
     change: Array  # (n, 3) as in Memory
-    velocity_m_s: Array  # (m, 3) of the m vehicles in formation
+    belief: Belief | None = None  # as in Memory
     knows_center: bool = True  # False: the vehicles do not know the commanded centre's motion beforehand
     spin_rad_s: float = 0.0  # as in Memory
 
 
-Law: TypeAlias = Callable[[TickInputs, Lead, Memory], Spread]
-"""The law of the vehicles in formation."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Formed:
+    """The vehicles in formation, seen from the commanded centre."""
+
+    center: Center
+    position_m: Array  # (m, 3)
+    direction: Array  # (m, 3) from the centre
+    distance_m: Array  # (m,)
+    charge: Array  # (m,)
+    spin_rad_s: float
 
 
-def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
-    """Move the slots on, and compute the velocities of the vehicles in formation towards theirs."""
-    center, rows, law, limits = lead.center, now.rows, now.settings.law, now.settings.safety.limits
-    nothing = np.zeros((len(rows), 3))
-    if center is None or len(rows) == 0:
-        return Spread(np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m), nothing)
+def spread(now: TickInputs, lead: Lead, memory: Memory, sight: Sight | None = None) -> Spread:
+    """Velocities of the vehicles in formation by the law that the plan names.
+
+    With `sight` the vehicles compute the law `neighbours` themselves, from the messages they received.
+    """
+    nowhere, still = np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m)
+    center, law, limits = lead.center, now.settings.law, now.settings.safety.limits
+    if center is None or len(now.rows) == 0:
+        return Spread(np.zeros((len(now.rows), 3)), nowhere, still)
     position_m = now.of_formed(now.position_m)
     direction, distance_m = directions_from(position_m, center.position_m)
-    places, changes = now.of_formed(memory.place), now.of_formed(memory.change)
-    joining = np.flatnonzero(np.isnan(places[:, 0]))
-    if len(joining):
-        places[joining] = begun(direction[joining], now.fleet.ids, rows[joining], law)
-        changes[joining] = 0.0
     spin_rad_s = ramped_spin(
         memory.spin_rad_s,
         now.plan.formation.spin_rad_s,
@@ -61,11 +72,14 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
         now.dt_s,
         law.spin_acceleration_max_m_s2,
     )
-    if spin_rad_s:
-        places, changes = (turned(each, spin_rad_s * now.dt_s) for each in (places, changes))
-    charge, sweeps = now.of_formed(now.traits.charge), sweeps_for(len(rows), law.sweeps)
-    places, changes = sweep(places, changes, direction, charge, sweeps, law.pull)
-    own_m_s = slot_velocity(direction, distance_m, places, lead.radius_m, law.slot_rate_per_s, law.speed_m_s)
+    formed = Formed(center, position_m, direction, distance_m, now.of_formed(now.traits.charge), spin_rad_s)
+    if now.plan.formation.law is LawName.SLOTS:
+        found = _to_slots(now, lead, memory, formed)
+    elif now.plan.formation.law is LawName.ARTICLE:
+        found = _by_forces(now, lead, memory, formed)
+    else:
+        found = _by_neighbours(now, lead, memory, formed, sight)
+    own_m_s = found.velocity_m_s
     if spin_rad_s:
         own_m_s += spin_velocity(distance_m[:, None] * direction, spin_rad_s, now.settings.response_s)
     velocity_m_s = shrink_relative(
@@ -76,7 +90,92 @@ def spread(now: TickInputs, lead: Lead, memory: Memory) -> Spread:
         limits.down_m_s,
         now.of_formed(now.traits.speed_max_m_s),
     )
-    return Spread(now.for_all(places, np.nan), now.for_all(changes, 0.0), velocity_m_s, spin_rad_s=spin_rad_s)
+    return replace(found, velocity_m_s=velocity_m_s, spin_rad_s=spin_rad_s)
+
+
+def _to_slots(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Spread:
+    """Move the slots on; each vehicle flies to its own."""
+    rows, law = now.rows, now.settings.law
+    places, changes = now.of_formed(memory.place), now.of_formed(memory.change)
+    joining = np.flatnonzero(np.isnan(places[:, 0]))
+    if len(joining):
+        places[joining] = begun(formed.direction[joining], now.fleet.ids, rows[joining], law)
+        changes[joining] = 0.0
+    if formed.spin_rad_s:
+        places, changes = (turned(each, formed.spin_rad_s * now.dt_s) for each in (places, changes))
+    sweeps = sweeps_for(len(rows), law.sweeps)
+    places, changes = sweep(places, changes, formed.direction, formed.charge, sweeps, law.pull)
+    own_m_s = slot_velocity(
+        formed.direction, formed.distance_m, places, lead.radius_m, law.slot_rate_per_s, law.speed_m_s
+    )
+    return Spread(own_m_s, now.for_all(places, np.nan), now.for_all(changes, 0.0))
+
+
+def _off_symmetry(now: TickInputs, lead: Lead, formed: Formed, settings: ForceSettings) -> Array:
+    """(m, 3) velocities that break the symmetry of vehicles that joined lately."""
+    engaged_s = now.fleet.time_s - lead.engaged_time_s[now.rows]
+    speed_m_s = settings.symmetry_speed_m_s * np.exp(-engaged_s / settings.symmetry_decay_s)
+    offset_m_s: Array = speed_m_s[:, None] * symmetry_offsets(formed.direction, now.fleet.ids, now.rows)
+    return offset_m_s
+
+
+def _by_forces(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Spread:
+    """The article's forces on the vehicles' positions."""
+    law = now.settings.law
+    own_m_s, changes = flown_velocity(
+        formed.position_m,
+        formed.center.position_m,
+        formed.charge,
+        _momentum(now, memory, formed),
+        radius_m=lead.radius_m,
+        dt_s=now.dt_s,
+        speed_max_m_s=law.speed_m_s,
+        settings=law.article,
+    )
+    own_m_s += _off_symmetry(now, lead, formed, law.article)
+    return Spread(own_m_s, np.full_like(now.position_m, np.nan), now.for_all(changes, 0.0))
+
+
+def _by_neighbours(
+    now: TickInputs, lead: Lead, memory: Memory, formed: Formed, sight: Sight | None
+) -> Spread:
+    """Each vehicle from what it knows within its range, with the centre on which the neighbours agree."""
+    settings, center, count = now.settings.law.neighbours, formed.center, len(now.rows)
+    if sight is None:
+        before = Belief.nothing(len(now.formed)) if memory.belief is None else memory.belief
+        seen = sight_of(
+            formed.position_m,
+            formed.charge,
+            before.only(now.formed),
+            Belief.describe(center.position_m, center.velocity_m_s, count),
+            range_m=range_m(settings.neighbours, count, lead.radius_m),
+            dt_s=now.dt_s,
+            sighting_rate_per_s=settings.sighting_rate_per_s,
+        )
+    else:
+        seen = sight.only(now.formed)
+    belief = seen.belief or Belief.describe(center.position_m, center.velocity_m_s, count)
+    own_m_s, changes = neighbours_velocity(
+        formed.position_m,
+        _momentum(now, memory, formed),
+        seen,
+        belief,
+        radius_m=lead.radius_m,
+        dt_s=now.dt_s,
+        speed_max_m_s=now.settings.law.speed_m_s,
+        settings=settings,
+    )
+    own_m_s += _off_symmetry(now, lead, formed, settings)
+    own_m_s += np.where(np.isfinite(belief.velocity_m_s), belief.velocity_m_s, 0.0) - center.velocity_m_s
+    kept = Belief(now.for_all(belief.center_m, np.nan), now.for_all(belief.velocity_m_s, np.nan))
+    knows_center = sight is None or sight.belief is None
+    nowhere = np.full_like(now.position_m, np.nan)
+    return Spread(own_m_s, nowhere, now.for_all(changes, 0.0), kept, knows_center=knows_center)
+
+
+def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:
+    """(m, 3) virtual velocity of the previous tick, turned with the formation."""
+    return turned(now.of_formed(memory.change), formed.spin_rad_s * now.dt_s)
 
 
 def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.formation.law import LawSettings
+from gcs.formation.neighbours import Belief
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
 from gcs.formation.route import Goal
@@ -89,13 +90,14 @@ class Memory:
     held_yaw_rad: Array  # (n,) at engagement
     engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
     place: Array  # (n, 3) slots: unit vectors from the centre, NaN outside the formation
-    change: Array  # (n, 3) of the slots in the last sweep
+    change: Array  # (n, 3) of the slots in the last sweep; of the other laws: the virtual velocity, m/s
     trim_m_s: Array  # (n, 3) correction of setpoints for wind, drag and the vehicle's own response
     expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
     pace: float  # share of the orbit's speed that the vehicles can keep up with
     sides: dict[str, float]
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
+    belief: Belief | None = None  # (n, 3) each vehicle's estimate of the centre; law `neighbours`
 
     @staticmethod
     def fresh(count: int, time_s: float) -> "Memory":

@@ -7,14 +7,15 @@ from math import radians
 import numpy as np
 
 from gcs.control.center import move_center
-from gcs.control.desired_velocity import Law, desired_velocity, spread
+from gcs.control.desired_velocity import desired_velocity, spread
 from gcs.control.inputs import ControlSettings, Memory, Task, Tasks, TickInputs
 from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
+from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
 from gcs.formation.route import warm_up as routes_warm_up
-from gcs.model.plan import Formation, Obstacle, Orbit, Plan
+from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.filter import warm_up as safety_warm_up
@@ -46,7 +47,7 @@ def tick(
     traits: Traits,
     memory: Memory,
     settings: ControlSettings,
-    law: Law = spread,
+    sight: Sight | None = None,
 ) -> Tick:
     """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
 
@@ -57,13 +58,13 @@ def tick(
         traits: in what the vehicles differ.
         memory: of the previous tick.
         settings: gains and limits.
-        law: of the vehicles in formation.
+        sight: what vehicles with the law `neighbours` received from each other; None: all that is in range.
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
     now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
     lead = move_center(now, memory)
-    places = law(now, lead, memory)
+    places = spread(now, lead, memory, sight)
     desired_m_s = _in_traffic(now, desired_velocity(now, lead, places.velocity_m_s))
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
@@ -87,6 +88,7 @@ def tick(
         sides=lead.sides,
         spin_rad_s=places.spin_rad_s,
         detour=lead.detour,
+        belief=places.belief,
     )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
     return Tick(setpoints, remembered, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
@@ -170,3 +172,6 @@ def warm_up() -> None:
     memory = replace(Memory.fresh(n, 0.0), center=under_way, radius_m=10.0)
     for obstacles in ((), (tower,)):
         tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings)
+    for law in LawName:
+        other = replace(plan, formation=replace(plan.formation, law=law))
+        tick(fleet, tasks, other, traits, memory, settings)

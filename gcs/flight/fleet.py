@@ -21,7 +21,7 @@ from gcs.estimation.link_health import LinkDelay, LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.running_show import ShowRun
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
-from gcs.formation.thomson import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
+from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Command, Link, ParameterValue
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show

@@ -48,9 +48,12 @@ class PlanEditor:
         return flying or list(flight.vehicles.values())
 
     def set_formation(self, formation: Formation) -> None:
-        """Change radius and height; a refusal names values that are accepted."""
+        """Change radius, height and, on the ground, the law; a refusal names values that are accepted."""
         flight = self.flight
         self.show_player.need_free("formation")
+        if formation.law is not flight.plan.formation.law:
+            flight.need_no_countdown()
+            self.show_player.need_ground("change the law")
         flying = self._to_fly()
         target, control, was = self._followed(), flight.control, flight.plan.formation
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
@@ -220,7 +223,10 @@ class RestoredPlan:
             text = f"{len(merged)} obstacles, with those of the interrupted flight; at most {MAX_OBSTACLES}"
             raise RefusedError(f"{text}: remove {len(merged) - MAX_OBSTACLES}")
         return Plan(
-            formation=recorded.formation if now.formation == configured.formation else now.formation,
+            formation=replace(
+                recorded.formation if now.formation == configured.formation else now.formation,
+                law=recorded.formation.law,  # not changed in flight
+            ),
             orbit=recorded.orbit if now.orbit == configured.orbit else now.orbit,
             target=recorded.target if now.target == configured.target else now.target,
             obstacles=merged,

@@ -46,7 +46,7 @@ class ShowPlayer:
         Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
         """
         self.flight.need_no_countdown()
-        self._need_ground("select a show")
+        self.need_ground("select a show")
         timeline = self._fitting(name, self.show_library.cleared(name, show_hash))
         return self._take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures or {}))
 
@@ -114,7 +114,7 @@ class ShowPlayer:
         """Select no show: the panels decide the plan. Raises: RefusedError in the air."""
         flight = self.flight
         flight.need_no_countdown()
-        self._need_ground("deselect the show")
+        self.need_ground("deselect the show")
         if flight.show_run is None:
             return
         own, yaw = self._own_obstacles(flight.show_run), flight.plan.yaw
@@ -183,7 +183,8 @@ class ShowPlayer:
             return plan.obstacles
         return (*self._own_obstacles(show_run), *show_run.obstacles)
 
-    def _need_ground(self, what: str) -> None:
+    def need_ground(self, what: str) -> None:
+        """Check that all vehicles are on the ground. Raises: RefusedError."""
         flight = self.flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
             raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from gcs.formation.article import ForceSettings
+from gcs.formation.neighbours import NeighboursSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.formation.orbit import Center, followed_target, orbit_velocity, within_ground_speed
 from gcs.model.frames import wrap_rad
@@ -41,6 +43,8 @@ class LawSettings(Settings):
     climb_max_m_s: Positive = 1.0  # of the centre, up and down
     spin_acceleration_max_m_s2: Positive = 1.0  # along the sphere's equator, while the spin changes
     avoidance: AvoidanceSettings = AvoidanceSettings()
+    article: ForceSettings = ForceSettings()
+    neighbours: NeighboursSettings = NeighboursSettings()
 
 
 @lru_cache(maxsize=KEPT_OFFSETS)

@@ -24,6 +24,14 @@ class Direction(StrEnum):
     COUNTERCLOCKWISE = "counterclockwise"
 
 
+class LawName(StrEnum):
+    """The law of the formation: slots that are kept, the article's forces, or each vehicle's neighbours."""
+
+    SLOTS = "slots"
+    ARTICLE = "article"
+    NEIGHBOURS = "neighbours"
+
+
 class YawPolicy(StrEnum):
     """Heading of the vehicles: as at engagement, a fixed yaw, or towards the target."""
 
@@ -48,14 +56,16 @@ def require_positive(**values: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Formation:
-    """The virtual sphere: its radius, its centre's height above the show's origin, its rotation.
+    """The virtual sphere: its radius, its centre's height above the show's origin, its rotation, its law.
 
-    It rotates about the vertical; a positive `spin_rad_s` is clockwise seen from above.
+    It rotates about the vertical; a positive `spin_rad_s` is clockwise seen from above. The law changes on
+    the ground only.
     """
 
     radius_m: float
     height_m: float
     spin_rad_s: float = 0.0
+    law: LawName = LawName.SLOTS
 
     def __post_init__(self) -> None:
         require_positive(radius_m=self.radius_m)
@@ -189,7 +199,7 @@ def plan_of(raw: Mapping[str, Any], shift_s: float) -> Plan:
     target = Target(**raw["target"])
     boxes = [Obstacle(**box) for box in raw["obstacles"]]
     return Plan(
-        Formation(**raw["formation"]),
+        Formation(**{**raw["formation"], "law": LawName(raw["formation"]["law"])}),
         Orbit(**{**raw["orbit"], "direction": Direction(raw["orbit"]["direction"])}),
         replace(target, time_s=target.time_s + shift_s),
         tuple(replace(box, time_s=box.time_s + shift_s) for box in boxes),

@@ -10,7 +10,7 @@ from gcs.control import ControlSettings
 from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, followed_target, target_reach_m
-from gcs.formation.thomson import smallest_radius_m
+from gcs.formation.repulsion import smallest_radius_m
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, VehicleId

@@ -218,7 +218,7 @@ class PlanChanges(Protocol):
         """The plan as of now: an accepted change is in it at once, before the next tick."""
 
     def set_formation(self, formation: Formation) -> None:
-        """Change radius and height; the formation follows within its limits."""
+        """Change radius and height, which the formation follows within its limits, or the law."""
 
     def set_orbit(self, orbit: Orbit) -> None:
         """Change how the centre circles the target."""

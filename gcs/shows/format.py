@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr,
 
 from gcs.control import ControlSettings
 from gcs.model.frames import ShowFrame
-from gcs.model.plan import MAX_OBSTACLES, Direction
+from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
 from gcs.model.settings import Settings
 from gcs.model.state import Array
 from gcs.safety.filter import Limits
@@ -178,6 +178,7 @@ class Show(Settings):
     fleet: Fleet
     limits: ShowLimits = ShowLimits()
     fence: ShowFence
+    law: LawName = LawName.SLOTS  # of the formation, for the whole show
     timeline: Annotated[tuple[Cue, ...], Field(min_length=1, max_length=MAX_CUES)]
     loops: tuple[Loop, ...] = ()
     duration_s: Positive  # as written, loops played once

@@ -200,8 +200,9 @@ class Timeline:
         if not runs or now_s != time_s:
             x_m_s = y_m_s = 0.0
         reported = Target(x_m, y_m, x_m_s, y_m_s, time_s if clock_s is None else clock_s)
+        radius_m, height_m, spin_rad_s = (float(track.value(now_s)[0]) for track in self._formation)
         return Plan(
-            Formation(*(float(track.value(now_s)[0]) for track in self._formation)),
+            Formation(radius_m, height_m, spin_rad_s, self.show.law),
             self.orbit_at(now_s),
             live if live is not None and isinstance(leg, Live) else reported,
             self.obstacles_at(now_s),

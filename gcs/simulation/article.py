@@ -4,22 +4,27 @@ With the article's parameters it is nearly undamped (zeta = 0.025). Real flights
 """
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
 
-from gcs.formation.obstacles import AvoidanceSettings, Ellipse
+from gcs.formation.article import (
+    ArticleParameters,
+    acceleration,
+    avoiding_force,
+    feed_forward_force,
+    formation_force,
+)
+from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center, advance_center, orbit_velocity
-from gcs.formation.steering import avoid_all
 from gcs.formation.way import Way, steer_center
 from gcs.model.plan import Obstacle, Target
-from gcs.model.state import TINY, Array
+from gcs.model.state import Array
 from gcs.safety.separation import Floor, scaled_distance_m
 from gcs.simulation.initial_states import scattered_m
 from gcs.simulation.record import Record
-from gcs.simulation.scenario import ArticleFlight, ArticleParameters, Scenario
+from gcs.simulation.scenario import ArticleFlight, Scenario
 
 SUBSTEPS = 10
 """Steps of the virtual dynamics per tick; at 20 Hz each is 5 ms."""
@@ -214,124 +219,6 @@ def article_figures(record: Record) -> dict[str, object]:
         for position_m in path_m:
             inside |= ellipse.contains(position_m)
     return figures | {"inside_ellipse": int(inside.sum())}
-
-
-def repulsion_force(position_m: Array, charge: Array, *, gain: float) -> Array:
-    """Push the vehicles apart like charges, exactly as the article writes it.
-
-    Args:
-        position_m: (n, 3).
-        charge: (n,) q_n.
-        gain: k_r.
-
-    Returns: (n, 3) forces ``k_r q_n sum_i q_i r_ni / |r_ni|^3``; equal and opposite for each pair. Vehicles
-        in the same place do not push each other: there is no direction to push in.
-
-    Source: article, section 2.2.
-    """
-    offset_m = position_m[:, None, :] - position_m[None, :, :]
-    distance_m = np.sqrt((offset_m**2).sum(axis=2))
-    strength = np.zeros_like(distance_m)
-    np.divide(charge[:, None] * charge[None, :], distance_m**3, out=strength, where=distance_m > TINY)
-    force: Array = gain * (offset_m * strength[:, :, None]).sum(axis=1)
-    return force
-
-
-def sphere_force(position_m: Array, center_m: Array, *, radius_m: float, gain: float) -> Array:
-    """Draw every vehicle onto the sphere, exactly as the article writes it.
-
-    Args:
-        position_m: (n, 3), in the frame of `center_m`.
-        center_m: (3,).
-        radius_m: r_d.
-        gain: k_s, in N/m^3 for a mass in kg.
-
-    Returns: (n, 3) virtual forces ``-k_s (p - p_c) (|p - p_c|^2 - r_d^2)``; zero at the centre itself.
-
-    Source: article, section 2.1.
-    """
-    offset_m = position_m - center_m
-    excess_m2 = (offset_m**2).sum(axis=1, keepdims=True) - radius_m**2
-    force: Array = -gain * offset_m * excess_m2
-    return force
-
-
-ANSWER_S = 0.2
-"""Time constant with which an avoiding vehicle takes on the velocity along its tangent."""
-
-
-def formation_force(
-    position_m: Array, center_m: Array, charge: Array, parameters: ArticleParameters
-) -> Array:
-    """The combined law u^form: sphere convergence plus repulsion.
-
-    Args:
-        position_m: (n, 3).
-        center_m: (3,), or (n, 3) if each vehicle has its own estimate of the centre.
-        charge: (n,).
-        parameters: gains and radius.
-
-    Returns: (n, 3) virtual forces in N.
-    Source: article, section 2.3.
-    """
-    pull = sphere_force(position_m, center_m, radius_m=parameters.radius_m, gain=parameters.sphere_gain)
-    return pull + repulsion_force(position_m, charge, gain=parameters.repulsion_gain)
-
-
-def feed_forward_force(
-    center_velocity_m_s: Array, center_acceleration_m_s2: Array, parameters: ArticleParameters
-) -> Array:
-    """Force that moves every vehicle with the centre: ``M a_c + k v_c``, (3,) in N.
-
-    Without it the article's own orbit pulls the formation apart (FACTS, section 1, row 3).
-    """
-    force: Array = (
-        parameters.mass_kg * center_acceleration_m_s2 + parameters.damping_n_s_m * center_velocity_m_s
-    )
-    return force
-
-
-def acceleration(velocity_m_s: Array, force_n: Array, parameters: ArticleParameters) -> Array:
-    """The virtual dynamics, ``(u - k p') / M``: (n, 3) in m/s^2, for (n, 3) velocities and forces in N.
-
-    Source: article, section 1.
-    """
-    found: Array = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
-    return found
-
-
-def avoiding_force(
-    position_m: Array,
-    velocity_m_s: Array,
-    force_n: Array,
-    ellipses: Mapping[str, Ellipse],
-    sides: Mapping[str, float],
-    sliding_m_s: Array,
-    parameters: ArticleParameters,
-    settings: AvoidanceSettings,
-) -> Array:
-    """Force that turns a vehicle along its tangent where the law's force leads into an ellipse.
-
-    The article blends velocities, but its dynamics take forces. Therefore the velocity to which the force
-    leads within `ANSWER_S` is turned, and the force is changed by the amount that the turn needs.
-
-    Args:
-        position_m: (n, 3), z down, as `velocity_m_s` and `force_n`.
-        velocity_m_s: (n, 3).
-        force_n: (n, 3) force of formation and feed-forward.
-        ellipses: around the obstacles.
-        sides: LEFT or RIGHT for each obstacle, chosen once for the whole formation.
-        sliding_m_s: (n,) speed to keep along the tangent.
-        parameters: mass and damping.
-        settings: distances and rates of the avoidance.
-
-    Returns: (n, 3) in N; exactly `force_n` where no ellipse is in the way.
-    Source: article, section 4.3.
-    """
-    desired_m_s = velocity_m_s + ANSWER_S * acceleration(velocity_m_s, force_n, parameters)
-    turned_m_s = avoid_all(position_m, desired_m_s, ellipses, sides, sliding_m_s, settings)
-    force: Array = force_n + parameters.mass_kg / ANSWER_S * (turned_m_s - desired_m_s)
-    return force
 
 
 def step_center(center: Center, desired_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:

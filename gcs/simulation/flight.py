@@ -8,8 +8,8 @@ import numpy as np
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
-from gcs.control.desired_velocity import Law, spread
 from gcs.estimation.fleet_state import Positioning, uncertainty_m
+from gcs.formation.neighbours import Sight
 from gcs.model.errors import ConfigError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, Mask, Traits
@@ -28,10 +28,9 @@ from gcs.sim.vehicle.sensors import accuracy_m, fix_type
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.initial_states import draw_world
-from gcs.simulation.neighbours import Neighbourhood, NeighboursLaw
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
 from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
-from gcs.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, TrueWorld
+from gcs.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, Neighbourhood, TrueWorld
 
 PADS_DEVIATIONS = 3.0
 """By this many standard deviations pads are farther apart than the least: preflight measures it."""
@@ -92,9 +91,9 @@ class SimulatedFlight:
         """Whether the flight is over."""
         return False
 
-    def law(self) -> Law:
-        """The law of the vehicles in formation, in this tick."""
-        return spread
+    def sight(self) -> Sight | None:
+        """What the vehicles received from each other by now; None: the law is computed on the ground."""
+        return None
 
     def _tick(self) -> None:
         fleet = self.world.receive()
@@ -107,9 +106,9 @@ class SimulatedFlight:
             center_moves=self.center_moves,
             follows_planned_path=self._follows_planned_path(),
         )
-        law = self.law()
+        sight = self.sight()
         began_s = time.thread_time()
-        decided = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, law)
+        decided = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
         took_s = time.thread_time() - began_s
         self.memory = decided.memory
         self._keep(decided, took_s)
@@ -261,7 +260,7 @@ class FormationRun(SimulatedFlight):
             self._boxes = list(zip(drawn.boxes, drawn.appear_s, strict=True))
             self._target_m = np.array(drawn.target_m)
             start_m = start_m + np.array([drawn.orbit_radius_m, 0.0, 0.0])
-        plan = Plan(Formation(radius_m, height_m), orbit)
+        plan = Plan(Formation(radius_m, height_m, law=flight.law), orbit)
         super().__init__(scenario, start_m, np.full((total, 3), np.nan), plan, seed)
         if flight.pads == "shuffled":
             grid_m = layout.grid_m(total, flight.spacing_m, 0.0)
@@ -279,7 +278,9 @@ class FormationRun(SimulatedFlight):
         self._neighbourhood = (
             None
             if flight.radio is None
-            else Neighbourhood(flight.radio, charge, radius_m, self.world.tick_s, seed)
+            else Neighbourhood(
+                flight.radio, scenario.control.law.neighbours, charge, radius_m, self.world.tick_s, seed
+            )
         )
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
 
@@ -298,14 +299,12 @@ class FormationRun(SimulatedFlight):
         if flight.ending != "none" and now_s >= flight.ending_s:
             self._end()
 
-    def law(self) -> Law:
-        """Each vehicle's own law with its neighbours' messages, if the scenario has a radio."""
-        if self._neighbourhood is None or self.flight.radio is None:
-            return super().law()
-        sight = self._neighbourhood.exchange(
-            self.time_s, *self.world.estimate(), self.world.in_air & self.present, self.memory.center
-        )
-        return NeighboursLaw(sight, self.flight.radio.law)
+    def sight(self) -> Sight | None:
+        """What the radio, if the scenario has one, has delivered by now."""
+        if self._neighbourhood is None:
+            return None
+        present = self.world.in_air & self.present
+        return self._neighbourhood.exchange(self.time_s, *self.world.estimate(), present, self.memory.center)
 
     def _move_target(self) -> None:
         now_s, dt_s = self.time_s, self.world.tick_s

@@ -185,6 +185,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
                 "energy_ratio",
                 "nearest_ratio",
                 "shape_error_m",
+                "rest_m_s",
             )
         )
     stays = isinstance(flight, ArticleFlight) or flight.ending == "none"
@@ -218,6 +219,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
         "energy_ratio": rounded(float(shape.energy_ratio[ticks].mean()), 6),
         "nearest_ratio": rounded(float(shape.nearest_ratio[ticks].mean()), 4),
         "shape_error_m": rounded(shape_error_m(record, ticks)),
+        "rest_m_s": rounded(_moving_m_s(record, ticks)),
     }
 
 
@@ -225,6 +227,14 @@ def _centered(record: Record, tick: int) -> Array:
     """(3,) displacement of the commanded centre since the first tick; 0 without a centre."""
     begin_m, here_m = record.center_m[0], record.center_m[tick]
     return np.where(np.isfinite(here_m) & np.isfinite(begin_m), here_m - begin_m, 0.0)
+
+
+def _moving_m_s(record: Record, ticks: NDArray[np.intp]) -> float:
+    """Root mean square of the vehicles' speeds relative to the commanded centre in these ticks."""
+    rows = record.formed[ticks[-1]]
+    offset_m = [record.position_m[t][rows] - _centered(record, int(t)) for t in ticks]
+    velocity_m_s = np.diff(np.array(offset_m), axis=0) * record.scenario.world.tick_rate_hz
+    return float(np.sqrt((velocity_m_s**2).sum(axis=2).mean())) if len(ticks) > 1 else 0.0
 
 
 def _settled_once_s(record: Record, shape: Shape) -> float | None:

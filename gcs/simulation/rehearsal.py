@@ -49,6 +49,7 @@ class Rehearsal(SimulatedFlight):
             kind="formation",
             radius_m=first.formation.radius_m,
             height_m=first.formation.height_m,
+            law=first.formation.law,
             takeoff_height_m=show.fleet.takeoff_height_m,
         )
         scenario = Scenario(

@@ -10,9 +10,10 @@ from gcs.config import yaml_files as documents
 from gcs.config.setting_errors import explained
 from gcs.config.yaml_files import Source
 from gcs.control import ControlSettings
+from gcs.formation.article import ArticleParameters
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import ConfigError, quoted
-from gcs.model.plan import MAX_OBSTACLES, Direction
+from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -30,6 +31,7 @@ Row: TypeAlias = Literal[
     "concave",
     "changes",
     "neighbours",
+    "laws",
     "landing",
     "loss",
     "return",
@@ -147,35 +149,15 @@ class RandomObstacles(Settings):
     closing_max_m_s: Positive = 1.5
 
 
-class ConsensusSettings(Settings):
-    """Weight of a vehicle's own sighting against its neighbours' messages."""
-
-    sighting_rate_per_s: Positive = (
-        0.1  # pull of the own sighting; that of the neighbours is about 3 per second
-    )
-
-
-class NeighboursSettings(Settings):
-    """Rates of vehicles that see only their neighbours; docs/decisions/0001 has those of the flown law."""
-
-    sphere_rate_per_s: Positive = 0.8  # at which the distance from the sphere decays
-    spreading_rate_per_s: Positive = 0.8  # at which a vehicle goes to its place among its neighbours
-    symmetry_speed_m_s: NotNegative = 0.3  # of the offset that breaks symmetries when a vehicle joins
-    symmetry_decay_s: Positive = 4.0  # after which a third of it is left
-
-
 class Radio(Settings):
-    """Each vehicle's law knows only its neighbours' messages: their positions and estimates of the centre."""
+    """Messages between neighbours carry the law `neighbours`: their positions and estimates of the centre."""
 
-    neighbours: Annotated[int, Field(ge=1)] = 12  # about this many are in range on the finished sphere
     delay_s: NotNegative = 0.1
     loss: Share = 0.1  # of the messages, independently for each pair
     silence_max_s: Positive = 0.5  # messages older than this are ignored
     center: Literal["given", "agreed"] = "given"  # agreed: by consensus between neighbours, from sightings
     sighting_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # of the vehicles observe the centre
     sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, constant for each vehicle
-    consensus: ConsensusSettings = ConsensusSettings()
-    law: NeighboursSettings = NeighboursSettings()
 
 
 class Loss(Settings):
@@ -209,7 +191,8 @@ class FormationFlight(Settings):
     change_s: NotNegative = 0.0
     ending: Literal["none", "return", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
-    radio: Radio | None = None  # None: the law knows everything that the ground station receives
+    law: LawName = LawName.SLOTS
+    radio: Radio | None = None  # None: the law `neighbours` is computed on the ground
     charges: tuple[Positive, ...] = (1.0,)  # vehicle by vehicle, repeated from the first
     speeds_m_s: tuple[Positive, ...] = ()  # likewise each vehicle's own limit; empty: only the fleet's
 
@@ -224,16 +207,6 @@ class GoalFlight(Settings):
     lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
     loss: Loss = Loss()
-
-
-class ArticleParameters(Settings):
-    """Section 5 of the article: M, k, k_s, k_r, r_d."""
-
-    mass_kg: Positive = 10.0
-    damping_n_s_m: Positive = 1.0
-    sphere_gain: Positive = 5.0
-    repulsion_gain: Positive = 0.2
-    radius_m: Positive = 2.0
 
 
 class ArticleFlight(Settings):
@@ -302,6 +275,8 @@ class Scenario(Settings):
             for what, when_s in (("change_s", flight.change_s), ("ending_s", flight.ending_s)):
                 if when_s >= self.duration_s:
                     raise ValueError(f"flight.{what} = {when_s:g}: before duration_s = {self.duration_s:g}")
+            if flight.radio is not None and flight.law is not LawName.NEIGHBOURS:
+                raise ValueError("flight.radio: its messages are for law: neighbours")
             if flight.random_obstacles is not None and flight.start != "sphere":
                 raise ValueError("flight.random_obstacles: the formation flies at once, so start: sphere")
         return self

@@ -14,6 +14,7 @@ import pyrvo
 from numpy.typing import NDArray
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
+from gcs.formation.article import ArticleParameters, formation_force
 from gcs.formation.law import goal_velocity
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Plan
@@ -22,9 +23,8 @@ from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.dynamics import PointMasses, Response, step
 from gcs.simulation import scenario as scenarios
-from gcs.simulation.article import formation_force, step_virtual
+from gcs.simulation.article import step_virtual
 from gcs.simulation.flight import fly
-from gcs.simulation.scenario import ArticleParameters
 
 WARM_UPS = 3
 LONGEST_S = 6.0

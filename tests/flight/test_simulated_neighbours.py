@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gcs.formation.neighbours import NeighboursSettings, Sight, range_m
 from gcs.formation.orbit import Center
 from gcs.model.state import Array
 from gcs.simulation import scenario as scenarios
@@ -10,18 +11,19 @@ from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly
 from gcs.simulation.initial_states import lattice
 from gcs.simulation.metrics import report
-from gcs.simulation.neighbours import Neighbourhood, Sight, range_m
 from gcs.simulation.scenario import Radio
+from gcs.simulation.world import Neighbourhood
 
 TICK_S = 0.05
 RADIUS_M = 10.0
+SETTINGS = NeighboursSettings(sighting_rate_per_s=0.1)
 
 
 def exchanged(radio: Radio, position_m: Array, rounds: int, velocity_m_s: Array | None = None) -> list[Sight]:
     """What every vehicle sees, round by round, while all go on with `velocity_m_s`."""
     n = len(position_m)
     velocity = np.zeros((n, 3)) if velocity_m_s is None else velocity_m_s
-    around = Neighbourhood(radio, np.arange(1.0, n + 1.0), RADIUS_M, TICK_S, 1)
+    around = Neighbourhood(radio, SETTINGS, np.arange(1.0, n + 1.0), RADIUS_M, TICK_S, 1)
     center = Center.at_rest(np.array([1.0, 2.0, -30.0]))
     return [
         around.exchange(k * TICK_S, position_m + k * TICK_S * velocity, velocity, np.ones(n, bool), center)
@@ -59,7 +61,7 @@ def test_lost_messages_keep_the_previous_silent_are_forgotten() -> None:
         for sight in exchanged(Radio(delay_s=0.0, loss=0.5, silence_max_s=0.5), place, 400)
     ]
     assert np.mean(known) > 0.95
-    around = Neighbourhood(Radio(delay_s=0.0, loss=0.0), np.ones(2), RADIUS_M, TICK_S, 1)
+    around = Neighbourhood(Radio(delay_s=0.0, loss=0.0), SETTINGS, np.ones(2), RADIUS_M, TICK_S, 1)
     still = np.zeros((2, 3))
     received = []
     for k in range(30):

@@ -9,22 +9,21 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
+from gcs.formation.article import repulsion_force
 from gcs.formation.law import LawSettings, directions_from, goal_velocity, slot_velocity, turn_towards
+from gcs.formation.neighbours import sphere_velocity
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import Center, advance_center, orbit_velocity, within_ground_speed
-from gcs.formation.repulsion import sweep
+from gcs.formation.repulsion import energy, sweep
 from gcs.formation.response import limit_change, scale_to_limits, shrink_relative
 from gcs.formation.steering import LEFT, RIGHT, avoid_all
-from gcs.formation.thomson import energy
 from gcs.model.frames import ShowFrame, wrap_rad
-from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.plan import Direction, Formation, LawName, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.planning.feasibility import check_formation, check_orbit, smallest_formation_radius_m
 from gcs.planning.landing_sites import CLEAR_M, distinct_sites_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
-from gcs.simulation.article import repulsion_force
-from gcs.simulation.neighbours import sphere_velocity
 from tests.support.law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 
 CALM = settings(deadline=None, derandomize=True, max_examples=60)
@@ -50,11 +49,17 @@ WIDE = ControlSettings(safety=SafetySettings(fence=Fence(distance_max_m=1e6, hei
 ABOUT = np.array([40.0, -20.0, -200.0])
 
 
-def tick_of(position_m: Array, ids: tuple[str, ...], about_m: Array, motion_m_s: Array) -> Array:
+def tick_of(
+    position_m: Array,
+    ids: tuple[str, ...],
+    about_m: Array,
+    motion_m_s: Array,
+    law: LawName = LawName.SLOTS,
+) -> Array:
     """(n, 3) velocities that the third tick allows to drones that have stood still, about a moving centre."""
     n = len(ids)
     plan = Plan(
-        Formation(30.0, -float(about_m[2])),
+        Formation(30.0, -float(about_m[2]), law=law),
         Orbit(),
         Target(about_m[0] + 9.0 * motion_m_s[0], about_m[1] + 9.0 * motion_m_s[1]),
     )
@@ -75,6 +80,9 @@ def tick_of(position_m: Array, ids: tuple[str, ...], about_m: Array, motion_m_s:
     return memory.desired_m_s
 
 
+LAWS = st.sampled_from(LawName)
+
+
 @st.composite
 def fleets(draw: st.DrawFn) -> tuple[Array, tuple[str, ...], Array]:
     """(n, 3) places well apart from each other, ids, and a level motion of the centre (3,)."""
@@ -86,36 +94,36 @@ def fleets(draw: st.DrawFn) -> tuple[Array, tuple[str, ...], Array]:
 
 
 @CALM
-@given(fleets(), within(-500.0, 500.0), within(-500.0, 500.0))
+@given(fleets(), within(-500.0, 500.0), within(-500.0, 500.0), LAWS)
 def test_the_tick_does_not_depend_on_where_the_origin_is(
-    fleet: tuple[Array, tuple[str, ...], Array], x_m: float, y_m: float
+    fleet: tuple[Array, tuple[str, ...], Array], x_m: float, y_m: float, law: LawName
 ) -> None:
     position, ids, motion = fleet
     shift = np.array([x_m, y_m, 0.0])
-    here = tick_of(position, ids, ABOUT, motion)
-    assert np.allclose(tick_of(position + shift, ids, ABOUT + shift, motion), here, atol=1e-4)
+    here = tick_of(position, ids, ABOUT, motion, law)
+    assert np.allclose(tick_of(position + shift, ids, ABOUT + shift, motion, law), here, atol=1e-4)
 
 
 @CALM
-@given(fleets(), st.floats(-4.0, 4.0))
+@given(fleets(), st.floats(-4.0, 4.0), LAWS)
 def test_the_tick_turns_with_the_world_about_the_vertical(
-    fleet: tuple[Array, tuple[str, ...], Array], angle_rad: float
+    fleet: tuple[Array, tuple[str, ...], Array], angle_rad: float, law: LawName
 ) -> None:
     position, ids, motion = fleet
     about = turn(angle_rad).T
-    turned = tick_of(position @ about, ids, ABOUT @ about, motion @ about)
-    assert np.allclose(turned, tick_of(position, ids, ABOUT, motion) @ about, atol=1e-4)
+    turned = tick_of(position @ about, ids, ABOUT @ about, motion @ about, law)
+    assert np.allclose(turned, tick_of(position, ids, ABOUT, motion, law) @ about, atol=1e-4)
 
 
 @CALM
-@given(fleets(), st.integers(0, 2**32 - 1))
+@given(fleets(), st.integers(0, 2**32 - 1), LAWS)
 def test_tick_does_not_depend_on_the_vehicle_order(
-    fleet: tuple[Array, tuple[str, ...], Array], seed: int
+    fleet: tuple[Array, tuple[str, ...], Array], seed: int, law: LawName
 ) -> None:
     position, ids, motion = fleet
     order = np.random.default_rng(seed).permutation(len(ids))
-    there = tick_of(position[order], tuple(ids[row] for row in order), ABOUT, motion)
-    assert np.allclose(there, tick_of(position, ids, ABOUT, motion)[order], atol=1e-4)
+    there = tick_of(position[order], tuple(ids[row] for row in order), ABOUT, motion, law)
+    assert np.allclose(there, tick_of(position, ids, ABOUT, motion, law)[order], atol=1e-4)
 
 
 @CALM

@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
 from gcs.flight.commander import STOPS_WITHIN_S
-from gcs.formation.thomson import best_configuration, energy, nearest_m
+from gcs.formation.repulsion import best_configuration, energy, nearest_m
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.return_paths import is_above, may_hand_over

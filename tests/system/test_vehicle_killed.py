@@ -14,7 +14,7 @@ import pytest
 from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.flight.orchestrator import Orchestrator
-from gcs.formation.thomson import best_configuration, energy
+from gcs.formation.repulsion import best_configuration, energy
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView

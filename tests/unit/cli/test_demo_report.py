@@ -16,7 +16,7 @@ from gcs.cli.demo_report import (
     shape,
     summary,
 )
-from gcs.formation.thomson import best_configuration
+from gcs.formation.repulsion import best_configuration
 from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle

@@ -9,7 +9,7 @@ from gcs.config.schema import Config
 from gcs.control import Memory, Task
 from gcs.flight.fleet import Fleet
 from gcs.formation.orbit import Center
-from gcs.formation.thomson import best_configuration
+from gcs.formation.repulsion import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Telemetry
 from tests.support.silent_link import SilentLink

@@ -5,20 +5,25 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
+from gcs.formation.article import repulsion_force
 from gcs.formation.law import desired_yaw_rad, ramped_spin, turn_towards
-from gcs.formation.repulsion import CHANGE_MAX_RAD, MUTUAL_FROM, SWEEP_MAX_RAD, pushes, sweep, sweeps_for
-from gcs.formation.response import compensate, correct_trim, limit_change, scale_to_limits, shrink_relative
-from gcs.formation.thomson import (
+from gcs.formation.neighbours import sphere_velocity
+from gcs.formation.repulsion import (
+    CHANGE_MAX_RAD,
+    MUTUAL_FROM,
+    SWEEP_MAX_RAD,
     best_configuration,
     energy,
     nearest_m,
+    pushes,
     smallest_radius_m,
+    sweep,
+    sweeps_for,
 )
+from gcs.formation.response import compensate, correct_trim, limit_change, scale_to_limits, shrink_relative
 from gcs.model.errors import InvalidError
 from gcs.model.plan import Yaw, YawPolicy
 from gcs.model.state import Array
-from gcs.simulation.article import repulsion_force
-from gcs.simulation.neighbours import sphere_velocity
 
 ORIGIN = np.zeros(3)
 

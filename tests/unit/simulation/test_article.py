@@ -5,21 +5,20 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from gcs.formation.obstacles import AvoidanceSettings, Ellipse
-from gcs.formation.orbit import Center
-from gcs.formation.thomson import energy, nearest_m
-from gcs.model.state import Array
-from gcs.simulation.article import (
+from gcs.formation.article import (
     ANSWER_S,
+    ArticleParameters,
     avoiding_force,
     feed_forward_force,
     formation_force,
     repulsion_force,
     sphere_force,
-    step_center,
-    step_virtual,
 )
-from gcs.simulation.scenario import ArticleParameters
+from gcs.formation.obstacles import AvoidanceSettings, Ellipse
+from gcs.formation.orbit import Center
+from gcs.formation.repulsion import energy, nearest_m
+from gcs.model.state import Array
+from gcs.simulation.article import step_center, step_virtual
 
 SECTION_5 = ArticleParameters()
 DT_S = 0.02

@@ -252,8 +252,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Radius and height, desired and now
-         * @description The desired formation, and the radius and height that are commanded now.
+         * Radius, height and law
+         * @description The desired formation and its law, and the radius and height that are commanded now.
          */
         get: operations["get_formation"];
         put?: never;
@@ -262,8 +262,10 @@ export interface paths {
         options?: never;
         head?: never;
         /**
-         * Change radius or height
-         * @description Changes continuously. A radius too small for the fleet is refused, with the smallest allowed one.
+         * Change radius, height or law
+         * @description Radius and height change continuously; the law is refused in flight.
+         *
+         *     A radius too small for the fleet is refused, with the smallest allowed one.
          */
         patch: operations["change_formation"];
         trace?: never;
@@ -1556,13 +1558,14 @@ export interface components {
         };
         /**
          * Formation
-         * @description Radius and height of the formation: desired, and commanded now.
+         * @description Radius and height of the formation: desired, and commanded now; and its law.
          */
         Formation: {
             /** Height M */
             height_m: number;
             /** Height Now M */
             height_now_m: number | null;
+            law: components["schemas"]["LawName"];
             /** Radius M */
             radius_m: number;
             /** Radius Now M */
@@ -1570,7 +1573,7 @@ export interface components {
         };
         /**
          * FormationChange
-         * @description New radius or height of the formation, which changes continuously.
+         * @description New radius or height of the formation, which changes continuously, or its law.
          */
         FormationChange: {
             /**
@@ -1579,6 +1582,8 @@ export interface components {
              * @example 12.5
              */
             height_m?: number;
+            /** @description Changes on the ground only. */
+            law?: components["schemas"]["LawName"];
             /**
              * Radius M
              * @description Radius of the virtual sphere.
@@ -1753,6 +1758,12 @@ export interface components {
              */
             code: string;
         };
+        /**
+         * LawName
+         * @description The law of the formation: slots that are kept, the article's forces, or each vehicle's neighbours.
+         * @enum {string}
+         */
+        LawName: "slots" | "article" | "neighbours";
         /**
          * LogEvent
          * @description One event of the service's log.

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from gcs.formation.neighbours import Belief, NeighbourMessages, agree
 from gcs.model.state import Array, Mask
-from gcs.simulation.neighbours import Belief, NeighbourMessages, agree
-from gcs.simulation.scenario import ConsensusSettings
 
 DT_S = 0.05
-SETTINGS = ConsensusSettings()
+RATE_PER_S = 0.1
 
 
 def received_by(belief: Belief, receives: Mask) -> NeighbourMessages:
@@ -38,11 +37,11 @@ def test_round_uses_metropolis_weights_and_its_own_sighting() -> None:
     receives = np.array([[False, True, False], [True, False, True], [False, True, False]])
     belief = Belief(at(0.0, 3.0, 9.0), np.zeros((3, 3)))
     blind = Belief.nothing(3)
-    once = agree(belief, received_by(belief, receives), blind, DT_S, SETTINGS)
+    once = agree(belief, received_by(belief, receives), blind, DT_S, RATE_PER_S)
     assert once.center_m == pytest.approx(at(1.0, 4.0, 7.0))
     sighting = Belief(at(0.0, 13.0, 9.0), np.zeros((3, 3)))
-    lean = 1.0 - np.exp(-SETTINGS.sighting_rate_per_s * DT_S)
-    leaning = agree(belief, received_by(belief, receives), sighting, DT_S, SETTINGS)
+    lean = 1.0 - np.exp(-RATE_PER_S * DT_S)
+    leaning = agree(belief, received_by(belief, receives), sighting, DT_S, RATE_PER_S)
     assert leaning.center_m == pytest.approx(at(1.0, 4.0 + 10.0 * lean, 7.0))
 
 
@@ -53,14 +52,14 @@ def test_unknown_belief_takes_own_sighting_or_neighbour_mean() -> None:
         np.array([[4.0, 0.0, 0.0], nothing, nothing]), np.array([[1.0, 0.0, 0.0], nothing, nothing])
     )
     seen = Belief(np.array([nothing, nothing, [7.0, 0.0, 0.0]]), np.array([nothing, nothing, np.zeros(3)]))
-    later = agree(known, received_by(known, receives), seen, DT_S, SETTINGS)
+    later = agree(known, received_by(known, receives), seen, DT_S, RATE_PER_S)
     assert later.center_m == pytest.approx(at(4.0 + DT_S, 4.0 + DT_S, 7.0))
     lonely = agree(
         Belief.nothing(1),
         received_by(Belief.nothing(1), ~np.ones((1, 1), bool)),
         Belief.nothing(1),
         DT_S,
-        SETTINGS,
+        RATE_PER_S,
     )
     assert np.isnan(lonely.center_m).all()
 
@@ -72,18 +71,17 @@ def test_all_agree_on_the_mean_sighting_despite_lost_messages() -> None:
     belief = seen
     for _ in range(2000):
         receives = ring(n) & (random.random((n, n)) >= 0.1)
-        belief = agree(belief, received_by(belief, receives), seen, DT_S, SETTINGS)
+        belief = agree(belief, received_by(belief, receives), seen, DT_S, RATE_PER_S)
     assert np.ptp(belief.center_m, axis=0).max() < 0.15 * np.ptp(seen.center_m, axis=0).max()
     assert belief.center_m.mean(axis=0) == pytest.approx(seen.center_m.mean(axis=0), abs=0.05)
 
 
 def test_vehicles_with_sightings_lead_all_to_a_moving_centre() -> None:
     n, speed = 20, 1.0
-    firm = ConsensusSettings(sighting_rate_per_s=5.0)
     belief = Belief.nothing(n)
     unseen = np.where(np.arange(n) < 2, 0.0, np.nan)[:, None]
     for round_ in range(2400):
         seen = Belief(at(speed * DT_S * round_) + unseen, at(speed) + unseen)
-        belief = agree(belief, received_by(belief, ring(n)), seen, DT_S, firm)
+        belief = agree(belief, received_by(belief, ring(n)), seen, DT_S, 5.0)
     assert belief.velocity_m_s == pytest.approx(np.tile(at(speed), (n, 1)), abs=1e-3)
     assert np.ptp(belief.center_m, axis=0).max() < 1e-3

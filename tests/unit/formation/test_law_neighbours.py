@@ -4,13 +4,20 @@ import numpy as np
 import pytest
 
 from gcs.formation.law import LawSettings
-from gcs.formation.orbit import Center
-from gcs.formation.thomson import energy, nearest_m
+from gcs.formation.neighbours import (
+    Belief,
+    NeighboursSettings,
+    Sight,
+    neighbours_velocity,
+    range_m,
+    sight_of,
+    step_aside,
+)
+from gcs.formation.repulsion import energy, nearest_m
 from gcs.model.state import Array
-from gcs.simulation.neighbours import AHEAD, Belief, Sight, sighted_velocity, step_aside
-from gcs.simulation.scenario import NeighboursSettings
 
 LAW = LawSettings()
+WITHOUT_MOMENTUM = NeighboursSettings(momentum_max_m_s=0.0)
 RADIUS_M = 10.0
 ORIGIN = np.zeros(3)
 
@@ -29,18 +36,17 @@ def aside_of(position_m: Array, range_m: float, center_m: Array = ORIGIN) -> Arr
     return step_aside(position_m, center, inbox_m, np.ones(inbox_m.shape[:2]), range_m)
 
 
-def velocity_of(position_m: Array, sight: Sight, engaged_s: float = 1e6) -> Array:
-    n = len(position_m)
-    return sighted_velocity(
+def velocity_of(position_m: Array, sight: Sight, belief: Belief | None = None) -> Array:
+    return neighbours_velocity(
         position_m,
-        np.zeros((n, 3)),
-        np.full(n, engaged_s),
+        np.zeros_like(position_m),
         sight,
-        Center.at_rest(ORIGIN),
+        belief or Belief.describe(ORIGIN, ORIGIN, len(position_m)),
         radius_m=RADIUS_M,
+        dt_s=0.05,
         speed_max_m_s=LAW.speed_m_s,
-        settings=NeighboursSettings(),
-    )
+        settings=WITHOUT_MOMENTUM,
+    )[0]
 
 
 def random_directions(count: int, seed: int) -> Array:
@@ -93,12 +99,12 @@ def test_a_dozen_neighbours_are_as_even_as_all(count: int) -> None:
 
 def test_velocity_is_the_step_at_the_law_rate_within_its_bound() -> None:
     place = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(3.0), np.sin(3.0), 0.0]])
-    sight = Sight(all_others(place), np.ones((2, 1)), 2.0 * RADIUS_M)
+    sight = Sight(all_others(place), np.ones((2, 1)), 2.0 * RADIUS_M, None)
     aside = aside_of(place, 2.0 * RADIUS_M)
-    desired = NeighboursSettings().spreading_rate_per_s * AHEAD * RADIUS_M * aside
+    desired = LAW.neighbours.spreading_rate_per_s * RADIUS_M * aside
     assert velocity_of(place, sight) == pytest.approx(desired, abs=1e-9)
-    close = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(1.0), np.sin(1.0), 0.0]])
-    sight = Sight(all_others(close), np.ones((2, 1)), 2.0 * RADIUS_M)
+    close = RADIUS_M * np.array([[1.0, 0.0, 0.0], [np.cos(0.7), np.sin(0.7), 0.0]])
+    sight = Sight(all_others(close), np.ones((2, 1)), 2.0 * RADIUS_M, None)
     assert np.linalg.norm(velocity_of(close, sight), axis=1) == pytest.approx(LAW.speed_m_s)
 
 
@@ -106,13 +112,44 @@ def test_each_flies_about_its_believed_centre_or_rests() -> None:
     place = np.array([[12.0, 0.0, 0.0], [10.0, 5.0, 0.0]])
     alone = np.full((2, 1, 3), np.nan)
     belief = Belief(np.array([[2.0, 0.0, 0.0], [np.nan] * 3]), np.array([[0.5, 0.0, 0.0], [np.nan] * 3]))
-    velocity = velocity_of(place, Sight(alone, np.ones((2, 1)), 5.0, belief))
-    assert velocity == pytest.approx(np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    velocity = velocity_of(place, Sight(alone, np.ones((2, 1)), 5.0, belief), belief)
+    assert velocity == pytest.approx(np.zeros((2, 3)))  # the first is on its own sphere
 
 
 def test_row_depends_only_on_the_inbox_of_its_vehicle() -> None:
     place = RADIUS_M * random_directions(6, 4)
-    whole = velocity_of(place, Sight(all_others(place), np.ones((6, 5)), 15.0))
+    whole = velocity_of(place, Sight(all_others(place), np.ones((6, 5)), 15.0, None))
     rows = np.array([False, True, False, False, True, False])
-    part = velocity_of(place[rows], Sight(all_others(place), np.ones((6, 5)), 15.0).only(rows))
+    part = velocity_of(place[rows], Sight(all_others(place), np.ones((6, 5)), 15.0, None).only(rows))
     assert part == pytest.approx(whole[rows])
+
+
+def test_whole_law_uses_only_vehicles_within_the_range() -> None:
+    """Vehicles outside the range change neither the inbox, nor the belief, nor the velocity of a vehicle."""
+    random = np.random.default_rng(7)
+    place = RADIUS_M * random_directions(30, 5)
+    reach_m = range_m(6, 30, RADIUS_M)
+    belief = Belief(random.normal(size=(30, 3)), random.normal(size=(30, 3)))
+    row = 11
+    near = np.linalg.norm(place - place[row], axis=1) < reach_m
+    # Metropolis weights count the neighbours' neighbours, so those stay where they are.
+    far = np.linalg.norm(place - place[row], axis=1) > 2.0 * reach_m
+    assert near.sum() > 3
+    assert far.sum() > 3
+    moved = place.copy()
+    moved[far] += random.normal(size=(int(far.sum()), 3))
+    moved[far] = np.where(
+        np.linalg.norm(moved[far] - place[row], axis=1)[:, None] > 2.0 * reach_m, moved[far], place[far]
+    )
+
+    def known(position_m: Array, charge: Array, own: Belief) -> tuple[Array, Array]:
+        sight = sight_of(
+            position_m, charge, own, Belief.nothing(30), range_m=reach_m, dt_s=0.05, sighting_rate_per_s=5.0
+        )
+        assert sight.belief is not None
+        return velocity_of(position_m, sight, sight.belief)[row], sight.belief.center_m[row]
+
+    other = Belief(np.where(far[:, None], 99.0, belief.center_m), belief.velocity_m_s)
+    here = known(place, np.ones(30), belief)
+    there = known(moved, np.where(far, 9.0, 1.0), other)
+    assert all(np.array_equal(one, two) for one, two in zip(here, there, strict=True))
