@@ -19,8 +19,7 @@ from gcs.cli.process import set_up_log
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError
 from gcs.recording.mcap_reader import FlightData
-from gcs.recording.replay.playhead import SPEED_MAX
-from gcs.recording.replay.service import Replay
+from gcs.recording.replay.service import SPEED_MAX, Replay
 from gcs.service.map_settings import MapSettings
 
 

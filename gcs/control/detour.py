@@ -3,7 +3,7 @@
 While the law's own way is free, the law leads. Else a route (`gcs.formation.route`) leads round the boxes
 with the whole sphere, or over them where the fence allows it, or with a part of the sphere, whose vehicles
 then pass on both sides by their own tangents. Where nothing leads to the goal, the centre stands beside the
-boxes.
+boxes. A plan is made over several ticks, with at most one search in each.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from math import cos, hypot, sin, sqrt
 
 import numpy as np
 
-from gcs.control.inputs import Detour, TickInputs
+from gcs.control.inputs import Detour, Searching, TickInputs
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, followed_target, orbit_velocity
 from gcs.formation.route import (
@@ -22,12 +22,12 @@ from gcs.formation.route import (
     Route,
     find_route,
     in_the_way,
-    later,
     leaves_now,
     next_leg,
     stays_free,
     timed,
 )
+from gcs.formation.route_search import CORNERS, gaps_m
 from gcs.model.plan import Direction
 from gcs.model.state import Array, Mask
 
@@ -97,7 +97,7 @@ class Scene:
         """How far from the show's origin the centre may be."""
         return self.now.settings.safety.fence.distance_max_m - self.sphere_m - CLEAR_OF_FENCE_M / 2
 
-    def boxes(self, clear: float, height_m: float | None, goal_m: Array) -> Boxes:
+    def boxes(self, clear: float, height_m: float | None, goal_m: Array | None) -> Boxes:
         """The boxes in the way at that height, grown by that share of the sphere, but not over the goal.
 
         At the plan's height a centre above it may not descend into a box.
@@ -109,8 +109,11 @@ class Scene:
         above_m = np.maximum(level_m - outlines.top_height_m, 0.0)
         section_m = np.sqrt(np.maximum(self.sphere_m**2 - above_m**2, 0.0))
         grown_m = clear * settings.center_clearance * section_m + settings.near_m
-        gap_m = (np.abs(goal_m - outlines.center_m) - outlines.half_length_m).max(axis=1, initial=-np.inf)
-        grown_m = np.where(outlines.stand, np.clip(gap_m - 0.05, 0.0, grown_m), grown_m)
+        if goal_m is not None:
+            to_goal_m = np.clip(
+                gaps_m(outlines.center_m, outlines.half_length_m, goal_m[:2]) - 0.05, 0.0, grown_m
+            )
+            grown_m = np.where(outlines.stand, to_goal_m, grown_m)
         strict = height_m is None and self.height_m > self.plan_height_m + ALOFT_M
         return Boxes.grown(outlines, grown_m, self.place_m, strict=strict)
 
@@ -118,14 +121,15 @@ class Scene:
 def follow_detour(scene: Scene, desired_m_s: Array, before: Detour | None) -> tuple[Array, Detour]:
     """The velocity (3,) of the centre instead of the law's `desired_m_s`, and the detour it follows."""
     time_s = scene.now.fleet.time_s
-    detour = before
-    names = set(scene.outlines.names)
-    stale = detour is None or not {name for name, _ in detour.corners} <= names
-    if detour is None or stale or time_s >= detour.planned_s + PLANNED_EVERY_S - 1e-6:
-        detour = _planned(scene, before)
+    detour = before or Detour(time_s - PLANNED_EVERY_S, Goal(scene.place_m, np.zeros(2)))
+    stale = not {name for name, _ in detour.corners} <= set(scene.outlines.names)
+    due = time_s >= detour.planned_s + PLANNED_EVERY_S - 1e-6
+    planning = stale or due or detour.searching is not None
+    if planning:
+        detour = _planned(scene, detour)
     led_m_s = _followed(scene, desired_m_s, detour)
-    if led_m_s is None and detour.planned_s < time_s:
-        detour = _planned(scene, before)
+    if led_m_s is None and not planning:
+        detour = _planned(scene, detour)
         led_m_s = _followed(scene, desired_m_s, detour)
     if led_m_s is None:
         led_m_s = np.array([0.0, 0.0, desired_m_s[2]])
@@ -133,9 +137,7 @@ def follow_detour(scene: Scene, desired_m_s: Array, before: Detour | None) -> tu
 
 
 def _goal_now(detour: Detour, time_s: float) -> Goal:
-    goal = detour.goal
-    passed_s = time_s - detour.planned_s
-    return replace(goal, place_m=goal.place_m + passed_s * goal.velocity_m_s)
+    return detour.goal.later(time_s - detour.planned_s)
 
 
 def _followed(scene: Scene, desired_m_s: Array, detour: Detour) -> Array | None:
@@ -152,9 +154,11 @@ def _followed(scene: Scene, desired_m_s: Array, detour: Detour) -> Array | None:
         if scene.height_m < detour.height_m - ALOFT_M / 2:
             led_m_s[:2] = 0.0
             return led_m_s
-    corners = tuple(4 * boxes.names.index(name) + k for name, k in detour.corners if name in boxes.names)
+    corners = tuple(
+        CORNERS * boxes.names.index(name) + k for name, k in detour.corners if name in boxes.names
+    )
     speed_m_s = scene.speed_m_s
-    leg = next_leg(boxes, scene.place_m, Route(corners, (), detour.reaches, 0.0), goal, speed_m_s)
+    leg = next_leg(boxes, scene.place_m, corners, goal, speed_m_s, reaches=detour.reaches)
     if leg is None:
         return None
     left, along_m_s = leg
@@ -179,34 +183,39 @@ def _followed(scene: Scene, desired_m_s: Array, detour: Detour) -> Array | None:
     return led_m_s
 
 
-def _planned(scene: Scene, before: Detour | None) -> Detour:
-    """The best detour now; the one before while no other is much better."""
+def _planned(scene: Scene, before: Detour) -> Detour:
+    """The detour after at most one search more: a better one, or the one before while none is known."""
     time_s, speed_m_s = scene.now.fleet.time_s, scene.speed_m_s
-    goals = list(_goals(scene, before if before is not None and before.active else None))
-    if not goals:
-        return Detour(time_s, Goal(scene.place_m, np.zeros(2)))
-    goal = goals[0]
-    boxes = scene.boxes(1.0, None, goal.place_m)
-    straight = not scene.on_orbit and leaves_now(boxes, scene.place_m, goal, speed_m_s)
-    if straight or _waits(scene, boxes, goal):
-        return Detour(time_s, goal)
-    found = _kept(scene, goals, before)
-    for goal in goals:
-        for clear, height_m in _choices(scene):
-            boxes = scene.boxes(clear, height_m, goal.place_m)
-            route = find_route(boxes, scene.place_m, goal, speed_m_s, scene.fence_m)
-            if not route.reaches:
-                continue
-            arrives_s = route.arrival_s[-1]
-            if found is not None and arrives_s > (1.0 - KEPT_SHARE) * found[1] - KEPT_S:
-                return found[0]
-            return _detour(scene, goal, boxes, route, clear, height_m, before)
-        if found is not None:
-            return found[0]
-    goal = goals[0]
-    boxes = scene.boxes(1.0, None, goal.place_m)
+    searching = before.searching
+    if searching is None:
+        goals = tuple(_goals(scene, before if before.active else None))
+        if not goals:
+            return Detour(time_s, Goal(scene.place_m, np.zeros(2)))
+        boxes = scene.boxes(1.0, None, goals[0].place_m)
+        if not scene.on_orbit and leaves_now(boxes, scene.place_m, goals[0], speed_m_s):
+            return Detour(time_s, goals[0])
+        searching = Searching(time_s, goals)
+        if _may_wait(scene, boxes, goals[0]):
+            waits = _waits(scene, boxes, goals[0])
+            return Detour(time_s, goals[0]) if waits else replace(before, searching=searching)
+    choices, after_s = list(_choices(scene)), time_s - searching.begun_s
+    nth, choice = divmod(searching.tried, len(choices))
+    goal, (clear, height_m) = searching.goals[nth].later(after_s), choices[choice]
+    boxes = scene.boxes(clear, height_m, goal.place_m)
     route = find_route(boxes, scene.place_m, goal, speed_m_s, scene.fence_m)
-    return _detour(scene, goal, boxes, route, 1.0, None, before)
+    kept = _kept(scene, searching.goals[0].later(after_s), before)
+    if route.reaches:
+        if kept is not None and route.arrival_s[-1] > (1.0 - KEPT_SHARE) * kept[1] - KEPT_S:
+            return kept[0]
+        return _detour(scene, goal, boxes, route, clear, height_m, before)
+    left = len(choices) * (1 if kept is not None else len(searching.goals)) - searching.tried - 1
+    if searching.tried == 0 and kept is None:
+        before = _detour(scene, goal, boxes, route, clear, height_m, before)  # as near as it can, for now
+    if left > 0:
+        return replace(before, searching=replace(searching, tried=searching.tried + 1))
+    if kept is not None:
+        return kept[0]
+    return replace(before, planned_s=time_s, goal=_goal_now(before, time_s), searching=None)
 
 
 def _detour(
@@ -216,36 +225,26 @@ def _detour(
     route: Route,
     clear: float,
     height_m: float | None,
-    before: Detour | None,
+    before: Detour,
 ) -> Detour:
-    corners = tuple((boxes.names[corner // 4], corner % 4) for corner in route.corners)
-    kept = before is not None and before.active
-    return Detour(
-        scene.now.fleet.time_s,
-        goal,
-        corners,
-        route.reaches,
-        True,
-        clear,
-        height_m,
-        before.best_m if kept and before is not None else np.inf,
-        before.gained_s if kept and before is not None else scene.now.fleet.time_s,
-    )
+    time_s = scene.now.fleet.time_s
+    corners = tuple((boxes.names[corner // CORNERS], corner % CORNERS) for corner in route.corners)
+    best_m, gained_s = (before.best_m, before.gained_s) if before.active else (np.inf, time_s)
+    return Detour(time_s, goal, corners, route.reaches, True, clear, height_m, best_m, gained_s)
 
 
-def _kept(scene: Scene, goals: list[Goal], before: Detour | None) -> tuple[Detour, float] | None:
+def _kept(scene: Scene, goal: Goal, before: Detour) -> tuple[Detour, float] | None:
     """The detour before, planned now, and its arrival; None where it no longer leads to the goal."""
-    if before is None or not before.active or not before.reaches:
+    if not before.active or not before.reaches:
         return None
-    goal = goals[0]
     boxes = scene.boxes(before.clear, before.height_m, goal.place_m)
-    if any(name not in boxes.names for name, _ in before.corners):
+    corners = boxes.numbers(before.corners)
+    if len(corners) < len(before.corners):
         return None
-    corners = tuple(4 * boxes.names.index(name) + k for name, k in before.corners)
-    leg = next_leg(boxes, scene.place_m, Route(corners, (), True, 0.0), goal, scene.speed_m_s)
+    leg = next_leg(boxes, scene.place_m, corners, goal, scene.speed_m_s, reaches=True)
     if leg is None:
         return None
-    route = timed(boxes, scene.place_m, leg[0], goal, scene.speed_m_s, reaches=True)
+    route = timed(boxes, scene.place_m, leg[0], goal, scene.speed_m_s)
     if route is None:
         return None
     detour = _detour(scene, goal, boxes, route, before.clear, before.height_m, before)
@@ -266,11 +265,15 @@ def _choices(scene: Scene) -> Iterator[tuple[float, float | None]]:
         yield clear, None
 
 
+def _may_wait(scene: Scene, boxes: Boxes, goal: Goal) -> bool:
+    """Whether the centre is at its goal, which a box will come over, but not soon."""
+    there = hypot(*(goal.place_m - scene.place_m)) <= AT_GOAL_M
+    return there and stays_free(boxes, scene.place_m, WAITS_S)
+
+
 def _waits(scene: Scene, boxes: Boxes, goal: Goal) -> bool:
-    """Whether a centre at its goal can still wait there for the box that will come over it."""
-    if hypot(*(goal.place_m - scene.place_m)) > AT_GOAL_M or not stays_free(boxes, scene.place_m, WAITS_S):
-        return False
-    boxes, goal = later(boxes, goal, WAITS_S, scene.place_m)
+    """Whether a centre that waits at its goal can still leave it, and return, `WAITS_S` later."""
+    boxes, goal = boxes.later(WAITS_S, scene.place_m), goal.later(WAITS_S)
     return find_route(boxes, scene.place_m, goal, scene.speed_m_s, scene.fence_m).reaches
 
 
@@ -326,11 +329,8 @@ def _goals(scene: Scene, before: Detour | None) -> Iterator[Goal]:
 
 def _are_free(scene: Scene, path_m: Array) -> Mask:
     """(k,) whether the places (k, 2) of one second after the other are outside all grown boxes."""
-    table = scene.boxes(1.0, None, np.full(2, np.inf)).table
-    time_s = FIELD_STEP_S * np.arange(len(path_m))[:, None, None]
-    away_m = np.abs(path_m[:, None] - table[:, :2] - time_s * table[:, 2:4])
-    inside = (away_m[..., 0] < table[:, 4]) & (away_m[..., 1] < table[:, 5])
-    return np.asarray(~inside.any(axis=1))
+    boxes = scene.boxes(1.0, None, None)
+    return ~boxes.hold(path_m, FIELD_STEP_S * np.arange(len(path_m), dtype=np.float64))
 
 
 def _orbit_ahead(scene: Scene, target_m: Array, target_m_s: Array) -> Array:
@@ -367,7 +367,9 @@ def _headway(scene: Scene, detour: Detour) -> Detour:
         return replace(detour, best_m=np.inf, gained_s=time_s, held_by="")
     boxes = scene.boxes(detour.clear, detour.height_m, goal.place_m)
     if detour.reaches:
-        corners = tuple(4 * boxes.names.index(name) + k for name, k in detour.corners if name in boxes.names)
+        corners = tuple(
+            CORNERS * boxes.names.index(name) + k for name, k in detour.corners if name in boxes.names
+        )
         left_m = _length_m(boxes, scene.place_m, corners, goal)
         if detour.height_m is not None:
             left_m += abs(detour.height_m - scene.height_m)

@@ -63,6 +63,15 @@ class Tasks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Searching:
+    """A plan for the centre that is being made: at most one search for a route in every tick."""
+
+    begun_s: float
+    goals: tuple[Goal, ...]  # as they were then, best first
+    tried: int = 0  # searches done, of those for each goal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Detour:
     """The planned way of the formation's centre past obstacles. It is planned anew twice a second."""
 
@@ -76,6 +85,7 @@ class Detour:
     best_m: float = np.inf  # least length of the way since it gained on its goal
     gained_s: float = 0.0  # when
     held_by: str = ""  # the obstacle, once the centre has made no headway for the configured time
+    searching: Searching | None = None  # this detour is followed until the search ends
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -160,8 +160,8 @@ def _nearest_m(position_m: Array, center_m: Array, semi_m: Array) -> Array:
         for i in range(len(position_m)):
             qx = (position_m[i, 0] - center_m[j, 0]) / semi_m[j, 0]
             qy = (position_m[i, 1] - center_m[j, 1]) / semi_m[j, 1]
-            radius = np.hypot(qx, qy)
-            slope = np.hypot(qx / semi_m[j, 0], qy / semi_m[j, 1])
+            radius = np.sqrt(qx * qx + qy * qy)
+            slope = np.sqrt((qx / semi_m[j, 0]) ** 2 + (qy / semi_m[j, 1]) ** 2)
             away_m = (radius - 1.0) * radius / slope if radius > TINY else -min(semi_m[j, 0], semi_m[j, 1])
             nearest_m[j] = min(nearest_m[j], away_m)
     return nearest_m

@@ -7,7 +7,7 @@ counted. With names as arguments only the rows that contain one of them are meas
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyrvo
@@ -17,7 +17,7 @@ from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.formation.article import ArticleParameters, formation_force
 from gcs.formation.law import goal_velocity
 from gcs.model.frames import ShowFrame
-from gcs.model.plan import Formation, Plan
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
@@ -66,9 +66,8 @@ def on_sphere(count: int, radius_m: float) -> FleetState:
     return FleetState(0.05, ids, position_m, velocity_m_s, nothing, nothing.copy())
 
 
-def control_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
-    """The whole tick, law and safety, flying on; beside it the article's law as printed, in numpy."""
-    radius_m = max(10.0, 1.4 * count**0.5)
+def flying_on(count: int, radius_m: float, plan: Plan) -> Callable[[], object]:
+    """The whole tick of a formation that is flying, call after call."""
     fleet = on_sphere(count, radius_m)
     airborne = np.ones(count, dtype=bool)
     tasks = Tasks(
@@ -77,8 +76,8 @@ def control_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
         airborne,
         ~airborne,
         np.zeros((0, 2, 3)),
+        center_moves=True,
     )
-    plan = Plan(Formation(radius_m, radius_m + 10.0))
     fence = Fence(height_max_m=4.0 * radius_m + 100.0, distance_max_m=4.0 * radius_m)
     traits, settings = Traits.alike(count), ControlSettings(safety=SafetySettings(fence=fence))
     memory = [Memory.fresh(count, 0.0)]
@@ -91,13 +90,39 @@ def control_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
         here = FleetState(now_s, fleet.ids, place_m, fleet.velocity_m_s, fleet.yaw_rad, fleet.age_s)
         memory[0] = tick(here, tasks, plan, traits, memory[0], settings).memory
 
+    return once
+
+
+def control_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The whole tick, law and safety, flying on; beside it the article's law as printed, in numpy."""
+    radius_m = max(10.0, 1.4 * count**0.5)
+    fleet = on_sphere(count, radius_m)
     center_m, printed = np.array([0.0, 0.0, -radius_m - 10.0]), ArticleParameters(radius_m=radius_m)
 
     def other() -> None:
         for rows in np.array_split(np.arange(count), max(1, count // 1000)):  # as much as memory holds
             _broadcast_force(fleet.position_m, rows, center_m, printed)
 
-    return once, other
+    return flying_on(count, radius_m, Plan(Formation(radius_m, radius_m + 10.0))), other
+
+
+def shut_in_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The whole tick inside a ring of 16 boxes with 16 more outside, target beyond; beside it no boxes."""
+    radius_m = max(10.0, 1.4 * count**0.5)
+    ring_m, rng = 2.0 * radius_m + 15.0, np.random.default_rng(2)
+    boxes = []
+    for k, turn_rad in enumerate(2.0 * np.pi * np.arange(MAX_OBSTACLES) / (MAX_OBSTACLES / 2)):
+        low = k >= MAX_OBSTACLES / 2
+        x_m, y_m = (2.0 if low else 1.0) * ring_m * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+        half_m = rng.uniform(2.0, 8.0, 2) if low else np.full(2, 0.25 * ring_m)
+        height_m = rng.uniform(radius_m + 5.0, radius_m + 40.0) if low else 1e3
+        drive_m_s = rng.uniform(-1.0, 1.0, 2) if low else np.zeros(2)
+        boxes.append(
+            Obstacle(f"box {k}", x_m, y_m, half_m[0], half_m[1], height_m, drive_m_s[0], drive_m_s[1])
+        )
+    plan = Plan(Formation(radius_m, radius_m + 10.0), target=Target(3.0 * ring_m, 5.0))
+    shut_in = replace(plan, obstacles=tuple(boxes))
+    return flying_on(count, radius_m, shut_in), flying_on(count, radius_m, plan)
 
 
 def _broadcast_force(
@@ -192,6 +217,7 @@ ROWS: tuple[tuple[str, str, Callable[[int], tuple[Callable[[], object], Callable
         ("tick, law + safety", "the article's law as printed, numpy, no safety", control_tick, count)
         for count in (8, 100, 1_000, 10_000)
     ),
+    *(("tick, 32 boxes, no way", "the tick without boxes", shut_in_tick, count) for count in (8, 1_000)),
     *(("filter, flat ring", "pyrvo (ORCA, 2D only)", flat_filter, count) for count in (20, 100)),
     ("assembly, 30 s", "the article's law and dynamics, 20 Hz, numpy", simulated_assembly, 100),
     ("point masses, a step", "one vehicle at a time", simulation_step, 100),
@@ -209,7 +235,7 @@ def main(desired: list[str]) -> None:
         ours, other = (timed(call) for call in make(count))
         figures = f"{ours.p50_ms:>10.3f}{ours.p99_ms:>10.3f}   {alternative:<48}{other.p50_ms:>10.3f}"
         print(f"{what:<22}{count:>7}{figures}{ours.p50_ms / other.p50_ms:>9.2f}", flush=True)
-        if what.startswith("tick"):
+        if what == "tick, law + safety":
             ticks[count] = ours
         if what.startswith("assembly"):
             print(f"{'':<22}{'':>7}{SIMULATED_S / ours.p50_ms * 1e3:>10.0f} x real time")

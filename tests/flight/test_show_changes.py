@@ -88,7 +88,7 @@ async def story(show: Show) -> Flight:
     service.plan.set_yaw(Yaw(YawPolicy.TARGET))
     service.plan.add_obstacle(BOX)
     service.plan.set_target(Target(31.0, 1.0))
-    past = await after(42.0)  # round the corners of the mast, with the whole sphere
+    past = await after(30.0)
     inside_m = np.array([show.ellipse("mast").distance_m(sample.true_m) for sample in past.samples])
     plans["mast"] = show.view.plan
     turned_down = await refusals(show)

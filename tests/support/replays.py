@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gcs.recording.replay.playhead import Playhead
+from gcs.recording.replay.service import Playhead
 from gcs.service import CheckState, Playback, ReplayMarks, ReportState
 
 

@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
 import numpy as np
 
-from gcs.model.errors import GcsError, RefusedError, UnknownError
+from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan, plan_of
@@ -19,7 +19,6 @@ from gcs.recording import mcap_layout as layout
 from gcs.recording.flight_report import EXIT_CODES
 from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample, Standard
 from gcs.recording.replay.history import EventHistory, recorded, replay_alarm
-from gcs.recording.replay.playhead import Playhead
 from gcs.service import (
     Audit,
     CheckState,
@@ -38,6 +37,8 @@ from gcs.service.alarms import ordered
 from gcs.service.check_process import LOWER, answered
 from gcs.service.event_log import LogEvent
 from gcs.service.vehicle_table import VehicleTable
+
+SPEED_MAX: Final = 100.0
 
 REPEAT_S: Final = 0.5
 """Interval at which the state is published again, as a sign of life for viewers."""
@@ -58,6 +59,52 @@ REPORT_MEMORY_MAX_BYTES: Final = 16 << 30
 """Limit of the address space: a long flight of a thousand vehicles is held in memory."""
 
 Triple = tuple[float, float, float]
+
+
+class Playhead:
+    """The position of a replay in its record; it moves at its speed unless paused. Times are the loop's."""
+
+    def __init__(self, duration_s: float, speed: float, now_s: float) -> None:
+        """Starts at the beginning, moving. Raises: InvalidError for an invalid speed."""
+        _check_speed(speed)
+        self.duration_s = duration_s
+        self.speed = speed
+        self.paused = False
+        self._at_s = 0.0  # position at `_since_s`
+        self._since_s = now_s  # loop time
+
+    def position_s(self, now_s: float) -> float:
+        """Position since the first recorded state, in s."""
+        moved_s = 0.0 if self.paused else (now_s - self._since_s) * self.speed
+        return min(self._at_s + moved_s, self.duration_s)
+
+    def left_s(self, position_s: float, now_s: float) -> float:
+        """Time until that position at this speed; negative: it has passed, inf: never."""
+        way_s = position_s - self.position_s(now_s)
+        if way_s <= 0.0:
+            return way_s / self.speed
+        return inf if self.paused else way_s / self.speed
+
+    def change(
+        self, now_s: float, *, paused: bool | None, speed: float | None, position_s: float | None
+    ) -> None:
+        """Change the playback from now on. Raises: InvalidError, RefusedError; then nothing has changed."""
+        if speed is not None:
+            _check_speed(speed)
+        if position_s is not None and not (isfinite(position_s) and 0.0 <= position_s <= self.duration_s):
+            raise InvalidError("position_s", position_s, f"from 0 to {self.duration_s:.2f}, its duration")
+        here_s = self.position_s(now_s)
+        if paused is False and position_s is None and here_s >= self.duration_s:
+            raise RefusedError("the record has ended: give position_s to play it again from there")
+        self._at_s = here_s if position_s is None else position_s
+        self._since_s = now_s
+        self.speed = self.speed if speed is None else speed
+        self.paused = self.paused if paused is None else paused
+
+
+def _check_speed(speed: float) -> None:
+    if not 0.0 < speed <= SPEED_MAX:  # written so that NaN is refused
+        raise InvalidError("speed", speed, f"above 0, at most {SPEED_MAX:g}")
 
 
 class ReadOnly:

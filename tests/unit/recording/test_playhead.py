@@ -5,7 +5,7 @@ from math import inf, nan
 import pytest
 
 from gcs.model.errors import InvalidError, RefusedError
-from gcs.recording.replay.playhead import Playhead
+from gcs.recording.replay.service import Playhead
 
 
 def test_moves_at_its_speed_unless_paused_and_stops_at_the_end() -> None:
