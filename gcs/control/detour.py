@@ -47,6 +47,9 @@ GAINED_M = 1.0
 ALOFT_M = 1.0
 """A centre this far above the plan's height flies over obstacles."""
 
+OVERSHOOT_M = 1.0
+"""A centre that turns at a corner may leave its route by this much; the boxes are grown by more than that."""
+
 CLEARANCES = (1.0, 0.5, 0.0)
 """Shares of the sphere for which a route is looked for, one after the other."""
 
@@ -171,16 +174,24 @@ def _followed(scene: Scene, desired_m_s: Array, detour: Detour) -> Array | None:
     moving_m_s = boxes.velocity_m_s(left[0])
     corner_m = boxes.corner_m(left[0], 0.0)
     away_m = hypot(*(corner_m - scene.place_m))
-    turn = 0.0
+    beyond_m = np.zeros(2)  # the next leg
     if len(left) > 1 or detour.reaches:
         beyond_m = (boxes.corner_m(left[1], 0.0) if len(left) > 1 else goal.place_m) - corner_m
-        cosine = float(beyond_m @ along_m_s) / max(hypot(*beyond_m) * hypot(*along_m_s), 1e-9)
-        turn = max(cosine, 0.0)
-    most_m_s = sqrt((turn * speed_m_s) ** 2 + 2.0 * braking_m_s2 * away_m)
+    turn_m_s = _turning_speed_m_s(along_m_s, beyond_m, speed_m_s, law.center_acceleration_max_m_s2)
+    most_m_s = sqrt(turn_m_s**2 + 2.0 * braking_m_s2 * away_m)
     own_m_s = along_m_s - moving_m_s
     own_m_s *= min(1.0, most_m_s / max(hypot(*own_m_s), 1e-9))
     led_m_s[:2] = moving_m_s + own_m_s
     return led_m_s
+
+
+def _turning_speed_m_s(along: Array, beyond: Array, speed_m_s: float, most_m_s2: float) -> float:
+    """Speed at which a centre on one leg (2,) turns into the next, and leaves it by `OVERSHOOT_M`."""
+    lengths = hypot(*along) * hypot(*beyond)
+    if float(along @ beyond) <= 0.0:
+        return 0.0
+    sine = abs(float(along[0] * beyond[1] - along[1] * beyond[0])) / lengths
+    return min(speed_m_s, sqrt(2.0 * most_m_s2 * OVERSHOOT_M) / max(sine, 1e-9))
 
 
 def _planned(scene: Scene, before: Detour) -> Detour:

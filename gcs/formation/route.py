@@ -1,7 +1,7 @@
 """Routes of the formation's centre past standing and moving boxes, in space and time.
 
-Every box is grown by the sphere and its margins to an octagon, and moves on with its velocity. A route leads
-from corner to corner of the octagons, each corner at its place at the time of arrival: the accessibility
+Every box is grown by the sphere and its margins to a dodecagon, and moves on with its velocity. A route leads
+from corner to corner of these, each corner at its place at the time of arrival: the accessibility
 graph of Fujimura and Samet, "Planning a time-minimal motion among moving obstacles" (Algorithmica 10, 1993),
 of which only tangents are looked at: no earliest route turns away from the box whose corner it passes. Where
 a moving box will pass over the goal, the route waits beside a corner, and arrives when the goal stays free.
@@ -15,15 +15,17 @@ import numpy as np
 from gcs.formation.obstacles import Outlines
 from gcs.formation.route_search import (
     CORNERS,
+    FACING_X,
+    FACING_Y,
     HORIZON_S,
     Mover,
     alone_until_s,
     covered,
+    grown_boxes,
     inside_s,
     is_blocked,
     last_leg,
     meeting_s,
-    octagons,
     out_of,
     refuge,
     search,
@@ -38,15 +40,15 @@ SPARE_M = 0.3
 class Boxes:
     """Boxes as the centre's route knows them: grown by sphere and margins. Show frame, now.
 
-    A box grown by a disc has round corners. The octagon keeps its sides and cuts its square corners along
-    tangents of the round ones. Half-lengths are greatest values of |x|, |y|, |x + y| and |x - y|.
+    A box grown by a disc has round corners. A dodecagon around it keeps the sides, and has three corners
+    where the box has one: round a single mast it is 2 % longer than the arc.
     """
 
     names: tuple[str, ...]
     place: Array  # (m, 4): centre x and y, velocity x and y
-    half_m: Array  # (m, 4)
-    first_m: Array  # (m, 4) for the way from where the centre is: no farther than to itself
-    corners: Array  # (8 m, 4): place and velocity of each corner, `SPARE_M` outside
+    half_m: Array  # (m, 6) half-widths in the directions of the sides
+    first_m: Array  # (m, 6) for the way from where the centre is: no farther than to itself
+    corners: Array  # (12 m, 4): place and velocity of each corner, `SPARE_M` outside
 
     @staticmethod
     def grown(outlines: Outlines, by_m: Array, center_m: Array, *, strict: bool = False) -> "Boxes":
@@ -55,7 +57,7 @@ class Boxes:
         A centre inside a grown box may leave it, but not go deeper; `strict`: it has no way out.
         """
         place = np.hstack([outlines.center_m, outlines.velocity_m_s])
-        half_m, corners = octagons(place, outlines.half_length_m, by_m, SPARE_M)
+        half_m, corners = grown_boxes(place, outlines.half_length_m, by_m, SPARE_M)
         first_m = half_m if strict else out_of(place, half_m, center_m)
         return Boxes(outlines.names, place, half_m, first_m, corners)
 
@@ -75,10 +77,9 @@ class Boxes:
 
     def hold(self, places_m: Array, time_s: Array) -> Mask:
         """(k,) whether any grown box is over the places (k, 2) after `time_s` (k,)."""
-        x_m, y_m = np.moveaxis(
-            places_m[:, None] - self.place[:, :2] - time_s[:, None, None] * self.place[:, 2:], 2, 0
-        )
-        outside_m: Array = (np.abs([x_m, y_m, x_m + y_m, x_m - y_m]) - self.half_m.T[:, None]).max(axis=0)
+        away_m = places_m[:, None] - self.place[:, :2] - time_s[:, None, None] * self.place[:, 2:]
+        facing = np.column_stack([FACING_X, FACING_Y])[: self.half_m.shape[1]]
+        outside_m: Array = (np.abs(away_m @ facing.T) - self.half_m).max(axis=2)
         return np.asarray((outside_m < 0.0).any(axis=1))
 
     def later(self, by_s: float, center_m: Array) -> "Boxes":

@@ -1,7 +1,7 @@
 """The search for the centre's routes (`gcs.formation.route`): earliest arrivals in space and time. Compiled.
 
-Boxes, here, are rows: `place` (m, 4), centre and velocity over the ground; `half_m` (m, 4), greatest values
-of |x|, |y|, |x + y| and |x - y|; `corners` (8 m, 4), place and velocity of the corners of these octagons.
+Boxes, here, are rows: `place` (m, 4), centre and velocity over the ground; `half_m` (m, 6), half-widths in
+the directions of the sides; `corners` (12 m, 4), place and velocity of the corners of these dodecagons.
 """
 
 from math import inf, sqrt
@@ -24,34 +24,34 @@ REFUGE_S = 15.0
 LENGTH_COST = 0.1
 """Of two ways that arrive when the goal becomes free, the shorter one is taken."""
 
-CORNERS = 8
-"""Corner k of box j has the number 8 j + k. They run anticlockwise on a page with x right and y up."""
+CORNERS = 12
+"""Of a grown box. Corner k of box j has the number 12 j + k, and lies between the sides k and k + 1."""
 
-EDGE_X = np.array([-1.0, -1.0, -1.0, 0.0, 1.0, 1.0, 1.0, 0.0])
-EDGE_Y = np.array([1.0, 0.0, -1.0, -1.0, -1.0, 0.0, 1.0, 1.0])
-"""Direction from each corner of an octagon to the next."""
+AXES = CORNERS // 2
+"""Sides k and k + 6 are opposite; side k faces the direction (`FACING_X[k]`, `FACING_Y[k]`)."""
+
+FACING_X = np.cos(2.0 * np.pi * np.arange(CORNERS) / CORNERS)
+FACING_Y = np.sin(2.0 * np.pi * np.arange(CORNERS) / CORNERS)
 
 Mover = tuple[float, float, float, float]
 """A place (x, y) now and its velocity, over the ground."""
 
 
-SQRT2 = sqrt(2.0)
-
-
 @kernel
-def octagons(place: Array, half_length_m: Array, by_m: Array, spare_m: float) -> tuple[Array, Array]:
+def grown_boxes(place: Array, half_length_m: Array, by_m: Array, spare_m: float) -> tuple[Array, Array]:
     """`half_m` and `corners` of boxes with half-lengths (m, 2), grown by (m,); corners `spare_m` outside."""
-    half_m, corners = np.empty((len(place), 4)), np.empty((CORNERS * len(place), 4))
+    half_m, corners = np.empty((len(place), AXES)), np.empty((CORNERS * len(place), 4))
+    turn = 2.0 * np.pi / CORNERS
     for j in range(len(place)):
-        half_m[j, :2] = half_length_m[j] + by_m[j]
-        half_m[j, 2:] = half_length_m[j, 0] + half_length_m[j, 1] + SQRT2 * by_m[j]
-        x_m, y_m = half_m[j, 0] + spare_m, half_m[j, 1] + spare_m
-        across_m = half_m[j, 2] + SQRT2 * spare_m
+        for k in range(AXES):
+            reach_m = half_length_m[j, 0] * abs(FACING_X[k]) + half_length_m[j, 1] * abs(FACING_Y[k])
+            half_m[j, k] = reach_m + by_m[j]
         for k in range(CORNERS):
-            near_x = k % 4 == 0 or k % 4 == 3  # the corner ends a side at the greatest |x|
-            right, up = 1.0 if k in (0, 1, 6, 7) else -1.0, 1.0 if k < 4 else -1.0
-            corners[CORNERS * j + k, 0] = place[j, 0] + right * (x_m if near_x else across_m - y_m)
-            corners[CORNERS * j + k, 1] = place[j, 1] + up * (across_m - x_m if near_x else y_m)
+            one_m = half_m[j, k % AXES] + spare_m
+            other_m = half_m[j, (k + 1) % AXES] + spare_m
+            along_m = (other_m - one_m * np.cos(turn)) / np.sin(turn)  # from the middle of side k
+            corners[CORNERS * j + k, 0] = place[j, 0] + one_m * FACING_X[k] - along_m * FACING_Y[k]
+            corners[CORNERS * j + k, 1] = place[j, 1] + one_m * FACING_Y[k] + along_m * FACING_X[k]
             corners[CORNERS * j + k, 2:] = place[j, 2:]
     return half_m, corners
 
@@ -62,13 +62,13 @@ def out_of(place: Array, half_m: Array, here_m: Array) -> Array:
     first_m = half_m.copy()
     for j in range(len(place)):
         x_m, y_m = here_m[0] - place[j, 0], here_m[1] - place[j, 1]
-        least_m, axis = inf, 0
-        for k, along_m in enumerate((x_m, y_m, x_m + y_m, x_m - y_m)):
-            depth_m = (half_m[j, k] - abs(along_m)) / (1.0 if k < 2 else SQRT2)
-            if depth_m < least_m:
-                least_m, axis, span_m = depth_m, k, abs(along_m)
-        if least_m > 0.0:
-            first_m[j, axis] = span_m
+        depth_m, axis = inf, 0
+        for k in range(AXES):
+            away_m = abs(x_m * FACING_X[k] + y_m * FACING_Y[k])
+            if half_m[j, k] - away_m < depth_m:
+                depth_m, axis = half_m[j, k] - away_m, k
+        if depth_m > 0.0:
+            first_m[j, axis] -= depth_m
     return first_m
 
 
@@ -79,7 +79,7 @@ def gaps_m(center_m: Array, half_length_m: Array, place_m: Array) -> Array:
     for j in range(len(center_m)):
         x_m = abs(place_m[0] - center_m[j, 0]) - half_length_m[j, 0]
         y_m = abs(place_m[1] - center_m[j, 1]) - half_length_m[j, 1]
-        gap_m[j] = max(x_m, y_m, (x_m + y_m) / SQRT2)
+        gap_m[j] = max(x_m, y_m, (x_m + y_m) / sqrt(2.0))
     return gap_m
 
 
@@ -112,11 +112,9 @@ def inside_s(place: Array, half_m: Array, j: int, mover: Mover, at_s: float) -> 
     enter_s, leave_s = -inf, inf
     x_m, y_m = mover[0] - place[j, 0] - at_s * place[j, 2], mover[1] - place[j, 1] - at_s * place[j, 3]
     vx_m_s, vy_m_s = mover[2] - place[j, 2], mover[3] - place[j, 3]
-    for axis in range(4):
-        along_m = x_m if axis == 0 else (y_m if axis == 1 else (x_m + y_m if axis == 2 else x_m - y_m))
-        rate = vx_m_s if axis == 0 else vy_m_s
-        if axis > 1:
-            rate = vx_m_s + vy_m_s if axis == 2 else vx_m_s - vy_m_s
+    for axis in range(AXES):
+        along_m = x_m * FACING_X[axis] + y_m * FACING_Y[axis]
+        rate = vx_m_s * FACING_X[axis] + vy_m_s * FACING_Y[axis]
         half = half_m[j, axis] - 1e-6
         if abs(rate) < 1e-9:
             if abs(along_m) >= half:
@@ -137,13 +135,15 @@ def is_blocked(place: Array, half_m: Array, mover: Mover, from_s: float, to_s: f
     for j in range(len(place)):
         stands = place[j, 2] == 0.0 and place[j, 3] == 0.0
         lasts_s = (to_s if stands else min(to_s, HORIZON_S)) - from_s
-        x_m = mover[0] - place[j, 0] - from_s * place[j, 2]
-        then_m = x_m + lasts_s * (mover[2] - place[j, 2])
-        if min(x_m, then_m) >= half_m[j, 0] or max(x_m, then_m) <= -half_m[j, 0]:
+        wide_m, long_m = half_m[j, 0], half_m[j, AXES // 2]
+        x_m, way_x_m = mover[0] - place[j, 0] - from_s * place[j, 2], lasts_s * (mover[2] - place[j, 2])
+        if min(x_m, x_m + way_x_m) >= wide_m or max(x_m, x_m + way_x_m) <= -wide_m:
             continue
-        y_m = mover[1] - place[j, 1] - from_s * place[j, 3]
-        then_m = y_m + lasts_s * (mover[3] - place[j, 3])
-        if min(y_m, then_m) >= half_m[j, 1] or max(y_m, then_m) <= -half_m[j, 1]:
+        y_m, way_y_m = mover[1] - place[j, 1] - from_s * place[j, 3], lasts_s * (mover[3] - place[j, 3])
+        if min(y_m, y_m + way_y_m) >= long_m or max(y_m, y_m + way_y_m) <= -long_m:
+            continue
+        past_m2 = x_m * way_y_m - y_m * way_x_m  # the way's distance from the box's centre, times its length
+        if past_m2**2 >= (wide_m**2 + long_m**2) * (way_x_m**2 + way_y_m**2) > 0.0:
             continue
         enter_s, leave_s = inside_s(place, half_m, j, mover, from_s)
         if leave_s > 1e-6 and enter_s < lasts_s - 1e-6:
@@ -232,9 +232,10 @@ def last_leg(
 @kernel
 def _is_tangent(corner: int, x: float, y: float) -> bool:
     """Whether a line in the direction (x, y) through a corner passes its own box by."""
-    k, before = corner % CORNERS, (corner - 1) % CORNERS
-    here = x * EDGE_Y[k] - y * EDGE_X[k]
-    return bool(here * (x * EDGE_Y[before] - y * EDGE_X[before]) <= 1e-9 * (x * x + y * y))
+    k = corner % CORNERS
+    after = (k + 1) % CORNERS
+    product = (x * FACING_X[k] + y * FACING_Y[k]) * (x * FACING_X[after] + y * FACING_Y[after])
+    return bool(product <= 1e-9 * (x * x + y * y))
 
 
 @kernel

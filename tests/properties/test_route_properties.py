@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.route import Boxes, Goal, Route, find_route, next_leg
-from gcs.formation.route_search import HORIZON_S, is_blocked
+from gcs.formation.route_search import AXES, FACING_X, FACING_Y, HORIZON_S, is_blocked
 from gcs.model.state import Array
 from tests.support.law_fleets import within
 from tests.support.safety_fleets import CALM
@@ -61,7 +61,7 @@ def distance_m(outlines: Outlines, j: int, times_s: Array, places_m: Array) -> A
 @CALM
 @given(scenes())
 def test_route_keeps_its_distance_from_every_box_at_its_time(scene: tuple[Outlines, Boxes, Goal]) -> None:
-    """Measured on the boxes themselves, not on the octagons that the search knows."""
+    """Measured on the boxes themselves, not on the dodecagons that the search knows."""
     outlines, boxes, goal = scene
     route = find_route(boxes, np.zeros(2), goal, SPEED_M_S, REACH_M)
     assume(route.corners or route.reaches)
@@ -75,7 +75,7 @@ def test_route_keeps_its_distance_from_every_box_at_its_time(scene: tuple[Outlin
             away_m = distance_m(outlines, j, times_s, places_m)[foreseen]
             if first and (boxes.first_m[j] < boxes.half_m[j]).any():  # from inside: out, but not deeper
                 offset_m = places_m - outlines.center_m[j] - times_s[:, None] * outlines.velocity_m_s[j]
-                spans_m = np.column_stack([*offset_m.T, offset_m.sum(axis=1), offset_m @ (1.0, -1.0)])
+                spans_m = offset_m @ np.array([FACING_X, FACING_Y])[:, :AXES]
                 outside = (np.abs(spans_m) > boxes.first_m[j] - 1e-5).any(axis=1)
                 assert outside[foreseen].all(), (number, j)
             else:
