@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from gcs.control import Tick
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
@@ -20,6 +19,7 @@ from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
+from gcs.safety.neighbours import near_pairs
 from gcs.safety.separation import Floor
 from gcs.service import CALLER, ActiveFailsafe, CommandRecord, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
@@ -142,10 +142,9 @@ class ClosePairs:
             airborne: (n,) a pair counts if at least one is airborne and not both are below the pad height.
             floor: the minimum-separation ellipsoid.
         """
-        known = np.flatnonzero(np.isfinite(position_m).all(axis=1))
-        scaled_m = position_m[known] * floor.scale
-        near = cKDTree(scaled_m).query_pairs(CLOSE.off * floor.horizontal_m, output_type="ndarray")
-        first, second = known[near].T
+        known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
+        reach_m = np.full(len(position_m), CLOSE.off * floor.horizontal_m / 2.0)
+        first, second = np.sort(near_pairs(position_m * floor.scale, known, reach_m), axis=0)
         is_low: Mask = np.asarray(-position_m[:, 2] < floor.pad_height_m)
         counts = (airborne[first] | airborne[second]) & ~(is_low[first] & is_low[second])
         first, second = first[counts], second[counts]
