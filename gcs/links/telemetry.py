@@ -181,16 +181,15 @@ class FleetTelemetry:
         autopilots = frames[:, COMPONENT] == _AUTOPILOT_COMPONENT
         self.life_time_s[rows[autopilots]] = time_s[autopilots]  # in order of arrival: the newest stays
         message = np.where(autopilots, frames[:, MESSAGE], -1)
-        for message_id, read in self._readers.items():
-            mine = np.flatnonzero(message == message_id)
-            if len(mine):
-                read(rows[mine], decode(message_id, data, frames[mine]), time_s[mine])
-        texts = np.flatnonzero(message == framing.STATUSTEXT).tolist()
-        for at in texts:
-            self.texts[rows[at]].take(
-                framing.status_text(frame(data, frames[at].tolist())), float(time_s[at])
-            )
-        if texts:
+        present = set(message.tolist())
+        for message_id in self._readers:
+            if message_id in present:
+                mine = np.flatnonzero(message == message_id)
+                self._readers[message_id](rows[mine], decode(message_id, data, frames[mine]), time_s[mine])
+        if framing.STATUSTEXT in present:
+            for at in np.flatnonzero(message == framing.STATUSTEXT).tolist():
+                text = framing.status_text(frame(data, frames[at].tolist()))
+                self.texts[rows[at]].take(text, float(time_s[at]))
             self._texts_reported = tuple(each.texts for each in self.texts)
 
     def reported(self, row: int) -> "VehicleReport":

@@ -339,7 +339,7 @@ class Transitions:
             return
         due = armed & ~state.landed & silent & ~state.station_lost & (p["NAV_DLL_ACT"] > 0)
         state.station_lost = silent & (state.station_lost | due)
-        for row in np.flatnonzero(due).tolist():
+        for row in due.nonzero()[0].tolist():
             self.commanders[row].lose_station()
 
     def _watch_takeoff(self, waiting: Mask, climb_m_s: Array) -> None:
