@@ -1,4 +1,4 @@
-"""Tests that keep time with a real clock are told from those that only compute."""
+"""Separates tests that depend on the real clock from those that only compute."""
 
 import gc
 import logging
@@ -10,6 +10,8 @@ from hypothesis import HealthCheck, settings
 
 from gcs.api.schemas import convert
 from tests.support.browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
+
+gc.disable()  # until collection ends: a quarter of its time
 
 # The same examples in every run, and no clock that a busy machine would fail.
 settings.register_profile(
@@ -55,9 +57,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """The collector of garbage passes over what collection made: it lives as long as the process."""
-    gc.collect()
+    """The garbage collector skips what collection made: these objects live as long as the process."""
     gc.freeze()
+    gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

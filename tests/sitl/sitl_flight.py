@@ -36,7 +36,7 @@ class Pace:
     home_s: float = 240.0
 
 
-QUICK = Pace(steady_s=6.0, orbit_s=8.0)
+QUICK = Pace(steady_s=2.0, orbit_s=4.0)
 
 
 @dataclass(slots=True)
