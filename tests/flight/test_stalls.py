@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Awaitable, Callable
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -94,17 +95,27 @@ async def stalls_once(show: Show, turn: int, into: Into, stalled_s: float) -> Ar
     return pads_m
 
 
-async def one_stop_brings_all_home(show: Show, into: Into, pads_m: Array) -> None:
-    record = show.service.commands.command_show(ShowAction.STOP)
-    await show.settled(record, 150.0)
-    reported = {name: part.reason for name, part in show.service.command_log.get(record.id).outcomes.items()}
-    assert show.service.command_log.get(record.id).outcome is Outcome.DONE, reported
+class Landed(NamedTuple):
+    """What one STOP led to, once the show has landed."""
+
+    outcome: Outcome
+    reasons: dict[str, str]  # of each vehicle's part of the command
+    counts: Counts
+    off_pads_m: float  # of the vehicle that is farthest from its pad
+    floor_violations: int
+
+
+ALL_DOWN = Counts(0, 0, 0, on_ground=COUNT, offline=0)
+NEAR_PADS_M = 1.5
+
+
+async def landed_by_one_stop(show: Show, pads_m: Array) -> Landed:
+    record = await show.settled(show.service.commands.command_show(ShowAction.STOP), 150.0)
     await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
     await show.wait(0.2)
-    assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)
-    if into is not aborting:
-        assert np.linalg.norm((show.true_m - pads_m)[:, :2], axis=1).max() < 1.5
-    assert show.floor_violations() == 0
+    off_pads_m = np.linalg.norm((show.true_m - pads_m)[:, :2], axis=1).max()
+    reasons = {name: part.reason for name, part in record.outcomes.items()}
+    return Landed(record.outcome, reasons, show.view.counts, float(off_pads_m), show.floor_violations())
 
 
 @pytest.mark.parametrize(("turn", "into", "stalled_s"), CASES)
@@ -116,7 +127,11 @@ def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, 
         await show.wait(TRUE_WITHIN_S)
         assert_true(show)
         if show.view.counts.airborne:
-            await one_stop_brings_all_home(show, into, pads_m)
+            found = await landed_by_one_stop(show, pads_m)
+            assert found.outcome is Outcome.DONE, found.reasons
+            assert found.counts == ALL_DOWN
+            assert found.off_pads_m < NEAR_PADS_M or into is aborting
+            assert found.floor_violations == 0
         elif show.view.show in {ShowPhase.COUNTDOWN, ShowPhase.ARMING}:
             show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
@@ -146,7 +161,11 @@ def test_stop_before_modes_are_known_returns_all(
         pads_m = await stalls_once(show, turn, into, stalled_s)
         if after_s:  # otherwise before the first tick
             await show.wait(after_s)
-        await one_stop_brings_all_home(show, into, pads_m)
+        found = await landed_by_one_stop(show, pads_m)
+        assert found.outcome is Outcome.DONE, found.reasons
+        assert found.counts == ALL_DOWN
+        assert found.off_pads_m < NEAR_PADS_M or into is aborting
+        assert found.floor_violations == 0
 
     fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
 
