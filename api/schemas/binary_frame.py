@@ -60,7 +60,7 @@ _SHOW: Final = {phase: number for number, phase in enumerate(ShowPhase)}
 
 
 def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> bytes:
-    """Encode one state, whose status is of this revision: `HEADER.itemsize` bytes + 75 bytes per vehicle."""
+    """Encode one state and the revision of its status: `HEADER.itemsize` bytes + 75 bytes per vehicle."""
     rows = view.rows
     n = len(rows.ids)
     floats_at = HEADER.itemsize

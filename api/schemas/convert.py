@@ -33,7 +33,7 @@ VIEW_AGE_MAX_S: Final = 1.0
 
 
 def as_schema(model: type[M], value: object) -> M:
-    """Convert an object whose attributes have the schema's names; `_unix_s` is `_unix_time_s` in JSON."""
+    """Convert an object that has attributes of the schema's names; `_unix_s` is `_unix_time_s` in JSON."""
     names = {name: name.replace("_unix_time_s", "_unix_s") for name in model.model_fields}
     given = {name: getattr(value, attribute) for name, attribute in names.items()}
     return model.model_validate(given, from_attributes=True)
