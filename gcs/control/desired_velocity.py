@@ -191,7 +191,9 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
     if lead.center is not None and len(now.rows):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
         sliding_m_s = np.full(len(own_m_s), along_m_s)
-        desired_m_s = now.for_all(_avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s), 0.0)
+        columns = now.columns if len(now.tasks.segments_m) else None
+        own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns)
+        desired_m_s = now.for_all(own_m_s, 0.0)
     if now.to_goal.any():
         goers = np.flatnonzero(now.to_goal)
         to_goal_m_s = goal_velocity(now.position_m[goers], now.tasks.goal_m[goers], settings=law)

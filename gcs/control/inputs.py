@@ -41,6 +41,7 @@ class Tasks:
     follows_planned_path: Mask | None = (
         None  # (n,) follows a path planned for the whole fleet: no rules of the road
     )
+    segments_of: NDArray[np.intp] | None = None  # (m,) row of each path's lost vehicle; None: not known
 
     def __post_init__(self) -> None:
         n = len(self.task)
@@ -173,13 +174,21 @@ class TickInputs:
     @property
     def columns(self) -> dict[str, Ellipse]:
         """The columns in which lost vehicles stay or descend; others fly round them to their goals."""
-        floor = self.settings.safety.floor
-        wide_m, tall_m = floor.kept_m(2.0 * floor.uncertainty_m)
-        upright = (self.tasks.segments_m[:, 0, :2] == self.tasks.segments_m[:, 1, :2]).all(axis=1)
+        floor, tasks, uncertainty_m = (
+            self.settings.safety.floor,
+            self.tasks,
+            np.array(self.traits.uncertainty_m),
+        )
+        own_m = float(np.max(uncertainty_m, where=self.commanded, initial=0.0))
+        lost_m = np.full(len(tasks.segments_m), uncertainty_m.max(initial=0.0))
+        if tasks.segments_of is not None:
+            lost_m = uncertainty_m[tasks.segments_of]
+        upright = (tasks.segments_m[:, 0, :2] == tasks.segments_m[:, 1, :2]).all(axis=1)
         found = {}
-        for place_m in self.tasks.segments_m[upright]:
-            x_m, y_m = place_m[0, :2].tolist()
-            top_m = tall_m - float(place_m[:, 2].min())
+        for k in np.flatnonzero(upright).tolist():
+            wide_m, tall_m = floor.kept_m(float(floor.reserve_m(own_m, lost_m[k])))
+            x_m, y_m = tasks.segments_m[k, 0, :2].tolist()
+            top_m = tall_m - float(tasks.segments_m[k, :, 2].min())
             found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(x_m, y_m, wide_m, wide_m, top_m)
         return found
 

@@ -133,6 +133,7 @@ def _surroundings(now: TickInputs) -> Surroundings:
         now.fleet.ids,
         now.traits.uncertainty_m,
         now.traits.speed_max_m_s,
+        now.tasks.segments_of,
     )
 
 

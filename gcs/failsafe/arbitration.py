@@ -1,23 +1,26 @@
 """Decides which requested failsafes are commanded now, most severe first. Pure.
 
 A failsafe acts once when its cause begins, and again only when it grows more severe or its cause returns.
-So an operator's later command prevails.
+So an operator's later command prevails. Flights and simulated flights share it.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from gcs.failsafe.policy import SEVERITY, Action, Cause
-from gcs.failsafe.triggers import FailsafeRequest
+from gcs.failsafe.policy import SEVERITY, Action, Cause, FailsafePolicy
+from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
 from gcs.model.state import Array
 
 Acted = Mapping[tuple[Cause, int], int]
 """Severity of the action taken for a cause, by vehicle row; -1: the whole show."""
 
 SHOW_ROW: Final = -1
+
+ALL_CHECKED_S = 1.0
+"""All phases are checked this often although telemetry is calm: a killed vehicle may still send telemetry."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,3 +89,56 @@ def _together(
     first = return_settings[0]
     reason = f"{first.reason}; {len(leaving)} of {in_air} have to leave: all vehicles return home"
     return replace(first, rows=tuple(sorted(leaving)), whole_show=True, reason=reason)
+
+
+@dataclass(eq=False)
+class Failsafes:
+    """The failsafes of one flight: what has been observed, and what has been commanded."""
+
+    settings: FailsafePolicy
+    known: Known
+    _acted: dict[tuple[Cause, int], int] = field(default_factory=dict)
+    _looked_s: float = -np.inf
+
+    def look(
+        self, seen: Seen, roles: Callable[[], Roles], *, active: bool
+    ) -> tuple[FailsafeRequest, ...] | None:
+        """Evaluate all triggers; called once a tick.
+
+        Returns: every failsafe whose cause lasts, most severe first. None: nothing happens, and with nothing
+        `active` the roles, which take long, were not looked at.
+        """
+        self.known, on, weather = look(seen, self.known, self.settings)
+        calm = is_calm(on, self.known, seen, self.settings, weather)
+        if calm and not active and seen.time_s - self._looked_s < ALL_CHECKED_S:
+            return None
+        self._looked_s = seen.time_s
+        self.known, requests = advance(on, roles(), seen, self.known, self.settings, weather)
+        return requests
+
+    def execute(
+        self,
+        requests: Sequence[FailsafeRequest],
+        standing: Callable[[], Standing],
+        command: Callable[[FailsafeRequest], FailsafeRequest | None],
+    ) -> None:
+        """Command the requests that are due, and remember those that need no command any more.
+
+        `command` executes a request, and returns it with the vehicles that could be commanded.
+        """
+        show, vehicles = due(requests, standing(), self._acted, self.settings.together_share)
+        for request in (*(() if show is None else (show,)), *vehicles):
+            done = command(request)
+            if done is not None:
+                self._note(keys(done), done.severity)
+        goes_on, lasting = standing(), {key for request in requests for key in keys(request)}
+        self._acted = {key: severity for key, severity in self._acted.items() if key in lasting}
+        for request in requests:
+            for key in keys(request):
+                of_show = request.whole_show or key[1] == SHOW_ROW
+                if (goes_on.show if of_show else goes_on.vehicles[key[1]]) >= request.severity:
+                    self._note([key], request.severity)
+
+    def _note(self, noted: Sequence[tuple[Cause, int]], severity: int) -> None:
+        for key in noted:
+            self._acted[key] = max(self._acted.get(key, 0), severity)

@@ -160,6 +160,7 @@ class CollectiveReturn:
             return
         self._places = rows = [vehicle.row for vehicle, _ in homes]
         control, operation = flight.control, flight.config.operation
+        segments_m, segments_of = flight.swept()
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
         self._home_m = np.array([home_m for _, home_m in homes])
         try:
@@ -171,6 +172,7 @@ class CollectiveReturn:
                 flight.plan,
                 flight.fleet.time_s,
                 flight.traits.uncertainty_m[rows],
+                (segments_m, flight.traits.uncertainty_m[segments_of]),
             )
             self._planned = self._planning.submit(plan_return_paths, self._planner, lambda: self._enough)
         except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
+from gcs.failsafe.arbitration import Failsafes, Standing
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
-from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
+from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
 from gcs.flight.show_player import ShowPlayer
@@ -19,9 +19,6 @@ from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.service import ActiveFailsafe, CommandRecord, ShowAction, VehicleAction
 
 log = logging.getLogger(__name__)
-
-ALL_CHECKED_S = 1.0
-"""All phases are checked this often although telemetry is calm: a killed vehicle may still send telemetry."""
 
 SHOW_COMMAND: Final = {
     Action.PAUSE: ShowAction.PAUSE,
@@ -65,33 +62,24 @@ class FailsafeMonitor:
     is_busy: Callable[[Vehicle], bool]
 
     def __post_init__(self) -> None:
-        self._settings = self.flight.config.failsafes
-        self._known = Known.nothing(len(self.flight.vehicles), self.flight.fleet.time_s, self._settings)
-        self._acted: dict[tuple[Cause, int], int] = {}
+        settings, count = self.flight.config.failsafes, len(self.flight.vehicles)
+        self._failsafes = Failsafes(settings, Known.nothing(count, self.flight.fleet.time_s, settings))
         self._commanded: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of the command whose maneuver a vehicle executes
         self._held: dict[tuple[Cause, Action], bool] = {}
         self._lost_before: set[str] = set()
-        self._looked_s = -np.inf
         self._paused_since_s: float | None = None
         self.active: tuple[ActiveFailsafe, ...] = ()
 
     def look(self) -> None:
         """Evaluate all triggers; called once a tick."""
         seen = self._seen()
-        known, on, weather = look(seen, self._known, self._settings)
-        self._known = known
-        now_s = seen.time_s
-        self._mind_pause(now_s)
-        calm = is_calm(on, known, seen, self._settings, weather)
-        if calm and not self.active and now_s - self._looked_s < ALL_CHECKED_S:
+        self._mind_pause(seen.time_s)
+        requests = self._failsafes.look(seen, self._roles, active=bool(self.active))
+        if requests is None or not (requests or self.active):
             return
-        self._looked_s = now_s
-        roles = self._roles(now_s)
-        self._known, requests = advance(on, roles, seen, known, self._settings, weather)
-        if not requests and not self.active:
-            return
-        self._execute(requests)
+        self._sent = {row: sent for row, sent in self._sent.items() if self.is_busy(self.flight.at_row(row))}
+        self._failsafes.execute(requests, self._standing, self._command)
         self._show(requests)
 
     def _seen(self) -> Seen:
@@ -116,7 +104,7 @@ class FailsafeMonitor:
             flight.link_quality.share,
         )
 
-    def _roles(self, now_s: float) -> Roles:
+    def _roles(self) -> Roles:
         """Return the roles of the vehicles; vehicles lost before this show do not count as newly lost."""
         vehicles = self.flight.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
@@ -132,7 +120,7 @@ class FailsafeMonitor:
             np.array([phase in AIRBORNE for phase in phases]),
             np.array([phase is Phase.FORMATION for phase in phases]),
             np.array([vehicle.id in newly_lost for vehicle in vehicles]),
-            0.0 if since_s is None else now_s - since_s,
+            0.0 if since_s is None else self.flight.fleet.time_s - since_s,
         )
 
     def _mind_pause(self, now_s: float) -> None:
@@ -141,23 +129,11 @@ class FailsafeMonitor:
         elif self._paused_since_s is None:
             self._paused_since_s = now_s
 
-    def _execute(self, requests: Sequence[FailsafeRequest]) -> None:
-        """Execute the requests that are due, and remember those that need no command any more."""
-        self._sent = {row: sent for row, sent in self._sent.items() if self.is_busy(self.flight.at_row(row))}
-        show, vehicles = due(requests, self._standing(), self._acted, self._settings.together_share)
-        if show is not None:
-            self._note(show, self._of_show(show))
-        for request in vehicles:
-            self._act(request)
-        standing = self._standing()
-        lasting = {key for request in requests for key in keys(request)}
-        self._acted = {key: severity for key, severity in self._acted.items() if key in lasting}
-        for request in requests:
-            for cause, row in keys(request):
-                of_show = request.whole_show or row == SHOW_ROW
-                goes_on = standing.show if of_show else standing.vehicles[row]
-                if goes_on >= request.severity:
-                    self._acted[cause, row] = max(self._acted.get((cause, row), 0), request.severity)
+    def _command(self, request: FailsafeRequest) -> FailsafeRequest | None:
+        if not request.whole_show:
+            return self._act(request)
+        self._note(request, self._of_show(request))
+        return request
 
     def _standing(self) -> Standing:
         """Return what is in progress; a vehicle's maneuver counts as what it was commanded."""
@@ -185,21 +161,21 @@ class FailsafeMonitor:
             SHOW_COMMAND[request.action], f"{request.cause}: {request.reason}"
         )
 
-    def _act(self, request: FailsafeRequest) -> None:
+    def _act(self, request: FailsafeRequest) -> FailsafeRequest | None:
         """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""
         able = []
         for row in request.rows:
             vehicle = self.flight.at_row(row)
             if vehicle.phase is not Phase.TAKEOFF or request.action is not Action.HOLD:
                 able.append(row)
-        if able:
-            request = replace(request, rows=tuple(able))
-            vehicles = [self.flight.at_row(row) for row in able]
-            self._note(request, self.commander.command_some(vehicles, VEHICLE_COMMAND[request.action]))
+        if not able:
+            return None
+        request = replace(request, rows=tuple(able))
+        vehicles = [self.flight.at_row(row) for row in able]
+        self._note(request, self.commander.command_some(vehicles, VEHICLE_COMMAND[request.action]))
+        return request
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
-        for key in keys(request):
-            self._acted[key] = max(self._acted.get(key, 0), request.severity)
         rows = [v.row for v in self.flight.airborne] if request.whole_show else request.rows
         self._sent |= dict.fromkeys(rows, request.severity)
         self._commanded[request.cause, request.action] = record.id

@@ -12,6 +12,7 @@ from itertools import chain
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
@@ -412,21 +413,28 @@ class Fleet:
                 task[row], goal = vehicle.task(show, now_s)
                 if goal is not None:
                     goal_m[row] = goal
-        swept_m = [
-            self._swept_m(vehicle, last_m)
-            for vehicle in self.in_phase(Phase.LOST, Phase.KILLED)
-            if (last_m := self.last_m(vehicle)) is not None
-        ]
+        segments_m, segments_of = self.swept()
         return Tasks(
             task,
             goal_m,
             np.array([phase in FLIES for phase in phases]),
             np.array([phase is Phase.LANDING for phase in phases]),
-            np.concatenate([np.zeros((0, 2, 3)), *swept_m]),
+            segments_m,
             center_moves=show is ShowPhase.RUNNING,
             formation_waits=show is ShowPhase.PAUSED,
             follows_planned_path=self._follows_planned_path(goal_m),
+            segments_of=segments_of,
         )
+
+    def swept(self) -> tuple[Array, NDArray[np.intp]]:
+        """(m, 2, 3) paths that lost vehicles may take, and (m,) the row of each."""
+        swept = [
+            (vehicle.row, self._swept_m(vehicle, last_m))
+            for vehicle in self.in_phase(Phase.LOST, Phase.KILLED)
+            if (last_m := self.last_m(vehicle)) is not None
+        ]
+        rows = [row for row, own_m in swept for _ in own_m]
+        return np.concatenate([np.zeros((0, 2, 3)), *(m for _, m in swept)]), np.array(rows, dtype=np.intp)
 
     def _follows_planned_path(self, goal_m: Array) -> Mask:
         """(n,) Which vehicles follow their planned paths; those far behind keep the right-of-way rules."""

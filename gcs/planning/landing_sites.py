@@ -30,6 +30,9 @@ watchdog ends its setpoints, until it notices (COM_OF_LOSS_T), and for its stop.
 already extrapolated by the 0.5 s after which it is not commanded any more.
 """
 
+CONE_LOWEST_M = 10.0
+"""Near home PX4 returns lower: RTL_CONE_ANG, 45 degrees by default, RTL_DESCEND_ALT and RTL_MIN_DIST."""
+
 COLUMNS_APART_M = 2.6
 """Greatest distance between the columns along a drift: less than the width that each keeps free."""
 
@@ -168,7 +171,8 @@ def swept_segments_m(
         last_velocity_m_s: (3,) last known velocity; None if unknown.
         home_m: (3,) its own start, if known.
         action: "descend" and "land": straight down; "hold": stays, and may come down later; "return":
-            climbs to `return_height_m`, flies home at that height and descends there.
+            climbs to `return_height_m`, or near home less high (CONE_LOWEST_M), flies home at that height and
+            descends there.
         return_height_m: above its home (RTL_RETURN_ALT).
         climbing_to_m: above its home; a vehicle last seen lower may still climb to it (a take-off goes on
             without this service). None: it does not climb by itself.
@@ -191,11 +195,14 @@ def swept_segments_m(
     if action != "return" or home_m is None:
         return np.array([*columns, *paths])
     top_z_m = min(float(stops_m[0, 2]), float(home_m[2]) - return_height_m)
-    above_home = np.array([home_m[0], home_m[1], top_z_m])
     for stop_m in stops_m:
+        away_m = float(np.hypot(*(stop_m - home_m)[:2]))
+        cone_m = CONE_LOWEST_M if away_m <= CONE_LOWEST_M else min(away_m, return_height_m)
         corner = np.array([stop_m[0], stop_m[1], top_z_m])
-        paths += [np.array([stop_m, corner]), np.array([corner, above_home])]
-    return np.array([*columns, *paths, np.array([above_home, home_m])])
+        paths.append(np.array([stop_m, corner]))
+        levels_m = sorted({top_z_m, min(float(stop_m[2]), float(home_m[2]) - cone_m)})
+        paths += [np.array([(*stop_m[:2], z_m), (*home_m[:2], z_m)]) for z_m in levels_m]
+    return np.array([*columns, *paths, np.array([(home_m[0], home_m[1], top_z_m), home_m])])
 
 
 TURNS = 200

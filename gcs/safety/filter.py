@@ -76,6 +76,7 @@ class Surroundings:
     names: Sequence[str]
     uncertainty_m: Array  # (n,) standard deviations of the positions, sideways
     speed_max_m_s: Array  # (n,) of each vehicle, in any direction
+    segments_of: Rows | None = None  # (m,) row of each path's lost vehicle; None: not known
 
 
 def filter_velocities(
@@ -197,6 +198,7 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             floor=settings.floor,
             braking=braking,
             uncertainty_m=here.uncertainty_m,
+            segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
             fastest_m_s=fastest_m_s,
         ),
         fence_constraints(

@@ -383,6 +383,7 @@ def keepout_constraints(
     floor: Floor,
     braking: Braking,
     uncertainty_m: Array,
+    segments_uncertainty_m: Array | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Keep the commanded vehicles away from the space that lost vehicles may sweep.
@@ -393,7 +394,8 @@ def keepout_constraints(
         segments_m: (m, 2, 3) straight pieces of the paths that lost vehicles may take.
         floor: as between vehicles.
         braking: how vehicles stop.
-        uncertainty_m: (n,) standard deviations of the positions, sideways; lost vehicles have the widest.
+        uncertainty_m: (n,) standard deviations of the positions, sideways.
+        segments_uncertainty_m: (m,) those of the lost vehicles; None: the widest of all.
         fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
         out.
     """
@@ -408,7 +410,9 @@ def keepout_constraints(
     scaled = offset - np.clip(share, 0.0, 1.0)[:, None] * along
     distance_m = np.linalg.norm(scaled, axis=1)
     apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (1.0, 0, 0))
-    reserve_m = floor.reserve_m(uncertainty_m[row], float(np.max(uncertainty_m)))
+    if segments_uncertainty_m is None:
+        segments_uncertainty_m = np.full(len(segments_m), np.max(uncertainty_m))
+    reserve_m = floor.reserve_m(uncertainty_m[row], segments_uncertainty_m[piece])
     gap_m = distance_m - floor.horizontal_m - floor.margin_m - reserve_m
     normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
     kept = bound_m_s >= -2.0 * fastest_m_s

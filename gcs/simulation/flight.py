@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
@@ -14,7 +15,6 @@ from gcs.model.errors import ConfigError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, Mask, Traits
 from gcs.planning.feasibility import check_obstacle, radius_allowed, smallest_formation_radius_m
-from gcs.planning.landing_sites import STOP_S, swept_segments_m
 from gcs.planning.return_paths import (
     PathProgress,
     ReturnPaths,
@@ -28,9 +28,10 @@ from gcs.sim.vehicle.sensors import accuracy_m, fix_type
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.initial_states import draw_world
+from gcs.simulation.loss import Losses
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
-from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
-from gcs.simulation.world import DESCEND_M_S, TOUCHDOWN_M_S, Neighbourhood, TrueWorld
+from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Loss, Scenario
+from gcs.simulation.world import TOUCHDOWN_M_S, Neighbourhood, TrueWorld
 
 PADS_DEVIATIONS = 3.0
 """By this many standard deviations pads are farther apart than the least: preflight measures it."""
@@ -56,10 +57,12 @@ class SimulatedFlight:
         self.goal_m = np.array(goal_m)
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
-        self.segments_m = np.zeros((0, 2, 3))  # (m, 2, 3) paths that lost vehicles may take
+        loss = Loss() if isinstance(scenario.flight, ArticleFlight) else scenario.flight.loss
+        self.losses = Losses(loss, n, seed)
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
         self._progress: PathProgress | None = None
+        self._returning = np.arange(0)  # (k,) rows of the return's plan
         self.memory = Memory.fresh(n, 0.0)
         self.traits = Traits.alike(n, reported_uncertainty_m(scenario))
 
@@ -87,6 +90,9 @@ class SimulatedFlight:
     def before_tick(self) -> None:
         """Do what operator, commander and maneuvers would do before this tick."""
 
+    def lost_now(self) -> None:
+        """Do what follows when vehicles are taken for lost."""
+
     def finished(self) -> bool:
         """Whether the flight is over."""
         return False
@@ -97,14 +103,18 @@ class SimulatedFlight:
 
     def _tick(self) -> None:
         fleet = self.world.receive()
+        if self.losses.advance(self.world, fleet):
+            self.task[self.losses.known] = Task.NONE
+            self.lost_now()
         tasks = Tasks(
             self.task.copy(),
             self.goal_m.copy(),
-            self.world.in_air & self.present,
+            self.world.in_air & self.present & ~self.losses.known,
             self.descending.copy(),
-            self.segments_m.copy(),
+            self.losses.segments_m.copy(),
             center_moves=self.center_moves,
             follows_planned_path=self._follows_planned_path(),
+            segments_of=self.losses.segments_of,
         )
         sight = self.sight()
         began_s = time.thread_time()
@@ -118,6 +128,12 @@ class SimulatedFlight:
 
     def _keep(self, decided: Tick, took_s: float) -> None:
         record, memory = self.record, decided.memory
+        if self.losses.known.any() and memory.center is not None and self._progress is None:
+            slot_m = memory.center.position_m + memory.radius_m * memory.place
+            clear_m = self.floor.widest_m(self.traits.uncertainty_m) + THROUGH_M
+            clear = self.losses.apart_m(slot_m, self.floor) > clear_m  # False for NaN
+            off_m = np.linalg.norm(self.world.position_m - slot_m, axis=1)
+            record.off_slot_m.append(np.where(clear, off_m, np.nan))
         record.tick_s.append(took_s)
         record.time_s.append(self.time_s)
         record.position_m.append(self.world.position_m.astype(np.float32))
@@ -156,18 +172,22 @@ class SimulatedFlight:
         here_m = self.world.received_m
         if begin:
             self.record.changed_s = self.time_s
-            self.task[self.present] = Task.GOAL
-            pads_m = self.record.start_m * (1.0, 1.0, 0.0) if self.pads_m is None else self.pads_m
-            self.record.goal_m = pads_m
-            self._progress = PathProgress(self._return_paths(here_m, pads_m, takeoff_height_m), pads_m)
-        pads_m, progress = self.record.goal_m, self._progress
+            flying = self.present & ~self.losses.known
+            self.task[flying] = Task.GOAL
+            self.record.goal_m = self.world.home_m if self.pads_m is None else self.pads_m
+            self.record.expected = flying.copy()
+            self._returning = rows = np.flatnonzero(flying)
+            paths = self._return_paths(rows, takeoff_height_m)
+            self._progress = PathProgress(paths, self.record.goal_m[rows])
+        pads_m, progress, rows = self.record.goal_m, self._progress, self._returning
         if progress is None:
             return
         flown = (self.task == Task.GOAL) & self.present
         led = flown & ~self.descending
-        progress.advance(0.0 if begin else self.world.tick_s, here_m, led)
-        self.goal_m[led] = progress.goal_m[led]
-        arrived = led & progress.arrived
+        progress.advance(0.0 if begin else self.world.tick_s, here_m[rows], led[rows])
+        arrived = np.zeros_like(led)
+        self.goal_m[rows[led[rows]]] = progress.goal_m[led[rows]]
+        arrived[rows] = led[rows] & progress.arrived
         self.descending = self.descending | arrived
         self.goal_m[arrived] = pads_m[arrived]
         low = flown & self.descending & may_hand_over(here_m, pads_m, HANDOVER_HEIGHT_M)
@@ -177,20 +197,23 @@ class SimulatedFlight:
     def _follows_planned_path(self) -> Mask | None:
         if self._progress is None:
             return None
-        follows = ~self.descending
-        follows[list(self._progress.return_paths.unplanned)] = False
+        follows = np.zeros_like(self.descending)
+        follows[self._returning] = ~self.descending[self._returning]
+        follows[self._returning[list(self._progress.return_paths.unplanned)]] = False
         return keeps_to_path(follows, self.world.received_m, self.goal_m)
 
-    def _return_paths(self, here_m: Array, pads_m: Array, takeoff_height_m: float) -> ReturnPaths:
-        """Plan the return with the planner of real flights."""
+    def _return_paths(self, rows: NDArray[np.intp], takeoff_height_m: float) -> ReturnPaths:
+        """Plan the return of these vehicles with the planner of real flights."""
+        losses, uncertainty_m = self.losses, np.array(self.traits.uncertainty_m)
         planner = return_planner(
-            here_m.copy(),
-            pads_m,
+            self.world.received_m[rows].copy(),
+            self.record.goal_m[rows],
             (takeoff_height_m, HANDOVER_HEIGHT_M),
             self.settings,
             self.plan,
             self.time_s,
-            np.array(self.traits.uncertainty_m),
+            uncertainty_m[rows],
+            (losses.segments_m, uncertainty_m[losses.segments_of]),
         )
         return plan_return_paths(planner)
 
@@ -358,8 +381,7 @@ class FormationRun(SimulatedFlight):
         elif not self._ended:
             flying = self.present & self.world.in_air
             self.task[:] = Task.NONE
-            sinking_m_s = {"descend": DESCEND_M_S, "land": TOUCHDOWN_M_S, "hold": 0.0}[self.flight.ending]
-            self.world.leave_to_themselves(flying, sinking_m_s)
+            self.world.fly_alone(flying, self.flight.ending)
         self._ended = True
 
     def finished(self) -> bool:
@@ -393,48 +415,12 @@ class GoalRun(SimulatedFlight):
         super().__init__(scenario, start_m, goal_m, plan, seed)
         self.task[:] = Task.GOAL
         self._since_s = np.inf
-        lost = self._random.choice(count, round(flight.loss.share * count), replace=False)
-        self._lost = np.isin(np.arange(count), lost)
 
-    def before_tick(self) -> None:
-        """Cut links, let the autopilots notice it, and take the vehicles for lost, as the flight does."""
-        loss, tick_s = self.flight.loss, self.world.tick_s
-        since_s = self.time_s - loss.at_s
-        if not self._lost.any() or since_s < -tick_s / 2:
-            return
-        operation = OperationSettings()
-        if since_s < tick_s / 2:
-            self.world.cut_links(self._lost)
-            self._last_m = self.world.received_m.copy()
-            self._last_m_s = self.world.estimate()[1].copy()
-        if abs(since_s - operation.setpoint_loss_s) < tick_s / 2:
-            sinking_m_s = {"descend": DESCEND_M_S, "land": TOUCHDOWN_M_S, "hold": 0.0}[loss.action]
-            self.world.leave_to_themselves(self._lost, sinking_m_s)
-        if abs(since_s - operation.silence_s) < tick_s / 2:
-            self._take_for_lost(operation)
-
-    def _take_for_lost(self, operation: OperationSettings) -> None:
-        """Close the space that lost vehicles may sweep, and expect only the others with clear goals."""
-        self.task[self._lost] = Task.NONE
-        self.world.forget(self._lost)
-        self.segments_m = np.concatenate(
-            [
-                swept_segments_m(
-                    self._last_m[row],
-                    self._last_m_s[row],
-                    None,
-                    self.flight.loss.action,
-                    operation.return_height_m,
-                    drift_s=operation.setpoint_loss_s + STOP_S,
-                )
-                for row in np.flatnonzero(self._lost)
-            ]
-        )
+    def lost_now(self) -> None:
+        """Expect only the vehicles with clear goals."""
         kept_m = self.floor.widest_m(self.traits.uncertainty_m) + self.flight.arrived_m
-        away_m = self.record.goal_m[:, None] - self.segments_m[None, :, 0]
-        over_m = self.segments_m[None, :, 0, 2] - self.record.goal_m[:, None, 2]
-        beside_m = np.hypot(away_m[..., 0], away_m[..., 1])
-        self.record.expected = ~self._lost & ((beside_m > kept_m) | (over_m > kept_m)).all(axis=1)
+        clear = self.losses.apart_m(self.record.goal_m, self.floor) > kept_m
+        self.record.expected = ~self.losses.known & clear
 
     def finished(self) -> bool:
         """Whether `LINGER_S` have passed since the last arrival."""

@@ -291,6 +291,8 @@ TOTAL_SHARE, TOTAL_SPARE_S, SPARE_OF_MANY_S, MANY = 1.5, 10.0, 30.0, 200
 def arrival(record: Record) -> dict[str, object]:
     """Number of arrivals, and their delay relative to straight flight at the limits."""
     flight, scenario = record.scenario.flight, record.scenario
+    if record.off_slot_m:
+        return _in_slots(record)
     if not np.isfinite(record.goal_m).all():
         return dict.fromkeys(("arrived", "median_ratio", "worst_ratio", "total_s", "late_s"))
     limits = scenario.control.safety.limits
@@ -315,6 +317,16 @@ def arrival(record: Record) -> dict[str, object]:
         "total_s": rounded(float(took_s.max())),
         "late_s": rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + spare_s))),
     }
+
+
+def _in_slots(record: Record) -> dict[str, object]:
+    """Vehicles whose slots were clear of lost vehicles for the last seconds, and those that were there."""
+    off_m = np.array(record.off_slot_m[-round(STEADY_S * record.scenario.world.tick_rate_hz) :])
+    record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
+    figures = dict.fromkeys(("arrived", "expected", "median_ratio", "worst_ratio", "total_s", "late_s"))
+    least_m = off_m[:, record.expected].min(axis=0)
+    arrived, expected = int((least_m < THROUGH_M).sum()), int(record.expected.sum())
+    return figures | {"arrived": arrived, "expected": expected}
 
 
 def obstacles(record: Record, shape: Shape) -> dict[str, object]:

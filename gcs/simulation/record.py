@@ -45,6 +45,9 @@ class Record:
     violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
     charge: Array | None = None  # (n,), None: all alike
     expected: Mask = field(init=False)  # (n,) vehicles that must arrive: not lost, and with a clear goal
+    off_slot_m: list[Array] = field(
+        default_factory=list
+    )  # (n,) distance of each vehicle from its slot, with losses only; NaN: no clear slot
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight
     changed_s: float = 0.0  # start of settling: engagement, or the last event

@@ -165,7 +165,7 @@ class Loss(Settings):
 
     share: Share = 0.0
     at_s: NotNegative = 12.0
-    action: Literal["hold", "descend", "land"] = "hold"
+    action: Literal["hold", "descend", "land", "return"] = "hold"
 
 
 class FormationFlight(Settings):
@@ -189,6 +189,7 @@ class FormationFlight(Settings):
     leave_share: Share = 0.0  # of the vehicles disappear at `change_s`
     join: Annotated[int, Field(ge=0)] = 0  # vehicles that hover beside the others join at `change_s`
     change_s: NotNegative = 0.0
+    loss: Loss = Loss()
     ending: Literal["none", "return", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
     law: LawName = LawName.SLOTS

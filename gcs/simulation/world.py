@@ -1,4 +1,4 @@
-"""The simulated world: true states, wind, links with delay and loss, also between neighbours. Seeded."""
+"""The simulated world: true states, autopilots without a station, wind, links, also of neighbours. Seeded."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,10 +7,15 @@ from math import exp, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.config.sections import OperationSettings
+from gcs.estimation.fleet_state import BRAKES_S, FLIES_ON_S, brought_forward
 from gcs.formation.neighbours import Belief, NeighbourMessages, NeighboursSettings, Sight, agree, range_m
 from gcs.formation.orbit import Center
 from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
-from gcs.sim.vehicle.sensors import draw_errors, step_errors
+from gcs.sim.vehicle.guidance import Guidance
+from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
+from gcs.sim.vehicle.sensors import Sensors, draw_errors, step_errors
+from gcs.sim.vehicle.state import State
 from gcs.simulation.scenario import Radio, Wind, World
 from gcs.simulation.vehicles import Vehicles
 
@@ -20,8 +25,37 @@ LONGEST_STEP_S = 1.0 / 60.0
 TOUCHDOWN_M_S = 0.7
 """Descent in PX4's LAND (MPC_LAND_SPEED)."""
 
-DESCEND_M_S = 0.9
-"""Descent of PX4 without setpoints, COM_OBL_RC_ACT 0 (FACTS, section 3, item 5)."""
+ALONE_IN = {"descend": Mode.POSITION, "hold": Mode.HOLD, "land": Mode.LAND, "return": Mode.RETURN}
+"""PX4's mode for each action of `operation.setpoint_loss_action`; without a pilot POSITION descends."""
+
+
+class Autopilots:
+    """PX4's own modes of vehicles without a station, as the fake fleet flies them."""
+
+    def __init__(self, home_m: Array) -> None:
+        """`home_m` (n, 3), show frame: where they return to."""
+        n = len(home_m)
+        height_m = OperationSettings.model_fields["return_height_m"].default
+        parameters = Columns([Parameters({"RTL_RETURN_ALT": height_m})] * n)
+        self.alone: Mask = np.zeros(n, dtype=bool)
+        self._state = State(n, 0.0)
+        self._state.armed[:], self._state.landed[:] = True, False
+        self._state.home_m[:] = home_m
+        self._guidance = Guidance(self._state, (), parameters, Quirks())
+
+    def begin(self, rows: Mask, mode: Mode) -> None:
+        """Let the vehicles in `rows` (n,) fly by themselves from now on."""
+        self.alone = self.alone | rows
+        self._state.mode[rows] = mode.number
+
+    def velocity(self, position_m: Array, velocity_m_s: Array, now_s: float, dt_s: float) -> Array:
+        """(n, 3) what the modes demand of the velocity loops, from (n, 3) estimates; called every step."""
+        self._state.now_s = now_s
+        on_ground = np.zeros(len(position_m), dtype=bool)
+        sensors = Sensors(
+            position_m, velocity_m_s, velocity_m_s, -position_m[:, 2], on_ground, position_m, np.array
+        )
+        return self._guidance.velocity(sensors, self.alone, dt_s)
 
 
 def wander(value: Array, share: float, deviation: float, random: np.random.Generator) -> None:
@@ -72,6 +106,8 @@ class TrueWorld:
         self._bias_m = world.bias_m * self._slow.standard_normal((n, 3))
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
+        self.home_m = start_m * (1.0, 1.0, 0.0)
+        self.autopilots = Autopilots(self.home_m)
         self._gone: Mask = np.zeros(n, dtype=bool)
         self._silent: Mask = np.zeros(n, dtype=bool)
         self._rest_m = np.full((n, 3), np.nan)  # positions of landed vehicles
@@ -96,6 +132,11 @@ class TrueWorld:
         """(n, 3) positions as last received."""
         return self._received_m
 
+    @property
+    def received_m_s(self) -> Array:
+        """(n, 3) velocities as last received."""
+        return self._received_m_s
+
     def estimate(self) -> tuple[Array, Array]:
         """(n, 3) positions and (n, 3) velocities, as estimated by the vehicles."""
         error = self._error
@@ -119,11 +160,18 @@ class TrueWorld:
             self._received_m = np.where(rows, position_m, self._received_m)
             self._received_m_s = np.where(rows, velocity_m_s, self._received_m_s)
             self._received_s = np.where(arrived, self.time_s, self._received_s)
-        age_s = self.time_s - self._received_s
-        forward_m = self._received_m + age_s[:, None] * self._received_m_s
+        forward_m, forward_m_s, age_s = brought_forward(
+            self.time_s,
+            self._received_m,
+            self._received_s,
+            self._received_m_s,
+            ~self._gone,
+            FLIES_ON_S,
+            BRAKES_S,
+        )
         if self._gone.any():
-            age_s[self._gone], forward_m[self._gone] = np.inf, np.nan
-        return FleetState(self.time_s, self.ids, forward_m, self._received_m_s.copy(), np.zeros(n), age_s)
+            forward_m[self._gone] = np.nan
+        return FleetState(self.time_s, self.ids, forward_m, forward_m_s, np.zeros(n), age_s)
 
     def send(self, setpoints: Setpoints) -> None:
         """Send setpoints; the world delays all and loses some."""
@@ -139,7 +187,7 @@ class TrueWorld:
         self._setpoints.append((self.time_s + world.setpoint_delay_s, sent_m_s))
 
     def leave_to_themselves(self, rows: Mask, sinking_m_s: float) -> None:
-        """Stop commanding the vehicles in `rows` (n,): they stop horizontally, and descend at that speed."""
+        """Stop commanding the vehicles in `rows` (n,): they touch down at that speed where they are."""
         self._command_m_s[rows] = 0.0
         self._command_m_s[rows, 2] = sinking_m_s
         for _, sent_m_s in self._setpoints:
@@ -151,9 +199,11 @@ class TrueWorld:
         for _, sent_m_s in self._setpoints:
             sent_m_s[rows] = np.nan
 
-    def forget(self, rows: Mask) -> None:
-        """Take the vehicles in `rows` (n,) for lost: their positions are not known any more."""
-        self._gone = self._gone | rows
+    def fly_alone(self, rows: Mask, action: str) -> None:
+        """Let the autopilots of the vehicles in `rows` (n,) execute an action of `ALONE_IN` from now on."""
+        self.autopilots.begin(rows, ALONE_IN[action])
+        for _, sent_m_s in self._setpoints:
+            sent_m_s[rows] = np.nan
 
     def remove(self, rows: Mask) -> None:
         """Remove vehicles: they are no longer airborne, and send no more telemetry."""
@@ -171,6 +221,8 @@ class TrueWorld:
         seen = []
         for index in range(self._steps):
             self._obey(self.time_s + index * self.step_s)
+            if self.autopilots.alone.any():
+                self._fly_alone(self.time_s + index * self.step_s)
             seen.append(self.bodies.step(self._command_m_s, wind_m_s, self._error.velocity_m_s))
         self.time_s += self.tick_s
         self._touch_ground()
@@ -180,6 +232,13 @@ class TrueWorld:
         while self._setpoints and self._setpoints[0][0] <= now_s + 1e-9:
             sent_m_s = self._setpoints.popleft()[1]
             self._command_m_s = np.where(np.isfinite(sent_m_s), sent_m_s, self._command_m_s)
+
+    def _fly_alone(self, now_s: float) -> None:
+        """Command what the autopilots demand of the vehicles that fly by themselves."""
+        alone = self.autopilots.alone & self.in_air
+        if alone.any():
+            demand_m_s = self.autopilots.velocity(*self.estimate(), now_s, self.step_s)
+            self._command_m_s[alone] = demand_m_s[alone]
 
     def _touch_ground(self) -> None:
         """Keep vehicles that reach the ground there, disarmed."""

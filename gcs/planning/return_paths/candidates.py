@@ -38,6 +38,15 @@ AreFree = Callable[[Array], Mask]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Closed:
+    """The space that lost vehicles may sweep. A vehicle that begins inside must not come nearer."""
+
+    segments_m: Array  # (m, 2, 3) scaled
+    kept_m: Array  # (m,) scaled distance from each
+    scale: Array  # (3,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
     """All paths of all vehicles in sequence: path w of vehicle i is row ``i * EACH + w``."""
 
@@ -62,6 +71,7 @@ def lay(
     speeds_m_s: Array,
     goal_rate_per_s: float,
     are_free: AreFree | None = None,
+    closed: Closed | None = None,
 ) -> Candidates:
     """Generate all paths of all vehicles.
 
@@ -74,6 +84,7 @@ def lay(
         goal_rate_per_s: rate at which a vehicle approaches its goal.
         are_free: None: all places are free. If no path of a vehicle is free, all count as free: the filter
             leads it.
+        closed: the space that lost vehicles may sweep; None: no vehicle is lost.
     """
     corners_m = _corners_m(start_m, pad_m, over_m, handover_m)
     goal_m, path_m, first, over = _laid(
@@ -81,9 +92,62 @@ def lay(
     )
     free = np.ones(len(over), dtype=np.bool_)
     if are_free is not None and len(path_m):
-        free = np.logical_and.reduceat(are_free(path_m), first[:-1])
-        free |= np.repeat(~free.reshape(-1, EACH).any(axis=1), EACH)
+        free = _or_all(np.logical_and.reduceat(are_free(path_m), first[:-1]))
+    if closed is not None and len(closed.segments_m):
+        free &= _clear_of(path_m * closed.scale, first, closed.segments_m, closed.kept_m)
+        free = _or_all(free)
     return Candidates(goal_m, path_m, first, over, free)
+
+
+def _or_all(free: Mask) -> Mask:
+    """(n * EACH,) the free paths; of a vehicle without any, all."""
+    return np.asarray(free | np.repeat(~free.reshape(-1, EACH).any(axis=1), EACH))
+
+
+@kernel_apart
+def _clear_of(place_m: Array, first: Rows, segments_m: Array, kept_m: Array) -> Mask:
+    """(k,) which paths of (m, 3) keep the distances (s,) from all segments (s, 2, 3)."""
+    clear = np.ones(len(first) - 1, np.bool_)
+    for k in range(len(clear)):
+        way_m = place_m[first[k] : first[k + 1]]
+        low_m, high_m = way_m[0].copy(), way_m[0].copy()
+        for at in range(len(way_m)):
+            low_m, high_m = np.minimum(low_m, way_m[at]), np.maximum(high_m, way_m[at])
+        for s in range(len(segments_m)):
+            a_m, b_m = segments_m[s, 0], segments_m[s, 1]
+            near = True
+            for axis in range(3):
+                near &= min(a_m[axis], b_m[axis]) - kept_m[s] < high_m[axis]
+                near &= max(a_m[axis], b_m[axis]) + kept_m[s] > low_m[axis]
+            if not near:
+                continue
+            least_m = min(kept_m[s], BEGUN_SHARE * _from_m(way_m[0], a_m, b_m))
+            for at in range(len(way_m)):
+                if _from_m(way_m[at], a_m, b_m) < least_m:
+                    clear[k] = False
+                    break
+            if not clear[k]:
+                break
+    return clear
+
+
+BEGUN_SHARE = 0.98
+"""A vehicle that begins inside the closed space must keep this share of its distance."""
+
+
+@kernel
+def _from_m(point_m: Array, a_m: Array, b_m: Array) -> float:
+    """Distance of a point (3,) from the segment between two others."""
+    along, square = 0.0, 0.0
+    for axis in range(3):
+        along += (point_m[axis] - a_m[axis]) * (b_m[axis] - a_m[axis])
+        square += (b_m[axis] - a_m[axis]) ** 2
+    share = min(max(along / max(square, 1e-9), 0.0), 1.0)
+    away2 = 0.0
+    for axis in range(3):
+        away2 += (point_m[axis] - a_m[axis] - share * (b_m[axis] - a_m[axis])) ** 2
+    away_m: float = np.sqrt(away2)
+    return away_m
 
 
 def _corners_m(start_m: Array, pad_m: Array, over_m: float, handover_m: float) -> Array:

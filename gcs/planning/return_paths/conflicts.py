@@ -10,11 +10,8 @@ from gcs.safety.neighbours import Rows
 NEARLY_M = 0.05
 """A pair that began at its kept distance may be closer by this much."""
 
-FAR_M = 25.0
-"""Beyond this distance no vehicle is met within a stop's time."""
-
-STEP_MAX_M = 2.5
-"""Upper bound on how much closer two vehicles come in one step."""
+BLOCK = 16
+"""Steps for which the greatest speed of a planned path is known: slow pairs need few tests."""
 
 
 @kernel_apart
@@ -53,8 +50,10 @@ def chosen_paths(
     count, later, _ = counts
     way, wait, again = np.full(n, -1, np.intp), np.zeros(n, np.intp), np.zeros(n, np.bool_)
     path_m = np.empty((n, later, 3))
+    paces_m = np.zeros((n, 2 + later // BLOCK))
     for i in range(n):
         path_m[i] = place_m[first[i * each]]
+    pace_m = _fastest(place_m, first)
     others, known = np.empty(n, np.intp), 0
     for turn in range(2):
         for i in order:
@@ -67,11 +66,31 @@ def chosen_paths(
                     met += 1
             limits = (0, count) if turn == 0 else (1, later)
             found, begins = _soonest(
-                i, each, place_m, first, free, path_m, others[:met].copy(), kept_m, numbers, limits, counts[2]
+                i,
+                each,
+                (place_m, pace_m),
+                first,
+                free,
+                (path_m, paces_m),
+                others[:met].copy(),
+                kept_m,
+                numbers,
+                limits,
+                counts[2],
             )
             if found < 0 and met > known:
                 found, begins = _soonest(
-                    i, each, place_m, first, free, path_m, others[:known], kept_m, numbers, limits, counts[2]
+                    i,
+                    each,
+                    (place_m, pace_m),
+                    first,
+                    free,
+                    (path_m, paces_m),
+                    others[:known],
+                    kept_m,
+                    numbers,
+                    limits,
+                    counts[2],
                 )
             if found < 0:
                 continue
@@ -79,19 +98,47 @@ def chosen_paths(
             way_m = place_m[first[found] : first[found + 1]]
             path_m[i, begins : begins + len(way_m)] = way_m
             path_m[i, begins + len(way_m) :] = way_m[-1]
+            _note_paces(path_m[i], paces_m[i])
             others[known] = i
             known += 1
     return way, wait, again
 
 
 @kernel
+def _fastest(place_m: Array, first: Rows) -> Array:
+    """(k,) Longest step of each path, scaled."""
+    pace_m = np.zeros(len(first) - 1)
+    for k in range(len(pace_m)):
+        for at in range(first[k], first[k + 1] - 1):
+            pace_m[k] = max(pace_m[k], _apart_m(place_m[at], place_m[at + 1]))
+    return pace_m
+
+
+@kernel
+def _note_paces(path_m: Array, paces_m: Array) -> None:
+    """Write the longest step of each block of a path (t, 3), and of the whole path last."""
+    paces_m[:] = 0.0
+    for t in range(len(path_m) - 1):
+        step_m = _apart_m(path_m[t], path_m[t + 1])
+        paces_m[t // BLOCK] = max(paces_m[t // BLOCK], step_m)
+        paces_m[-1] = max(paces_m[-1], step_m)
+
+
+@kernel
+def _apart_m(one_m: Array, other_m: Array) -> float:
+    x, y, z = one_m[0] - other_m[0], one_m[1] - other_m[1], one_m[2] - other_m[2]
+    apart_m: float = np.sqrt(x * x + y * y + z * z)
+    return apart_m
+
+
+@kernel
 def _soonest(
     i: int,
     each: int,
-    place_m: Array,
+    places: tuple[Array, Array],
     first: Rows,
     free: Mask,
-    path_m: Array,
+    paths: tuple[Array, Array],
     others: Rows,
     kept_m: Array,
     numbers: tuple[float, float, float],
@@ -100,15 +147,20 @@ def _soonest(
 ) -> tuple[int, int]:
     """Return the path of vehicle i that ends soonest, and the steps it waits before; -1: none is free.
 
-    `limits`: 1 if others may pass its start before it begins, and the steps within which it must be down.
+    `places` and `paths` are positions and longest steps, of all candidates and of the others. `limits`: 1 if
+    others may pass its start before it begins, and the steps within which it must be down.
     """
+    place_m, pace_m = places
+    path_m, paces_m = paths
     own, (waits, count) = i * each, limits
     earliest, latest, shortest = 0, count, count
     for j in others:
         if waits:
-            earliest = max(earliest, _is_passed_until(place_m[first[own]], path_m[j], kept_m[i, j], numbers))
+            until = _is_passed_until(place_m[first[own]], path_m[j], paces_m[j], kept_m[i, j], numbers)
+            earliest = max(earliest, until)
         else:
-            latest = min(latest, _stays_free(place_m[first[own]], path_m[j], kept_m[i, j], latest, numbers))
+            until = _stays_free(place_m[first[own]], path_m[j], paces_m[j], kept_m[i, j], latest, numbers)
+            latest = min(latest, until)
     for k in range(own, own + each):
         shortest = min(shortest, first[k + 1] - first[k])
     blocker, blocked_at = np.full(each, -1, np.intp), np.zeros(each, np.intp)
@@ -118,7 +170,9 @@ def _soonest(
             if begins < earliest or begins > latest or not free[k]:
                 continue
             way_m = place_m[first[k] : first[k + 1]]
-            if _is_free(way_m, begins, i, path_m, others, kept_m, blocker, blocked_at, k - own, numbers):
+            if _is_free(
+                way_m, pace_m[k], begins, i, paths, others, kept_m, blocker, blocked_at, k - own, numbers
+            ):
                 return k, begins
     return -1, 0
 
@@ -130,9 +184,10 @@ AGAIN_STEPS = 12
 @kernel
 def _is_free(
     way_m: Array,
+    pace_m: float,
     begins: int,
     i: int,
-    path_m: Array,
+    paths: tuple[Array, Array],
     others: Rows,
     kept_m: Array,
     blocker: Rows,
@@ -141,17 +196,20 @@ def _is_free(
     numbers: tuple[float, float, float],
 ) -> bool:
     """Whether a path conflicts with none of the others; tests first where the last blocker was met."""
+    path_m, paces_m = paths
     last, end = blocker[mine], len(way_m) - 1
     if last >= 0:
         near = max(blocked_at[mine] - AGAIN_STEPS, 0)
         until = min(blocked_at[mine] + AGAIN_STEPS, end)
-        met = _meets(way_m, begins, path_m[last], kept_m[i, last], near, until, numbers)
+        met = _meets(
+            way_m, pace_m, begins, path_m[last], paces_m[last], kept_m[i, last], near, until, numbers
+        )
         if met >= 0:
             blocked_at[mine] = met
             return False
     for k in range(len(others)):
         j = others[k]
-        met = _meets(way_m, begins, path_m[j], kept_m[i, j], 0, end, numbers)
+        met = _meets(way_m, pace_m, begins, path_m[j], paces_m[j], kept_m[i, j], 0, end, numbers)
         if met >= 0:
             blocker[mine], blocked_at[mine] = j, met
             others[k], others[k // 2] = others[k // 2], j  # what blocks often is tested early
@@ -161,12 +219,12 @@ def _is_free(
 
 @kernel
 def _is_passed_until(
-    start_m: Array, other_m: Array, kept_m: float, numbers: tuple[float, float, float]
+    start_m: Array, other_m: Array, paces_m: Array, kept_m: float, numbers: tuple[float, float, float]
 ) -> int:
     """Return the steps until another has passed a vehicle that stays at its start, for the last time."""
     t, until = 0, 0
     while t < len(other_m) - 1:
-        step = _step(start_m, start_m, other_m[t], other_m[t + 1], kept_m, numbers)
+        step = _step(start_m, start_m, 0.0, other_m, paces_m, t, kept_m, numbers)
         if step == 0:
             until = t + 1
         t += max(step, 1)
@@ -175,12 +233,17 @@ def _is_passed_until(
 
 @kernel
 def _stays_free(
-    start_m: Array, other_m: Array, kept_m: float, until: int, numbers: tuple[float, float, float]
+    start_m: Array,
+    other_m: Array,
+    paces_m: Array,
+    kept_m: float,
+    until: int,
+    numbers: tuple[float, float, float],
 ) -> int:
     """Return the steps that a vehicle may stay at its start until another comes, at most `until`."""
     t, last = 0, min(until, len(other_m) - 1)
     while t < last:
-        step = _step(start_m, start_m, other_m[t], other_m[t + 1], kept_m, numbers)
+        step = _step(start_m, start_m, 0.0, other_m, paces_m, t, kept_m, numbers)
         if step == 0:
             return t
         t += step
@@ -190,8 +253,10 @@ def _stays_free(
 @kernel
 def _meets(
     way_m: Array,
+    pace_m: float,
     begins: int,
     other_m: Array,
+    paces_m: Array,
     kept_m: float,
     first: int,
     end: int,
@@ -200,8 +265,7 @@ def _meets(
     """Return the step from `first` to before `end` at which a path (k, 3) meets another; -1: none."""
     k = first
     while k < end:
-        t = begins + k
-        step = _step(way_m[k], way_m[k + 1], other_m[t], other_m[t + 1], kept_m, numbers)
+        step = _step(way_m[k], way_m[k + 1], pace_m, other_m, paces_m, begins + k, kept_m, numbers)
         if step == 0:
             return k
         k += step
@@ -212,27 +276,44 @@ def _meets(
 def _step(
     own_m: Array,
     own_next_m: Array,
+    pace_m: float,
     other_m: Array,
-    other_next_m: Array,
+    paces_m: Array,
+    t: int,
     kept_m: float,
     numbers: tuple[float, float, float],
 ) -> int:
-    """Return 0 if two are too close, or too fast for their distance; else the steps until the next test."""
+    """Return 0 if two are too close, or too fast for their distance; else the steps until the next test.
+
+    No test is needed while they are farther apart than the fastest that they may be until then could close.
+    """
     reaction_s, deceleration_m_s2, low_m = numbers
-    if -own_m[2] < low_m and -other_m[2] < low_m:
-        return 1
-    before2, after2 = 0.0, 0.0
-    for axis in range(3):
-        before2 += (other_m[axis] - own_m[axis]) ** 2
-        after2 += (other_next_m[axis] - own_next_m[axis]) ** 2
-    if before2 > FAR_M * FAR_M:
-        return 1 + int((np.sqrt(before2) - FAR_M) / STEP_MAX_M)
-    distance_m = np.sqrt(before2)
+    distance_m = _apart_m(other_m[t], own_m)
     gap_m = distance_m - kept_m
-    if gap_m >= 0.0 and after2 >= before2:
+    closing_m = pace_m + paces_m[-1]
+    spare_m = gap_m - _needed_m(closing_m / STEP_S, reaction_s, deceleration_m_s2)
+    if spare_m > 0.0:
+        return 1 + int(min(spare_m / max(closing_m, 1e-6), LONG))
+    closing_m = pace_m + paces_m[t // BLOCK]
+    spare_m = gap_m - _needed_m(closing_m / STEP_S, reaction_s, deceleration_m_s2)
+    if spare_m > 0.0:
+        return min(1 + int(min(spare_m / max(closing_m, 1e-6), LONG)), BLOCK - t % BLOCK)
+    closing_m_s = (distance_m - _apart_m(other_m[t + 1], own_next_m)) / STEP_S
+    if gap_m >= 0.0 and closing_m_s <= 0.0:
         return 1
-    closing_m_s = (distance_m - np.sqrt(after2)) / STEP_S
+    if -own_m[2] < low_m and -other_m[t, 2] < low_m:
+        return 1
     if gap_m < 0.0 and (closing_m_s > 0.0 or gap_m < -NEARLY_M):
         return 0
-    needed_m = closing_m_s * reaction_s + closing_m_s**2 / (2.0 * deceleration_m_s2)
+    needed_m = _needed_m(closing_m_s, reaction_s, deceleration_m_s2)
     return 0 if closing_m_s > 0.0 and needed_m > gap_m else 1
+
+
+LONG = 1e6
+"""Steps, more than any plan has."""
+
+
+@kernel
+def _needed_m(closing_m_s: float, reaction_s: float, deceleration_m_s2: float) -> float:
+    """Distance within which two that close in stop."""
+    return closing_m_s * reaction_s + closing_m_s**2 / (2.0 * deceleration_m_s2)

@@ -11,7 +11,7 @@ from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
 from gcs.planning.landing_sites import CLEAR_M
-from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Candidates, lay
+from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Candidates, Closed, lay
 from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
 from gcs.safety.filter import Limits
@@ -76,6 +76,7 @@ class Planner:
         reserve_m: float,
         settings: ReturnSettings | None = None,
         are_free: AreFree | None = None,
+        closed: Closed | None = None,
     ) -> None:
         """Plans nothing yet.
 
@@ -91,6 +92,7 @@ class Planner:
             reserve_m: margin for the error of a pair's relative position, sideways.
             settings: of the plan.
             are_free: which places are inside the fence and clear of obstacles; None: all.
+            closed: the space that lost vehicles may sweep; None: no vehicle is lost.
 
         Raises: ShapeError if there are no vehicles, or a position is not finite.
         """
@@ -108,7 +110,7 @@ class Planner:
         self._kept_range_m = floor.horizontal_m, wide_m
         self._settings = settings
         self._limits_m_s = np.array([speed_m_s, limits.up_m_s, limits.down_m_s])
-        self._goal_rate_per_s, self._are_free = goal_rate_per_s, are_free
+        self._goal_rate_per_s, self._are_free, self._closed = goal_rate_per_s, are_free, closed
         way_m = pad_m - start_m
         level_s = np.hypot(way_m[:, 0], way_m[:, 1]) / (SPEED_SHARE * speed_m_s)
         self._quickest_s = np.maximum(level_s, way_m[:, 2] / (SPEED_SHARE * limits.down_m_s))
@@ -190,6 +192,7 @@ class Planner:
             speeds_m_s=self._limits_m_s,
             goal_rate_per_s=self._goal_rate_per_s,
             are_free=self._are_free,
+            closed=self._closed,
         )
         self._place_m = candidates.path_m * self._scale
         least_m, wide_m = self._kept_range_m
@@ -266,6 +269,7 @@ def return_planner(
     plan: Plan,
     time_s: float,
     uncertainty_m: Array,
+    lost: tuple[Array, Array] | None = None,
 ) -> Planner:
     """Prepare the planner of a collective return, for a flight or for its rehearsal.
 
@@ -277,6 +281,8 @@ def return_planner(
         plan: the paths avoid its obstacles at their positions at `time_s`.
         time_s: time of the planning.
         uncertainty_m: (n,) standard deviations of the positions, sideways.
+        lost: (m, 2, 3) paths that lost vehicles may take, show frame, and (m,) standard deviations of their
+            positions; None: no vehicle is lost.
 
     Raises: ShapeError if there are no vehicles, or a position is not finite.
     """
@@ -290,7 +296,15 @@ def return_planner(
         floor=control.safety.floor,
         reserve_m=control.safety.floor.worst_reserve_m(uncertainty_m),
         are_free=_are_free(control, plan, time_s),
+        closed=None if lost is None else _closed(control.safety.floor, uncertainty_m, *lost),
     )
+
+
+def _closed(floor: Floor, uncertainty_m: Array, segments_m: Array, lost_m: Array) -> Closed:
+    """The space that the filter closes, and what the plan does not know."""
+    spare_m = floor.horizontal_m + floor.margin_m + ReturnSettings().spare_m
+    kept_m = spare_m + floor.reserve_m(np.full(len(lost_m), uncertainty_m.max(initial=0.0)), lost_m)
+    return Closed(segments_m * floor.scale, kept_m, floor.scale)
 
 
 def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:

@@ -47,20 +47,28 @@ def test_delay_each_way_is_seen_after_both() -> None:
     assert seen_s[0] == pytest.approx(moved_s[0] + 0.1, abs=1e-9)
 
 
-def test_a_vehicle_without_links_stays_in_the_air_unseen() -> None:
-    world = TrueWorld(np.full((2, 3), -20.0), World(), 1)
-    lost = np.array([True, False])
-    world.cut_links(lost)
-    world.leave_to_themselves(lost, 0.9)
-    for _ in range(100):
+@pytest.mark.parametrize("action", ["hold", "descend", "land", "return"])
+def test_a_vehicle_without_links_does_what_its_autopilot_does(action: str) -> None:
+    world = TrueWorld(np.array([[-20.0, 0.0, -20.0], [20.0, 0.0, -20.0]]), World(), 1)
+    lost, ahead = np.array([True, False]), np.tile([2.0, 0.0, 0.0], (2, 1))
+    for tick in range(50 * 20):
         fleet = world.receive()
-        world.send(Setpoints(world.time_s, world.ids, np.tile([1.0, 0.0, 0.0], (2, 1)), np.zeros(2)))
+        if tick == 40:
+            world.cut_links(lost)
+        if tick == 60:
+            world.fly_alone(lost, action)
+            noticed_m = world.position_m[0].copy()
+        world.send(Setpoints(world.time_s, world.ids, ahead, np.zeros(2)))
         world.advance()
-    assert fleet.age_s[0] > 4.0
+    assert fleet.age_s[0] > 40.0
     assert fleet.age_s[1] == 0.0
-    assert world.position_m[0, 2] == pytest.approx(-20.0 + 0.9 * 4.7, abs=0.4)
-    assert abs(world.position_m[0, 0] + 20.0) < 0.1
-    assert world.position_m[1, 0] > -19.0
-    assert world.in_air.all()
-    world.forget(lost)
-    assert np.isnan(world.receive().position_m[0]).all()
+    assert (fleet.velocity_m_s[0] == 0.0).all()
+    assert world.in_air[0] == (action == "hold")
+    stop_m = np.hypot(*(world.position_m[0] - noticed_m)[:2])
+    if action == "return":
+        assert np.hypot(*(world.position_m[0] - world.home_m[0])[:2]) < 0.5
+    elif action == "descend":
+        assert stop_m < 3.0
+    else:
+        assert stop_m < 1.5
+    assert world.position_m[0, 2] == pytest.approx(-20.0 if action == "hold" else 0.0, abs=0.3)
