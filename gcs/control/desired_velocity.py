@@ -21,13 +21,13 @@ from gcs.formation.law import (
     turned,
 )
 from gcs.formation.neighbours import Belief, Sight, neighbours_velocity, range_m, sight_of
-from gcs.formation.obstacles import Ellipse
+from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
-from gcs.formation.steering import avoid_all
+from gcs.formation.steering import avoid_all, level, steer_past
 from gcs.model.plan import LawName
-from gcs.model.state import Array
+from gcs.model.state import TINY, Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,9 +203,36 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
             free = ~now.tasks.descending[goers]  # these choose their way; a planned path is kept
             if now.tasks.follows_planned_path is not None:
                 free &= ~now.tasks.follows_planned_path[goers]
-            past_m_s = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, now.columns)
+            columns = now.columns
+            past_m_s = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, columns)
+            past_m_s[:, 2] += _hindered(now, goers, to_goal_m_s, columns) * (-limits.up_m_s - past_m_s[:, 2])
             desired_m_s[goers[free]] = past_m_s[free]
     return scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
+
+
+HEADWAY_SHARE = 0.3
+"""Of the desired speed: a vehicle that gains less on its goal behind the columns of lost vehicles climbs."""
+
+
+def _hindered(
+    now: TickInputs, rows: NDArray[np.intp], to_goal_m_s: Array, columns: Mapping[str, Ellipse]
+) -> Array:
+    """(m,) how much columns keep those rows (m,) from gaining on their goals: 1 if they gain nothing.
+
+    Several columns may surround a vehicle on three sides, where no tangent leads out. Above them it is free.
+    """
+    if not columns:
+        return np.zeros(len(rows))
+    outlines, place_m = Outlines.of(columns), now.position_m[rows]
+    way_m = now.tasks.goal_m[rows, :2] - place_m[:, :2]
+    left_m, speed_m_s = np.hypot(way_m[:, 0], way_m[:, 1]), np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
+    reach_m = np.full(len(outlines), now.settings.law.avoidance.lookahead_m)
+    lower = -place_m[:, 2:] < outlines.top_height_m
+    met_m = steer_past(outlines, {}, level(place_m), level(to_goal_m_s), speed_m_s, lower, reach_m)[1]
+    gained_m_s = (now.velocity_m_s[rows, :2] * way_m).sum(axis=1) / np.maximum(left_m, TINY)
+    share = 1.0 - gained_m_s / np.maximum(HEADWAY_SHARE * speed_m_s, TINY)
+    hindered: Array = np.where(met_m < left_m, np.clip(share, 0.0, 1.0), 0.0)
+    return hindered
 
 
 def _avoiding(

@@ -58,7 +58,9 @@ def test_the_rehearsed_plan_avoids_obstacles() -> None:
     start_m = pads_m + np.array([30.0, 0.0, -7.0])
     wall = Obstacle("wall", float(middle_m[0]) + 15.0, float(middle_m[1]), 1.0, 1.0, 8.0)
     run.plan = type(run.plan)(run.plan.formation, obstacles=(wall,))
-    paths = run._return_paths(start_m, pads_m, 5.0)
+    run.world.receive()
+    run.world.received_m[:], run.record.goal_m = start_m, pads_m
+    paths = run._return_paths(np.arange(len(start_m)), 5.0)
     half_m = np.array([wall.half_length_x_m, wall.half_length_y_m])
     inside = (np.abs(paths.path_m[..., :2] - (wall.x_m, wall.y_m)) < half_m).all(axis=-1)
     lower = -paths.path_m[..., 2] < wall.height_m
