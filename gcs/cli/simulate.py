@@ -110,10 +110,10 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _plot_show(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
     require_matplotlib("gcs show plot")
-    from gcs.simulation.rehearsal_plot import draw  # noqa: PLC0415  (takes a second, only for plots)
+    from gcs.simulation.plot import draw_show  # noqa: PLC0415  (takes a second, only for plots)
 
     file = picture_file(arguments.picture)
     with share_of("flying it in virtual time", shown=not arguments.json) as report:
-        verdict = draw(*rehearse(loaded, arguments.seed, report), file)
+        verdict = draw_show(*rehearse(loaded, arguments.seed, report), file)
     answer(arguments, {"picture": str(file), "good": verdict.good}, "")
     return 0 if verdict.good else 1
