@@ -103,7 +103,9 @@ class Scene:
     def boxes(self, clear: float, height_m: float | None, goal_m: Array | None) -> Boxes:
         """The boxes in the way at that height, grown by that share of the sphere, but not over the goal.
 
-        At the plan's height a centre above it may not descend into a box.
+        Moving boxes, and all boxes that only a part of the sphere passes, count as the ellipses that vehicles
+        fly round: else vehicles are driven ahead of a box, or left behind where the centre passes a gap. At
+        the plan's height a centre above it may not descend into a box.
         """
         settings = self.now.settings.law.avoidance
         level_m = min(self.plan_height_m, self.height_m) if height_m is None else height_m
@@ -112,13 +114,14 @@ class Scene:
         above_m = np.maximum(level_m - outlines.top_height_m, 0.0)
         section_m = np.sqrt(np.maximum(self.sphere_m**2 - above_m**2, 0.0))
         grown_m = clear * settings.center_clearance * section_m + settings.near_m
+        as_ellipse = ~outlines.stand | (clear < 1.0)
         if goal_m is not None:
-            to_goal_m = np.clip(
-                gaps_m(outlines.center_m, outlines.half_length_m, goal_m[:2]) - 0.05, 0.0, grown_m
-            )
-            grown_m = np.where(outlines.stand, to_goal_m, grown_m)
+            gap_m = gaps_m(outlines.center_m, outlines.half_length_m, goal_m[:2])
+            grown_m = np.where(outlines.stand, np.clip(gap_m - 0.05, 0.0, grown_m), grown_m)
+            off_goal = (((goal_m[:2] - outlines.center_m) / outlines.semi_m) ** 2).sum(axis=1) > 1.0
+            as_ellipse &= off_goal | ~outlines.stand
         strict = height_m is None and self.height_m > self.plan_height_m + ALOFT_M
-        return Boxes.grown(outlines, grown_m, self.place_m, strict=strict)
+        return Boxes.grown(outlines, grown_m, self.place_m, as_ellipse=as_ellipse, strict=strict)
 
 
 def follow_detour(scene: Scene, desired_m_s: Array, before: Detour | None) -> tuple[Array, Detour]:

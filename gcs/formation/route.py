@@ -51,13 +51,22 @@ class Boxes:
     corners: Array  # (12 m, 4): place and velocity of each corner, `SPARE_M` outside
 
     @staticmethod
-    def grown(outlines: Outlines, by_m: Array, center_m: Array, *, strict: bool = False) -> "Boxes":
+    def grown(
+        outlines: Outlines,
+        by_m: Array,
+        center_m: Array,
+        *,
+        as_ellipse: Mask | None = None,
+        strict: bool = False,
+    ) -> "Boxes":
         """The boxes of these outlines grown by `by_m` (m,), as seen by a centre at (2,).
 
-        A centre inside a grown box may leave it, but not go deeper; `strict`: it has no way out.
+        Those `as_ellipse` (m,) are as large as the ellipses that vehicles fly round. A centre inside a grown
+        box may leave it, but not go deeper; `strict`: it has no way out.
         """
         place = np.hstack([outlines.center_m, outlines.velocity_m_s])
-        half_m, corners = grown_boxes(place, outlines.half_length_m, by_m, SPARE_M)
+        round_ = np.zeros(len(outlines), np.bool_) if as_ellipse is None else as_ellipse
+        half_m, corners = grown_boxes(place, outlines.half_length_m, by_m, round_, SPARE_M)
         first_m = half_m if strict else out_of(place, half_m, center_m)
         return Boxes(outlines.names, place, half_m, first_m, corners)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 
 HORIZON_S = 120.0
 """A moving box is foreseen for this long."""
@@ -38,14 +38,20 @@ Mover = tuple[float, float, float, float]
 
 
 @kernel
-def grown_boxes(place: Array, half_length_m: Array, by_m: Array, spare_m: float) -> tuple[Array, Array]:
-    """`half_m` and `corners` of boxes with half-lengths (m, 2), grown by (m,); corners `spare_m` outside."""
+def grown_boxes(
+    place: Array, half_length_m: Array, by_m: Array, as_ellipse: Mask, spare_m: float
+) -> tuple[Array, Array]:
+    """`half_m` and `corners` of boxes with half-lengths (m, 2), or of their ellipses, grown by (m,).
+
+    The corners lie `spare_m` outside.
+    """
     half_m, corners = np.empty((len(place), AXES)), np.empty((CORNERS * len(place), 4))
     turn = 2.0 * np.pi / CORNERS
     for j in range(len(place)):
         for k in range(AXES):
-            reach_m = half_length_m[j, 0] * abs(FACING_X[k]) + half_length_m[j, 1] * abs(FACING_Y[k])
-            half_m[j, k] = reach_m + by_m[j]
+            along_x, along_y = half_length_m[j, 0] * abs(FACING_X[k]), half_length_m[j, 1] * abs(FACING_Y[k])
+            ellipse_m = sqrt(2.0 * (along_x**2 + along_y**2))
+            half_m[j, k] = by_m[j] + (ellipse_m if as_ellipse[j] else along_x + along_y)
         for k in range(CORNERS):
             one_m = half_m[j, k % AXES] + spare_m
             other_m = half_m[j, (k + 1) % AXES] + spare_m

@@ -2,6 +2,7 @@
 
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -27,6 +28,15 @@ from gcs.simulation.scenario import ArticleFlight
 SHOWN_PATHS = 60
 COLOURS = "viridis"
 
+SNAPSHOTS = 5
+"""Times at which moving boxes, or the article's formation, are drawn from above."""
+
+UNDER_WAY_M_S = 0.5
+"""Moving boxes are drawn while a vehicle is faster than this."""
+
+AROUND_M = 25.0
+"""Seen from above around the vehicles' paths."""
+
 
 def draw(record: Record, file: Path) -> dict[str, object]:
     """Draw the flight into `file`. Returns: the figures of the flight."""
@@ -43,8 +53,10 @@ def draw(record: Record, file: Path) -> dict[str, object]:
 
 def _draw_flight(page: Figure, record: Record) -> None:
     grid = page.add_gridspec(3, 2, width_ratios=(1.25, 1.0))
-    _paths(page.add_subplot(grid[:2, 0], projection="3d"), record)
-    _from_above(page.add_subplot(grid[2, 0]), record)
+    boxed = any(record.boxes)  # then the view from above says most
+    split = 1 if boxed else 2
+    _paths(page.add_subplot(grid[:split, 0], projection="3d"), record)
+    _from_above(page.add_subplot(grid[split:, 0]), record)
     _separation(page.add_subplot(grid[0, 1]), record)
     radius, shape = page.add_subplot(grid[1, 1]), page.add_subplot(grid[2, 1])
     if any(rows.any() for rows in record.formed):
@@ -76,17 +88,45 @@ def _from_above(axes: Axes, record: Record) -> None:
     path_m, rows = _shown(record)
     for row, colour in rows:
         axes.plot(path_m[:, row, 1], path_m[:, row, 0], color=colour, linewidth=0.6, alpha=0.8)
-    for box in record.boxes[-1]:
-        corner = (box.y_m - box.half_length_y_m, box.x_m - box.half_length_x_m)
-        size = 2 * box.half_length_y_m, 2 * box.half_length_x_m
-        axes.add_patch(Rectangle(corner, *size, color="0.6"))
-    target_m = np.array(record.target_m)
-    if np.isfinite(np.array(record.center_m)).any():
-        axes.plot(target_m[:, 1], target_m[:, 0], "k*", markersize=4, label="target")
-        center_m = np.array(record.center_m)
+    center_m, target_m = np.array(record.center_m), np.array(record.target_m)
+    if np.isfinite(center_m).any():
+        axes.plot(target_m[:, 1], target_m[:, 0], "k*", markersize=7, label="target", zorder=4)
         axes.plot(center_m[:, 1], center_m[:, 0], "r-", linewidth=1.2, label="centre")
         axes.legend(loc="best", fontsize=7)
     axes.set(xlabel="y, m", ylabel="x, m", title="From above", aspect="equal")
+    _boxes_over_time(axes, record, path_m)
+
+
+def _boxes_over_time(axes: Axes, record: Record, path_m: Array) -> None:
+    """Draw standing boxes; moving ones, and the formation's section, at a few times in a colour for each."""
+    spread_m = np.linalg.norm(np.diff(path_m, axis=0), axis=2).max(axis=1)
+    under_way = np.flatnonzero(spread_m * record.scenario.world.tick_rate_hz > UNDER_WAY_M_S)
+    first, last = (int(under_way[0]), int(under_way[-1])) if len(under_way) else (0, len(path_m) - 1)
+    ticks = np.linspace(first, last, SNAPSHOTS).astype(int)
+    moving = {box.id for box in record.boxes[-1] if box.speed_m_s}
+    for box in record.boxes[-1]:
+        if box.id not in moving:
+            axes.add_patch(_rectangle(box, color="0.6"))
+    if not moving:
+        return
+    low_m, high_m = path_m[..., :2].min(axis=(0, 1)) - AROUND_M, path_m[..., :2].max(axis=(0, 1)) + AROUND_M
+    axes.set(xlim=(low_m[1], high_m[1]), ylim=(low_m[0], high_m[0]))
+    for tick, colour in zip(ticks, mpl.colormaps["plasma"](np.linspace(0.0, 0.85, SNAPSHOTS)), strict=True):
+        when = f"{record.time_s[tick]:.0f} s"
+        for box in record.boxes[tick]:
+            if box.id in moving:
+                axes.add_patch(_rectangle(box, fill=False, edgecolor=colour, linewidth=1.5))
+                axes.annotate(when, (box.y_m, box.x_m), color=colour, fontsize=7, ha="center", clip_on=True)
+        x_m, y_m = record.center_m[tick][:2]
+        axes.add_patch(
+            Circle((y_m, x_m), record.radius_m[tick], fill=False, edgecolor=colour, linestyle="--")
+        )
+        axes.annotate(when, (y_m, x_m), color=colour, fontsize=7, ha="center", clip_on=True)
+
+
+def _rectangle(box: Obstacle, **look: Any) -> Rectangle:
+    corner = (box.y_m - box.half_length_y_m, box.x_m - box.half_length_x_m)
+    return Rectangle(corner, 2 * box.half_length_y_m, 2 * box.half_length_x_m, **look)
 
 
 def _separation(axes: Axes, record: Record) -> None:
@@ -141,9 +181,6 @@ def _limited(axes: Axes, record: Record) -> None:
 
 SHOWN_S = 12.0
 """Time span of horizontal paths in figures: at the end, or before and after the obstacle."""
-
-
-SNAPSHOTS = 5
 
 
 def draw_article(page: Figure, record: Record, flight: ArticleFlight) -> None:
@@ -214,8 +251,7 @@ def _article_from_above(axes: Axes, record: Record, flight: ArticleFlight) -> No
 
 
 def _box(axes: Axes, box: Obstacle) -> None:
-    corner = (box.y_m - box.half_length_y_m, box.x_m - box.half_length_x_m)
-    axes.add_patch(Rectangle(corner, 2 * box.half_length_y_m, 2 * box.half_length_x_m, color="0.6"))
+    axes.add_patch(_rectangle(box, color="0.6"))
     ellipse = Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
     size = 2 * ellipse.semi_y_m, 2 * ellipse.semi_x_m
     axes.add_patch(Outline((ellipse.y_m, ellipse.x_m), *size, fill=False, color="C3", label="ellipse"))
