@@ -6,6 +6,7 @@ import re
 import traceback
 from collections.abc import Awaitable, Callable, Iterator
 from functools import partial
+from typing import NamedTuple
 
 import pytest
 
@@ -131,41 +132,42 @@ def refusal_of(show: Show, text: str, command: Command) -> str:
     return ""
 
 
-@pytest.mark.parametrize("into", PHASES)
-def test_a_command_refused_in_the_air_names_one_that_is_accepted(
-    into: Callable[[Show], Awaitable[None]],
-) -> None:
-    async def story(show: Show) -> list[str]:
-        await into(show)
+class Tried(NamedTuple):
+    """What was answered in one phase of a show."""
+
+    refused: list[str]  # see `refusal_of`
+    unreached: dict[ShowAction, str]  # vehicles that the command neither reaches nor names with a reason
+
+
+@pytest.fixture(scope="module", params=PHASES, ids=lambda into: into.__name__)
+def tried(request: pytest.FixtureRequest) -> Tried:
+    """One flight into each phase, in which every command is tried in a copy of the process."""
+
+    async def story(show: Show) -> Tried:
+        await request.param(show)
         await show.wait(0.5)
         assert show.view.counts.airborne > 0
-        trials = (partial(refusal_of, show, text, command) for text, command in commands())
-        return list(filter(None, map(in_a_copy, trials)))
-
-    refused = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
-    assert len(refused) > 3
-    assert [reported for reported in refused if not reported.endswith("refused properly")] == []
-
-
-@pytest.mark.parametrize("into", PHASES)
-def test_pause_stop_and_abort_accepted_while_airborne(
-    into: Callable[[Show], Awaitable[None]],
-) -> None:
-    async def story(show: Show) -> None:
-        await into(show)
-        await show.wait(0.5)
         flying = {seen.id for seen in show.view.vehicles if seen.phase is not Phase.STANDBY}
 
-        def accepted(action: ShowAction) -> str:
-            record = show.service.commands.command_show(action)
-            missed = flying - set(record.outcomes)
-            unexplained = [name for name, part in record.outcomes.items() if not explained(part)]
-            return f"{sorted(missed)} {unexplained}"
+        def unreached(action: ShowAction) -> str:
+            outcomes = show.service.commands.command_show(action).outcomes
+            unexplained = [name for name, part in outcomes.items() if not explained(part)]
+            return " ".join(sorted(flying - set(outcomes)) + unexplained)
 
-        for action in ALWAYS:
-            assert in_a_copy(partial(accepted, action)) == "[] []", "each that flies is reached, or named"
+        trials = (partial(refusal_of, show, text, command) for text, command in commands())
+        refused = list(filter(None, map(in_a_copy, trials)))
+        return Tried(refused, {action: in_a_copy(partial(unreached, action)) for action in ALWAYS})
 
-    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    return fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+
+
+def test_a_command_refused_in_the_air_names_one_that_is_accepted(tried: Tried) -> None:
+    assert len(tried.refused) > 3
+    assert [reported for reported in tried.refused if not reported.endswith("refused properly")] == []
+
+
+def test_pause_stop_and_abort_accepted_while_airborne(tried: Tried) -> None:
+    assert tried.unreached == dict.fromkeys(ALWAYS, ""), "each that flies is reached, or named with a reason"
 
 
 def explained(part: VehicleOutcome) -> bool:
