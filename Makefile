@@ -24,9 +24,12 @@ test: ready  ## lint, types, import contracts, every test: what computes beside 
 	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target,-j1) computed flown
 	@$(BIN)/python -m tests.support.browsers  # its last line says when the console was not tested
 
+# Folders without a test that computes are not collected.
+COMPUTING := $(addprefix --ignore=tests/,browser unit/api unit/recording)
+
 computed: .venv/ready console
 	@$(IDLE) $(MAKE) --no-print-directory check console-test
-	$(IDLE) $(BIN)/pytest -m "not realtime and not soak" --timeout 1800  # it may wait long for its turn
+	$(IDLE) $(BIN)/pytest -m "not realtime and not soak" $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
 # $(call twice,WHAT,HOW): a real-time test fails when it fails twice, the second time alone, with fixtures of its
 # own. A real defect ends the second run at once. docs/testing.md
