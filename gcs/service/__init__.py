@@ -6,7 +6,7 @@ a process of its own without a change on their side.
 
 from gcs.estimation.time_estimates import Estimates
 from gcs.service.commands import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
-from gcs.service.interface import Audit, Call, NoAudit, Replaying, Service, Shows
+from gcs.service.interface import Audit, Call, NoAudit, PlaybackChange, Replaying, Service, Shows
 from gcs.service.snapshots import (
     ActiveFailsafe,
     CheckState,
@@ -44,6 +44,7 @@ __all__ = [
     "Outcome",
     "PhaseSpan",
     "Playback",
+    "PlaybackChange",
     "ReplayMarks",
     "Replaying",
     "ReportState",

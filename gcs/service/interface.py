@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypedDict, Unpack
 
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import Offer
@@ -88,6 +88,15 @@ class NoAudit:
         return True
 
 
+class PlaybackChange(TypedDict, total=False):
+    """Settings of a playback; those that are not given stay."""
+
+    paused: bool
+    speed: float
+    position_s: float
+    skips_idle: bool
+
+
 class Replaying(Protocol):
     """Controls a replay. Raises: InvalidError, RefusedError; then nothing has changed."""
 
@@ -99,14 +108,7 @@ class Replaying(Protocol):
     def marks(self) -> ReplayMarks:
         """Marks of the whole record for the scrubber; they never change."""
 
-    def change(
-        self,
-        *,
-        paused: bool | None = None,
-        speed: float | None = None,
-        position_s: float | None = None,
-        skips_idle: bool | None = None,
-    ) -> Playback:
+    def change(self, **given: Unpack[PlaybackChange]) -> Playback:
         """Change the given settings of the playback, at once."""
 
     def make_flight_report(self) -> ReportState:

@@ -7,9 +7,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Unpack
 
 from gcs.recording.replay.service import Playhead
-from gcs.service import CheckState, Playback, ReplayMarks, ReportState
+from gcs.service import CheckState, Playback, PlaybackChange, ReplayMarks, ReportState
 
 
 @contextmanager
@@ -34,26 +35,16 @@ class FakeRecord:
     def __init__(self) -> None:
         self._head = Playhead(60.0, 1.0, time.monotonic())
         self.report_state, self.marks = ReportState(CheckState.RUNNING), ReplayMarks((), (), (), ())
-        self._skips_idle = True
 
     @property
     def playback(self) -> Playback:
         head, at_s = self._head, self._head.position_s(time.monotonic())
-        skips = self._skips_idle
         return Playback(
-            "flight.mcap", 1.7e9, 60.0, at_s, head.speed, head.paused, ended=False, skips_idle=skips
+            "flight.mcap", 1.7e9, 60.0, at_s, head.speed, head.paused, ended=False, skips_idle=head.skips_idle
         )
 
-    def change(
-        self,
-        *,
-        paused: bool | None = None,
-        speed: float | None = None,
-        position_s: float | None = None,
-        skips_idle: bool | None = None,
-    ) -> Playback:
-        self._skips_idle = self._skips_idle if skips_idle is None else skips_idle
-        self._head.change(time.monotonic(), paused=paused, speed=speed, position_s=position_s)
+    def change(self, **given: Unpack[PlaybackChange]) -> Playback:
+        self._head.change(time.monotonic(), **given)
         return self.playback
 
     def make_flight_report(self) -> ReportState:

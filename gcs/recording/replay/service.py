@@ -6,7 +6,7 @@ from contextlib import suppress
 from functools import partial
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NoReturn, Unpack
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from gcs.service import (
     Latest,
     NoAudit,
     Playback,
+    PlaybackChange,
     ReportState,
     SelectedShow,
     StoredShow,
@@ -70,6 +71,7 @@ class Playhead:
         self.duration_s = duration_s
         self.speed = speed
         self.paused = False
+        self.skips_idle = True
         self._at_s = 0.0  # position at `_since_s`
         self._since_s = now_s  # loop time
 
@@ -85,21 +87,19 @@ class Playhead:
             return way_s / self.speed
         return inf if self.paused else way_s / self.speed
 
-    def change(
-        self, now_s: float, *, paused: bool | None, speed: float | None, position_s: float | None
-    ) -> None:
+    def change(self, now_s: float, **given: Unpack[PlaybackChange]) -> None:
         """Change the playback from now on. Raises: InvalidError, RefusedError; then nothing has changed."""
-        if speed is not None:
-            _check_speed(speed)
+        speed, position_s = given.get("speed", self.speed), given.get("position_s")
+        _check_speed(speed)
         if position_s is not None and not (isfinite(position_s) and 0.0 <= position_s <= self.duration_s):
             raise InvalidError("position_s", position_s, f"from 0 to {self.duration_s:.2f}, its duration")
         here_s = self.position_s(now_s)
-        if paused is False and position_s is None and here_s >= self.duration_s:
+        if given.get("paused") is False and position_s is None and here_s >= self.duration_s:
             raise RefusedError("the record has ended: give position_s to play it again from there")
         self._at_s = here_s if position_s is None else position_s
         self._since_s = now_s
-        self.speed = self.speed if speed is None else speed
-        self.paused = self.paused if paused is None else paused
+        self.speed, self.paused = speed, given.get("paused", self.paused)
+        self.skips_idle = given.get("skips_idle", self.skips_idle)
 
 
 def _check_speed(speed: float) -> None:
@@ -221,7 +221,6 @@ class Replay:
         self._report_task = ReportTask((data.path, *truths))
         self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
         self.marks = self._event_history.marks(self._began_s, self._head.duration_s)
-        self._skips_idle = True
         self._sought = False  # another position is requested
         self._changed = asyncio.Event()
         self._ended = False
@@ -271,12 +270,12 @@ class Replay:
 
     def _skip(self, sample: Sample) -> None:
         """Skip time in which no vehicle flies; not while paused."""
-        if not self._skips_idle or self._head.paused or self._sought:
+        if not self._head.skips_idle or self._head.paused or self._sought:
             return
         at_s = sample.unix_s - self._began_s
         for span in self.marks.idle:
             if span.from_s <= at_s < span.until_s:
-                self._head.change(self._now_s(), paused=None, speed=None, position_s=span.until_s)
+                self._head.change(self._now_s(), position_s=span.until_s)
                 self._sought = True
 
     def _left_s(self, sample: Sample) -> float:
@@ -314,21 +313,13 @@ class Replay:
             head.speed,
             head.paused,
             ended,
-            self._skips_idle,
+            head.skips_idle,
         )
 
-    def change(
-        self,
-        *,
-        paused: bool | None = None,
-        speed: float | None = None,
-        position_s: float | None = None,
-        skips_idle: bool | None = None,
-    ) -> Playback:
+    def change(self, **given: Unpack[PlaybackChange]) -> Playback:
         """Change the playback. Raises: InvalidError, RefusedError; then nothing has changed."""
-        self._head.change(self._now_s(), paused=paused, speed=speed, position_s=position_s)
-        self._skips_idle = self._skips_idle if skips_idle is None else skips_idle
-        self._sought = self._sought or position_s is not None
+        self._head.change(self._now_s(), **given)
+        self._sought = self._sought or "position_s" in given
         self._changed.set()
         if not self._sought:
             self._show(self._moment)
