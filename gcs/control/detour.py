@@ -7,7 +7,7 @@ boxes. A plan is made over several ticks, with at most one search in each.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import cos, hypot, sin, sqrt
 
@@ -66,6 +66,7 @@ class Scene:
     sphere_m: float
     reach_m: float  # how far from the show's origin the target is followed
     outlines: Outlines  # all obstacles, margin and headroom included
+    known: dict[tuple[float, float | None, bytes], Boxes] = field(default_factory=dict)  # in this tick
 
     @property
     def place_m(self) -> Array:
@@ -107,6 +108,12 @@ class Scene:
         fly round: else vehicles are driven ahead of a box, or left behind where the centre passes a gap. At
         the plan's height a centre above it may not descend into a box.
         """
+        key = (clear, height_m, b"" if goal_m is None else goal_m[:2].tobytes())
+        if key not in self.known:
+            self.known[key] = self._grown(clear, height_m, goal_m)
+        return self.known[key]
+
+    def _grown(self, clear: float, height_m: float | None, goal_m: Array | None) -> Boxes:
         settings = self.now.settings.law.avoidance
         level_m = min(self.plan_height_m, self.height_m) if height_m is None else height_m
         tall = level_m - self.sphere_m < self.outlines.top_height_m
