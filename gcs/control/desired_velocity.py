@@ -29,6 +29,12 @@ from gcs.formation.steering import avoid_all, level, steer_past
 from gcs.model.plan import LawName
 from gcs.model.state import TINY, Array
 
+HELD_S, SLOT_STAYS_S = 1.0, 3.0
+"""A vehicle that does not follow for the first time is held; its slot then stays with it for the second."""
+
+SLOW_SHARE, OFF_M = 0.4, 1.5
+"""A vehicle does not follow with less than this share of its expected speed, this far from its slot."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
@@ -37,6 +43,7 @@ class Spread:
     velocity_m_s: Array  # (m, 3) of the m vehicles in formation
     place: Array  # (n, 3) as in Memory
     change: Array  # (n, 3) as in Memory
+    unfollowed_s: Array | None = None  # as in Memory
     belief: Belief | None = None  # as in Memory
     knows_center: bool = True  # False: the vehicles do not know the commanded centre's motion beforehand
     spin_rad_s: float = 0.0  # as in Memory
@@ -105,10 +112,33 @@ def _to_slots(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Sp
         places, changes = (turned(each, formed.spin_rad_s * now.dt_s) for each in (places, changes))
     sweeps = sweeps_for(len(rows), law.sweeps)
     places, changes = sweep(places, changes, formed.direction, formed.charge, sweeps, law.pull)
+    off_m = lead.radius_m * np.linalg.norm(places - formed.direction, axis=1)
+    unfollowed_s = _unfollowed_s(now, memory, formed, off_m)
+    held = now.of_formed(unfollowed_s) < 0.0
+    places[held], changes[held] = formed.direction[held], 0.0
     own_m_s = slot_velocity(
         formed.direction, formed.distance_m, places, lead.radius_m, law.slot_rate_per_s, law.speed_m_s
     )
-    return Spread(own_m_s, now.for_all(places, np.nan), now.for_all(changes, 0.0))
+    return Spread(own_m_s, now.for_all(places, np.nan), now.for_all(changes, 0.0), unfollowed_s)
+
+
+def _unfollowed_s(now: TickInputs, memory: Memory, formed: Formed, off_m: Array) -> Array:
+    """(n,) as in Memory: how long each vehicle, (m,) `off_m` from its slot, has not moved as expected.
+
+    A vehicle that something holds or carries does not come to its slot, so its slot comes to it, and the
+    others make room. After `SLOT_STAYS_S` the slot is free again: if the vehicle is, too, it follows.
+    """
+    count = len(now.formed)
+    before_s = np.zeros(count) if memory.unfollowed_s is None else memory.unfollowed_s
+    unfollowed_s = np.minimum(before_s + now.dt_s, np.where(before_s < 0.0, 0.0, HELD_S))
+    expected_m_s = now.of_formed(memory.expected_m_s)
+    moving_m_s = now.of_formed(now.velocity_m_s) - formed.center.velocity_m_s
+    along, enough = (moving_m_s * expected_m_s).sum(axis=1), SLOW_SHARE * (expected_m_s**2).sum(axis=1)
+    slow = np.zeros(count, dtype=np.bool_)
+    slow[now.rows] = (off_m > OFF_M) & (along < enough)
+    unfollowed_s[(before_s >= 0.0) & ~slow] = 0.0
+    unfollowed_s[unfollowed_s >= HELD_S] = -SLOT_STAYS_S
+    return unfollowed_s
 
 
 def _off_symmetry(now: TickInputs, lead: Lead, formed: Formed, settings: ForceSettings) -> Array:
@@ -170,7 +200,7 @@ def _by_neighbours(
     kept = Belief(now.for_all(belief.center_m, np.nan), now.for_all(belief.velocity_m_s, np.nan))
     knows_center = sight is None or sight.belief is None
     nowhere = np.full_like(now.position_m, np.nan)
-    return Spread(own_m_s, nowhere, now.for_all(changes, 0.0), kept, knows_center=knows_center)
+    return Spread(own_m_s, nowhere, now.for_all(changes, 0.0), belief=kept, knows_center=knows_center)
 
 
 def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:

@@ -108,6 +108,9 @@ class Memory:
     sides: dict[str, float]
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
+    unfollowed_s: Array | None = (
+        None  # (n,) how long each vehicle did not move as expected; negative: its slot stays with it
+    )
     belief: Belief | None = None  # (n, 3) each vehicle's estimate of the centre; law `neighbours`
 
     @staticmethod

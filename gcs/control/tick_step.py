@@ -88,6 +88,7 @@ def tick(
         sides=lead.sides,
         spin_rad_s=places.spin_rad_s,
         detour=lead.detour,
+        unfollowed_s=places.unfollowed_s,
         belief=places.belief,
     )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)

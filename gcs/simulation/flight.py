@@ -30,7 +30,7 @@ from gcs.simulation.article import fly_article
 from gcs.simulation.initial_states import draw_world
 from gcs.simulation.loss import Losses
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
-from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Loss, Scenario
+from gcs.simulation.scenario import ArticleFlight, Carried, FormationFlight, GoalFlight, Loss, Scenario
 from gcs.simulation.world import TOUCHDOWN_M_S, Neighbourhood, TrueWorld
 
 PADS_DEVIATIONS = 3.0
@@ -293,6 +293,7 @@ class FormationRun(SimulatedFlight):
         self._joining = np.arange(total) >= count
         self._changed = self._ended = False
         self._passing_s = 0.0
+        self._path_m: tuple[Array, Array] | None = None  # start and displacement of a carried vehicle
         rows = np.arange(total)
         charge = np.array(flight.charges)[rows % len(flight.charges)]
         self.record.charge = charge
@@ -317,6 +318,8 @@ class FormationRun(SimulatedFlight):
                 formation = replace(self.plan.formation, spin_rad_s=spin.rate_rad_s)
                 self.plan = replace(self.plan, formation=formation)
         self._show_boxes()
+        if flight.carried is not None:
+            self._carry(flight.carried)
         if not self._changed and (flight.leave_share or flight.join) and now_s >= flight.change_s:
             self._change()
         if flight.ending != "none" and now_s >= flight.ending_s:
@@ -340,6 +343,25 @@ class FormationRun(SimulatedFlight):
             self._target_m_s = self._target_m_s + dt_s * acceleration_m_s2
         target = target_at(now_s, self._target_m, self._target_m_s)
         self.plan = replace(self.plan, target=target)
+
+    def _carry(self, carried: Carried) -> None:
+        """Carry the first vehicle along the sphere, hold it, and let it go."""
+        center, path = self.memory.center, self._path_m
+        there_s = carried.from_s + carried.off_m / carried.speed_m_s
+        ends_s = there_s + carried.held_s
+        if center is None or self.time_s < carried.from_s:
+            return
+        if path is None:
+            here_m = self.world.position_m[0].copy()
+            outward = (here_m - center.position_m) / np.linalg.norm(here_m - center.position_m)
+            aside = np.cross(outward, self._random.normal(size=3))
+            turn_rad = 2.0 * np.arcsin(min(1.0, carried.off_m / (2.0 * self.memory.radius_m)))
+            turned = np.cos(turn_rad) * outward + np.sin(turn_rad) * aside / np.linalg.norm(aside)
+            there_m = center.position_m + self.memory.radius_m * turned
+            self._path_m = path = (here_m, there_m - here_m)
+            self.record.carried_s = (there_s, ends_s, self.scenario.duration_s)
+        share = min(1.0, (self.time_s - carried.from_s) / (there_s - carried.from_s))
+        self.world.hold(0, path[0] + share * path[1] if self.time_s < ends_s else None)
 
     def _show_boxes(self) -> None:
         """Make boxes known at their times, but never where a vehicle could no longer stop."""

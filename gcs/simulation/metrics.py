@@ -1,6 +1,7 @@
 """Figures of a simulated flight, computed from the true states in its record."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -186,6 +187,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
                 "nearest_ratio",
                 "shape_error_m",
                 "rest_m_s",
+                "spread_again_s",
             )
         )
     stays = isinstance(flight, ArticleFlight) or flight.ending == "none"
@@ -220,6 +222,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
         "nearest_ratio": rounded(float(shape.nearest_ratio[ticks].mean()), 4),
         "shape_error_m": rounded(shape_error_m(record, ticks)),
         "rest_m_s": rounded(_moving_m_s(record, ticks)),
+        "spread_again_s": rounded(_spread_again_s(record, shape)),
     }
 
 
@@ -235,6 +238,21 @@ def _moving_m_s(record: Record, ticks: NDArray[np.intp]) -> float:
     offset_m = [record.position_m[t][rows] - _centered(record, int(t)) for t in ticks]
     velocity_m_s = np.diff(np.array(offset_m), axis=0) * record.scenario.world.tick_rate_hz
     return float(np.sqrt((velocity_m_s**2).sum(axis=2).mean())) if len(ticks) > 1 else 0.0
+
+
+SPREAD_AGAIN = 0.85
+
+
+def _spread_again_s(record: Record, shape: Shape) -> float | None:
+    """Longest time, after a vehicle was held or let go, until the vehicles are lastingly spread again."""
+    if not record.carried_s:
+        return None
+    ticks = np.searchsorted(record.time_s, np.array(record.carried_s) - 1e-9)
+    close = shape.nearest_ratio < SPREAD_AGAIN
+    took = [np.flatnonzero(close[since:until]) for since, until in pairwise(ticks.tolist())]
+    return (
+        max(float(each[-1] + 1) if len(each) else 0.0 for each in took) / record.scenario.world.tick_rate_hz
+    )
 
 
 def _settled_once_s(record: Record, shape: Shape) -> float | None:

@@ -50,6 +50,7 @@ class Record:
     )  # (n,) distance of each vehicle from its slot, with losses only; NaN: no clear slot
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight
+    carried_s: tuple[float, ...] = ()  # when a carried vehicle was held, let go, and the flight ends
     changed_s: float = 0.0  # start of settling: engagement, or the last event
 
     def __post_init__(self) -> None:

@@ -168,6 +168,15 @@ class Loss(Settings):
     action: Literal["hold", "descend", "land", "return"] = "hold"
 
 
+class Carried(Settings):
+    """A vehicle that something carries along the sphere, holds there, and lets go."""
+
+    from_s: Positive = 25.0
+    off_m: Positive = 8.0
+    speed_m_s: Positive = 2.0
+    held_s: Positive = 20.0
+
+
 class FormationFlight(Settings):
     """A flight in formation: all vehicles hover at take-off height and are engaged at time 0."""
 
@@ -190,6 +199,7 @@ class FormationFlight(Settings):
     join: Annotated[int, Field(ge=0)] = 0  # vehicles that hover beside the others join at `change_s`
     change_s: NotNegative = 0.0
     loss: Loss = Loss()
+    carried: Carried | None = None
     ending: Literal["none", "return", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
     law: LawName = LawName.SLOTS

@@ -111,6 +111,7 @@ class TrueWorld:
         self._gone: Mask = np.zeros(n, dtype=bool)
         self._silent: Mask = np.zeros(n, dtype=bool)
         self._rest_m = np.full((n, 3), np.nan)  # positions of landed vehicles
+        self._held_m = np.full((n, 3), np.nan)  # positions of vehicles that something holds
         self._command_m_s = np.zeros((n, 3))
         self._received_m, self._received_m_s = self.estimate()
         self._received_s = np.zeros(n)
@@ -210,6 +211,10 @@ class TrueWorld:
         self._gone = self._gone | rows
         self.in_air = self.in_air & ~rows
 
+    def hold(self, row: int, place_m: Array | None) -> None:
+        """Hold that vehicle at a place (3,), whatever it is commanded; None: let it go."""
+        self._held_m[row] = np.nan if place_m is None else place_m
+
     def advance(self) -> list[Array]:
         """Advance by one tick. Returns: the true positions (n, 3) after every integration step."""
         if self._world.noise:
@@ -247,9 +252,10 @@ class TrueWorld:
             self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]
             self._rest_m[touching, 2] = self.ground_m[touching]
             self.in_air = self.in_air & ~touching
-        resting = np.isfinite(self._rest_m[:, 0])
-        if resting.any():
-            self.bodies.rest(resting, self._rest_m)
+        for place_m in (self._rest_m, self._held_m):
+            resting = np.isfinite(place_m[:, 0])
+            if resting.any():
+                self.bodies.rest(resting, place_m)
 
 
 PLACE, PACE, CENTER, CENTER_PACE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)

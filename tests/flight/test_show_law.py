@@ -1,0 +1,55 @@
+"""The formation's law is chosen on the ground, flies the whole show, and is kept in flight."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Formation, LawName, Plan, plan_json, plan_of
+from gcs.service import ShowAction
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.batch import broken
+from gcs.simulation.flight import fly as simulate
+from gcs.simulation.metrics import report
+from tests.support.virtual_show import HEIGHT_M, RADIUS_M, Show, fly, refused, show_config
+
+
+@pytest.mark.parametrize("law", [LawName.ARTICLE, LawName.NEIGHBOURS])
+def test_law_chosen_on_the_ground_forms_the_sphere_and_rests(law: LawName) -> None:
+    async def story(show: Show) -> None:
+        chosen = Formation(RADIUS_M, HEIGHT_M, law=law)
+        show.service.plan.set_formation(chosen)
+        await show.start()
+        await show.wait(45.0)  # four from a square leave its saddle after 25 s
+        assert show.view.plan.formation.law is law
+        last = show.track.between(show.now_s - 3.0)
+        velocity_m_s = np.diff(last.true_m, axis=0) / np.diff(last.time_s)[:, None, None]
+        velocity_m_s -= velocity_m_s.mean(axis=1, keepdims=True)  # the centre still moves to its target
+        assert float(np.sqrt((velocity_m_s**2).sum(axis=2).mean())) < 0.1
+        assert show.floor_violations() == 0
+        refusal = await refused(
+            show, lambda: show.service.plan.set_formation(replace(chosen, law=LawName.SLOTS))
+        )
+        assert refusal.plan_kept
+        assert refusal.text.startswith("cannot change the law while the show is running: stop it")
+        show.service.plan.set_formation(replace(chosen, radius_m=RADIUS_M + 1.0))  # the law stays
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED, 120.0)
+        show.service.plan.set_formation(replace(chosen, law=LawName.SLOTS))
+
+    fly(story)
+
+
+def test_law_is_in_the_configuration_and_in_the_record() -> None:
+    plan = show_config(4, formation={"law": "neighbours"}).plan
+    assert plan.formation.law is LawName.NEIGHBOURS
+    assert plan_of(json.loads(plan_json(plan)), 0.0) == plan
+    assert Plan(Formation(5.0, 10.0)).formation.law is LawName.SLOTS
+
+
+@pytest.mark.parametrize(("name", "count"), [("law-article", 8), ("law-neighbours", 8), ("carried", 20)])
+def test_scenario_of_the_law_is_kept(name: str, count: int) -> None:
+    record = simulate(scenarios.load(scenarios.find(name)), count, 3)
+    assert not broken(report(record), record.scenario.judged.must)
