@@ -253,6 +253,8 @@ export const texts = {
     title: "Formation",
     now: "now",
     sphere: "Sphere",
+    law: "Law",
+    laws: { slots: "slots", article: "article", neighbours: "neighbours" },
     radius: "Radius",
     height: "Height",
     orbit: "Orbit",

@@ -139,7 +139,7 @@ describe("what is typed", () => {
         { kind: "draft", field: "formation:radius_m", text: "12" },
         { kind: "draft", field: "formation:height_m", text: "2x" },
         { kind: "draft", field: "orbit:radius_m", text: "5" },
-        { kind: "status", status: status({ formation: { radius_m: 8, height_m: 9, radius_now_m: 8, height_now_m: 9 } }) },
+        { kind: "status", status: status({ formation: { radius_m: 8, height_m: 9, law: "slots", radius_now_m: 8, height_now_m: 9 } }) },
       ],
       flying(),
     );

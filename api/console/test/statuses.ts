@@ -9,7 +9,7 @@ export function status(change: Partial<Status> = {}): Status {
     show: { phase: "running", reason: "", possible: ["pause", "stop", "abort"], selected: null, start_unix_time_s: null, countdown_s: null },
     timeline: [], shows_refused: "",
     origin: { latitude_deg: 47.4, longitude_deg: 8.5, altitude_amsl_m: 488, heading_deg: 0 }, map: null,
-    formation: { radius_m: 10, height_m: 20, radius_now_m: 10, height_now_m: 20 },
+    formation: { radius_m: 10, height_m: 20, law: "slots", radius_now_m: 10, height_now_m: 20 },
     target: {
       x_m: 0, y_m: 0, velocity_x_m_s: 0, velocity_y_m_s: 0,
       latitude_deg: 47.4, longitude_deg: 8.5, velocity_north_m_s: 0, velocity_east_m_s: 0,

@@ -8,7 +8,7 @@ from gcs.api.schemas import convert
 from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import board
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Direction, Formation, YawPolicy
+from gcs.model.plan import Direction, Formation, LawName, YawPolicy
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, Condition
 from tests.support.api_fake_service import FakeService
@@ -39,6 +39,7 @@ def test_fleet_snapshot_is_of_one_instant(api: Api) -> None:
         "height_m": 20.0,
         "radius_now_m": 9.0,
         "height_now_m": 20.0,
+        "law": "slots",
     }
     assert fleet["center"]["height_m"] == 20.0
     assert fleet["center"]["altitude_amsl_m"] == pytest.approx(508.0, abs=0.01)
@@ -328,3 +329,12 @@ def test_an_obstacle_cannot_be_renamed_by_changing_it(api: Api) -> None:
     assert answer.json()["problems"] == [
         {"field": "id", "value": "other", "allowed": "'tower', as in the path, or absent"}
     ]
+
+
+def test_the_law_is_chosen_by_name(api: Api) -> None:
+    assert api("GET", "/api/v1/formation").json()["law"] == "slots"
+    assert api("PATCH", "/api/v1/formation", json={"law": "article"}).json()["law"] == "article"
+    assert api.service.plan.current.formation == Formation(10.0, 20.0, law=LawName.ARTICLE)
+    answer = api("PATCH", "/api/v1/formation", json={"law": "gravity"})
+    assert answer.status_code == 422
+    assert "'slots', 'article' or 'neighbours'" in answer.json()["problems"][0]["allowed"]
