@@ -8,7 +8,8 @@ from gcs.cli import supervisor
 TRANSPORTS: Final = ("native", "mavsdk")
 ROWS: Final = (
     *("shape", "saddle", "article", "tracking", "separation", "uncertainty", "obstacles"),
-    *("moving-boxes", "concave", "changes", "neighbours", "laws", "landing", "loss", "return"),
+    *("moving-boxes", "concave", "wind", "authority", "changes", "neighbours"),
+    *("laws", "landing", "loss", "return"),
 )
 """Rows of docs/flight-quality.md, as in `gcs.simulation.scenario.ROWS`."""
 

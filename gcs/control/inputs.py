@@ -16,6 +16,7 @@ from gcs.model.jit import kernel
 from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
+from gcs.safety.authority import Authority
 from gcs.safety.filter import SafetySettings
 
 
@@ -106,6 +107,7 @@ class Memory:
     expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
     pace: float  # share of the orbit's speed that the vehicles can keep up with
     sides: dict[str, float]
+    authority: Authority
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
     unfollowed_s: Array | None = (
@@ -131,6 +133,7 @@ class Memory:
             expected_m_s=nowhere,
             pace=1.0,
             sides={},
+            authority=Authority.full(count),
         )
 
 

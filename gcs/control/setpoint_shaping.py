@@ -8,7 +8,7 @@ import numpy as np
 from gcs.control.inputs import Memory, TickInputs
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 from gcs.safety.filter import cap
 
 PRESSED = 0.65
@@ -29,11 +29,18 @@ class ShapedSetpoints:
 
 
 def shape_setpoints(
-    now: TickInputs, allowed_m_s: Array, center: Center | None, memory: Memory, *, knows_center: bool
+    now: TickInputs,
+    allowed_m_s: Array,
+    center: Center | None,
+    memory: Memory,
+    *,
+    knows_center: bool,
+    yields: Mask,
 ) -> ShapedSetpoints:
     """Apply inner loop, lead and trim to the velocities (n, 3) that the safety filter allows.
 
-    With `knows_center` the vehicles in formation know the centre's motion beforehand.
+    With `knows_center` the vehicles in formation know the centre's motion beforehand. The trim of those in
+    `yields` (n,) does not grow: it would ask for what they do not reach.
     """
     settings, limits = now.settings, now.settings.safety.limits
     base_m_s, lead_m_s2 = _known_beforehand(now, center if knows_center else None)
@@ -54,6 +61,7 @@ def shape_setpoints(
         now.velocity_m_s,
         base_m_s,
         now.commanded,
+        yields,
         requested_m_s,
         setpoint_m_s,
         now.dt_s,

@@ -17,6 +17,7 @@ from gcs.formation.response import limit_change
 from gcs.formation.route import warm_up as routes_warm_up
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
+from gcs.safety.authority import Authority, measured, yielding
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.filter import warm_up as safety_warm_up
 from gcs.safety.separation import Floor, minimum_separation
@@ -63,14 +64,26 @@ def tick(
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
     now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
+    authority = _authority(now, memory)
+    now = replace(now, traits=authority.limit(traits))
     lead = move_center(now, memory)
     places = spread(now, lead, memory, sight)
     desired_m_s = _in_traffic(now, desired_velocity(now, lead, places.velocity_m_s))
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
     )
-    allowed_m_s, limited_by = filter_velocities(possible_m_s, _surroundings(now), settings.safety)
-    shaped = shape_setpoints(now, allowed_m_s, lead.center, memory, knows_center=places.knows_center)
+    least = settings.safety.authority
+    reached_m_s, yields = yielding(
+        possible_m_s,
+        now.velocity_m_s,
+        authority.lack_m_s,
+        least.threshold_m_s(settings.safety.link_delay_s),
+        least.reserve_m_s,
+    )
+    allowed_m_s, limited_by = filter_velocities(reached_m_s, _surroundings(now, authority), settings.safety)
+    shaped = shape_setpoints(
+        now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
+    )
     yaw_rad, held_rad = _yaw(now, memory)
     remembered = Memory(
         time_s=fleet.time_s,
@@ -86,6 +99,7 @@ def tick(
         expected_m_s=shaped.expected_m_s,
         pace=shaped.pace,
         sides=lead.sides,
+        authority=authority,
         spin_rad_s=places.spin_rad_s,
         detour=lead.detour,
         unfollowed_s=places.unfollowed_s,
@@ -122,7 +136,24 @@ def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
     )
 
 
-def _surroundings(now: TickInputs) -> Surroundings:
+def _authority(now: TickInputs, memory: Memory) -> Authority:
+    """What the vehicles' answers to the setpoints so far tell."""
+    safety = now.settings.safety
+    return measured(
+        memory.authority,
+        memory.desired_m_s,
+        now.velocity_m_s,
+        now.commanded,
+        np.minimum(now.traits.speed_max_m_s, safety.limits.horizontal_m_s),
+        dt_s=now.dt_s,
+        link_delay_s=safety.link_delay_s,
+        settings=safety.authority,
+    )
+
+
+def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
+    safety = now.settings.safety
+    wander_m = authority.wander_m(safety.authority, safety.link_delay_s)
     return Surroundings(
         now.position_m,
         now.velocity_m_s,
@@ -134,6 +165,8 @@ def _surroundings(now: TickInputs) -> Surroundings:
         now.fleet.ids,
         now.traits.uncertainty_m,
         now.traits.speed_max_m_s,
+        authority.lack_m_s,
+        np.where(now.tasks.descending, 0.0, wander_m),
         now.tasks.segments_of,
     )
 

@@ -48,6 +48,9 @@ TOO_SMALL: Final = Limit(on=1.02, off=1.0)
 CLOSE: Final = Limit(on=1.0, off=1.05)
 """Distance as a share of the minimum, in the metric in which the ellipsoid is a sphere."""
 
+WIDE_M: Final = Limit(on=1.5, off=0.8)
+"""Margin of a pair on top of the usual one, because vehicles do not reach their velocities."""
+
 LEVEL: Final = {
     AlarmSeverity.EMERGENCY: logging.ERROR,
     AlarmSeverity.WARNING: logging.WARNING,
@@ -171,6 +174,7 @@ class AlarmMonitor:
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
         self._pairs = ClosePairs()
         self._is_small = np.zeros(1, np.bool_)
+        self._wide = np.zeros(1, np.bool_)
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -188,6 +192,7 @@ class AlarmMonitor:
             *self._of_distances(tick),
             *_of_the_centre(tick),
             *self._of_the_radius(),
+            *self._of_authority(tick),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
             *self._of_the_ground(),
@@ -298,6 +303,23 @@ class AlarmMonitor:
             because = f"{radius_m:g} m are set, the safety filter needs {radius_allowed(*about)}"
             consequence = "It keeps the vehicles apart, and holds them off their places."
             yield Condition(AlarmCause.RADIUS_SMALL, because, consequence=consequence)
+
+    def _of_authority(self, tick: Tick) -> Iterator[Condition]:
+        """Yield that vehicles do not reach their velocities, and those with a lowered speed limit."""
+        authority, safety = tick.memory.authority, self.flight.control_now.safety
+        wider_m = safety.floor.worst_reserve_m(authority.wander_m(safety.authority, safety.link_delay_s))
+        self._wide = beyond(self._wide, np.array([wider_m]), WIDE_M)
+        if self._wide[0]:
+            off_m_s = authority.fleet_wander_m_s
+            because = f"{off_m_s:.1f} m/s off on average, by wind or gusts"
+            consequence = f"Pairs keep up to {wider_m:.1f} m more than usual."
+            yield Condition(AlarmCause.LITTLE_AUTHORITY, because, consequence=consequence)
+        fastest_m_s = np.minimum(self.flight.traits.speed_max_m_s, safety.limits.horizontal_m_s)
+        for row in np.flatnonzero(authority.slow).tolist():
+            reached_m_s = authority.speed_max_m_s[row]
+            because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
+            consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."
+            yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.fleet.ids[row],), consequence)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
         flight = self.flight

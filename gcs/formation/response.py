@@ -157,6 +157,7 @@ def correct_trim(
     measured_m_s: Array,
     base_m_s: Array,
     commanded: Mask,
+    yields: Mask,
     requested_m_s: Array,
     setpoint_m_s: Array,
     dt_s: float,
@@ -175,6 +176,7 @@ def correct_trim(
         measured_m_s: (n, 3).
         base_m_s: (n, 3) part of the commanded velocity that has a lead, and so is expected without lag.
         commanded: (n,) the trim of all others is reset.
+        yields: (n,) the trim of these does not grow.
         requested_m_s: (n, 3) setpoints before limits.
         setpoint_m_s: (n, 3) setpoints after limits: where the two differ, the trim does not grow.
         dt_s: since the last tick.
@@ -190,7 +192,7 @@ def correct_trim(
     for i in range(len(trim)):
         if not commanded[i]:
             continue
-        before, after, held = 0.0, 0.0, False
+        before, after, held = 0.0, 0.0, yields[i]
         for k in range(3):
             was = expected_m_s[i, k]
             if np.isnan(was):

@@ -13,9 +13,9 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
-from gcs.safety.constraints import NO_ROW, Braking, Constraints
+from gcs.safety.authority import AuthoritySettings, reach_constraints
+from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
 from gcs.safety.neighbours import Rows
-from gcs.safety.projection import any_broken, nearest, shortened, tightest
 from gcs.safety.separation import (
     Floor,
     Pairs,
@@ -59,6 +59,7 @@ class SafetySettings(Settings):
     fence: Fence = Fence()
     braking: Braking = Braking()
     traffic: Traffic = Traffic()
+    authority: AuthoritySettings = AuthoritySettings()
     link_delay_s: NotNegative = 0.0  # one way, of telemetry and of setpoints alike, as far as it is known
 
 
@@ -76,6 +77,8 @@ class Surroundings:
     names: Sequence[str]
     uncertainty_m: Array  # (n,) standard deviations of the positions, sideways
     speed_max_m_s: Array  # (n,) of each vehicle, in any direction
+    lack_m_s: Array  # (n, 3) what the velocities lack of those commanded, lasting
+    wander_m: Array  # (n,) standard deviations of where velocities that are not commanded lead
     segments_of: Rows | None = None  # (m,) row of each path's lost vehicle; None: not known
 
 
@@ -96,6 +99,7 @@ def filter_velocities(
     position_m = _later(np.array(here.position_m), np.array(here.velocity_m_s), settings.link_delay_s)
     desired_m_s = cap(_only(np.array(desired_m_s), np.array(here.commanded)), limits, here.speed_max_m_s)
     walls = _walls(position_m, here, settings, braking)
+    walls = Constraints.joined(walls, _reach(here, walls, settings))
     spare_m_s = np.full(len(desired_m_s), SPARE_M_S)
     for attempt in range(ATTEMPTS):
         if attempt == ATTEMPTS - 1:  # no velocity within the limits differs by more
@@ -133,6 +137,7 @@ def _pairs(
         floor=settings.floor,
         braking=braking,
         uncertainty_m=here.uncertainty_m,
+        wander_m=here.wander_m,
         course_m_s=desired_m_s,
         spare_m_s=spare_m_s,
         only=only,
@@ -197,7 +202,7 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             here.segments_m,
             floor=settings.floor,
             braking=braking,
-            uncertainty_m=here.uncertainty_m,
+            uncertainty_m=np.hypot(here.uncertainty_m, here.wander_m),
             segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
             fastest_m_s=fastest_m_s,
         ),
@@ -205,6 +210,19 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             position_m, here.commanded, here.descending, settings.fence, braking, fastest_m_s=fastest_m_s
         ),
         obstacle_constraints(position_m, here.commanded, here.ellipses, braking, fastest_m_s=fastest_m_s),
+    )
+
+
+def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> Constraints:
+    """Constraints on what vehicles short of authority cannot do."""
+    least = settings.authority
+    return reach_constraints(
+        np.array(here.velocity_m_s),
+        here.commanded,
+        here.lack_m_s,
+        walls,
+        least.threshold_m_s(settings.link_delay_s),
+        least.reserve_m_s,
     )
 
 
@@ -279,6 +297,8 @@ def warm_up() -> None:
         {},
         ("a", "b", "c"),
         zero,
+        zero,
+        velocity_m_s,
         zero,
     )
     settings = SafetySettings()

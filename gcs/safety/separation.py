@@ -167,6 +167,7 @@ def separation_constraints(
     uncertainty_m: Array,
     course_m_s: Array,
     spare_m_s: Array,
+    wander_m: Array | None = None,
     only: Mask | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
@@ -185,16 +186,20 @@ def separation_constraints(
         course_m_s: (n, 3) desired velocities of the commanded vehicles.
         spare_m_s: (n,) by how much each velocity may come to differ from that. Pairs whose constraint no such
             velocities break are left out.
+        wander_m: (n,) standard deviations of where velocities that are not commanded lead, in any direction;
+            pairs in the air keep farther apart by them. None: nowhere.
         only: (n,) pairs without one of these are also left out.
     """
     # numba compiles frozen arrays as another type
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
     commanded, airborne = np.array(commanded), np.array(airborne)
+    wander_m = np.zeros(len(position_m)) if wander_m is None else np.array(wander_m)
     known, measured_m_s, course_m_s, spare_m_s, look_m = _looks(
         position_m,
         np.array(velocity_m_s),
         commanded,
         uncertainty_m,
+        wander_m,
         np.array(course_m_s),
         spare_m_s,
         (*floor.kept_m(0.0), floor.vertical_uncertainty, floor.deviations),
@@ -213,6 +218,7 @@ def separation_constraints(
             commanded,
             airborne,
             uncertainty_m,
+            wander_m,
             first,
             second,
             _numbers(floor, braking),
@@ -226,6 +232,7 @@ def _looks(
     velocity_m_s: Array,
     commanded: Mask,
     uncertainty_m: Array,
+    wander_m: Array,
     course_m_s: Array,
     spare_m_s: Array,
     floor: tuple[float, float, float, float],
@@ -252,7 +259,8 @@ def _looks(
             mean[k] += course[i, k] / n  # the common velocity brings no pair closer
         spare[i] = spare_m_s[i] if commanded[i] else 0.0
         reserve_m = 2.0 * deviations * uncertainty_m[i]  # halved and added, two are at least their hypotenuse
-        wider_m, taller_m = wide_m + reserve_m, tall_m + taller * reserve_m
+        led_m = 2.0 * deviations * wander_m[i]
+        wider_m, taller_m = wide_m + reserve_m + led_m, tall_m + taller * reserve_m + led_m
         flat = max(flat, taller_m / wider_m, wider_m / taller_m)
     # Along the gradient the gap may look shorter than the distance to the ellipsoid: Kantorovich's
     # inequality.
@@ -265,7 +273,8 @@ def _looks(
         stray_m_s = np.sqrt(stray2) + spare[i]
         reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2
         reserve_m = 2.0 * deviations * uncertainty_m[i]
-        wider_m, taller_m = wide_m + reserve_m, tall_m + taller * reserve_m
+        led_m = 2.0 * deviations * wander_m[i]
+        wider_m, taller_m = wide_m + reserve_m + led_m, tall_m + taller * reserve_m + led_m
         look_m[i] = (max(wider_m, taller_m) / 2.0 + reach_m + lead_s * np.sqrt(drift2)) * longer + TINY
     return known, measured, course, spare, look_m
 
@@ -301,6 +310,7 @@ def _bounds(
     commanded: Mask,
     airborne: Mask,
     uncertainty_m: Array,
+    wander_m: Array,
     first: Rows,
     second: Rows,
     numbers: Numbers,
@@ -320,17 +330,17 @@ def _bounds(
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
         mine_m, theirs_m = uncertainty_m[i], uncertainty_m[j]
-        own_share = 0.0
+        own_share, led_m = 0.0, deviations * np.sqrt(wander_m[i] ** 2 + wander_m[j] ** 2)
         # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
         if not (airborne[i] and airborne[j]):
-            own_share = 1.0
+            own_share, led_m = 1.0, 0.0
             if airborne[i]:
                 theirs_m = min(theirs_m, mine_m)
             else:
                 mine_m = min(mine_m, theirs_m)
         unsure_m = deviations * np.sqrt(mine_m**2 + theirs_m**2)
-        pair_wide_m = wide_m + unsure_m - own_share * own_wide_m
-        pair_tall_m = tall_m + taller * unsure_m - own_share * own_tall_m
+        pair_wide_m = wide_m + unsure_m + led_m - own_share * own_wide_m
+        pair_tall_m = tall_m + taller * unsure_m + led_m - own_share * own_tall_m
         gap_m, x, y, z = _gap(position_m, i, j, pair_wide_m, pair_tall_m)
         desired_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
         closing_m_s = -_along(measured_m_s, i, j, x, y, z)

@@ -54,6 +54,8 @@ class AlarmCause(StrEnum):
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
     RADIUS_SMALL = "radius-small"
+    LITTLE_AUTHORITY = "little-authority"
+    SLOW_VEHICLE = "slow-vehicle"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
     RECORD_FAILS = "record-fails"
@@ -172,6 +174,19 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Radius too small for the accuracy of the positions",
         "Enlarge the radius, or bring the show home.",
         on_after_s=2.0,
+    ),
+    AlarmCause.LITTLE_AUTHORITY: CauseRow(
+        C,
+        "Vehicles do not reach their velocities",
+        "Bring the show home, or land it, if the wind does not drop.",
+        on_after_s=1.0,
+        off_after_s=5.0,
+    ),
+    AlarmCause.SLOW_VEHICLE: CauseRow(
+        C,
+        "{vehicles} slower than configured",
+        "Let [it|them] come home; compare MPC_XY_VEL_MAX with the configured speed.",
+        off_after_s=5.0,
     ),
     AlarmCause.POOR_LINK: CauseRow(
         C,

@@ -29,6 +29,8 @@ Row: TypeAlias = Literal[
     "obstacles",
     "moving-boxes",
     "concave",
+    "wind",
+    "authority",
     "changes",
     "neighbours",
     "laws",
@@ -51,6 +53,7 @@ class Wind(Settings):
     mean_y_m_s: float = 0.0
     gust_m_s: NotNegative = 0.0  # standard deviation along each axis
     gust_time_s: Positive = 2.0  # correlation time
+    rise_s: NotNegative = 0.0  # from calm to all of it, from the engagement on
 
 
 class World(Settings):
@@ -66,6 +69,9 @@ class World(Settings):
     telemetry_delay_s: NotNegative = 0.0  # one way
     setpoint_delay_s: NotNegative = 0.0  # one way
     loss: Share = 0.0  # of telemetry and of setpoints
+    slow_share: Share = 0.0  # of the vehicles, at random, fly no faster than `slow_m_s`
+    slow_m_s: Positive = 2.0  # over the ground, as by MPC_XY_VEL_MAX
+    slow_until_s: Positive = 1e9
     wind: Wind = Wind()
     tick_rate_hz: Annotated[float, Field(ge=1.0, le=50.0)] = 20.0
 

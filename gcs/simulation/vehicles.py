@@ -65,6 +65,7 @@ class Vehicles:
         self.position_m = np.array(start_m, dtype=np.float64)  # (n, 3)
         self.velocity_m_s = np.zeros((n, 3))  # over ground
         mean_m_s = np.array([world.wind.mean_x_m_s, world.wind.mean_y_m_s, 0.0])
+        mean_m_s *= world.wind.rise_s == 0.0  # else calm at first
         self.acceleration_m_s2 = -self.settings[:, DRAG, None] * mean_m_s  # of thrust and tilt, without drag
         self.integral_m_s2 = self.acceleration_m_s2.copy()
         self._commands_m_s = np.zeros((ceil(self.settings[:, DELAY].max() / step_s - 1e-9) + 2, n, 3))

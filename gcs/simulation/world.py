@@ -70,10 +70,12 @@ class WindField:
     """Wind at every vehicle: the mean, and an independent gust (first-order Gauss-Markov)."""
 
     wind: Wind
-    gust_m_s: Array  # (n, 3)
+    gust_m_s: Array  # (n, 3) once the wind has risen
+    time_s: float = 0.0
 
     def blow(self, dt_s: float, random: np.random.Generator) -> None:
         """Advance the gusts by `dt_s`."""
+        self.time_s += dt_s
         if self.wind.gust_m_s:
             wander(self.gust_m_s, dt_s / self.wind.gust_time_s, self.wind.gust_m_s, random)
 
@@ -81,7 +83,8 @@ class WindField:
     def velocity_m_s(self) -> Array:
         """(n, 3) wind velocity over the ground."""
         mean_m_s = np.array([self.wind.mean_x_m_s, self.wind.mean_y_m_s, 0.0])
-        velocity: Array = self.gust_m_s + mean_m_s
+        risen = min(1.0, self.time_s / self.wind.rise_s) if self.wind.rise_s else 1.0
+        velocity: Array = risen * (self.gust_m_s + mean_m_s)
         return velocity
 
 
@@ -104,6 +107,8 @@ class TrueWorld:
         self._error = draw_errors(n, world.noise, self._random)
         self._slow = np.random.default_rng([seed, 2])  # of the bias: all else is as without it
         self._bias_m = world.bias_m * self._slow.standard_normal((n, 3))
+        slow = np.random.default_rng([seed, 3]).permutation(n) < round(world.slow_share * n)
+        self._speed_max_m_s = np.where(slow, world.slow_m_s, np.inf)
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
         self.home_m = start_m * (1.0, 1.0, 0.0)
@@ -228,7 +233,7 @@ class TrueWorld:
             self._obey(self.time_s + index * self.step_s)
             if self.autopilots.alone.any():
                 self._fly_alone(self.time_s + index * self.step_s)
-            seen.append(self.bodies.step(self._command_m_s, wind_m_s, self._error.velocity_m_s))
+            seen.append(self.bodies.step(self._flown_m_s(), wind_m_s, self._error.velocity_m_s))
         self.time_s += self.tick_s
         self._touch_ground()
         return seen
@@ -244,6 +249,15 @@ class TrueWorld:
         if alone.any():
             demand_m_s = self.autopilots.velocity(*self.estimate(), now_s, self.step_s)
             self._command_m_s[alone] = demand_m_s[alone]
+
+    def _flown_m_s(self) -> Array:
+        """(n, 3) setpoints within each vehicle's own limit, which the ground station does not know."""
+        if not self._world.slow_share or self.time_s >= self._world.slow_until_s:
+            return self._command_m_s
+        level_m_s = np.hypot(self._command_m_s[:, 0], self._command_m_s[:, 1])
+        flown_m_s = self._command_m_s.copy()
+        flown_m_s[:, :2] *= np.minimum(1.0, self._speed_max_m_s / np.maximum(level_m_s, 1e-9))[:, None]
+        return flown_m_s
 
     def _touch_ground(self) -> None:
         """Keep vehicles that reach the ground there, disarmed."""

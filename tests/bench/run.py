@@ -162,6 +162,8 @@ def flat_filter(count: int) -> tuple[Callable[[], object], Callable[[], object]]
         names,
         np.zeros(count),
         np.full(count, np.inf),
+        np.zeros((count, 3)),
+        np.zeros(count),
     )
     simulator = pyrvo.RVOSimulator()
     simulator.set_time_step(1e-9)  # so that it stays where it is

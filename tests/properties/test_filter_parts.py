@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from gcs.model.state import Array, Mask
-from gcs.safety.constraints import NO_ROW, Constraints
+from gcs.safety.constraints import NO_ROW, TOLERANCE_M_S, Constraints
 from gcs.safety.filter import cap
-from gcs.safety.projection import TOLERANCE_M_S
 from tests.support.law_fleets import masks, vectors, within
 from tests.support.safety_fleets import CALM, LIMITS, assert_within_limits
 from tests.support.safety_world import project, shrink

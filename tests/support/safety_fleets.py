@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array, Mask
+from gcs.safety.constraints import slack_m_s
 from gcs.safety.filter import SafetySettings, Surroundings
-from gcs.safety.projection import slack_m_s
 from gcs.safety.separation import separation_constraints
 from tests.support.law_fleets import vectors
 
@@ -67,6 +67,8 @@ def around(
         [f"d{i}" for i in range(n)],
         np.zeros(n),
         np.full(n, np.inf),
+        np.zeros((n, 3)),
+        np.zeros(n),
     )
 
 

@@ -6,10 +6,9 @@ import numpy as np
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array
-from gcs.safety.constraints import Braking, Constraints
+from gcs.safety.constraints import Braking, Constraints, nearest, shortened
 from gcs.safety.filter import Limits, SafetySettings, Surroundings, filter_velocities
 from gcs.safety.neighbours import Rows
-from gcs.safety.projection import nearest, shortened
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 
@@ -43,6 +42,8 @@ def surroundings(
         [f"d{i}" for i in range(n)],
         np.zeros(n),
         np.full(n, np.inf),
+        np.zeros((n, 3)),
+        np.zeros(n),
     )
 
 

@@ -91,6 +91,8 @@ def two_head_on(count: int = 100) -> None:
         ids,
         np.zeros(count),
         np.ones(count),
+        np.zeros((count, 3)),
+        np.zeros(count),
     )
     filter_velocities(desired_m_s, here, SafetySettings(fence=Fence(distance_max_m=1e4)))
 

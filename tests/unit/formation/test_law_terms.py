@@ -214,7 +214,9 @@ def test_formation_above_the_limit_leaves_no_relative_part() -> None:
     )
 
 
-def trimmed(measured: Array, *, requested: float = 0.0, trim: float = 0.0, ticks: int = 1) -> Array:
+def trimmed(
+    measured: Array, *, requested: float = 0.0, trim: float = 0.0, ticks: int = 1, yields: bool = False
+) -> Array:
     """After being told to fly at (2, 0, 0), of which 1 is the formation's."""
     one = np.array([[1.0, 0.0, 0.0]])
     trim_m_s, expected = trim * one, np.full((1, 3), np.nan)
@@ -226,6 +228,7 @@ def trimmed(measured: Array, *, requested: float = 0.0, trim: float = 0.0, ticks
             measured,
             one,
             np.ones(1, dtype=bool),
+            np.full(1, yields),
             requested * one,
             0.0 * one,
             0.05,
@@ -248,6 +251,11 @@ def test_at_a_limit_the_trim_does_not_grow_but_may_shrink() -> None:
     assert trimmed(np.array([[3.5, 0.0, 0.0]]), requested=12.0, trim=1.0, ticks=50)[0, 0] < 1.0
 
 
+def test_trim_of_a_vehicle_that_yields_does_not_grow_but_may_shrink() -> None:
+    assert trimmed(np.array([[0.5, 0.0, 0.0]]), trim=1.0, ticks=50, yields=True)[0, 0] == 1.0
+    assert trimmed(np.array([[3.5, 0.0, 0.0]]), trim=1.0, ticks=50, yields=True)[0, 0] < 1.0
+
+
 def test_vehicle_that_responds_as_expected_is_not_trimmed() -> None:
     assert np.abs(trimmed(np.array([[2.0, 0.0, 0.0]]), ticks=400)).max() < 1e-9
 
@@ -255,7 +263,7 @@ def test_vehicle_that_responds_as_expected_is_not_trimmed() -> None:
 def test_trim_of_an_uncommanded_vehicle_is_forgotten() -> None:
     here, no_vehicle = np.ones((1, 3)), np.zeros(1, dtype=bool)
     trim, expected = correct_trim(
-        here, here, here, here, here, no_vehicle, here, here, 0.05, 0.4, 1.0, 0.5, 4.0
+        here, here, here, here, here, no_vehicle, no_vehicle, here, here, 0.05, 0.4, 1.0, 0.5, 4.0
     )
     assert (trim == 0.0).all()
     assert np.isnan(expected).all()

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.safety.constraints import NO_ROW, Constraints
-from gcs.safety.projection import SHRINKS, any_broken
+from gcs.safety.constraints import NO_ROW, SHRINKS, Constraints, any_broken
 from tests.support.safety_world import half_space, project, shrink
 
 

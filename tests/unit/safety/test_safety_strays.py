@@ -20,7 +20,18 @@ def around(position_m: Array, velocity_m_s: Array) -> Surroundings:
     no_vehicle = np.zeros((0, 2, 3))
     none, limits = np.zeros(count), np.full(count, np.inf)
     return Surroundings(
-        position_m, velocity_m_s, everyone, everyone, ~everyone, no_vehicle, {}, ids, none, limits
+        position_m,
+        velocity_m_s,
+        everyone,
+        everyone,
+        ~everyone,
+        no_vehicle,
+        {},
+        ids,
+        none,
+        limits,
+        np.zeros((count, 3)),
+        none,
     )
 
 

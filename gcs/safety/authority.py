@@ -1,0 +1,320 @@
+"""Authority: how far each vehicle still answers its setpoints, measured, and what can be promised with it.
+
+    missing = from the measured velocity to the span of the allowed ones of about the last `answer_s`, by axis
+    lack'   = (missing - lack) / lack_s                          what the vehicle does not reach, lasting
+    wander^2: average of the square of missing - its mean of the fleet, up in 1 s and down in 10 s
+
+A fleet in order has neither, whether its answers are immediate or late. Wind beyond the tilt or thrust of
+the vehicles, gusts, and a speed limit that this station does not know show as both or one of them.
+"""
+
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+
+from gcs.model.jit import kernel
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import TINY, Array, Mask, Traits
+from gcs.safety.constraints import NO_ROW, Constraints
+
+GROWS_PER_S, SHRINKS_PER_S = 1.0, 0.1
+"""Rates of the averaged square: gusts are noticed at once, and expected again for a while."""
+
+SLOW_M_S, SLOW_WANDER = 0.6, 2.5
+"""Beyond this lack, and this many times the wander of the fleet, a vehicle may be slower than configured."""
+
+STEADY = 0.8
+"""Least cosine between the lack of a slow vehicle and its velocity: one that is blown off flies elsewhere."""
+
+SPARE_M_S = 0.3
+"""By this much the learned speed limit may be above what the vehicle reached."""
+
+RETRY_M_S2 = 0.2
+"""Growth of the learned speed limit while the vehicle reaches it."""
+
+LOWEST_M_S = 0.5
+"""Least speed limit that is learned."""
+
+
+WALL_SHARE = 0.2
+"""Cosine between a wall's normal and a lack from which the wall counts as one that demands the lack."""
+
+SWINGS_S, SWING_M_S2 = 0.1, 6.0
+"""From this delay on, one way, the control loop itself swings, and by so much more for every second."""
+
+
+def swing_m_s(link_delay_s: float) -> float:
+    """Unexpected velocity that only the delay of the links explains."""
+    return SWING_M_S2 * max(0.0, link_delay_s - SWINGS_S)
+
+
+class AuthoritySettings(Settings):
+    """When vehicles count as short of authority, and what follows."""
+
+    answer_s: Positive = 1.0  # for about this time a vehicle in order may still fly what was allowed before
+    free_m_s: NotNegative = 0.3  # wander that the margins cover anyway
+    horizon_s: NotNegative = 1.5  # wander times this is a standard deviation of a position; 0: none
+    wander_max_m: NotNegative = 1.5  # most of that
+    lack_s: Positive = 0.7  # averaging time
+    lack_m_s: Positive = 0.5  # a greater lack is yielded to
+    reserve_m_s: NotNegative = 0.5  # as much more than what it reaches is still asked of such a vehicle
+    slow_s: Positive = 3.0  # a lack along its own way for this time: a lower speed limit
+
+    def threshold_m_s(self, link_delay_s: float) -> float:
+        """Least lack that counts over links with this delay, one way."""
+        return self.lack_m_s + swing_m_s(link_delay_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Authority:
+    """What is known of every vehicle's answers. Rows as in FleetState. Owns its arrays."""
+
+    least_m_s: Array  # (n, 3) allowed of late, NaN: not commanded
+    most_m_s: Array  # (n, 3) likewise
+    lack_m_s: Array  # (n, 3) lasting part of the velocity that is missing
+    square_m2_s2: Array  # (n,) averaged square of the changing part, along each axis
+    slow_for_s: Array  # (n,) for how long it has lacked speed along its own way
+    speed_max_m_s: Array  # (n,) learned limit, inf: as configured
+
+    @staticmethod
+    def full(count: int) -> "Authority":
+        """Nothing is known to be missing."""
+        still = np.zeros((count, 3))
+        nothing = np.full((count, 3), np.nan)
+        return Authority(nothing, nothing, still, np.zeros(count), np.zeros(count), np.full(count, np.inf))
+
+    def wander_m(self, settings: AuthoritySettings, link_delay_s: float = 0.0) -> Array:
+        """(n,) standard deviations of where unexpected velocities lead, the fleet's common one at least."""
+        free_m_s = settings.free_m_s + swing_m_s(link_delay_s)
+        lost = (self.lack_m_s**2).sum(axis=1) / 3.0
+        gust_m_s = np.sqrt(np.maximum(self.square_m2_s2, self.fleet_wander_m_s**2) + lost)
+        led_m: Array = settings.horizon_s * np.maximum(gust_m_s - free_m_s, 0.0)
+        return np.minimum(led_m, settings.wander_max_m)
+
+    @property
+    def fleet_wander_m_s(self) -> float:
+        """Root mean square of the unexpected velocities of the commanded vehicles, along each axis."""
+        commanded = np.isfinite(self.least_m_s[:, 0])
+        return sqrt(float(self.square_m2_s2[commanded].mean())) if commanded.any() else 0.0
+
+    @property
+    def slow(self) -> Mask:
+        """(n,) has a learned speed limit."""
+        return np.asarray(np.isfinite(self.speed_max_m_s))
+
+    def limit(self, traits: Traits) -> Traits:
+        """The traits with the learned speed limits."""
+        if not self.slow.any():
+            return traits
+        return replace(traits, speed_max_m_s=np.minimum(traits.speed_max_m_s, self.speed_max_m_s))
+
+
+def measured(
+    before: Authority,
+    allowed_m_s: Array,
+    velocity_m_s: Array,
+    commanded: Mask,
+    fastest_m_s: Array,
+    *,
+    dt_s: float,
+    link_delay_s: float,
+    settings: AuthoritySettings,
+) -> Authority:
+    """What is known after the newest telemetry.
+
+    Args:
+        before: of the previous tick.
+        allowed_m_s: (n, 3) that the previous tick commanded, NaN: none.
+        velocity_m_s: (n, 3) measured.
+        commanded: (n,) has a task and fresh telemetry now.
+        fastest_m_s: (n,) configured speed of each vehicle sideways; a learned limit above it ends.
+        dt_s: since the previous tick.
+        link_delay_s: one way: answers may be later by a round trip.
+        settings: thresholds and times.
+    """
+    return Authority(
+        *_measured(
+            np.array(before.least_m_s),
+            np.array(before.most_m_s),
+            np.array(before.lack_m_s),
+            np.array(before.square_m2_s2),
+            np.array(before.slow_for_s),
+            np.array(before.speed_max_m_s),
+            np.array(allowed_m_s),
+            velocity_m_s,
+            commanded,
+            fastest_m_s,
+            dt_s,
+            (settings.answer_s + 4.0 * link_delay_s, settings.lack_s + 2.0 * link_delay_s, settings.slow_s),
+        )
+    )
+
+
+@kernel
+def _measured(
+    least_m_s: Array,
+    most_m_s: Array,
+    lack_m_s: Array,
+    square_m2_s2: Array,
+    slow_for_s: Array,
+    speed_max_m_s: Array,
+    allowed_m_s: Array,
+    velocity_m_s: Array,
+    commanded: Mask,
+    fastest_m_s: Array,
+    dt_s: float,
+    times: tuple[float, float, float],
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """As `measured`; the arrays of the state are changed."""
+    answer_s, lack_s, slow_s = times
+    n = len(commanded)
+    missing_m_s, mean_m_s, many = np.zeros((n, 3)), np.zeros(3), 0
+    for i in range(n):
+        if not commanded[i] or not np.isfinite(allowed_m_s[i, 0]):
+            for k in range(3):
+                least_m_s[i, k] = most_m_s[i, k] = np.nan
+                lack_m_s[i, k] = 0.0
+            slow_for_s[i] = 0.0
+            square_m2_s2[i] *= np.exp(-dt_s * SHRINKS_PER_S)
+            continue
+        many += 1
+        for k in range(3):
+            missing_m_s[i, k] = _missing(
+                i, k, least_m_s, most_m_s, allowed_m_s, velocity_m_s, dt_s / answer_s
+            )
+            lack_m_s[i, k] += (1.0 - np.exp(-dt_s / lack_s)) * (missing_m_s[i, k] - lack_m_s[i, k])
+            mean_m_s[k] += missing_m_s[i, k]
+    together = 0.0
+    for i in range(n):
+        if np.isfinite(least_m_s[i, 0]):
+            square = 0.0
+            for k in range(3):
+                square += (missing_m_s[i, k] - mean_m_s[k] / many) ** 2 / 3.0
+            rate_per_s = GROWS_PER_S if square > square_m2_s2[i] else SHRINKS_PER_S
+            square_m2_s2[i] += (1.0 - np.exp(-dt_s * rate_per_s)) * (square - square_m2_s2[i])
+            together += square_m2_s2[i] / many
+    slow_m_s = max(SLOW_M_S, SLOW_WANDER * np.sqrt(together))
+    for i in range(n):
+        if np.isfinite(least_m_s[i, 0]):
+            _learn_limit(
+                i, lack_m_s, velocity_m_s, allowed_m_s, slow_for_s, speed_max_m_s, dt_s, slow_s, slow_m_s
+            )
+    unlimited = speed_max_m_s >= fastest_m_s
+    return least_m_s, most_m_s, lack_m_s, square_m2_s2, slow_for_s, np.where(unlimited, np.inf, speed_max_m_s)
+
+
+@kernel
+def _missing(
+    i: int, k: int, least_m_s: Array, most_m_s: Array, allowed_m_s: Array, velocity_m_s: Array, share: float
+) -> float:
+    """Move the span of row i along axis k on by `share` of its time, in place. Returns: what is missing."""
+    new_m_s, now_m_s = allowed_m_s[i, k], velocity_m_s[i, k]
+    if not np.isfinite(least_m_s[i, k]):
+        least_m_s[i, k] = most_m_s[i, k] = now_m_s
+    blend = 1.0 - np.exp(-share)
+    least_m_s[i, k] = min(new_m_s, least_m_s[i, k] + blend * (new_m_s - least_m_s[i, k]))
+    most_m_s[i, k] = max(new_m_s, most_m_s[i, k] + blend * (new_m_s - most_m_s[i, k]))
+    missing_m_s: float = min(max(now_m_s, least_m_s[i, k]), most_m_s[i, k]) - now_m_s
+    return missing_m_s
+
+
+@kernel
+def _learn_limit(
+    i: int,
+    lack_m_s: Array,
+    velocity_m_s: Array,
+    allowed_m_s: Array,
+    slow_for_s: Array,
+    speed_max_m_s: Array,
+    dt_s: float,
+    slow_s: float,
+    slow_m_s: float,
+) -> None:
+    """Lower or raise the speed limit of row i, in place, from its motion over the ground."""
+    lack, speed, asked, along = 0.0, 0.0, 0.0, 0.0
+    for k in range(2):
+        lack += lack_m_s[i, k] ** 2
+        speed += velocity_m_s[i, k] ** 2
+        asked += allowed_m_s[i, k] ** 2
+        along += lack_m_s[i, k] * velocity_m_s[i, k]
+    lack, speed, asked = np.sqrt(lack), np.sqrt(speed), np.sqrt(asked)
+    too_slow = lack > slow_m_s and along > STEADY * lack * speed and speed > LOWEST_M_S / 2.0
+    slow_for_s[i] = slow_for_s[i] + dt_s if too_slow else 0.0
+    if slow_for_s[i] >= slow_s:
+        speed_max_m_s[i] = min(speed_max_m_s[i], max(speed + SPARE_M_S, LOWEST_M_S))
+    elif np.isfinite(speed_max_m_s[i]) and asked > 0.9 * speed_max_m_s[i] and speed > 0.8 * asked:
+        speed_max_m_s[i] += RETRY_M_S2 * dt_s
+
+
+def reach_constraints(
+    velocity_m_s: Array,
+    commanded: Mask,
+    lack_m_s: Array,
+    walls: Constraints,
+    threshold_m_s: float,
+    reserve_m_s: float,
+) -> Constraints:
+    """Bound each velocity along a large lack to what the vehicle does, plus a reserve.
+
+    Large is twice the threshold and more. Of a pair, the other vehicle then has to do all of it. Where a wall
+    demands more, it is demanded.
+
+    Args:
+        velocity_m_s: (n, 3) measured.
+        commanded: (n,).
+        lack_m_s: (n, 3).
+        walls: of the same rows.
+        threshold_m_s: as of `yielding`.
+        reserve_m_s: as of `yielding`.
+    """
+    size_m_s = np.linalg.norm(lack_m_s, axis=1)
+    rows = np.flatnonzero(commanded & (size_m_s >= 2.0 * threshold_m_s))
+    if len(rows) == 0:
+        return Constraints.none()
+    along = np.zeros_like(lack_m_s)
+    along[rows] = lack_m_s[rows] / size_m_s[rows, None]
+    reach_m_s = (along * velocity_m_s).sum(axis=1) + reserve_m_s
+    towards = (walls.normal * along[walls.first]).sum(axis=1)
+    demanded = towards > WALL_SHARE
+    needed_m_s = walls.bound_m_s[demanded] / towards[demanded]
+    np.maximum.at(reach_m_s, walls.first[demanded], needed_m_s)
+    return Constraints(
+        rows, np.full(len(rows), NO_ROW), -along[rows], -reach_m_s[rows], ("authority",) * len(rows)
+    )
+
+
+@kernel
+def yielding(
+    desired_m_s: Array, velocity_m_s: Array, lack_m_s: Array, threshold_m_s: float, reserve_m_s: float
+) -> tuple[Array, Mask]:
+    """Velocities (n, 3) that no longer ask for what the vehicles do not reach, and the rows (n,) that yield.
+
+    A vehicle that is asked for more than it has gives all of its thrust for that, and nothing is left to keep
+    it apart from others. Along its lack it is asked for `reserve_m_s` more than it does. The safety filter
+    comes after this: walls and pairs may demand everything.
+
+    Args:
+        desired_m_s: (n, 3).
+        velocity_m_s: (n, 3) measured.
+        lack_m_s: (n, 3).
+        threshold_m_s: a lack of this size begins to count; one of twice this size counts completely.
+        reserve_m_s: as above.
+    """
+    yielded_m_s, yields = desired_m_s.copy(), np.zeros(len(desired_m_s), np.bool_)
+    for i in range(len(desired_m_s)):
+        square = 0.0
+        for k in range(3):
+            square += lack_m_s[i, k] ** 2
+        lack = np.sqrt(square)
+        share = min((lack - threshold_m_s) / threshold_m_s, 1.0)
+        if not share > 0.0:
+            continue
+        yields[i] = True
+        over = -reserve_m_s
+        for k in range(3):
+            over += (desired_m_s[i, k] - velocity_m_s[i, k]) * lack_m_s[i, k] / max(lack, TINY)
+        if over > 0.0:
+            for k in range(3):
+                yielded_m_s[i, k] -= share * over * lack_m_s[i, k] / max(lack, TINY)
+    return yielded_m_s, yields
