@@ -98,6 +98,7 @@ class Memory:
     center: Center | None  # None until a formation flies
     radius_m: float
     desired_m_s: Array  # (n, 3) velocity after the safety filter, NaN where not commanded
+    asked_m_s: Array  # (n, 3) the same, of vehicles that yield to a lack of authority what the law requires
     yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement
     engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
@@ -124,6 +125,7 @@ class Memory:
             center=None,
             radius_m=0.0,
             desired_m_s=nowhere,
+            asked_m_s=nowhere,
             yaw_rad=nothing,
             held_yaw_rad=nothing,
             engaged_time_s=nothing,

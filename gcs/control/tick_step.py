@@ -90,6 +90,7 @@ def tick(
         center=lead.center,
         radius_m=lead.radius_m,
         desired_m_s=np.where(now.commanded[:, None], allowed_m_s, np.nan),
+        asked_m_s=_asked(now, desired_m_s, allowed_m_s, yields),
         yaw_rad=yaw_rad,
         held_yaw_rad=held_rad,
         engaged_time_s=lead.engaged_time_s,
@@ -149,6 +150,13 @@ def _authority(now: TickInputs, memory: Memory) -> Authority:
         link_delay_s=safety.link_delay_s,
         settings=safety.authority,
     )
+
+
+def _asked(now: TickInputs, desired_m_s: Array, allowed_m_s: Array, yields: Mask) -> Array:
+    """(n, 3) velocities of vehicles with all their authority, for the wind failsafe; NaN: not commanded."""
+    asked_m_s = np.where(yields[:, None], desired_m_s, allowed_m_s)
+    asked_m_s[~now.commanded] = np.nan
+    return asked_m_s
 
 
 def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:

@@ -90,7 +90,7 @@ class FailsafeMonitor:
             fleet.time_s,
             fleet.position_m,
             fleet.velocity_m_s,
-            flight.memory.desired_m_s,
+            flight.memory.asked_m_s,
             flight.in_rows([part.battery_remaining for part in parts]),
             flight.in_rows([part.horizontal_accuracy_m for part in parts]),
             flight.in_rows([part.vertical_accuracy_m for part in parts]),

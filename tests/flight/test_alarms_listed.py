@@ -235,3 +235,49 @@ def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
         assert show.view.failsafes == ()
 
     fly(story, show_config(8, formation={"radius_m": 7.0, "height_m": 25.0}))
+
+
+def test_wind_beyond_the_vehicles_thrust_spreads_them_and_is_an_alarm() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        assert listed(show, AlarmCause.LITTLE_AUTHORITY) is None
+        for name, north_m_s in zip(show.config.ids, (13.0, 9.0, 12.0, 14.0, 10.0, 11.0), strict=True):
+            show.befall(name, "wind", north_m_s=north_m_s)
+        await show.until(lambda: listed(show, AlarmCause.LITTLE_AUTHORITY) is not None, 20.0)
+        alarm = listed(show, AlarmCause.LITTLE_AUTHORITY)
+        assert alarm is not None
+        assert alarm.severity is AlarmSeverity.CAUTION
+        assert "Pairs keep up to" in alarm.text
+        for name in show.config.ids:
+            show.befall(name, "wind")
+        await show.until(
+            lambda: not (found := listed(show, AlarmCause.LITTLE_AUTHORITY)) or not found.lasts, 90.0
+        )
+        assert show.floor_violations() == 0
+
+    fly(story, show_config(6, failsafes={"wind": {"action": "ignore"}}))
+
+
+def test_vehicle_slower_than_configured_is_named_until_it_answers() -> None:
+    async def story(show: Show) -> None:
+        await show.start()
+        parameters = show.autopilot("d3").parameters
+        parameters["MPC_XY_VEL_MAX"] = 2.0
+        await show.until(lambda: listed(show, AlarmCause.SLOW_VEHICLE) is not None, 40.0)
+        alarm = listed(show, AlarmCause.SLOW_VEHICLE)
+        assert alarm is not None
+        assert alarm.vehicles == ("d3",)
+        assert "of 6 m/s" in alarm.text
+        parameters["MPC_XY_VEL_MAX"] = 12.0
+        await show.until(
+            lambda: not (found := listed(show, AlarmCause.SLOW_VEHICLE)) or not found.lasts, 90.0
+        )
+        assert listed(show, AlarmCause.LITTLE_AUTHORITY) is None
+        assert show.floor_violations() == 0
+
+    orbit = {"radius_m": 30.0, "speed_m_s": 5.0}
+    control = {
+        "law": {"speed_m_s": 5.0, "center_speed_max_m_s": 5.0},
+        "safety": {"limits": {"horizontal_m_s": 6.0}},
+    }
+    fly(story, show_config(6, orbit=orbit, control=control))

@@ -266,3 +266,29 @@ def test_way_out_of_a_box_is_shortest_and_ends_on_its_surface(position: Array, o
     )
     assert np.allclose(found.bound_m_s[~walls], 0.0)
     assert np.allclose(found.normal[~walls], (0.0, 0.0, -1.0))
+
+
+@CALM
+@given(within(2.0, 20.0), st.booleans(), within(0.0, 1.5), within(0.0, 1.5), within(0.0, 1.5))
+def test_wander_never_allows_a_faster_approach(
+    apart_m: float, above: bool, mine: float, theirs: float, more: float
+) -> None:
+    position = np.array([[0.0, 0.0, -30.0], [0.0, 0.0, -30.0]])
+    position[1, 2 if above else 0] += apart_m
+
+    def allowed_m_s(*wander_m: float) -> float:
+        pairs = separation_constraints(
+            position,
+            np.zeros((2, 3)),
+            np.ones(2, np.bool_),
+            np.ones(2, np.bool_),
+            floor=SAFETY.floor,
+            braking=BRAKING,
+            uncertainty_m=np.zeros(2),
+            wander_m=np.array(wander_m),
+            course_m_s=np.zeros((2, 3)),
+            spare_m_s=np.full(2, EVERYTHING_M_S),
+        )
+        return -float(pairs.bound_m_s[0])
+
+    assert allowed_m_s(mine + more, theirs) <= allowed_m_s(mine, theirs) <= allowed_m_s(0.0, 0.0)

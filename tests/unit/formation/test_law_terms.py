@@ -251,7 +251,7 @@ def test_at_a_limit_the_trim_does_not_grow_but_may_shrink() -> None:
     assert trimmed(np.array([[3.5, 0.0, 0.0]]), requested=12.0, trim=1.0, ticks=50)[0, 0] < 1.0
 
 
-def test_trim_of_a_vehicle_that_yields_does_not_grow_but_may_shrink() -> None:
+def test_trim_of_a_yielding_vehicle_may_only_shrink() -> None:
     assert trimmed(np.array([[0.5, 0.0, 0.0]]), trim=1.0, ticks=50, yields=True)[0, 0] == 1.0
     assert trimmed(np.array([[3.5, 0.0, 0.0]]), trim=1.0, ticks=50, yields=True)[0, 0] < 1.0
 
