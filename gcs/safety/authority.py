@@ -33,6 +33,9 @@ SPARE_M_S = 0.3
 RETRY_M_S2 = 0.2
 """Growth of the learned speed limit while the vehicle reaches it."""
 
+RECOVERED = 0.75
+"""Share of the configured speed from which a learned limit ends: few flights ask for all of it."""
+
 LOWEST_M_S = 0.5
 """Least speed limit that is learned."""
 
@@ -128,7 +131,7 @@ def measured(
         allowed_m_s: (n, 3) that the previous tick commanded, NaN: none.
         velocity_m_s: (n, 3) measured.
         commanded: (n,) has a task and fresh telemetry now.
-        fastest_m_s: (n,) configured speed of each vehicle sideways; a learned limit above it ends.
+        fastest_m_s: (n,) configured speed of each vehicle sideways; a learned limit near it ends.
         dt_s: since the previous tick.
         link_delay_s: one way: answers may be later by a round trip.
         settings: thresholds and times.
@@ -200,7 +203,7 @@ def _measured(
             _learn_limit(
                 i, lack_m_s, velocity_m_s, allowed_m_s, slow_for_s, speed_max_m_s, dt_s, slow_s, slow_m_s
             )
-    unlimited = speed_max_m_s >= fastest_m_s
+    unlimited = speed_max_m_s >= RECOVERED * fastest_m_s
     return least_m_s, most_m_s, lack_m_s, square_m2_s2, slow_for_s, np.where(unlimited, np.inf, speed_max_m_s)
 
 

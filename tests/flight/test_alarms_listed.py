@@ -237,7 +237,7 @@ def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
     fly(story, show_config(8, formation={"radius_m": 7.0, "height_m": 25.0}))
 
 
-def test_wind_beyond_the_vehicles_thrust_spreads_them_and_is_an_alarm() -> None:
+def test_wind_beyond_the_thrust_is_an_alarm() -> None:
     async def story(show: Show) -> None:
         await show.start()
         assert listed(show, AlarmCause.LITTLE_AUTHORITY) is None
@@ -258,21 +258,20 @@ def test_wind_beyond_the_vehicles_thrust_spreads_them_and_is_an_alarm() -> None:
     fly(story, show_config(6, failsafes={"wind": {"action": "ignore"}}))
 
 
-def test_vehicle_slower_than_configured_is_named_until_it_answers() -> None:
+def test_slow_vehicle_is_named_until_it_answers() -> None:
     async def story(show: Show) -> None:
         await show.start()
         parameters = show.autopilot("d3").parameters
-        parameters["MPC_XY_VEL_MAX"] = 2.0
+        parameters.set("MPC_XY_VEL_MAX", 2.0)
         await show.until(lambda: listed(show, AlarmCause.SLOW_VEHICLE) is not None, 40.0)
         alarm = listed(show, AlarmCause.SLOW_VEHICLE)
         assert alarm is not None
         assert alarm.vehicles == ("d3",)
         assert "of 6 m/s" in alarm.text
-        parameters["MPC_XY_VEL_MAX"] = 12.0
+        parameters.set("MPC_XY_VEL_MAX", 12.0)
         await show.until(
             lambda: not (found := listed(show, AlarmCause.SLOW_VEHICLE)) or not found.lasts, 90.0
         )
-        assert listed(show, AlarmCause.LITTLE_AUTHORITY) is None
         assert show.floor_violations() == 0
 
     orbit = {"radius_m": 30.0, "speed_m_s": 5.0}
