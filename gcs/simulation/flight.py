@@ -8,33 +8,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
-from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick, warm_up
-from gcs.estimation.fleet_state import Positioning, uncertainty_m
+from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, ellipses_of, tick, warm_up
+from gcs.failsafe.policy import Action
+from gcs.flight.commander import STOPS_WITHIN_S
 from gcs.formation.neighbours import Sight
-from gcs.model.errors import ConfigError, RefusedError
-from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
-from gcs.model.state import Array, Mask, Traits
-from gcs.planning.feasibility import check_obstacle, radius_allowed, smallest_formation_radius_m
+from gcs.model.errors import RefusedError
+from gcs.model.plan import Formation, Orbit, Plan
+from gcs.model.state import Array, FleetState, Mask, Traits
+from gcs.planning.feasibility import check_obstacle
+from gcs.planning.landing_sites import distinct_sites_m
 from gcs.planning.return_paths import (
+    WELL_IN_PLACE_M,
     PathProgress,
     ReturnPaths,
+    is_above,
     keeps_to_path,
     may_hand_over,
     plan_return_paths,
 )
 from gcs.planning.return_paths.planner import return_planner
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
-from gcs.sim.vehicle.sensors import accuracy_m, fix_type
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.initial_states import draw_world
-from gcs.simulation.loss import Losses
+from gcs.simulation.loss import Losses, ServiceFailsafes
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
 from gcs.simulation.scenario import ArticleFlight, Carried, FormationFlight, GoalFlight, Loss, Scenario
 from gcs.simulation.world import TOUCHDOWN_M_S, Neighbourhood, TrueWorld
-
-PADS_DEVIATIONS = 3.0
-"""By this many standard deviations pads are farther apart than the least: preflight measures it."""
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
 AFTER_BOXES_S = 25.0
@@ -61,10 +61,15 @@ class SimulatedFlight:
         self.losses = Losses(loss, n, seed)
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
+        policy = scenario.failsafes
+        self.failsafes = (
+            None if policy is None else ServiceFailsafes(policy, n, layout.reported_accuracy_m(scenario))
+        )
+        self._site_m = np.full((n, 3), np.nan)  # where vehicles come down that a failsafe lands or returns
         self._progress: PathProgress | None = None
         self._returning = np.arange(0)  # (k,) rows of the return's plan
         self.memory = Memory.fresh(n, 0.0)
-        self.traits = Traits.alike(n, reported_uncertainty_m(scenario))
+        self.traits = Traits.alike(n, layout.reported_uncertainty_m(scenario))
 
     @property
     def floor(self) -> Floor:
@@ -106,13 +111,16 @@ class SimulatedFlight:
         if self.losses.advance(self.world, fleet):
             self.task[self.losses.known] = Task.NONE
             self.lost_now()
+        self._come_down()
+        paused = self.failsafes is not None and self.failsafes.paused
         tasks = Tasks(
             self.task.copy(),
             self.goal_m.copy(),
             self.world.in_air & self.present & ~self.losses.known,
             self.descending.copy(),
             self.losses.segments_m.copy(),
-            center_moves=self.center_moves,
+            center_moves=self.center_moves and not paused,
+            formation_waits=paused,
             follows_planned_path=self._follows_planned_path(),
             segments_of=self.losses.segments_of,
         )
@@ -121,10 +129,64 @@ class SimulatedFlight:
         decided = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
         took_s = time.thread_time() - began_s
         self.memory = decided.memory
+        self._mind_failsafes(fleet)
         self._keep(decided, took_s)
         self.world.send(decided.setpoints)
         seen_m = self.world.advance()
         self.record.closest_m.append(min(self._closest_m(position_m) for position_m in seen_m))
+
+    def _mind_failsafes(self, fleet: FleetState) -> None:
+        """Execute what the service's failsafes request, as the commander does."""
+        if self.failsafes is None:
+            return
+        flying = self.world.in_air & self.present & (self.task != Task.NONE)
+        formed, lost, fence = self.task == Task.FORMATION, self.losses.known, self.settings.safety.fence
+        for request in self.failsafes.advance(fleet, self.memory.desired_m_s, fence, flying, formed, lost):
+            self.record.failsafes.append((self.time_s, request.cause.value, request.action.value))
+            rows = flying if request.whole_show else np.isin(np.arange(len(flying)), request.rows)
+            if request.action in {Action.HOLD, Action.PAUSE}:
+                self.task[rows] = Task.GOAL
+                self.goal_m[rows] = fleet.position_m[rows] + STOPS_WITHIN_S * fleet.velocity_m_s[rows]
+            elif request.action is Action.LAND:
+                self._lead_down(rows, self._landing_sites_m(rows))
+            elif request.action is Action.RETURN and request.whole_show:
+                self.return_now()
+            elif request.action is Action.RETURN:
+                self._lead_down(rows, self.world.home_m if self.pads_m is None else self.pads_m)
+
+    def return_now(self) -> None:
+        """Begin the collective return on a failsafe."""
+
+    def _landing_sites_m(self, rows: Mask) -> Array:
+        """(n, 3) sites near the vehicles in `rows`, as in flight: clear of pads and other vehicles."""
+        here_m = self.world.received_m
+        taken_m = np.concatenate([self.world.home_m[~rows, :2], here_m[~rows, :2]])
+        spacing_m = OperationSettings.model_fields["landing_site_spacing_m"].default
+        sites_m = np.zeros_like(here_m)
+        ellipses = ellipses_of(self.plan, self.settings, self.time_s)
+        sites_m[rows, :2] = distinct_sites_m(here_m[rows, :2], taken_m, spacing_m, ellipses)
+        return sites_m
+
+    def _lead_down(self, rows: Mask, site_m: Array) -> None:
+        """Lead vehicles at their heights above their places (n, 3), and down."""
+        self.task[rows], self._site_m[rows] = Task.GOAL, site_m[rows]
+        self.goal_m[rows] = np.column_stack([site_m[rows, :2], self.world.received_m[rows, 2]])
+
+    def _come_down(self) -> None:
+        here_m, led = self.world.received_m, (self.task == Task.GOAL) & np.isfinite(self._site_m[:, 0])
+        if not led.any():
+            return
+        self._descend(led & ~self.descending & is_above(here_m, self._site_m, WELL_IN_PLACE_M), self._site_m)
+        self._hand_over(led & self.descending, self._site_m)
+
+    def _descend(self, arrived: Mask, place_m: Array) -> None:
+        self.descending = self.descending | arrived
+        self.goal_m[arrived] = place_m[arrived]
+
+    def _hand_over(self, flown: Mask, place_m: Array) -> None:
+        low = flown & may_hand_over(self.world.received_m, place_m, HANDOVER_HEIGHT_M)
+        self.task[low] = Task.NONE
+        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
     def _keep(self, decided: Tick, took_s: float) -> None:
         record, memory = self.record, decided.memory
@@ -172,7 +234,7 @@ class SimulatedFlight:
         here_m = self.world.received_m
         if begin:
             self.record.changed_s = self.time_s
-            flying = self.present & ~self.losses.known
+            flying = self.present & ~self.losses.known & np.isnan(self._site_m[:, 0])
             self.task[flying] = Task.GOAL
             self.record.goal_m = self.world.home_m if self.pads_m is None else self.pads_m
             self.record.expected = flying.copy()
@@ -188,11 +250,8 @@ class SimulatedFlight:
         arrived = np.zeros_like(led)
         self.goal_m[rows[led[rows]]] = progress.goal_m[led[rows]]
         arrived[rows] = led[rows] & progress.arrived
-        self.descending = self.descending | arrived
-        self.goal_m[arrived] = pads_m[arrived]
-        low = flown & self.descending & may_hand_over(here_m, pads_m, HANDOVER_HEIGHT_M)
-        self.task[low] = Task.NONE
-        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
+        self._descend(arrived, pads_m)
+        self._hand_over(flown & self.descending, pads_m)
 
     def _follows_planned_path(self) -> Mask | None:
         if self._progress is None:
@@ -224,45 +283,6 @@ class SimulatedFlight:
         self.world.remove(rows)
 
 
-def reported_uncertainty_m(scenario: Scenario) -> float:
-    """Uncertainty that the service gives each position, from what the receivers of this world report.
-
-    Their fix is of the kind that the error of the world can have, also where they report less than it.
-    """
-    world, floor = scenario.world, scenario.control.safety.floor
-    horizontal_m, vertical_m = np.hypot(np.multiply(world.noise, accuracy_m(1.0)), world.bias_m)
-    scale = max(horizontal_m, vertical_m / floor.vertical_uncertainty) / accuracy_m(1.0)[0]
-    wide_m = uncertainty_m(
-        floor.uncertainty_m,
-        floor.vertical_uncertainty,
-        np.full(1, world.reported_share * horizontal_m),
-        np.full(1, world.reported_share * vertical_m),
-        np.full(1, float(fix_type(scale))),
-        np.full(1, np.inf),
-        Positioning(),
-    )
-    return float(wide_m[0])
-
-
-def accepted(scenario: Scenario, flight: FormationFlight, count: int) -> tuple[FormationFlight, float]:
-    """Return the flight with pads as far apart as the service needs them, and the formation's radius.
-
-    Raises: ConfigError when the service would refuse the radius.
-    """
-    safety, uncertainty = scenario.control.safety, np.full(count, reported_uncertainty_m(scenario))
-    pads_m = safety.floor.kept_m(safety.floor.worst_reserve_m(uncertainty))[0]
-    pads_m += PADS_DEVIATIONS * float(np.hypot(uncertainty[0], uncertainty[0]))  # they are measured, too
-    if pads_m > flight.spacing_m:
-        flight = flight.model_copy(update={"spacing_m": pads_m})
-    least_m, radius_m = smallest_formation_radius_m(count, safety, uncertainty), flight.radius_m
-    if radius_m is None or radius_m == "least":
-        return flight, max(least_m, layout.assembly_radius_m(count) if radius_m is None else 0.0)
-    if radius_m < least_m:
-        text = radius_allowed(count, safety, uncertainty)
-        raise ConfigError(f"{scenario.name}: flight.radius_m = {radius_m:g}: {text}")
-    return flight, radius_m
-
-
 class FormationRun(SimulatedFlight):
     """A formation engaged at once; target, leaving, joining and return follow the scenario."""
 
@@ -270,11 +290,11 @@ class FormationRun(SimulatedFlight):
         self.flight = flight
         self._random = np.random.default_rng([seed, 1])
         total = count + flight.join
-        flight, radius_m = accepted(scenario, flight, total)
+        flight, radius_m = layout.accepted(scenario, flight, total)
         start_m = layout.formation_start_m(flight, radius_m, total, self._random)
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         orbit = Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction)
-        self._boxes = _boxes_of(flight)
+        self._boxes = layout.boxes_of(flight)
         self._target_m = np.array([flight.target.x_m, flight.target.y_m])
         if flight.random_obstacles is not None:
             avoidance = scenario.control.law.avoidance
@@ -291,7 +311,7 @@ class FormationRun(SimulatedFlight):
         self.record.orbit_radius_m = orbit.radius_m
         self.task[:count] = Task.FORMATION
         self._joining = np.arange(total) >= count
-        self._changed = self._ended = False
+        self._changed = self._ended = self._returns = False
         self._passing_s = 0.0
         self._path_m: tuple[Array, Array] | None = None  # start and displacement of a carried vehicle
         rows = np.arange(total)
@@ -322,8 +342,12 @@ class FormationRun(SimulatedFlight):
             self._carry(flight.carried)
         if not self._changed and (flight.leave_share or flight.join) and now_s >= flight.change_s:
             self._change()
-        if flight.ending != "none" and now_s >= flight.ending_s:
+        if self._returns or (flight.ending != "none" and now_s >= flight.ending_s):
             self._end()
+
+    def return_now(self) -> None:
+        """Return from the next tick on."""
+        self._returns = not self._ended
 
     def sight(self) -> Sight | None:
         """What the radio, if the scenario has one, has delivered by now."""
@@ -341,7 +365,7 @@ class FormationRun(SimulatedFlight):
                     acceleration_m_s2 += (turn.acceleration_x_m_s2, turn.acceleration_y_m_s2)
             self._target_m = self._target_m + dt_s * (self._target_m_s + dt_s * acceleration_m_s2 / 2)
             self._target_m_s = self._target_m_s + dt_s * acceleration_m_s2
-        target = target_at(now_s, self._target_m, self._target_m_s)
+        target = layout.target_at(now_s, self._target_m, self._target_m_s)
         self.plan = replace(self.plan, target=target)
 
     def _carry(self, carried: Carried) -> None:
@@ -398,7 +422,7 @@ class FormationRun(SimulatedFlight):
 
     def _end(self) -> None:
         """End the flight: a return through the filter, or what the autopilots do without setpoints."""
-        if self.flight.ending == "return":
+        if self._returns or self.flight.ending == "return":
             self.come_home(self.flight.takeoff_height_m, begin=not self._ended)
         elif not self._ended:
             flying = self.present & self.world.in_air
@@ -411,7 +435,7 @@ class FormationRun(SimulatedFlight):
         random = self.flight.random_obstacles
         if random is not None and random.kind not in {"closing", "closed"}:
             return self._past_all_boxes()
-        return self._ended and not self.record.in_air[-1].any()
+        return self._ended and not (self.record.in_air[-1] & ~self.losses.known).any()
 
     def _past_all_boxes(self) -> bool:
         record, now_s = self.record, self.time_s
@@ -450,33 +474,6 @@ class GoalRun(SimulatedFlight):
         away_m = np.linalg.norm(self.world.position_m - self.record.goal_m, axis=1)[expected].max(initial=0.0)
         self._since_s = min(self._since_s, self.time_s) if away_m < self.flight.arrived_m else np.inf
         return self.time_s - self._since_s > LINGER_S
-
-
-def _boxes_of(flight: FormationFlight) -> list[tuple[Obstacle, float]]:
-    """Return the boxes of the file, known from the beginning."""
-    return [
-        (
-            Obstacle(
-                f"box {index + 1}",
-                box.x_m,
-                box.y_m,
-                box.half_length_x_m,
-                box.half_length_y_m,
-                box.height_m,
-                box.velocity_x_m_s,
-                box.velocity_y_m_s,
-            ),
-            0.0,
-        )
-        for index, box in enumerate(flight.boxes)
-    ]
-
-
-def target_at(time_s: float, place_m: Array, velocity_m_s: Array) -> Target:
-    """Make the target as an operator would set it, with (2,) position and (2,) velocity."""
-    return Target(
-        float(place_m[0]), float(place_m[1]), float(velocity_m_s[0]), float(velocity_m_s[1]), time_s
-    )
 
 
 def fly(scenario: Scenario, count: int, seed: int) -> Record:

@@ -5,12 +5,18 @@ from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
 
+from gcs.estimation.fleet_state import Positioning, uncertainty_m
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.errors import ConfigError
-from gcs.model.plan import Obstacle
+from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
+from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
+from gcs.sim.vehicle.sensors import accuracy_m, fix_type
 from gcs.simulation.reference_shapes import best
-from gcs.simulation.scenario import FormationFlight, GoalFlight, RandomObstacles
+from gcs.simulation.scenario import FormationFlight, GoalFlight, RandomObstacles, Scenario
+
+PADS_DEVIATIONS = 3.0
+"""By this many standard deviations pads are farther apart than the least: preflight measures it."""
 
 GOLDEN_RAD = np.pi * (3.0 - sqrt(5.0))
 TRIES = 20_000
@@ -373,3 +379,78 @@ def _leaves_passage(box: Obstacle, other: Obstacle, passage_m: float) -> bool:
     if box.speed_m_s == 0.0 and other.speed_m_s == 0.0:
         return bool(gap_m[0] == 0.0 or gap_m[0] >= passage_m)
     return bool((gap_m >= passage_m).all())
+
+
+def reported_accuracy_m(scenario: Scenario) -> tuple[float, float]:
+    """What the receivers of this world report, sideways and up."""
+    world = scenario.world
+    horizontal_m, vertical_m = world.reported_share * np.hypot(
+        np.multiply(world.noise, accuracy_m(1.0)), world.bias_m
+    )
+    return float(horizontal_m), float(vertical_m)
+
+
+def reported_uncertainty_m(scenario: Scenario) -> float:
+    """Uncertainty that the service gives each position, from what the receivers of this world report.
+
+    Their fix is of the kind that the error of the world can have, also where they report less than it.
+    """
+    world, floor = scenario.world, scenario.control.safety.floor
+    horizontal_m, vertical_m = np.hypot(np.multiply(world.noise, accuracy_m(1.0)), world.bias_m)
+    scale = max(horizontal_m, vertical_m / floor.vertical_uncertainty) / accuracy_m(1.0)[0]
+    wide_m = uncertainty_m(
+        floor.uncertainty_m,
+        floor.vertical_uncertainty,
+        np.full(1, reported_accuracy_m(scenario)[0]),
+        np.full(1, reported_accuracy_m(scenario)[1]),
+        np.full(1, float(fix_type(scale))),
+        np.full(1, np.inf),
+        Positioning(),
+    )
+    return float(wide_m[0])
+
+
+def accepted(scenario: Scenario, flight: FormationFlight, count: int) -> tuple[FormationFlight, float]:
+    """Return the flight with pads as far apart as the service needs them, and the formation's radius.
+
+    Raises: ConfigError when the service would refuse the radius.
+    """
+    safety, uncertainty = scenario.control.safety, np.full(count, reported_uncertainty_m(scenario))
+    pads_m = safety.floor.kept_m(safety.floor.worst_reserve_m(uncertainty))[0]
+    pads_m += PADS_DEVIATIONS * float(np.hypot(uncertainty[0], uncertainty[0]))  # they are measured, too
+    if pads_m > flight.spacing_m:
+        flight = flight.model_copy(update={"spacing_m": pads_m})
+    least_m, radius_m = smallest_formation_radius_m(count, safety, uncertainty), flight.radius_m
+    if radius_m is None or radius_m == "least":
+        return flight, max(least_m, assembly_radius_m(count) if radius_m is None else 0.0)
+    if radius_m < least_m:
+        text = radius_allowed(count, safety, uncertainty)
+        raise ConfigError(f"{scenario.name}: flight.radius_m = {radius_m:g}: {text}")
+    return flight, radius_m
+
+
+def boxes_of(flight: FormationFlight) -> list[tuple[Obstacle, float]]:
+    """Return the boxes of the file, known from the beginning."""
+    return [
+        (
+            Obstacle(
+                f"box {index + 1}",
+                box.x_m,
+                box.y_m,
+                box.half_length_x_m,
+                box.half_length_y_m,
+                box.height_m,
+                box.velocity_x_m_s,
+                box.velocity_y_m_s,
+            ),
+            0.0,
+        )
+        for index, box in enumerate(flight.boxes)
+    ]
+
+
+def target_at(time_s: float, place_m: Array, velocity_m_s: Array) -> Target:
+    """Make the target as an operator would set it, with (2,) position and (2,) velocity."""
+    return Target(
+        float(place_m[0]), float(place_m[1]), float(velocity_m_s[0]), float(velocity_m_s[1]), time_s
+    )

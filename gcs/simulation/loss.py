@@ -1,12 +1,16 @@
-"""Vehicles that lose their links in a simulated flight: what they do, and what the flight knows of them."""
+"""Vehicles that lose their links in a simulated flight, and the service's failsafes, which act on it."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
+from gcs.failsafe.arbitration import Failsafes, Standing
+from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, FailsafePolicy
+from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.model.state import Array, FleetState, Mask
 from gcs.planning.landing_sites import STOP_S, swept_segments_m
 from gcs.safety.separation import Floor
+from gcs.safety.walls import Fence
 from gcs.simulation.scenario import Loss
 from gcs.simulation.world import TrueWorld
 
@@ -73,3 +77,84 @@ class Losses:
             away_m = np.linalg.norm(offset_m - share[:, None] * along_m, axis=1)
             least_m = np.minimum(least_m, away_m)
         return least_m
+
+
+class ServiceFailsafes:
+    """The failsafes of the service in a simulated flight: triggers and arbitration are those of a flight.
+
+    Batteries, links and clocks are not simulated: what is lost, the wind and the fence act.
+    """
+
+    def __init__(self, policy: FailsafePolicy, count: int, accuracy_m: tuple[float, float]) -> None:
+        """`accuracy_m`: what every receiver reports, sideways and up."""
+        self._failsafes = Failsafes(policy, Known.nothing(count, 0.0, policy))
+        self._accuracy_m, self._active, self._paused_s = accuracy_m, False, np.inf
+        self.show = FLIES_ON
+        """Severity of what the whole show does."""
+        self.vehicles = np.full(count, FLIES_ON)
+        """(n,) severity of what each vehicle does."""
+
+    @property
+    def paused(self) -> bool:
+        """Whether a failsafe holds the whole show."""
+        return self.show == SEVERITY[Action.PAUSE]
+
+    def advance(
+        self, fleet: FleetState, desired_m_s: Array, fence: Fence, flying: Mask, formed: Mask, lost: Mask
+    ) -> list[FailsafeRequest]:
+        """Evaluate all triggers; called once a tick.
+
+        Args:
+            fleet: n vehicles.
+            desired_m_s: (n, 3) commanded velocities, NaN: not commanded.
+            fence: of the flight.
+            flying: (n,) in the air and under control.
+            formed: (n,) of these in formation.
+            lost: (n,) taken for lost.
+
+        Returns: the requests that are executed now.
+        """
+        n, executed = len(flying), list[FailsafeRequest]()
+        nothing, never = np.full(n, np.nan), np.full(n, -np.inf)
+        wide_m, tall_m = (np.full(n, accuracy_m) for accuracy_m in self._accuracy_m)
+        seen = Seen(
+            fleet.time_s,
+            fleet.position_m,
+            fleet.velocity_m_s,
+            desired_m_s,
+            nothing,
+            wide_m,
+            tall_m,
+            np.zeros(n, dtype=bool),
+            lost,
+            never,
+            fence,
+            np.nan,
+            0.0,
+            np.zeros(n),
+            np.ones(n),
+        )
+        roles = Roles(flying, formed, lost, max(fleet.time_s - self._paused_s, 0.0))
+        requests = self._failsafes.look(seen, lambda: roles, active=self._active)
+        if requests is None:
+            return executed
+        possible = {Action.RETURN, Action.LAND}
+        if self.show == FLIES_ON:
+            possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET}
+
+        def standing() -> Standing:
+            severities = np.where(flying, np.maximum(self.vehicles, self.show), np.nan)
+            return Standing(self.show, severities, frozenset(possible))
+
+        def command(request: FailsafeRequest) -> FailsafeRequest:
+            executed.append(request)
+            if not request.whole_show:
+                self.vehicles[list(request.rows)] = request.severity
+            elif request.severity >= SEVERITY[Action.PAUSE]:
+                self.show = request.severity
+                self._paused_s = fleet.time_s if self.paused else np.inf
+            return request
+
+        self._failsafes.execute(requests, standing, command)
+        self._active = bool(requests)
+        return executed

@@ -441,7 +441,7 @@ def report(record: Record) -> dict[str, object]:
     """All figures of one flight, as one JSON object."""
     shape = shape_over_time(record)
     duration_s = record.time_s[-1] + 1.0 / record.scenario.world.tick_rate_hz
-    return {
+    figures = {
         "scenario": record.scenario.name,
         "vehicles": record.count,
         "seed": record.seed,
@@ -455,3 +455,10 @@ def report(record: Record) -> dict[str, object]:
         "article": article_figures(record),
         "tick": ticks_ms(record),
     }
+    if record.failsafes:
+        acted = [
+            {"time_s": rounded(when_s), "cause": why, "action": what}
+            for when_s, why, what in record.failsafes
+        ]
+        figures["failsafes"] = acted
+    return figures

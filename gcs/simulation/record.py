@@ -48,6 +48,7 @@ class Record:
     off_slot_m: list[Array] = field(
         default_factory=list
     )  # (n,) distance of each vehicle from its slot, with losses only; NaN: no clear slot
+    failsafes: list[tuple[float, str, str]] = field(default_factory=list)  # time, cause, action
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight
     carried_s: tuple[float, ...] = ()  # when a carried vehicle was held, let go, and the flight ends

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from gcs.control import Task
+from gcs.failsafe.policy import FailsafePolicy
 from gcs.flight.fleet import stands
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
@@ -44,6 +45,7 @@ class Rehearsal(SimulatedFlight):
         self.ended_s: float | None = None  # when the return began
         self.flaws: list[Flaw] = []
         self._refused: set[str] = set()
+        self._named = 0  # failsafes that acted, and are among the flaws
         first = timeline.plan_at(0.0)
         flight = FormationFlight(
             kind="formation",
@@ -60,6 +62,7 @@ class Rehearsal(SimulatedFlight):
             judged=Judged(vehicles=(show.fleet.vehicles,)),
             world=world,
             control=show.control,
+            failsafes=FailsafePolicy(),
         )
         start_m = show.pads_m - (0.0, 0.0, show.fleet.takeoff_height_m)
         super().__init__(scenario, start_m, np.full_like(start_m, np.nan), first, seed)
@@ -70,6 +73,10 @@ class Rehearsal(SimulatedFlight):
         if self._on_progress is not None and self.time_s >= self._report_at_s:
             self._report_at_s = self.time_s + REPORT_S
             self._on_progress(self.share_flown())
+        for when_s, cause, action in self.record.failsafes[self._named :]:
+            words = f"failsafe '{cause}' acts {when_s:.0f} s after the assembly began: {action}"
+            self.flaws.append(Flaw(("timeline", 0), words))
+        self._named = len(self.record.failsafes)
         if self.began_s is None:
             self._assemble()
         if self.began_s is not None and self.ended_s is None:
@@ -78,6 +85,12 @@ class Rehearsal(SimulatedFlight):
             begin = self.center_moves
             self.center_moves = False
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
+
+    def return_now(self) -> None:
+        """End the show: all vehicles return home."""
+        if self.ended_s is None:
+            self.began_s = self.time_s if self.began_s is None else self.began_s
+            self.ended_s, self.center_moves = self.time_s, True
 
     def share_flown(self) -> float:
         """Finished share of the flight, from 0 to 1: exact within the timeline, estimated elsewhere."""

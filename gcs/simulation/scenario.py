@@ -10,6 +10,7 @@ from gcs.config import yaml_files as documents
 from gcs.config.setting_errors import explained
 from gcs.config.yaml_files import Source
 from gcs.control import ControlSettings
+from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.article import ArticleParameters
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import ConfigError, quoted
@@ -278,6 +279,7 @@ class Scenario(Settings):
     world: World = World()
     worlds: tuple[World, ...] = ()  # instead of `world`, seed by seed in turn; the file has what differs
     control: ControlSettings = ControlSettings()
+    failsafes: FailsafePolicy | None = None  # of the service, for a formation; None: they are off
 
     def in_world_of(self, seed: int) -> "Scenario":
         """Return the scenario in the world in which it is flown with this seed."""
