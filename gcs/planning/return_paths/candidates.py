@@ -1,7 +1,7 @@
 """Candidate paths of each vehicle: slanting, level or by a detour to above its pad, then straight down."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,16 +87,54 @@ def lay(
         closed: the space that lost vehicles may sweep; None: no vehicle is lost.
     """
     corners_m = _corners_m(start_m, pad_m, over_m, handover_m)
-    goal_m, path_m, first, over = _laid(
-        corners_m, SPEED_SHARE * speeds_m_s, TOUCH_DOWN_M_S, speeds_m_s, goal_rate_per_s
-    )
+    speeds = SPEED_SHARE * speeds_m_s, TOUCH_DOWN_M_S, speeds_m_s, goal_rate_per_s
+    found = _free_of(_laid(corners_m, *speeds), are_free, closed)
+    blocked = np.flatnonzero(~found.free.reshape(-1, EACH).any(axis=1))
+    if closed is not None and len(closed.segments_m) and len(blocked):
+        for row in blocked.tolist():
+            own = slice(row * EACH, (row + 1) * EACH)
+            corners_m[own] = _round_closed(corners_m[own], closed)
+        found = _free_of(_laid(corners_m, *speeds), are_free, closed)
+    return replace(found, free=_or_all(found.free))
+
+
+def _free_of(
+    laid: tuple[Array, Array, Rows, Rows], are_free: AreFree | None, closed: Closed | None
+) -> Candidates:
+    """The candidates (goals, paths, index of each, steps), and which are clear of everything."""
+    goal_m, path_m, first, over = laid
     free = np.ones(len(over), dtype=np.bool_)
     if are_free is not None and len(path_m):
-        free = _or_all(np.logical_and.reduceat(are_free(path_m), first[:-1]))
+        free = np.logical_and.reduceat(are_free(path_m), first[:-1])
     if closed is not None and len(closed.segments_m):
         free &= _clear_of(path_m * closed.scale, first, closed.segments_m, closed.kept_m)
-        free = _or_all(free)
     return Candidates(goal_m, path_m, first, over, free)
+
+
+def _round_closed(corners_m: Array, closed: Closed) -> Array:
+    """(EACH, 5, 3) the paths of one vehicle, led past the lost vehicle nearest to the straight way.
+
+    Eight points about it, at two distances each: a vehicle cuts the corner, the more the faster it is.
+    """
+    start_m, over_m = corners_m[0, 0], corners_m[:, 2]
+    middle_m = closed.segments_m[:, 0] / closed.scale
+    along_m = corners_m[0, 4, :2] - start_m[:2]
+    share = np.clip((middle_m[:, :2] - start_m[:2]) @ along_m / max(along_m @ along_m, 1e-9), 0.0, 1.0)
+    off_m = np.linalg.norm(middle_m[:, :2] - start_m[:2] - share[:, None] * along_m, axis=1)
+    nearest = int(np.argmin(off_m - closed.kept_m))
+    turn_rad = np.arange(EACH // 2) * 2.0 * np.pi / (EACH // 2)
+    around_m = closed.kept_m[nearest] * np.column_stack([np.cos(turn_rad), np.sin(turn_rad)])
+    led_m, lowest_m = corners_m.copy(), over_m[0]
+    for k, share_kept in enumerate(ROUND_SHARES):
+        half = slice(k * (EACH // 2), (k + 1) * (EACH // 2))
+        led_m[half, 1, :2] = middle_m[nearest, :2] + share_kept * around_m
+        led_m[half, 1, 2] = (start_m[2] + lowest_m[2]) / 2.0
+        led_m[half, 2] = lowest_m
+    return led_m
+
+
+ROUND_SHARES = (1.5, 2.3)
+"""Of the kept distance: a path past a lost vehicle turns at these distances from it."""
 
 
 def _or_all(free: Mask) -> Mask:

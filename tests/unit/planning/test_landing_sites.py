@@ -137,6 +137,13 @@ def test_returning_vehicle_may_climb_fly_home_and_descend() -> None:
     ]
 
 
+def test_vehicle_near_home_may_return_lower_as_px4_does() -> None:
+    near = np.array([13.0, 18.0, -8.0])  # 20 m from home: 20 m above it, in PX4's cone of 45 degrees
+    swept = swept_segments_m(near, None, HOME, "return", 30.0)
+    assert [[13.0, 18.0, -19.5], [1.0, 2.0, -19.5]] in swept.tolist()
+    assert [[13.0, 18.0, -29.5], [1.0, 2.0, -29.5]] in swept.tolist()  # without the cone
+
+
 def test_vehicle_above_the_return_height_flies_home_level() -> None:
     swept = swept_segments_m(np.array([30.0, 40.0, -60.0]), None, HOME, "return", 30.0)
     assert swept[2].tolist() == [[30.0, 40.0, -60.0], [1.0, 2.0, -60.0]]

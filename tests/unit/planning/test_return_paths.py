@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from gcs.model.errors import ShapeError
 from gcs.model.state import Array, Mask
 from gcs.planning.return_paths import STEP_S, Planner, ReturnPaths, plan_return_paths
+from gcs.planning.return_paths.candidates import Closed
 from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
 
@@ -106,6 +107,21 @@ def test_planning_stops_with_the_best_plan_so_far() -> None:
     return_paths = plan_return_paths(planner_of(start_m, pad_m), enough)
     assert len(asked) == 1
     assert len(return_paths.unplanned) == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_paths_lead_round_the_space_that_lost_vehicles_sweep(seed: int) -> None:
+    start_m, pad_m = fleet(25, seed)
+    random = np.random.default_rng(seed)
+    column_m = np.array([[random.uniform(-3.0, 3.0), random.uniform(-3.0, 3.0), -60.0]])
+    kept_m = 3.0
+    away_m = np.minimum(*(np.hypot(*(place_m - column_m)[:, :2].T) for place_m in (start_m, pad_m)))
+    rows = np.flatnonzero(away_m > kept_m + 1.0)
+    segment_m = np.concatenate([column_m, column_m * (1.0, 1.0, 0.0)])[None]
+    closed = Closed(segment_m * FLOOR.scale, np.array([kept_m]), FLOOR.scale)
+    return_paths = planned(start_m[rows], pad_m[rows], closed=closed)
+    assert return_paths.unplanned == ()
+    assert np.hypot(*(return_paths.path_m - column_m)[..., :2].reshape(-1, 2).T).min() >= kept_m - 1e-9
 
 
 @pytest.mark.parametrize("name", ["start_m", "pad_m"])

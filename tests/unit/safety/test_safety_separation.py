@@ -106,6 +106,30 @@ def test_no_commanded_vehicle_means_no_constraints() -> None:
     )
 
 
+def test_kept_space_takes_the_uncertainty_of_the_pair() -> None:
+    position = np.array([[8.0, 0.0, -20.0], [100.0, 0.0, 0.0]])
+    paths = np.array([[[0.0, 0.0, -20.0], [0.0, 0.0, 0.0]]])
+    commanded = np.array([True, False])
+
+    def bound_m_s(uncertainty_m: list[float], lost_m: float | None) -> float:
+        found = keepout_constraints(
+            position,
+            commanded,
+            paths,
+            floor=FLOOR,
+            braking=BRAKING,
+            uncertainty_m=np.array(uncertainty_m),
+            segments_uncertainty_m=None if lost_m is None else np.array([lost_m]),
+        )
+        return float(found.bound_m_s[0])
+
+    precise = bound_m_s([0.05, 0.05], 0.05)
+    assert bound_m_s([0.05, 2.0], 0.05) == precise  # the second stands on the ground, uncertain
+    assert bound_m_s([0.05, 0.05], 0.5) > precise
+    assert bound_m_s([0.5, 0.05], 0.05) > precise
+    assert bound_m_s([0.05, 2.0], None) == bound_m_s([0.05, 2.0], 2.0)  # not known: the widest
+
+
 def test_vehicle_pushed_beyond_its_look_is_checked_again() -> None:
     # an escape pushes the middle one, which rests, onto the right one, far beyond what anybody wants
     position = np.array([[0.0, 0.0, -20.0], [0.4, 0.0, -20.0], [4.4, 0.0, -20.0]])
