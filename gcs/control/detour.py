@@ -225,7 +225,7 @@ def _planned(scene: Scene, before: Detour) -> Detour:
     boxes = scene.boxes(clear, height_m, goal.place_m)
     route = find_route(boxes, scene.place_m, goal, speed_m_s, scene.fence_m)
     kept = _kept(scene, searching.goals[0].later(after_s), before)
-    if route.reaches:
+    if route.reaches and _climbs_in_time(scene, height_m):
         if kept is not None and route.arrival_s[-1] > (1.0 - KEPT_SHARE) * kept[1] - KEPT_S:
             return kept[0]
         return _detour(scene, goal, boxes, route, clear, height_m, before)
@@ -284,6 +284,14 @@ def _choices(scene: Scene) -> Iterator[tuple[float, float | None]]:
             yield 1.0, float(height_m)
     for clear in CLEARANCES[1:]:
         yield clear, None
+
+
+def _climbs_in_time(scene: Scene, height_m: float | None) -> bool:
+    """Whether no box comes over the centre while it climbs to that height, straight up."""
+    if height_m is None:
+        return True
+    climb_s = max(height_m - scene.height_m, 0.0) / scene.now.settings.law.climb_max_m_s
+    return stays_free(scene.boxes(1.0, None, None), scene.place_m, climb_s)
 
 
 def _may_wait(scene: Scene, boxes: Boxes, goal: Goal) -> bool:
