@@ -295,9 +295,16 @@ def _climbs_in_time(scene: Scene, height_m: float | None) -> bool:
 
 
 def _may_wait(scene: Scene, boxes: Boxes, goal: Goal) -> bool:
-    """Whether the centre is at its goal, which a box will come over, but not soon."""
+    """Whether the centre is at its goal, which a box will come over, but not soon.
+
+    A centre that follows a moving target does not wait: the law would lead it on into the box.
+    """
     there = hypot(*(goal.place_m - scene.place_m)) <= AT_GOAL_M
-    return there and stays_free(boxes, scene.place_m, WAITS_S)
+    return (
+        there
+        and (scene.on_orbit or not goal.velocity_m_s.any())
+        and stays_free(boxes, scene.place_m, WAITS_S)
+    )
 
 
 def _waits(scene: Scene, boxes: Boxes, goal: Goal) -> bool:

@@ -228,7 +228,8 @@ def last_leg(
         if leave_s > latest_s:
             return inf, inf
         if alone_s == -inf:
-            if mover[2] == 0.0 and mover[3] == 0.0 and not place[:, 2:].any():
+            stands = mover[2] == 0.0 and mover[3] == 0.0 and goal[2] == 0.0 and goal[3] == 0.0
+            if stands and not place[:, 2:].any():
                 return inf, inf
             alone_s = alone_until_s(place, half_m, mover, at_s)
         if leave_s > alone_s:

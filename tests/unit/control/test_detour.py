@@ -135,3 +135,17 @@ def test_formation_leaves_before_boxes_meet_and_returns() -> None:
         assert (beside_m.max(axis=1) > 1.0).all()
     run.fly(60.0)
     assert np.hypot(*run.center_m[:2]) < 1.0
+
+
+def test_target_that_moves_through_a_mast_is_followed_round_it() -> None:
+    """The centre once waited at the moving target, and so followed it into the mast; then it climbed over."""
+    mast = Obstacle("mast", 40.0, 0.0, 1.5, 1.5, 30.0)
+    run = Run((mast,), target=Target(0.0, 0.0, 1.5, 0.3, 0.0))
+    nearest_m, highest_m = np.inf, 0.0
+    for _ in range(60):
+        run.fly(1.0)
+        nearest_m = min(nearest_m, float(np.hypot(*(run.center_m[:2] - (40.0, 0.0)))))
+        highest_m = max(highest_m, float(-run.center_m[2]))
+    assert nearest_m > RADIUS_M + 1.5
+    assert highest_m < HEIGHT_M + 1.0
+    assert run.center_m[:2] == pytest.approx((90.0, 18.0), abs=2.0)
