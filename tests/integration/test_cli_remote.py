@@ -65,6 +65,7 @@ EVERYTHING = [
     "shows remove lighthouse",
     "exclude d1 --reason cracked",
     "include d1",
+    "law article",
     "preflight d1 d2 d3",
     "start d1 d2 d3",
     "command list",
