@@ -43,13 +43,13 @@ LOWEST_M_S = 0.5
 WALL_SHARE = 0.2
 """Cosine between a wall's normal and a lack from which the wall counts as one that demands the lack."""
 
-SWINGS_S, SWING_M_S2 = 0.1, 6.0
-"""From this delay on, one way, the control loop itself swings, and by so much more for every second."""
+SWING_M_S2 = 3.0
+"""By so much for every second of delay, one way, the control loop itself swings."""
 
 
 def swing_m_s(link_delay_s: float) -> float:
     """Unexpected velocity that only the delay of the links explains."""
-    return SWING_M_S2 * max(0.0, link_delay_s - SWINGS_S)
+    return SWING_M_S2 * link_delay_s
 
 
 class AuthoritySettings(Settings):
