@@ -1,7 +1,7 @@
 """The centre's way past obstacles: planned twice a second with a memory, followed in every tick.
 
 While the law's own way is free, the law leads. Else a route (`gcs.formation.route`) leads round the boxes
-with the whole sphere, or over them where the fence allows it, or with a part of the sphere, whose vehicles
+with the whole sphere, or over them where the fence allows it, or with a part of the sphere: the vehicles
 then pass on both sides by their own tangents. Where nothing leads to the goal, the centre stands beside the
 boxes. A plan is made over several ticks, with at most one search in each.
 """

@@ -167,7 +167,7 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
     Hildreth's method, forwards and backwards in turn, until it settles: the nearest point is unique, so the
     order of the constraints does not matter. Only constraints that are or were broken take part; they are
     contiguous in memory. Most rows come to rest within a few sweeps, where only few constraints touch each
-    other; a sweep skips constraints whose rows are at rest, because they would not change.
+    other; a sweep skips constraints of rows at rest, because they would not change.
 
     Args:
         desired_m_s: (n, 3), finite.

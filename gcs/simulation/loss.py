@@ -28,7 +28,7 @@ class Losses:
         self.loss, self._operation = loss, OperationSettings(setpoint_loss_action=loss.action)
         picked = np.random.default_rng([seed, 3]).choice(count, round(loss.share * count), replace=False)
         self.rows: Mask = np.isin(np.arange(count), picked)
-        """(n,) the vehicles whose links end."""
+        """(n,) the vehicles that lose their links."""
         self.known: Mask = np.zeros(count, dtype=bool)
         """(n,) those that the flight takes for lost."""
         self.segments_m = np.zeros((0, 2, 3))

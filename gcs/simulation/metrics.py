@@ -338,7 +338,7 @@ def arrival(record: Record) -> dict[str, object]:
 
 
 def _in_slots(record: Record) -> dict[str, object]:
-    """Vehicles whose slots were clear of lost vehicles for the last seconds, and those that were there."""
+    """Vehicles with slots clear of lost vehicles for the last seconds, and those that were there."""
     off_m = np.array(record.off_slot_m[-round(STEADY_S * record.scenario.world.tick_rate_hz) :])
     record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
     figures = dict.fromkeys(("arrived", "expected", "median_ratio", "worst_ratio", "total_s", "late_s"))

@@ -21,7 +21,7 @@ OFFSETS_M = RADIUS_M * np.array(
 
 @dataclass
 class Run:
-    """A formation whose vehicles fly exactly as commanded."""
+    """A formation of vehicles that fly exactly as commanded."""
 
     obstacles: tuple[Obstacle, ...]
     height_max_m: float = 200.0

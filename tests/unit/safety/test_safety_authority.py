@@ -1,4 +1,4 @@
-"""What is learned from the vehicles' answers, and what the filter is told of it."""
+"""What is learned from the vehicles' answers, and what the filter receives of it."""
 
 from dataclasses import replace
 
