@@ -37,7 +37,7 @@ FLOWN_CACHE := -o cache_dir=.pytest_cache/flown
 define twice
 	@rm -rf .pytest_cache/flown
 	$(BIN)/pytest $(FLOWN_CACHE) $(1) $(2) || { [ $$? = 1 ] && echo "Again, one by one:" && \
-	  $(BIN)/pytest $(FLOWN_CACHE) $(1) -n 0 --last-failed --last-failed-no-failures none --exitfirst; }
+	  $(BIN)/pytest $(FLOWN_CACHE) $(1) -n 0 --again --exitfirst; }
 endef
 REALTIME := tests/system tests/integration tests/browser tests/unit/api tests/unit/recording
 

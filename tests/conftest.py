@@ -25,6 +25,10 @@ BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "recording")  # a state's
 REAL_TIME = (BROWSER, HERE / "system", HERE / "integration", *BY_THE_CLOCK)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--again", action="store_true", help="only the tests that the cache names as failed")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
@@ -47,6 +51,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         unseen = [item for item in items if BROWSER in item.path.parents]
         config.hook.pytest_deselected(items=unseen)
         items[:] = [item for item in items if item not in unseen]
+    if config.getoption("again"):
+        # Not pytest's --last-failed, which takes ids apart: it finds none of schemathesis, and then runs everything.
+        assert config.cache is not None
+        failed = config.cache.get("cache/lastfailed", {})
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in failed])
+        items[:] = [item for item in items if item.nodeid in failed]
     for item in items:
         in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
         if in_real_time and item.get_closest_marker("computes") is None:
@@ -68,7 +78,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         each == BROWSER or BROWSER in each.parents or each in BROWSER.parents for each in asked
     ):
         terminalreporter.write_line(NOT_RUN, yellow=True)
-    if config.getoption("lf", False):
+    if config.getoption("again"):
         for report in terminalreporter.getreports("passed"):
             if report.when == "call":
                 line = f"FLAKY {report.nodeid}: failed once, passed by itself; a defect to be looked at"
