@@ -26,7 +26,7 @@ REAL_TIME = (BROWSER, HERE / "system", HERE / "integration", *BY_THE_CLOCK)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--again", action="store_true", help="only the tests that the cache names as failed")
+    parser.addoption("--again", action="store_true", help="only tests that the cache names as failed")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -52,7 +52,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=unseen)
         items[:] = [item for item in items if item not in unseen]
     if config.getoption("again"):
-        # Not pytest's --last-failed, which takes ids apart: it finds none of schemathesis, and then runs everything.
+        # Not pytest's --last-failed: it finds no id of schemathesis, and then runs everything.
         assert config.cache is not None
         failed = config.cache.get("cache/lastfailed", {})
         config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in failed])

@@ -105,8 +105,8 @@ class Failsafes:
     ) -> tuple[FailsafeRequest, ...] | None:
         """Evaluate all triggers; called once a tick.
 
-        Returns: every failsafe with a lasting cause, most severe first. None: nothing happens, and with nothing
-        `active` the roles, which take long, were not looked at.
+        Returns: every failsafe with a lasting cause, most severe first. None: nothing happens, and with
+        nothing `active` the roles, which take long, were not looked at.
         """
         self.known, on, weather = look(seen, self.known, self.settings)
         calm = is_calm(on, self.known, seen, self.settings, weather)

@@ -3,8 +3,8 @@
 Every box is grown by the sphere and its margins to a dodecagon, and moves on with its velocity. A route leads
 from corner to corner of these, each corner at its place at the time of arrival: the accessibility
 graph of Fujimura and Samet, "Planning a time-minimal motion among moving obstacles" (Algorithmica 10, 1993),
-of which only tangents are looked at: no earliest route turns away from the box at the corner that it passes. Where
-a moving box will pass over the goal, the route waits beside a corner, and arrives when the goal stays free.
+of which only tangents are looked at: no earliest route turns away from the box at the corner that it passes.
+Where a moving box will pass over the goal, the route waits beside a corner until the goal stays free.
 """
 
 from dataclasses import dataclass, replace
