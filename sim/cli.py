@@ -1,12 +1,10 @@
 """The command line of the fake fleet: `python -m gcs.sim`, and the same arguments for `gcs sim`."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 from gcs.sim.endpoint import HOST, MAX_PORT, Port, PortError, own_ports, shared_ports
 from gcs.sim.fleet import MAX_SYSTEM_ID, Origin, Settings
@@ -14,9 +12,6 @@ from gcs.sim.ground_truth import FIRST_PORT, GroundTruthFile
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
 from gcs.sim.server import serve
 from gcs.sim.vehicle.px4 import ParameterError, Parameters, QuirkError, Quirks, Value, defaults, quirk_names
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -1,20 +1,14 @@
 """UDP sockets of the vehicles: their ports and peers, and datagrams on links with faults."""
 
-from __future__ import annotations
-
 import socket
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
+from gcs.sim.faults.injector import FaultInjector
+from gcs.sim.fleet import Fleet
 from gcs.sim.protocol.frames import SETPOINT, SETPOINT_FRAME
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from gcs.sim.faults.injector import FaultInjector
-    from gcs.sim.fleet import Fleet
-
 
 HOST = "127.0.0.1"
 PX4_BIND, PX4_DESTINATION, PX4_SHARED_FROM = 14580, 14540, 9

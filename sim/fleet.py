@@ -1,10 +1,8 @@
 """The vehicles of one process: bodies, estimates and autopilots under one clock. Sans-I/O."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +14,9 @@ from gcs.sim.protocol.reports import Snapshot
 from gcs.sim.protocol.streams import RECORDED_HZ, Outbox, Schedule
 from gcs.sim.vehicle import dynamics
 from gcs.sim.vehicle.commander import Transitions
+from gcs.sim.vehicle.dynamics import Array
 from gcs.sim.vehicle.guidance import Guidance
-from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks
+from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks, Value
 from gcs.sim.vehicle.sensors import (
     Batteries,
     Sensors,
@@ -27,14 +26,7 @@ from gcs.sim.vehicle.sensors import (
     fix_type,
     step_errors,
 )
-from gcs.sim.vehicle.state import State
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from gcs.sim.vehicle.dynamics import Array
-    from gcs.sim.vehicle.px4 import Value
-    from gcs.sim.vehicle.state import Rows
+from gcs.sim.vehicle.state import Rows, State
 
 STEP_S = 0.01
 MAX_SYSTEM_ID = 250

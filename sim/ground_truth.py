@@ -1,19 +1,14 @@
 """True states of the vehicles, for reports and tests. No autopilot reads them."""
 
-from __future__ import annotations
-
 import json
 import socket
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 import numpy as np
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.endpoint import HOST
-
-if TYPE_CHECKING:
-    from gcs.sim.fleet import Fleet
-
+from gcs.sim.fleet import Fleet
 
 PERIOD_S = 0.05
 

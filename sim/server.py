@@ -1,27 +1,20 @@
 """The fleet on real UDP sockets and the real clock, and the input of fault commands. Thin."""
 
-from __future__ import annotations
-
 import os
 import selectors
 import signal
 import socket
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-from gcs.sim.endpoint import HOST, LARGEST, Endpoint, PortError, Radio
+from gcs.sim.endpoint import HOST, LARGEST, Endpoint, Port, PortError, Radio
 from gcs.sim.faults.commands import LONGEST_LINE
 from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.fleet import STEP_S, Fleet, Settings
-from gcs.sim.ground_truth import SimulatorLink
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from gcs.sim.endpoint import Port
-    from gcs.sim.ground_truth import GroundTruthFile
+from gcs.sim.ground_truth import GroundTruthFile, SimulatorLink
 
 
 class StandardInput:

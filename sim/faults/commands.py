@@ -1,7 +1,5 @@
 """Fault commands in JSON: which fault, for which vehicles, for how long. Strict."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,26 +1,19 @@
 """Executes fault commands: breaks links and vehicles, and repairs them when their time is over. Sans-I/O."""
 
-from __future__ import annotations
-
 import heapq
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, FaultCommand, FaultCommandError, parse
+from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, FaultCommand, FaultCommandError, Value, parse
+from gcs.sim.fleet import Fleet
 from gcs.sim.vehicle.commander import Stuck
 from gcs.sim.vehicle.px4 import Mode
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from gcs.sim.faults.commands import Value
-    from gcs.sim.fleet import Fleet
-
 
 Tag = TypeVar("Tag")
 

@@ -4,29 +4,21 @@ Imitates PX4 v1.16.1 as measured (FACTS, section 3). What the vehicle does by it
 fleet at once (sim.fleet); this is a view of one row of its state.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
-from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT
+from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
+from gcs.sim.protocol.streams import Item, Outbox, Schedule
 from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.commander import CRITICAL, INFO, Commander, Result
-from gcs.sim.vehicle.px4 import Mode
-from gcs.sim.vehicle.state import NO_MODE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from gcs.sim.protocol.frames import Message
-    from gcs.sim.protocol.streams import Item, Outbox, Schedule
-    from gcs.sim.vehicle.px4 import Quirks
-    from gcs.sim.vehicle.state import State
+from gcs.sim.vehicle.px4 import Mode, Quirks
+from gcs.sim.vehicle.state import NO_MODE, State
 
 MODE_RESULT_AFTER_S = 0.008  # item 3: recorded 6 to 15 ms
 SECOND_PARAMETER_AFTER_S = 0.015  # PX4 answers PARAM_SET, then announces the change: recorded
@@ -45,7 +37,7 @@ CAPABILITIES = (  # only those that hold here
     | common.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
 
-Params: TypeAlias = "tuple[float, float, float, float, float, float, float]"
+Params: TypeAlias = tuple[float, float, float, float, float, float, float]
 """The parameters of a COMMAND_LONG or COMMAND_INT."""
 
 
@@ -286,7 +278,7 @@ class Autopilot:
     def _has_home(self) -> bool:
         return bool(self._state.home_set[self.row])
 
-    _COMMANDS: ClassVar[Mapping[int, Callable[[Autopilot, Params], Result]]] = MappingProxyType(
+    _COMMANDS: ClassVar[Mapping[int, Callable[["Autopilot", Params], Result]]] = MappingProxyType(
         {
             common.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda self, _: self.change_mode(Mode.RETURN),
             common.MAV_CMD_NAV_LAND: lambda self, _: self.change_mode(Mode.LAND),
@@ -304,7 +296,7 @@ class Autopilot:
         }
     )
 
-    _HANDLERS: ClassVar[Mapping[str, Callable[[Autopilot, Message], None]]] = MappingProxyType(
+    _HANDLERS: ClassVar[Mapping[str, Callable[["Autopilot", Message], None]]] = MappingProxyType(
         {
             "HEARTBEAT": _receive_heartbeat,
             "COMMAND_LONG": _receive_command,

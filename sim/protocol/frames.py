@@ -3,23 +3,19 @@
 Layouts and checksums are pymavlink's. Its encoder takes 4 us for a message; numpy takes 1 us.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from gcs.sim.vehicle.dynamics import Mask
+from gcs.sim.vehicle.dynamics import Mask
 
 Message: TypeAlias = Any  # pymavlink has no types
 Bytes: TypeAlias = NDArray[np.uint8]
-Fields: TypeAlias = "Mapping[str, object]"
+Fields: TypeAlias = Mapping[str, object]
 
 MAGIC = 0xFD
 HEADER_LENGTH = 10

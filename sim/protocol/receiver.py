@@ -1,24 +1,15 @@
 """Received datagrams, passed to their vehicles: setpoints all at once, everything else one by one."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.sim.protocol import frames
-from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, MAGIC, Codec
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from gcs.sim.protocol.autopilot import Autopilot
-    from gcs.sim.protocol.frames import Message
-    from gcs.sim.vehicle.dynamics import Array, Mask
-    from gcs.sim.vehicle.state import Rows, State
-
+from gcs.sim.protocol.autopilot import Autopilot
+from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, MAGIC, Codec, Message
+from gcs.sim.vehicle.dynamics import Array, Mask
+from gcs.sim.vehicle.state import Rows, State
 
 BROADCAST = 0  # as target system or component
 NO_ROW = -1

@@ -6,28 +6,21 @@ SERVO_OUTPUT_RAW, VIBRATION, SCALED_PRESSURE, ESTIMATOR_STATUS and POSITION_TARG
 report parts of a vehicle that a point mass does not have.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
+from gcs.sim.protocol.frames import Fields
+from gcs.sim.vehicle.commander import Transitions
+from gcs.sim.vehicle.dynamics import GRAVITY_M_S2, Array, Mask
 from gcs.sim.vehicle.px4 import BASE_MODES, CUSTOM_MODES, Mode
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from gcs.sim.protocol.frames import Fields
-    from gcs.sim.vehicle.commander import Transitions
-    from gcs.sim.vehicle.dynamics import Array, Mask
-    from gcs.sim.vehicle.sensors import Batteries, Sensors
-    from gcs.sim.vehicle.state import Numbers, Rows, State
+from gcs.sim.vehicle.sensors import Batteries, Sensors
+from gcs.sim.vehicle.state import Numbers, Rows, State
 
 
 @dataclass(frozen=True, eq=False)

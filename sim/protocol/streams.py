@@ -3,24 +3,19 @@
 The rates are those recorded on PX4 v1.16's offboard link.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 from collections import deque
+from collections.abc import Iterable, Mapping
 from itertools import count
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from gcs.sim.protocol.frames import Message
-    from gcs.sim.vehicle.state import Rows
-
+from gcs.sim.protocol.frames import Message
+from gcs.sim.vehicle.state import Rows
 
 RECORDED_HZ = MappingProxyType(
     {
@@ -122,7 +117,7 @@ class Schedule:
         ]
 
 
-Item: TypeAlias = "Message | int"
+Item: TypeAlias = Message | int
 """A message, or the id of a report that is composed when it is sent."""
 
 BURST = 5  # parameters per call: in PX4 the list and the streams share the link

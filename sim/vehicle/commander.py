@@ -4,33 +4,27 @@ Two modes are kept apart, as in PX4: the one requested (intended) and the one fl
 during a failsafe. Items in comments are those of FACTS, section 3.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.px4 import (
     MODES,
     NEEDS_PILOT,
     OFFBOARD_LOSS_MODE,
     PREVENTS_ARMING,
     STATION_LOSS_MODE,
+    Columns,
     Mode,
+    Parameters,
+    Quirks,
 )
-from gcs.sim.vehicle.state import Charge
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from gcs.sim.vehicle.dynamics import Array, Mask
-    from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks
-    from gcs.sim.vehicle.sensors import Batteries
-    from gcs.sim.vehicle.state import Numbers, State
-
+from gcs.sim.vehicle.sensors import Batteries
+from gcs.sim.vehicle.state import Charge, Numbers, State
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
 IMPATIENT_S = 0.25  # longest time without setpoints in OFFBOARD where the quirk of item 13 is off

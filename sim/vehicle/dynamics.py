@@ -11,8 +11,6 @@ The horizontal limit bounds the length of the vector, as a tilt limit does. The 
 direction in which u is saturated. Frame: NED, metres, metres per second.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -95,7 +93,9 @@ class PointMasses:
             array.setflags(write=False)
 
     @staticmethod
-    def at(position_m: Array, velocity_m_s: Array | None = None, *, drag_per_s: Setting = 1.0) -> PointMasses:
+    def at(
+        position_m: Array, velocity_m_s: Array | None = None, *, drag_per_s: Setting = 1.0
+    ) -> "PointMasses":
         """Start at position_m (n, 3), at rest or cruising at velocity_m_s (n, 3) in still air."""
         position_m = np.array(position_m, dtype=np.float64)
         velocity_m_s = (

@@ -3,24 +3,16 @@
 `rows` are the vehicles that a function is about; its result has one row for each of them.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim.vehicle.px4 import MODES, NEEDS_PILOT, Mode
-from gcs.sim.vehicle.state import NO_MODE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from gcs.sim.vehicle.commander import Commander
-    from gcs.sim.vehicle.dynamics import Array, Mask
-    from gcs.sim.vehicle.px4 import Columns, Quirks
-    from gcs.sim.vehicle.sensors import Sensors
-    from gcs.sim.vehicle.state import Rows, State
+from gcs.sim.vehicle.commander import Commander
+from gcs.sim.vehicle.dynamics import Array, Mask
+from gcs.sim.vehicle.px4 import MODES, NEEDS_PILOT, Columns, Mode, Quirks
+from gcs.sim.vehicle.sensors import Sensors
+from gcs.sim.vehicle.state import NO_MODE, Rows, State
 
 BLIND_DESCENT_M_S = 0.9  # recorded after setpoint loss without a pilot at the sticks (item 5)
 TAKEOFF_START_M_S = -0.7  # PX4 ramps the climb up from below zero, so that lifting off is gentle

@@ -3,25 +3,20 @@
 The parameters are what a PX4 v1.16.1 SITL listed (px4_params.json: integers are INT32, the others FLOAT).
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cache, partial
 from importlib import resources
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    from gcs.sim.vehicle.dynamics import Array
-
+from gcs.sim.vehicle.dynamics import Array
 
 ARMED, MANUAL_INPUT, STABILIZE, GUIDED, AUTO, CUSTOM = 128, 64, 16, 8, 4, 1
 
@@ -58,7 +53,7 @@ class Mode(Enum):
         return self.name.capitalize()
 
     @staticmethod
-    def find(main: int, sub: int) -> Mode | None:
+    def find(main: int, sub: int) -> "Mode | None":
         for mode in Mode:
             if mode.value[0] == main and mode.value[1] == sub:
                 return mode
@@ -122,7 +117,7 @@ class Quirks:
     patient_offboard: bool = True
     """13: OFFBOARD continues at 2 Hz, up to COM_OF_LOSS_T between setpoints; off: 0.25 s is too long."""
 
-    def changed(self, changes: Iterable[tuple[str, bool]]) -> Quirks:
+    def changed(self, changes: Iterable[tuple[str, bool]]) -> "Quirks":
         """A copy with these switches set; names as on the command line.
 
         Raises: QuirkError for an unknown quirk.

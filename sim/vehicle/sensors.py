@@ -5,25 +5,16 @@ The errors of the position estimates are seeded and correlated in time. Measured
 6 s. The errors of two vehicles are independent.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.sim.vehicle.dynamics import ShapeError
-from gcs.sim.vehicle.state import Charge
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from gcs.sim.vehicle.dynamics import Array, Mask
-    from gcs.sim.vehicle.px4 import Columns
-    from gcs.sim.vehicle.state import Numbers, Rows, State
-
+from gcs.sim.vehicle.dynamics import Array, Mask, ShapeError
+from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.state import Charge, Numbers, Rows, State
 
 MANY = 8
 

@@ -4,19 +4,15 @@ One vehicle's transitions, the fleet's conditions (sim.vehicle.commander) and si
 one vehicle and a thousand behave alike.
 """
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.px4 import Mode
-
-if TYPE_CHECKING:
-    from gcs.sim.vehicle.dynamics import Array, Mask
 
 Rows: TypeAlias = NDArray[np.intp]
 Numbers: TypeAlias = NDArray[np.int64]
