@@ -15,12 +15,12 @@ from gcs.links.link import Counters, Direction
 from gcs.links.sender import Outbox
 from gcs.links.settings import Forward
 from gcs.links.signing import SignatureFilter
-from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves, split, target_system
+from gcs.mavlink.codec import split, target_system
+from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves
 from gcs.model.errors import LinkError
 
 _DATAGRAM_BYTES: Final = 1400
 _READS_PER_CALL: Final = 32
-_GARBAGE_PER_CALL_BYTES: Final = 2048
 _SETUP_SIGNING: Final = 256
 _NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
 
@@ -95,7 +95,7 @@ class Forwarder:
             except OSError:  # an ICMP error of an earlier send
                 continue
             if sender == self._far:
-                yield from split(data, garbage_max_bytes=_GARBAGE_PER_CALL_BYTES).frames
+                yield from split(data).frames
 
 
 @dataclass(eq=False)

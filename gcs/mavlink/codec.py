@@ -71,6 +71,14 @@ class Frames(NamedTuple):
     length: Whole  # (n,)
 
 
+class Split(NamedTuple):
+    """A datagram split into frames; every byte is in exactly one of the three."""
+
+    frames: list[Frame]
+    garbage_bytes: int
+    unknown_bytes: int  # of frames that may be right, but of messages whose CRC extra byte is unknown
+
+
 class Found(NamedTuple):
     """Content of a batch of datagrams."""
 
@@ -143,6 +151,28 @@ def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
     frames = np.empty((int(lengths.sum()) // kernels.SHORTEST_FRAME + 1, kernels.FRAME_COLUMNS), np.int64)
     count, garbage, unknown = kernels.find_frames(data, starts, lengths, _extras(), frames)
     return Found(frames[:count], garbage, unknown)
+
+
+def split(data: bytes) -> Split:
+    """Split one datagram as `find` does. Never raises, whatever the bytes."""
+    datagram = np.frombuffer(bytearray(data), np.uint8)
+    found = find(datagram, np.zeros(1, np.int64), np.array([len(data)]))
+    frames = [frame(datagram, each) for each in found.frames.tolist()]
+    return Split(frames, found.garbage_bytes, found.unknown_bytes)
+
+
+@cache
+def _target_offset(message_id: int) -> int | None:
+    """Offset of the target system in a payload; None for a message without one."""
+    dtype = layout(message_id).dtype
+    name = next((each for each in ("target_system", "target") if each in (dtype.names or ())), None)
+    return None if dtype.fields is None or name is None else dtype.fields[name][1]
+
+
+def target_system(received: Frame) -> int:
+    """The target system of a frame; 0 is all systems, also when the message has no target."""
+    offset = _target_offset(received.message_id)
+    return 0 if offset is None or offset >= len(received.payload) else received.payload[offset]
 
 
 def end_of_frames(data: bytes) -> int:

@@ -91,7 +91,7 @@ def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) 
 def find_frames(
     data: Bytes, starts: Whole, lengths: Whole, extras: NDArray[np.int16], frames: Whole
 ) -> tuple[int, int, int]:
-    """Find frames in datagrams, as `gcs.mavlink.framing.split` does. Never fails, whatever the bytes.
+    """Find frames in datagrams. Never fails, whatever the bytes.
 
     Args:
         data: buffer that contains the datagrams.

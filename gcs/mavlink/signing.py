@@ -6,7 +6,9 @@ from enum import Enum, auto
 from hashlib import sha256
 from typing import Final
 
-from gcs.mavlink.framing import Frame, checksum, crc_extra, is_signed
+from pymavlink.dialects.v20 import development as dialect
+
+from gcs.mavlink.framing import Frame, is_signed
 
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400  # 2015-01-01 in Unix time; a signature's time counts 10 us from here
@@ -71,15 +73,15 @@ class Signer:
             raw = _as_version_2(raw)
         if raw[2] & _SIGNED:
             return raw
-        extra = crc_extra(int.from_bytes(raw[7:10], "little"))
-        if extra is None:
+        message = dialect.mavlink_map.get(int.from_bytes(raw[7:10], "little"))
+        if message is None:
             return None
         body = bytes((*raw[1:2], raw[2] | _SIGNED, *raw[3:10])) + raw[10:-2]
-        checked = checksum(body + bytes((extra,))).to_bytes(2, "little")
+        checksum: int = dialect.x25crc(body + bytes((message.crc_extra,))).crc
         # our clock may be behind the vehicles': our signatures must not look old to them
         self._sent_time = min(TIME_MAX, max(self._sent_time + 1, self._received_time + 1, self._clock()))
         stamp = bytes((self._link_id,)) + self._sent_time.to_bytes(6, "little")
-        signed = bytes((_MAGIC_2,)) + body + checked + stamp
+        signed = bytes((_MAGIC_2,)) + body + checksum.to_bytes(2, "little") + stamp
         return signed + sha256(self._key + signed).digest()[:_HASH_BYTES]
 
     def judge(self, frame: Frame) -> Judgement:

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as dialect
 from gcs.links import Command, Verb
 from gcs.links.settings import Forward, Listen, Place, SerialPort, TcpIn
 from gcs.links.signing import Signing
-from gcs.mavlink.framing import split
+from gcs.mavlink.codec import split
 from gcs.model.errors import CommandError
 from gcs.model.state import Mode
 from tests.support.link_bench import AnyLink, Ticks, a_link, do, ready, repeated, running, until

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import development as dialect
 
@@ -11,8 +11,7 @@ from gcs.links.endpoints.ports import Datagrams, source_of
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import Listen
 from gcs.mavlink import codec
-from gcs.mavlink.framing import split
-from gcs.mavlink.kernels import BEGIN, COMPONENT, END, MESSAGE, SYSTEM
+from gcs.mavlink.kernels import COMPONENT, MESSAGE, SYSTEM
 from gcs.model.frames import ShowFrame
 
 SENT = (
@@ -127,17 +126,6 @@ def mutated(draw: st.DrawFn) -> bytes:
         place = draw(st.integers(0, len(data)))
         data[place : place + draw(st.integers(0, 3))] = draw(st.binary(max_size=3))
     return bytes(data)
-
-
-@given(st.one_of(mutated(), st.binary(max_size=600)))
-@settings(max_examples=300, deadline=None)
-def test_datagrams_are_split_as_split_does(data: bytes) -> None:
-    known = split(data)
-    assume(not any(frame.raw[0] == 0xFD and frame.raw[2] & ~1 for frame in known.frames))
-    datagram = arrived(data)
-    frames, garbage_bytes, unknown_bytes = codec.find(datagram.data, datagram.start, datagram.length)
-    assert [data[frame[BEGIN] : frame[END]] for frame in frames.tolist()] == [f.raw for f in known.frames]
-    assert garbage_bytes + unknown_bytes == known.garbage_bytes + known.unknown_bytes
 
 
 LINK = NativeLink("fuzz", {"a": 2, "b": 3}, Listen("127.0.0.1", 1), ShowFrame(47.4, 8.5, 500.0))

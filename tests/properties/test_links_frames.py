@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.mavlink.codec import end_of_frames
-from gcs.mavlink.framing import moves, split, target_system
+from gcs.mavlink.codec import end_of_frames, split, target_system
+from gcs.mavlink.framing import moves
 
 PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
 FRAMES = [
@@ -31,15 +31,14 @@ def mutated(draw: st.DrawFn) -> bytes:
     return bytes(data)
 
 
-@given(st.one_of(mutated(), st.binary(max_size=600)), st.booleans())
+@given(st.one_of(mutated(), st.binary(max_size=600)))
 @settings(max_examples=300)
-def test_any_input_is_frames_or_garbage_and_never_an_exception(data: bytes, checked: bool) -> None:
-    frames, garbage_bytes, unknown_bytes = split(data, checked=checked)
+def test_any_input_is_frames_or_garbage_and_never_an_exception(data: bytes) -> None:
+    frames, garbage_bytes, unknown_bytes = split(data)
     assert sum(len(frame.raw) for frame in frames) + garbage_bytes + unknown_bytes == len(data)
     for frame in frames:
         assert 0 <= target_system(frame) <= 255
-        if checked:
-            moves(frame)
+        moves(frame)
 
 
 @given(mutated(), st.sampled_from(FRAMES))

@@ -12,7 +12,7 @@ from gcs.links.endpoints.ports import Ports
 from gcs.links.link import Counters
 from gcs.links.mavsdk.setpoint_filter import SetpointFilter
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch
-from gcs.mavlink.framing import split
+from gcs.mavlink.codec import split
 
 HOLD_S = 0.2
 SYSTEM_IDS = np.array([1, 2, 3])

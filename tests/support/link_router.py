@@ -6,7 +6,7 @@ import threading
 from types import TracebackType
 from typing import Self
 
-from gcs.mavlink.framing import split, target_system
+from gcs.mavlink.codec import split, target_system
 
 _DATAGRAM_BYTES = 1400
 

@@ -14,8 +14,8 @@ from gcs.links.link import Address, Direction
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import Forward, Listen, Place
 from gcs.links.signing import Signing
-from gcs.mavlink.codec import heartbeats, joined
-from gcs.mavlink.framing import HEARTBEAT, SETPOINT_MESSAGES, Frame, split, target_system
+from gcs.mavlink.codec import heartbeats, joined, split, target_system
+from gcs.mavlink.framing import HEARTBEAT, SETPOINT_MESSAGES, Frame
 from gcs.model.frames import ShowFrame
 from tests.support.machine import free_ports
 

@@ -11,8 +11,16 @@ from gcs.links.command_protocol import KillLatch
 from gcs.links.endpoints.mmsg import Batch
 from gcs.links.link import Counters
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch
-from gcs.mavlink.codec import NO_ROW, SETPOINT_FRAME, Frames, are_setpoints, awaited_setpoints
-from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves, split, target_system
+from gcs.mavlink.codec import (
+    NO_ROW,
+    SETPOINT_FRAME,
+    Frames,
+    are_setpoints,
+    awaited_setpoints,
+    split,
+    target_system,
+)
+from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves
 from gcs.mavlink.kernels import Whole
 from gcs.model.state import Array, Mask
 
@@ -64,7 +72,7 @@ class SetpointFilter:
         others = [
             (frame, int(self._row_of[target_system(frame)]))
             for at in np.flatnonzero(~is_setpoint).tolist()
-            for frame in split(written.data[at, : written.length[at]].tobytes(), checked=False).frames
+            for frame in split(written.data[at, : written.length[at]].tobytes()).frames
             if self._may_leave(frame)
         ]
         if others:

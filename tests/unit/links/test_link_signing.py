@@ -3,7 +3,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.mavlink.framing import Frame, split
+from gcs.mavlink.codec import split
+from gcs.mavlink.framing import Frame
 from gcs.mavlink.signing import TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
 
 KEY = bytes(range(32))
