@@ -24,11 +24,12 @@ from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
-from gcs.flight.snapshots import fleet_view, record_sample
+from gcs.flight.snapshots import fleet_view
 from gcs.flight.ticker import TickClock, ticks
 from gcs.links import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.planning.return_paths import warm_up as warm_up_paths
+from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit
 from gcs.service.commands import CommandLog
@@ -140,7 +141,10 @@ class Orchestrator:
                 self._heart.beat()
             self._estimating.refresh(len(self._maneuvers.waiting), self.commands.home_left_s)
             self.view.promise(self._promised_view(result))
-            self._note(result)
+            if self._record is not None:
+                run = self._flight.show_run
+                sample = Sample(self.view.value, {} if run is None else run.parts, self._flight.control)
+                self._record.note(sample, self._flight.links)
             self._flight.wake()
 
     def _tick(self, now_s: float) -> Tick:
@@ -193,19 +197,6 @@ class Orchestrator:
         """Time of a scheduled start, in s since 1970; None: there is none."""
         countdown = self.commands.starting.countdown
         return None if countdown is None else countdown.at_unix_s
-
-    def _note(self, result: Tick) -> None:
-        if self._record is not None:
-            sample = record_sample(
-                self._flight,
-                result,
-                timing=self._clock.summary(),
-                control_alive=self._control_alive,
-                alarms=self.alarms.alarms,
-                unix_time_s=self._flight.unix_s(),
-                start_unix_time_s=self._start_unix_s,
-            )
-            self._record.note(sample, self._flight.links)
 
     def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
         """Return a function that builds the view of this tick: expensive for large fleets, rarely needed."""

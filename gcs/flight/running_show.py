@@ -77,7 +77,11 @@ class ShowRun:
         self, vehicle_ids: Sequence[VehicleId], now_s: float
     ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """(n, 3) red, green, blue of each vehicle, and (n,) which play a part; other rows mean nothing."""
-        return lights(self.timeline, self.parts, vehicle_ids, self._within(now_s))
+        part = np.array([self.parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
+        lit = part >= 0
+        colour = np.zeros((len(vehicle_ids), 3), np.uint8)
+        colour[lit] = self.timeline.colours_at(self._within(now_s))[part[lit]]
+        return colour, lit
 
     def view(self, now_s: float) -> SelectedShow:
         return SelectedShow(
@@ -94,14 +98,3 @@ class ShowRun:
 
     def _within(self, now_s: float) -> float:
         return min(max(self.clock.show_s(now_s), 0.0), self.timeline.duration_s)
-
-
-def lights(
-    timeline: Timeline, parts: Mapping[VehicleId, int], vehicle_ids: Sequence[VehicleId], show_s: float
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return `ShowRun.colours` at a time of the show."""
-    part = np.array([parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
-    lit = part >= 0
-    colour = np.zeros((len(vehicle_ids), 3), np.uint8)
-    colour[lit] = timeline.colours_at(show_s)[part[lit]]
-    return colour, lit

@@ -16,6 +16,7 @@ from gcs.recording.audit_database import Journal, Row, Value
 from gcs.recording.audit_reader import FOUND, PAD, LastKnown, audit_file
 from gcs.recording.sample import Reported, Sample
 from gcs.service import Call, CommandRecord, Outcome, VehicleOutcome
+from gcs.service.vehicle_table import VehicleTable
 
 BODY_MAX: Final = 4096
 
@@ -114,60 +115,64 @@ class Audit:
         self._put(_EVENT, self._session, unix_s, level, event, vehicle, reported)
 
     def watch(self, sample: Sample) -> None:
-        at_s = sample.unix_time_s
-        changed = set() if sample.phases == self._phases else _differing(sample.phases, self._phases)
-        if sample.modes != self._modes or sample.armed != self._armed:
-            for row in _differing(sample.modes, self._modes) | _differing(sample.armed, self._armed):
-                detail = {"mode": sample.modes[row].value, "armed": sample.armed[row]}
-                self.event(at_s, "info", "vehicle_mode", sample.fleet.ids[row], detail)
+        at_s, rows = sample.view.unix_time_s, sample.view.rows
+        changed = set() if rows.phases == self._phases else _differing(rows.phases, self._phases)
+        if rows.modes != self._modes or rows.armed != self._armed:
+            for row in _differing(rows.modes, self._modes) | _differing(rows.armed, self._armed):
+                detail = {"mode": rows.modes[row].value, "armed": rows.armed[row]}
+                self.event(at_s, "info", "vehicle_mode", rows.ids[row], detail)
                 changed.add(row)
-        homes = zip(sample.homes, self._homes, strict=True)
+        homes = zip(rows.homes_m, self._homes, strict=True)
         moved = {row for row, (new, old) in enumerate(homes) if new is not old}
         for row in sorted(moved):
-            pad_m = sample.homes[row]
+            pad_m = rows.homes_m[row]
             if pad_m is not None:
-                self.event(at_s, "info", PAD, sample.fleet.ids[row], {"pad_m": pad_m.tolist()})
+                self.event(at_s, "info", PAD, rows.ids[row], {"pad_m": pad_m.tolist()})
         changed |= moved
-        self._phases, self._modes, self._armed = sample.phases, sample.modes, sample.armed
-        self._homes = sample.homes
+        self._phases, self._modes, self._armed, self._homes = (
+            rows.phases,
+            rows.modes,
+            rows.armed,
+            rows.homes_m,
+        )
         if changed:
-            self._journal.put([self._vehicle(sample, row) for row in sorted(changed)])
+            self._journal.put([self._vehicle(at_s, rows, row) for row in sorted(changed)])
         self._watch_show(sample)
 
-    def _vehicle(self, sample: Sample, row: int) -> Row:
-        name = sample.fleet.ids[row]
-        home_m = sample.homes[row]
+    def _vehicle(self, unix_s: float, rows: VehicleTable, row: int) -> Row:
+        name, home_m = rows.ids[row], rows.homes_m[row]
         home: Sequence[Value] = (None,) * 3 if home_m is None else [float(value) for value in home_m]
         return Row(
             _VEHICLE,
             (
-                *(name, self._session, sample.unix_time_s, *self._vehicles[name], None, None),
-                *(sample.phases[row].value, sample.reasons[row], sample.modes[row].value),
-                *(int(sample.armed[row]), *home),
+                *(name, self._session, unix_s, *self._vehicles[name], None, None),
+                *(rows.phases[row].value, rows.reasons[row], rows.modes[row].value),
+                *(int(rows.armed[row]), *home),
             ),
         )
 
     def _watch_show(self, sample: Sample) -> None:
+        view, at_s = sample.view, sample.view.unix_time_s
         before, self._reported = self._reported, sample.reported
         is_changed = before is not None and self._reported != before
         if is_changed:
-            self.event(sample.unix_time_s, "info", "plan", None, asdict(sample.plan))
-        selected = sample.selected
+            self.event(at_s, "info", "plan", None, asdict(view.plan))
+        selected = view.selected
         cue = None
         if selected is not None:
             cue = {"name": selected.name, "hash": selected.hash, "cue": selected.cue}
             if cue != self._cue:
-                self.event(sample.unix_time_s, "info", "cue", None, cue)
+                self.event(at_s, "info", "cue", None, cue)
         self._cue = cue
-        is_due = selected is not None and selected.runs and sample.unix_time_s >= self._clock_due_s
-        if is_changed or is_due or sample.show is not self._show:
-            self._clock_due_s = sample.unix_time_s + CLOCK_S
-            more: dict[str, object] = {"time_s": sample.fleet.time_s}
+        is_due = selected is not None and selected.runs and at_s >= self._clock_due_s
+        if is_changed or is_due or view.show is not self._show:
+            self._clock_due_s = at_s + CLOCK_S
+            more: dict[str, object] = {"time_s": view.time_s}
             if selected is not None and cue is not None:
                 more["written"] = {**cue, "clock_s": selected.clock_s, "parts": dict(sample.parts)}
-            values = (sample.show.value, sample.reason, plan_json(sample.plan, **more))
-            self._put(_SHOW, self._session, sample.unix_time_s, *values)
-        self._show = sample.show
+            values = (view.show.value, view.reason, plan_json(view.plan, **more))
+            self._put(_SHOW, self._session, at_s, *values)
+        self._show = view.show
 
     def whereabouts(self, addresses: Mapping[VehicleId, Address]) -> None:
         changed = [(name, at) for name, at in addresses.items() if self._addresses.get(name) != at]

@@ -9,7 +9,6 @@ import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import lru_cache
 from math import isfinite
 from typing import Any, Final
 from zlib import crc32
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Mask, Mode
 from gcs.recording.sample import Sample
+from gcs.service.vehicle_table import VehicleTable
 
 VERSION: Final = 2
 UNCHECKED: Final = "1"  # metadata without a checksum, vehicles without lights
@@ -246,38 +246,27 @@ def stamp(unix_s: float) -> dict[str, int]:
     return {"sec": second, "nsec": nanosecond}
 
 
-def packed(sample: Sample) -> NDArray[np.void]:
+def packed(rows: VehicleTable) -> NDArray[np.void]:
     """(n,) Rows of VEHICLE."""
-    fleet, count = sample.fleet, len(sample.fleet.ids)
+    count = len(rows.ids)
     table = np.zeros(count, _BLOCKS)
-    table["position"], table["velocity"] = fleet.position_m, fleet.velocity_m_s
-    table["setpoint"] = np.nan
-    if sample.setpoints.ids:
-        row_of = _rows(fleet.ids)  # once: each access hashes all names
-        rows = np.fromiter(map(row_of.__getitem__, sample.setpoints.ids), np.intp, len(sample.setpoints.ids))
-        table["setpoint"][rows] = sample.setpoints.velocity_m_s
-    table["yaw_rad"], table["position_age_s"] = fleet.yaw_rad, fleet.age_s
-    table["position_uncertainty_m"] = sample.uncertainty_m
-    table["heartbeat_age_s"], table["battery_remaining"] = sample.heartbeat_age_s, sample.battery_remaining
-    table["phase"] = np.fromiter(map(_PHASE_NUMBER.__getitem__, sample.phases), np.uint8, count)
-    table["mode"] = np.fromiter(map(_MODE_NUMBER.__getitem__, sample.modes), np.uint8, count)
-    table["landed"] = np.fromiter(sample.landed, np.uint8, count)
-    table["armed"] = np.fromiter(sample.armed, np.bool_, count)
-    table["ready"] = np.fromiter(sample.ready, np.bool_, count)
-    if sample.colours is not None:
-        table["light"], lit = sample.colours()
-        table["alpha"] = np.where(lit, 255, 0)
+    table["position"], table["velocity"] = rows.position_m, rows.velocity_m_s
+    table["setpoint"] = rows.setpoint_m_s
+    table["yaw_rad"], table["position_age_s"] = rows.yaw_rad, rows.position_age_s
+    table["position_uncertainty_m"] = rows.uncertainty_m
+    table["heartbeat_age_s"], table["battery_remaining"] = rows.heartbeat_age_s, rows.battery_remaining
+    table["phase"] = np.fromiter(map(_PHASE_NUMBER.__getitem__, rows.phases), np.uint8, count)
+    table["mode"] = np.fromiter(map(_MODE_NUMBER.__getitem__, rows.modes), np.uint8, count)
+    table["landed"] = np.fromiter(rows.landed, np.uint8, count)
+    table["armed"] = np.fromiter(rows.armed, np.bool_, count)
+    table["ready"] = np.fromiter(rows.ready, np.bool_, count)
+    table["light"], table["alpha"] = rows.colour, np.where(rows.lit, 255, 0)
     return table.view(VEHICLE)
 
 
-@lru_cache(maxsize=4)
-def _rows(ids: tuple[str, ...]) -> dict[str, int]:
-    return {name: row for row, name in enumerate(ids)}
-
-
 def vehicles_message(sample: Sample) -> bytes:
-    when = stamp(sample.unix_time_s)
-    data = b64encode(packed(sample).tobytes())
+    when = stamp(sample.view.unix_time_s)
+    data = b64encode(packed(sample.view.rows).tobytes())
     return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (
         when["sec"],
         when["nsec"],
@@ -288,38 +277,40 @@ def vehicles_message(sample: Sample) -> bytes:
 
 def tick_message(sample: Sample, number: int | None = None) -> bytes:
     """Return a message of `/fleet/tick`; `number` replaces the sample's own."""
-    time_s = sample.fleet.time_s
+    view = sample.view
     return as_json(
         {
-            "time_s": time_s,
+            "time_s": view.time_s,
             "number": sample.number if number is None else number,
-            "center_m": sample.center_m,
-            "center_velocity_m_s": sample.center_velocity_m_s,
-            "radius_m": sample.radius_m,
-            "target_m": sample.plan.target.position_m(time_s),
-            "minimum_separation_m": sample.minimum_separation_m,
-            "control_alive": sample.control_alive,
-            "setpoints_sent": sample.setpoints_sent,
-            "timing": {name: known(getattr(sample.timing, name)) for name in TIMING},
-            "limited_by": sample.limited_by,
+            "center_m": view.center_m,
+            "center_velocity_m_s": view.center_velocity_m_s,
+            "radius_m": view.radius_m,
+            "target_m": view.target_m,
+            "minimum_separation_m": view.minimum_separation_m,
+            "control_alive": view.control_alive,
+            "setpoints_sent": view.setpoints_sent,
+            "timing": {name: known(getattr(view.tick, name)) for name in TIMING},
+            "limited_by": {
+                name: why for name, why in zip(view.rows.ids, view.rows.limited_by, strict=True) if why
+            },
         }
     )
 
 
 def status_message(sample: Sample) -> bytes:
-    control, limits = sample.control, None
+    view, control, limits = sample.view, sample.control, None
     if control is not None:
         safety = control.safety.model_dump(mode="json")
         limits = {"safety": safety, "acceleration_max_m_s2": control.acceleration_max_m_s2}
     return as_json(
         {
-            "show": sample.show.value,
-            "reason": sample.reason,
-            "plan": asdict(sample.plan),
-            "selected": None if sample.selected is None else asdict(sample.selected),
-            "start_unix_time_s": sample.start_unix_time_s,
-            "reasons": sample.reasons,
-            "alarms": [asdict(alarm) for alarm in sample.alarms],
+            "show": view.show.value,
+            "reason": view.reason,
+            "plan": asdict(view.plan),
+            "selected": None if view.selected is None else asdict(view.selected),
+            "start_unix_time_s": view.start_unix_time_s,
+            "reasons": view.rows.reasons,
+            "alarms": [asdict(alarm) for alarm in view.alarms],
             "limits": limits,
         }
     )

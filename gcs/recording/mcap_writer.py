@@ -20,6 +20,7 @@ from gcs.model.state import Mask
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import SCHEMAS, SHOW, as_json, stamp
 from gcs.recording.sample import Sample
+from gcs.service import FleetView
 
 CHUNK_S: Final = 1.0
 WAITING_MAX: Final = 400
@@ -106,23 +107,17 @@ class _OpenFile:
         if isinstance(what, LogLine):
             self._add("/log", what.unix_s, layout.log_message(*what))
             return
-        unix_s, time_s = what.unix_time_s, what.fleet.time_s
-        status = (
-            what.show,
-            what.reason,
-            what.reported,
-            what.start_unix_time_s,
-            what.reasons,
-            what.alarms,
-            what.control,
-        )
+        view = what.view
+        unix_s, time_s, reasons = view.unix_time_s, view.time_s, view.rows.reasons
+        desired = what.reported, view.start_unix_time_s, what.control
+        status = (view.show, view.reason, *desired, reasons, view.alarms)
         if time_s >= self._status_due_s or status != self._status:
-            again_s = STATUS_S if what.selected is None else LED_S
+            again_s = STATUS_S if view.selected is None else LED_S
             self._status, self._status_due_s = status, time_s + again_s
             self._add("/fleet/status", unix_s, layout.status_message(what))
         if time_s >= self._scene_due_s:
             self._scene_due_s = time_s + SCENE_S
-            self._add("/fleet/scene", unix_s, scene_message(what))
+            self._add("/fleet/scene", unix_s, scene_message(view))
             self._add("/tf", unix_s, layout.transform_message(unix_s))
         self._add("/fleet/vehicles", unix_s, layout.vehicles_message(what))
         self._add("/fleet/tick", unix_s, layout.tick_message(what, number))
@@ -196,26 +191,26 @@ _WHITE: Final = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}
 _PRIMITIVES: Final = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 
 
-def scene_message(sample: Sample) -> bytes:
+def scene_message(view: FleetView) -> bytes:
     """Message of `/fleet/scene`. An entity disappears when it is not sent again."""
-    plan, time_s = sample.plan, sample.fleet.time_s
-    entities = [_entity(sample, "target", cylinders=[_target(*plan.target.position_m(time_s))])]
-    if sample.center_m is not None and sample.radius_m is not None:
-        entities.append(_entity(sample, "formation", spheres=[_sphere(sample.center_m, sample.radius_m)]))
+    plan, time_s = view.plan, view.time_s
+    entities = [_entity(view, "target", cylinders=[_target(*plan.target.position_m(time_s))])]
+    if view.center_m is not None and view.radius_m is not None:
+        entities.append(_entity(view, "formation", spheres=[_sphere(view.center_m, view.radius_m)]))
     for box in plan.obstacles:
         x_m, y_m = box.position_m(time_s)
         size = _xyz(2.0 * box.half_length_x_m, 2.0 * box.half_length_y_m, box.height_m)
         cube = {"pose": _pose(x_m, y_m, -box.height_m / 2.0), "size": size, "color": _GREY}
-        entities.append(_entity(sample, f"obstacle {box.id}", cubes=[cube]))
-    if len(sample.fleet.ids) <= LABELS_MAX:
-        entities.append(_entity(sample, "names", texts=_names(sample)))
+        entities.append(_entity(view, f"obstacle {box.id}", cubes=[cube]))
+    if len(view.rows.ids) <= LABELS_MAX:
+        entities.append(_entity(view, "names", texts=_names(view)))
     return as_json({"deletions": [], "entities": entities})
 
 
-def _entity(sample: Sample, name: str, **primitives: object) -> dict[str, Any]:
+def _entity(view: FleetView, name: str, **primitives: object) -> dict[str, Any]:
     nothing: dict[str, object] = {kind: [] for kind in _PRIMITIVES}
     return {
-        "timestamp": stamp(sample.unix_time_s),
+        "timestamp": stamp(view.unix_time_s),
         "frame_id": SHOW,
         "id": name,
         "lifetime": LIFETIME,
@@ -241,8 +236,8 @@ def _sphere(center_m: tuple[float, float, float], radius_m: float) -> dict[str, 
     return {"pose": _pose(*center_m), "size": _xyz(width_m, width_m, width_m), "color": _BLUE}
 
 
-def _names(sample: Sample) -> list[dict[str, Any]]:
-    known: Mask = np.asarray(np.isfinite(sample.fleet.position_m).all(axis=1))
+def _names(view: FleetView) -> list[dict[str, Any]]:
+    known: Mask = np.asarray(np.isfinite(view.rows.position_m).all(axis=1))
     return [
         {
             "pose": _pose(*place_m),
@@ -253,7 +248,7 @@ def _names(sample: Sample) -> list[dict[str, Any]]:
             "text": name,
         }
         for name, place_m, is_known in zip(
-            sample.fleet.ids, sample.fleet.position_m.tolist(), known.tolist(), strict=True
+            view.rows.ids, view.rows.position_m.tolist(), known.tolist(), strict=True
         )
         if is_known
     ]

@@ -91,8 +91,8 @@ class Record:
         self.audit.watch(sample)
         if self._flight is not None:
             self._flight.add(sample)
-        if sample.fleet.time_s >= self._whereabouts_due_s:
-            self._whereabouts_due_s = sample.fleet.time_s + WHEREABOUTS_S
+        if sample.view.time_s >= self._whereabouts_due_s:
+            self._whereabouts_due_s = sample.view.time_s + WHEREABOUTS_S
             for link in links:
                 self.audit.whereabouts(link.addresses)
 

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import time
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,15 +58,15 @@ def sample(at_s: float) -> Sample:
         plan=Plan(Formation(10.0, 20.0), obstacles=(BOX,)),
         selected=SelectedShow("small", "ab" * 32, "walk", ("stand", "walk"), at_s, 42.0, True, False),
     )
-    return replace(
+    return record_samples.changed(
         made,
         unix_time_s=1.7e9 + at_s,
         battery_remaining=np.array([0.8, np.nan]),
         ready=(True, False),
-        limited_by={"d1": "limits"},
+        limited_by=["limits", ""],
         start_unix_time_s=1.7e9 + 60.0,
         minimum_separation_m=9.0,
-        timing=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0),
+        tick=TickView(20.0, round(at_s * 20), 0, 1.0, 2.0, 3.0),
         alarms=(LOST,),
     )
 

@@ -82,10 +82,10 @@ def test_last_known_vehicles_and_show_are_read_back(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES) as record:
         home_m = np.array([1.0, 2.0, -0.5])
         places = Places(d1=Address("10.0.0.7", 14580, 0), d2=Address("/dev/ttyUSB0", 0, 0))
-        record.note(sample(homes=[home_m, None]), [places])  # type: ignore[list-item]
+        record.note(sample(homes_m=[home_m, None]), [places])  # type: ignore[list-item]
         desired = Plan(Formation(radius_m=12.0, height_m=20.0))
         record.note(
-            sample(time_s=101.0, phases=[Phase.FORMATION, Phase.LOST], homes=[home_m, None], plan=desired),
+            sample(time_s=101.0, phases=[Phase.FORMATION, Phase.LOST], homes_m=[home_m, None], plan=desired),
             [places],  # type: ignore[list-item]
         )
     known = last_known(tmp_path)
@@ -115,7 +115,7 @@ def test_session_without_telemetry_keeps_the_previous_one(tmp_path: Path) -> Non
     places = Places(d1=Address("10.0.0.7", 14580, 0))
     home_m = np.array([1.0, 2.0, -0.5])
     with Record(tmp_path, CONFIG, VEHICLES) as first:
-        first.note(sample(homes=[home_m, None]), [places])  # type: ignore[list-item]
+        first.note(sample(homes_m=[home_m, None]), [places])  # type: ignore[list-item]
     with Record(tmp_path, CONFIG, VEHICLES) as second:
         unknown = sample(
             phases=[Phase.OFFLINE] * 2, modes=[Mode.UNKNOWN] * 2, armed=[False] * 2, show=ShowPhase.IDLE

@@ -21,7 +21,7 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
 from gcs.recording.sample import Sample
 from gcs.safety.walls import Fence
-from tests.support.record_samples import ids_of, sample
+from tests.support.record_samples import changed, ids_of, sample
 
 TICKS, EACH = 240, 20
 CONFIG = configuration.load(configuration.find("demo"))
@@ -48,7 +48,8 @@ def standing(tick: int) -> Sample:
         modes=[Mode.HOLD, Mode.HOLD],
         armed=(False, False),
     )
-    return replace(made, landed=(Landed.ON_GROUND,) * 2, number=tick + 1, control=CONFIG.control)
+    made = changed(made, landed=[Landed.ON_GROUND] * 2)
+    return replace(made, number=tick + 1, control=CONFIG.control)
 
 
 def written(folder: Path, samples: list[Sample]) -> Path:
@@ -152,7 +153,7 @@ def test_violation_after_the_damage_is_found(
     monkeypatch.setattr(flightfile, "CHUNK_S", 0.0)
     samples = [flying(tick) for tick in range(TICKS)]
     near_m = np.array([[9.0, 0.0, -20.0], [10.0, 0.0, -20.0]])
-    samples[200] = replace(samples[200], fleet=replace(samples[200].fleet, position_m=near_m))
+    samples[200] = changed(samples[200], position_m=near_m)
     file = written(tmp_path, samples)
     data = bytearray(file.read_bytes())
     data[FlightData(file).index.chunks[2][1] + 300] ^= 0x10
@@ -171,7 +172,7 @@ def test_no_straight_path_is_assumed_across_lost_samples(
     for tick in range(TICKS):
         made = flying(tick)
         place_m = np.array([[0.0, 0.0, -20.0], [10.0, 0.0, -20.0]])[:: 1 if tick < 60 else -1].copy()
-        samples.append(replace(made, fleet=replace(made.fleet, position_m=place_m)))
+        samples.append(changed(made, position_m=place_m))
     file = written(tmp_path, samples)
     assert judged(file, capsys)[0] == 1  # whole: they jump through each other
     data = bytearray(file.read_bytes())

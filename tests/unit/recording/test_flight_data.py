@@ -15,14 +15,14 @@ from mcap.writer import Writer
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Obstacle
-from gcs.model.state import Mode, Setpoints
+from gcs.model.state import Mode
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from tests.support.machine import soon
-from tests.support.record_samples import sample
+from tests.support.record_samples import PLAN, changed, sample
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
 
@@ -58,24 +58,24 @@ def test_every_tick_is_read_back_unchanged(tmp_path: Path) -> None:
     assert not data.cut
     assert len(ticks) == len(samples)
     for tick, was in zip(ticks, samples, strict=True):
-        assert tick.unix_s == pytest.approx(was.unix_time_s, abs=2e-6)
+        assert tick.unix_s == pytest.approx(was.view.unix_time_s, abs=2e-6)
         np.testing.assert_allclose(
-            layout.vectors(tick.vehicles, layout.POSITION), was.fleet.position_m, atol=1e-5
+            layout.vectors(tick.vehicles, layout.POSITION), was.view.rows.position_m, atol=1e-5
         )
-        np.testing.assert_allclose(layout.vectors(tick.vehicles, layout.VELOCITY), was.fleet.velocity_m_s)
+        np.testing.assert_allclose(layout.vectors(tick.vehicles, layout.VELOCITY), was.view.rows.velocity_m_s)
         np.testing.assert_allclose(layout.vectors(tick.vehicles, layout.SETPOINT)[0], [1.0, 0.0, -0.5])
         assert np.isnan(layout.vectors(tick.vehicles, layout.SETPOINT)[1]).all()
-        assert [data.about.phases[number] for number in tick.vehicles["phase"]] == list(was.phases)
+        assert [data.about.phases[number] for number in tick.vehicles["phase"]] == list(was.view.rows.phases)
         assert [data.about.modes[number] for number in tick.vehicles["mode"]] == [Mode.OFFBOARD] * 2
-        assert tick.status["reasons"] == list(was.reasons)
-        assert tick.status["plan"]["formation"] == asdict(was.plan.formation)
+        assert tick.status["reasons"] == list(was.view.rows.reasons)
+        assert tick.status["plan"]["formation"] == asdict(was.view.plan.formation)
         assert tick.tick["limited_by"] == {"d2": "separation from d1"}
-        assert tick.tick["time_s"] == was.fleet.time_s
+        assert tick.tick["time_s"] == was.view.time_s
 
 
 def test_mcap_library_reads_the_schemas_that_foxglove_draws(tmp_path: Path) -> None:
     box = Obstacle("tower", 5.0, 6.0, 1.0, 2.0, 30.0)
-    whole = [replace(each, plan=replace(each.plan, obstacles=(box,))) for each in moving(60)]
+    whole = [changed(each, plan=replace(PLAN, obstacles=(box,))) for each in moving(60)]
     path = flight(tmp_path, whole)
     seen: dict[str, list[dict[str, object]]] = {}
     with path.open("rb") as file:
@@ -120,7 +120,7 @@ def test_events_are_in_the_log_of_the_file(tmp_path: Path) -> None:
 
 def test_unknown_value_is_null(tmp_path: Path) -> None:
     unknown = sample(position_m=np.full((2, 3), np.nan))
-    (tick,) = FlightData(flight(tmp_path, [replace(unknown, minimum_separation_m=None)])).ticks()
+    (tick,) = FlightData(flight(tmp_path, [changed(unknown, minimum_separation_m=None)])).ticks()
     assert np.isnan(layout.vectors(tick.vehicles, layout.POSITION)).all()
     assert tick.tick["minimum_separation_m"] is None
 
@@ -214,29 +214,6 @@ def test_frames_beyond_the_disk_rate_are_counted_and_dropped(tmp_path: Path) -> 
         file.add(sample())
     assert file.dropped == 100
     assert "100 ticks of flight data were not recorded" in file.problem
-
-
-class Name(str):
-    """Counts how often it is looked up."""
-
-    __slots__ = ()
-    looked_up = 0
-
-    def __hash__(self) -> int:
-        Name.looked_up += 1
-        return super().__hash__()
-
-
-def test_work_per_tick_grows_linearly_with_the_fleet() -> None:
-    count = 1000
-    ids = tuple(Name(f"d{row + 1}") for row in range(count))
-    desired_m_s = np.arange(3.0 * count).reshape(count, 3)
-    one = sample(count)
-    fleet = replace(one.fleet, ids=ids)
-    reported = Setpoints(one.fleet.time_s, ids[::-1], desired_m_s, np.zeros(count))
-    table = layout.packed(replace(one, fleet=fleet, setpoints=reported))
-    np.testing.assert_allclose(layout.vectors(table, layout.SETPOINT), desired_m_s[::-1])
-    assert Name.looked_up < 10 * count
 
 
 def test_producer_faster_than_the_writer_is_delayed(tmp_path: Path) -> None:

@@ -173,7 +173,7 @@ def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: 
                 time_s=100.0 + tick * STEP_S,
                 position_m=place_m,
                 phases=[Phase.FORMATION, Phase.FORMATION],
-                uncertainty_m=uncertainty_m,
+                uncertainty_m=np.full(2, uncertainty_m),
             )
         )
     file.close()

@@ -2,13 +2,13 @@
 
 import asyncio
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs.config import schema as configuration
-from gcs.flight.running_show import lights
 from gcs.recording import mcap_layout as layout
 from gcs.recording import mcap_writer as flightfile
 from gcs.recording.mcap_reader import FlightData
@@ -28,6 +28,12 @@ PARTS = {"d1": 0, "d3": 1}
 """d2 flies beside, and has no part."""
 
 
+def lit(show_s: float) -> dict[str, Any]:
+    """Columns of the lights at a time of the show."""
+    rows = [PARTS.get(name, -1) for name in ids_of(COUNT)]
+    return {"colour": SHOW.timeline.colours_at(show_s)[rows], "lit": np.array(rows) >= 0}
+
+
 def samples() -> list[Sample]:
     """A second on the ground under the service's limits, then a show's, its lights changing."""
     made = []
@@ -38,7 +44,7 @@ def samples() -> list[Sample]:
             COUNT,
             time_s=100.0 + tick / 20,
             control=SHOWN if plays else CONFIG.control,
-            colours=partial(lights, SHOW.timeline, PARTS, ids_of(COUNT), show_s) if plays else None,
+            **(lit(show_s) if plays else {}),
         )
         made.append(replace(at, number=tick + 1))
     return made
@@ -88,13 +94,10 @@ def test_lights_are_replayed_as_the_show_gave_them(file: Path) -> None:
     before, early, late = shown(file, 0.5, 2.0, 8.0)
     assert [vehicle.light for vehicle in before.vehicles] == [None] * COUNT
     desired = {}
-    for name, tick in (("early", 40), ("late", 160)):
-        colour, lit = samples()[tick].lights()
-        assert lit.tolist() == [True, False, True]
-        desired[name] = ["#{:02x}{:02x}{:02x}".format(*each) for each in colour.tolist()]
-    for name, view in (("early", early), ("late", late)):
-        d1, d2, d3 = view.vehicles
-        assert [d1.light, d2.light, d3.light] == [desired[name][0], None, desired[name][2]]
+    for name, tick, view in (("early", 40, early), ("late", 160, late)):
+        desired[name] = samples()[tick].view.rows.lights()
+        assert [colour is not None for colour in desired[name]] == [True, False, True]
+        assert [vehicle.light for vehicle in view.vehicles] == desired[name]
     assert desired["early"] != desired["late"]
 
 
