@@ -147,10 +147,7 @@ async def start_show(
     """Starts the named vehicles or all online ones, now or later; a selected show needs its hash."""
     given = body or requests.StartBody()
     record = context.service.commands.command_show(
-        ShowAction.START,
-        given.vehicles,
-        show_hash=given.show_hash,
-        at_unix_time_s=given.at_unix_time_s,
+        ShowAction.START, given.vehicles, show_hash=given.show_hash, at_unix_time_s=given.at_unix_time_s
     )
     return _accepted(response, record)
 
@@ -197,10 +194,7 @@ async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Com
     **command(404, status=HTTPStatus.ACCEPTED),
 )
 async def exclude_vehicle(
-    vehicle_id: VehicleId,
-    context: ContextDep,
-    response: Response,
-    body: requests.ExcludeBody | None = None,
+    vehicle_id: VehicleId, context: ContextDep, response: Response, body: requests.ExcludeBody | None = None
 ) -> schemas.Command:
     """Only on the ground. The vehicle takes part in no start until it is included again."""
     reason = "" if body is None else body.reason

@@ -121,12 +121,7 @@ Named = Annotated[
 ]
 
 
-@api.get(
-    "/preflight",
-    tags=["preflight"],
-    summary="Preflight report",
-    responses=READ | errors(404, 409, 503),
-)
+@api.get("/preflight", tags=["preflight"], summary="Preflight report", responses=READ | errors(404, 409, 503))
 async def get_preflight(context: ContextDep, vehicles: Named = None) -> reports.Preflight:
     """Every check of every vehicle and of the fleet, at most once a second, and only on the ground."""
     return convert.as_schema(reports.Preflight, context.service.preflight.report(vehicles))

@@ -391,9 +391,7 @@ def target_desired(
     if isinstance(body, requests.ShowTarget):
         return plan.Target(**body.model_dump(), time_s=now_s)
     place_m = frame.position_m(
-        np.array([body.latitude_deg]),
-        np.array([body.longitude_deg]),
-        np.array([frame.altitude_amsl_m]),
+        np.array([body.latitude_deg]), np.array([body.longitude_deg]), np.array([frame.altitude_amsl_m])
     )
     velocity_m_s = frame.from_ned(np.array([[body.velocity_north_m_s, body.velocity_east_m_s, 0.0]]))
     x_m, y_m = float(place_m[0, 0]), float(place_m[0, 1])

@@ -11,13 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from gcs.recording.flight_report import (
-    SMOOTHED_S,
-    TOLERATED,
-    TOLERATED_M_S,
-    TOLERATED_M_S2,
-    FlightReport,
-)
+from gcs.recording.flight_report import SMOOTHED_S, TOLERATED, TOLERATED_M_S, TOLERATED_M_S2, FlightReport
 
 SHOWN_PATHS: Final = 80
 POINTS_MAX: Final = 1500
@@ -153,11 +147,7 @@ def _separation(axes: Axes, flight_report: FlightReport) -> None:
     axes.axhspan(0.0, floor.horizontal_m, color="#b3140c", alpha=0.15)
     axes.axhline(floor.vertical_m, color="#b3140c", linestyle=":", linewidth=0.9)
     axes.set_ylim(bottom=0.0)
-    axes.set(
-        title="Least distance of all pairs (red: floor; dotted: above)",
-        xlabel="s",
-        ylabel="m",
-    )
+    axes.set(title="Least distance of all pairs (red: floor; dotted: above)", xlabel="s", ylabel="m")
 
 
 def _heights(axes: Axes, flight_report: FlightReport) -> None:

@@ -75,8 +75,7 @@ COLUMNS: Final = {
     "height": Column("height m", lambda each: Text(number(each.height_m))),
     "speed": Column("speed m/s", lambda each: Text(number(_speed_m_s(each)))),
     "battery": Column(
-        "battery",
-        lambda each: _warned(percent(each.battery), _below(each.battery, LOW_BATTERY)),
+        "battery", lambda each: _warned(percent(each.battery), _below(each.battery, LOW_BATTERY))
     ),
     "link": Column(
         "link", lambda each: _warned(percent(each.link_quality), _below(each.link_quality or 0.0, POOR_LINK))

@@ -360,11 +360,7 @@ class Client(Calls):
 
     @calls("PATCH", "/api/v1/orbit")
     def change_orbit(
-        self,
-        *,
-        radius_m: float | None = None,
-        speed_m_s: float | None = None,
-        direction: str | None = None,
+        self, *, radius_m: float | None = None, speed_m_s: float | None = None, direction: str | None = None
     ) -> schemas.Orbit:
         """Change the given fields."""
 

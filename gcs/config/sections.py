@@ -10,14 +10,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from gcs.config.setting_errors import located
-from gcs.links.settings import (
-    SYSTEM_ID_MAX,
-    Forward,
-    Place,
-    SigningSettings,
-    StreamSettings,
-    occupied,
-)
+from gcs.links.settings import SYSTEM_ID_MAX, Forward, Place, SigningSettings, StreamSettings, occupied
 from gcs.links.settings import parse as place_at
 from gcs.model.errors import ConfigError
 from gcs.model.plan import Direction, LawName, YawPolicy

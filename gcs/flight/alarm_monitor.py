@@ -23,14 +23,7 @@ from gcs.safety.neighbours import near_pairs
 from gcs.safety.separation import Floor
 from gcs.service import CALLER, ActiveFailsafe, CommandRecord, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
-from gcs.service.alarms import (
-    Alarm,
-    AlarmCause,
-    AlarmSeverity,
-    Condition,
-    Limit,
-    beyond,
-)
+from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity, Condition, Limit, beyond
 
 log = logging.getLogger(__name__)
 
@@ -228,11 +221,7 @@ class AlarmMonitor:
                 command_id = lost.command_id if lost is not None and vehicle.id in named else None
                 consequence = follows if vehicle.id in named else ""
                 yield Condition(
-                    AlarmCause.VEHICLE_LOST,
-                    vehicle.reason,
-                    (vehicle.id,),
-                    consequence,
-                    command_id=command_id,
+                    AlarmCause.VEHICLE_LOST, vehicle.reason, (vehicle.id,), consequence, command_id=command_id
                 )
             elif vehicle.phase is Phase.PILOT and vehicle.cause not in {None, FailsafeCause.UNKNOWN}:
                 because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
@@ -424,7 +413,4 @@ def _log_change(change: Change) -> None:
 
 
 def _log_acknowledged(alarm: Alarm) -> None:
-    log.info(
-        "alarm_acknowledged",
-        extra={"alarm": alarm.id, "by": alarm.acknowledged_by, "text": alarm.text},
-    )
+    log.info("alarm_acknowledged", extra={"alarm": alarm.id, "by": alarm.acknowledged_by, "text": alarm.text})

@@ -12,13 +12,7 @@ from gcs.model.errors import GcsError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target, Yaw, plan_of
-from gcs.planning.feasibility import (
-    check_formation,
-    check_orbit,
-    check_radius,
-    check_target,
-    followed,
-)
+from gcs.planning.feasibility import check_formation, check_orbit, check_radius, check_target, followed
 
 log = logging.getLogger(__name__)
 

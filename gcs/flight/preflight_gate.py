@@ -269,11 +269,7 @@ class PreflightGate:
     ) -> Iterator[tuple[str, str, Callable[[], None]]]:
         """Yield the checks of what would go wrong in the air, as far as it can be predicted; each raises."""
         flight, operation = self.flight, self.flight.config.operation
-        yield (
-            "formation",
-            "a sphere that has room for all vehicles",
-            lambda: self._check_formations(chosen),
-        )
+        yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
         if operation.require_safe_setpoint_loss:
             rows = [flight.vehicles[name].row for name in chosen]
             yield (

@@ -17,12 +17,7 @@ import numpy as np
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.plan_editor import RestoredPlan
-from gcs.flight.refusals import (
-    why_never,
-    why_not_touching_down,
-    why_not_without_heartbeat,
-    with_alternative,
-)
+from gcs.flight.refusals import why_never, why_not_touching_down, why_not_without_heartbeat, with_alternative
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.stall_recovery import REPLACED, AwaitedVehicles, Stall, StallRecovery
 from gcs.flight.vehicle import Vehicle

@@ -161,12 +161,7 @@ class BatchLink(ABC):
         self._streams = StreamRequests(self._system_ids, rates_hz or {}, self._request_streams)
         self._parameter_updates = ParameterUpdates()
         self._inbox = Inbox(
-            self._addresses,
-            self._telemetry,
-            self._streams,
-            self._counters,
-            self._note_parameter,
-            signatures,
+            self._addresses, self._telemetry, self._streams, self._counters, self._note_parameter, signatures
         )
         self._latch = KillLatch(system_ids)
         self._forwarding = Forwarding(

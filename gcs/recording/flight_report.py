@@ -230,11 +230,7 @@ def _separation(trajectories: Trajectories, pairs: PairDistances) -> Check:
 
 
 def _over_time(
-    trajectories: Trajectories,
-    standards: Sequence[Standard],
-    of: Limit,
-    *,
-    setpoints: bool = False,
+    trajectories: Trajectories, standards: Sequence[Standard], of: Limit, *, setpoints: bool = False
 ) -> Array:
     """(k,) The limit at each sample, or at each setpoint."""
     at = trajectories.setpoint_held_at if setpoints else trajectories.held_at
@@ -291,16 +287,7 @@ def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[C
             _most(f"speed {name}", limit(of), speed, flown, trajectories, "m/s", tolerated, TOLERATED_M_S)
             for name, of, speed in _directions(velocity_m_s)
         ),
-        _most(
-            "acceleration",
-            most_m_s2,
-            size_m_s2,
-            pushed,
-            trajectories,
-            "m/s^2",
-            tolerated,
-            TOLERATED_M_S2,
-        ),
+        _most("acceleration", most_m_s2, size_m_s2, pushed, trajectories, "m/s^2", tolerated, TOLERATED_M_S2),
     ]
 
 

@@ -201,10 +201,7 @@ class FlightData:
     def decoded(self, sample: Sample) -> RecordedSample:
         """Decode a tick. Raises: ValueError or KeyError where it has another format."""
         return RecordedSample(
-            sample.unix_s,
-            self._vehicles(sample.vehicles),
-            json.loads(sample.tick),
-            json.loads(sample.status),
+            sample.unix_s, self._vehicles(sample.vehicles), json.loads(sample.tick), json.loads(sample.status)
         )
 
     @cached_property

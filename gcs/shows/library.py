@@ -206,13 +206,7 @@ class ShowLibrary:
                 self._checks[name] = await asyncio.to_thread(_reported, name, text, answer)
             except TimeoutError:
                 self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
-            except (
-                GcsError,
-                OSError,
-                ValueError,
-                LookupError,
-                TypeError,
-            ) as error:  # or invalid output
+            except (GcsError, OSError, ValueError, LookupError, TypeError) as error:  # or invalid output
                 self._failed(name, str(error))
 
     def _failed(self, name: str, reason: str) -> None:

@@ -111,9 +111,7 @@ def service_flaws(
 def _origin(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
     origin = show.origin
     away_m = frame.position_m(
-        np.array([origin.latitude_deg]),
-        np.array([origin.longitude_deg]),
-        np.array([origin.altitude_amsl_m]),
+        np.array([origin.latitude_deg]), np.array([origin.longitude_deg]), np.array([origin.altitude_amsl_m])
     )[0]
     sideways_m, up_m = hypot(float(away_m[0]), float(away_m[1])), abs(float(away_m[2]))
     if not max(sideways_m, up_m) <= ORIGIN_WITHIN_M:
