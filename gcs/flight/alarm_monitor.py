@@ -195,7 +195,6 @@ class AlarmMonitor:
             _log_change(change)
 
     def acknowledge(self, alarm_id: str) -> Alarm:
-        """Mark an alarm as acknowledged by the caller. Raises: UnknownError."""
         known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
         alarm = self._alarm_book.acknowledge(alarm_id, CALLER.get(), self.flight.unix_s())
         if known[alarm_id] is None:

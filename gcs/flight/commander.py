@@ -99,7 +99,6 @@ class Commander(VehicleCommands):
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> CommandRecord:
-        """Execute a fleet-wide command. Raises: RefusedError, UnknownError, InvalidError."""
         given = {"vehicles": vehicles, "show_hash": show_hash, "at_unix_time_s": at_unix_time_s}
         for field, value in given.items():
             if value is not None and action is not ShowAction.START:
@@ -327,8 +326,5 @@ class Commander(VehicleCommands):
 
     def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> CommandRecord:
         """Record a command that the next tick executes for the whole formation."""
-        formed = self.flight.in_phase(Phase.FORMATION)
-        record = self.flight.book.open(action, [vehicle.id for vehicle in formed], left_out or {})
-        for vehicle in formed:
-            self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
-        return self.flight.book.get(record.id)
+        formed = [vehicle.id for vehicle in self.flight.in_phase(Phase.FORMATION)]
+        return self.flight.book.done(action, formed, left_out or {})

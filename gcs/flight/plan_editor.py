@@ -57,7 +57,6 @@ class PlanEditor:
         flight.plan = replace(flight.plan, formation=formation)
 
     def set_orbit(self, orbit: Orbit) -> None:
-        """Change how the centre circles the target."""
         flight = self.flight
         self.show_player.need_free("orbit")
         control = flight.control

@@ -22,7 +22,7 @@ from gcs.planning.landing_sites import column_m, describe_columns, most_overlapp
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.preflight.fleet import Pattern, room_to_wander, spacing, standing
 from gcs.preflight.vehicles import PreflightInputs, own_checks
-from gcs.service import CALLER, CommandRecord, Outcome
+from gcs.service import CALLER, CommandRecord
 
 log = logging.getLogger(__name__)
 
@@ -384,7 +384,7 @@ class PreflightGate:
         exclusion = Exclusion(CALLER.get(), reason, self.flight.unix_s())
         self.flight.excluded[vehicle_id] = exclusion
         log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
-        return self._noted("exclude", vehicle_id, str(exclusion))
+        return self.flight.book.done("exclude", [vehicle_id], reason=str(exclusion))
 
     @with_alternative
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
@@ -397,12 +397,7 @@ class PreflightGate:
         if self.flight.excluded.pop(vehicle_id, None) is None:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
         log.info("included", extra={"vehicle": vehicle_id, "by": CALLER.get()})
-        return self._noted("include", vehicle_id, "")
-
-    def _noted(self, action: str, vehicle_id: VehicleId, reason: str) -> CommandRecord:
-        record = self.flight.book.open(action, [vehicle_id], {})
-        self.flight.book.close(record.id, vehicle_id, Outcome.DONE, reason)
-        return self.flight.book.get(record.id)
+        return self.flight.book.done("include", [vehicle_id])
 
     def _need_ground(self, vehicle_id: VehicleId) -> None:
         vehicle, flight = self.flight.vehicle(vehicle_id), self.flight

@@ -255,7 +255,6 @@ class Recovery:
 
     @with_alternative
     def settle(self, offer: Offer) -> CommandRecord:
-        """Execute an offer. Raises: RefusedError when it is not offered."""
         found, shown = self.found, self.view()
         if found is None or shown is None:
             raise RefusedError("no flight was cut off, or all of it is settled")

@@ -18,7 +18,7 @@ from gcs.model.lifecycle import AIRBORNE, FLOWN, GROUNDED, IN_THE_AIR, NEXT, Eve
 from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_formation
 from gcs.planning.landing_sites import distinct_sites_m
-from gcs.service import CommandRecord, Outcome, VehicleAction
+from gcs.service import CommandRecord, VehicleAction
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +70,6 @@ class VehicleCommands:
     maneuvers: Maneuvers
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        """Execute a command to one vehicle. Raises: RefusedError, UnknownError."""
         vehicle = self.flight.vehicle(vehicle_id)
         with instead(self.flight, vehicle_id):
             return self._command(vehicle, action)
@@ -80,9 +79,7 @@ class VehicleCommands:
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
             self.flight.forget_seen(vehicle)
-            record = self.flight.book.open(action, [vehicle.id], {})
-            self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
-            return self.flight.book.get(record.id)
+            return self.flight.book.done(action, [vehicle.id])
         return self._command_each([vehicle], action, {})
 
     def _require(self, vehicle: Vehicle, action: VehicleAction) -> None:

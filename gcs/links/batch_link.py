@@ -135,9 +135,9 @@ class BatchLink(ABC):
         """
         check_system_ids(vehicles)
         system_ids = tuple(vehicles.values())
-        self._name = name
+        self.name = name
         self._vehicles = MappingProxyType(dict(vehicles))
-        self._ids = tuple(vehicles)
+        self.ids = tuple(vehicles)
         self._station_id = self._own_id()
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(vehicles)}
         self._system_ids: Whole = np.array(system_ids, np.int64)
@@ -145,28 +145,28 @@ class BatchLink(ABC):
         self._clock = clock
         self._hold_s = before_it_leaves_s(setpoint_timeout_s)
         self._heartbeat_hold_s = heartbeat_hold_s
-        self._counters = Counters()
+        self.counters = Counters()
         self._recorder = None if record is None else Recorder(record, name, clock)
         self._signing = signing
         self._ports = LinkPorts(name, places, clock) if ports is None else ports
         address = self._ports.address
-        self._addresses = Addresses(name, system_ids, address, self._counters, clock)
+        self._addresses = Addresses(name, system_ids, address, self.counters, clock)
         signatures = (
-            None if signing is None else SignatureFilter(name, signing, system_ids, address, self._counters)
+            None if signing is None else SignatureFilter(name, signing, system_ids, address, self.counters)
         )
         self._outbox = Outbox(
-            self._ports, self._addresses, self._counters, self._system_ids, self._station_id, signatures
+            self._ports, self._addresses, self.counters, self._system_ids, self._station_id, signatures
         )
-        self._telemetry = FleetTelemetry(self._ids)
+        self._telemetry = FleetTelemetry(self.ids)
         self._streams = StreamRequests(self._system_ids, rates_hz or {}, self._request_streams)
         self._parameter_updates = ParameterUpdates()
         self._inbox = Inbox(
-            self._addresses, self._telemetry, self._streams, self._counters, self._note_parameter, signatures
+            self._addresses, self._telemetry, self._streams, self.counters, self._note_parameter, signatures
         )
         self._latch = KillLatch(system_ids)
         self._forwarding = Forwarding(
             forward,
-            self._counters,
+            self.counters,
             rows={system_id: row for row, system_id in enumerate(system_ids)},
             station_id=self._station_id,
             latch=self._latch,
@@ -177,7 +177,7 @@ class BatchLink(ABC):
         if forward:
             self._inbox.observers = (self._forwarding.offer,)
         self._killed: set[int] = set()
-        self._sent = SentSetpoints(len(self._ids))
+        self._sent = SentSetpoints(len(self.ids))
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
         self._ticked_s = -np.inf
         self._received_s = -np.inf
@@ -237,29 +237,21 @@ class BatchLink(ABC):
     # the link
 
     @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def ids(self) -> tuple[VehicleId, ...]:
-        return self._ids
-
-    @property
     def problems(self) -> Sequence[str]:
         problem = "" if self._recorder is None else self._recorder.problem
-        return (f"link {self._name}: {problem}",) if problem else ()
+        return (f"link {self.name}: {problem}",) if problem else ()
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
-        return {self._ids[row]: text for row, text in self._addresses.conflicts().items()}
+        return {self.ids[row]: text for row, text in self._addresses.conflicts().items()}
 
     @property
     def setpoints_sent(self) -> int:
-        return self._counters.setpoints_sent
+        return self.counters.setpoints_sent
 
     @property
     def addresses(self) -> Mapping[VehicleId, Address]:
-        known = {name: self._addresses.address(row) for row, name in enumerate(self._ids)}
+        known = {name: self._addresses.address(row) for row, name in enumerate(self.ids)}
         return {name: address for name, address in known.items() if address is not None}
 
     def watch_parameters(self, names: Collection[str]) -> None:
@@ -267,10 +259,6 @@ class BatchLink(ABC):
 
     def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
         return self._parameter_updates.drain()
-
-    @property
-    def counters(self) -> Counters:
-        return self._counters
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Pass every frame to `observer` from now on; call the result to stop. See `Observer`."""
@@ -295,10 +283,10 @@ class BatchLink(ABC):
             self._forwarding.open()
             self._ticked_s = self._clock()  # control gets time to start
             async with self._opened() as coroutines, asyncio.TaskGroup() as group:
-                group.create_task(self._keep_receiving(), name=f"link/{self._name}/receive")
-                group.create_task(self._keep_beating(), name=f"link/{self._name}/beat")
+                group.create_task(self._keep_receiving(), name=f"link/{self.name}/receive")
+                group.create_task(self._keep_beating(), name=f"link/{self.name}/beat")
                 for name, work in coroutines.items():
-                    group.create_task(work, name=f"link/{self._name}/{name}")
+                    group.create_task(work, name=f"link/{self.name}/{name}")
         finally:
             self._forwarding.close()
             self._ports.close()
@@ -372,13 +360,13 @@ class BatchLink(ABC):
         """The command protocol, and the vehicle's row. Raises: UnknownError, CommandError."""
         row = self._row.get(vehicle_id)
         if row is None:
-            raise UnknownError(f"{vehicle_id} is not on link {self._name}")
+            raise UnknownError(f"{vehicle_id} is not on link {self.name}")
         if self._protocol is None:
-            raise CommandError(f"{vehicle_id}: {otherwise}: link {self._name} is not open")
+            raise CommandError(f"{vehicle_id}: {otherwise}: link {self.name} is not open")
         return self._protocol, row
 
     def _never_connected(self, row: int, otherwise: str) -> CommandError:
-        return CommandError(f"{self._ids[row]}: {otherwise}: never received on link {self._name}")
+        return CommandError(f"{self.ids[row]}: {otherwise}: never received on link {self.name}")
 
     def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
         """The ids; the indices of this link's vehicles (k,); their rows here (k,). A later mention counts."""
@@ -410,7 +398,7 @@ class BatchLink(ABC):
         self._send_message(COMMAND_LONG, codec.kill_message(int(self._system_ids[row])), np.array([row]))
 
     def _note_parameter(self, row: int, name: str, value: ParameterValue) -> None:
-        self._parameter_updates.take(self._ids[row], name, value)
+        self._parameter_updates.take(self.ids[row], name, value)
 
     def _receive(self) -> None:
         self._received_s = self._clock()
@@ -440,7 +428,7 @@ class BatchLink(ABC):
         while True:
             now_s = self._clock()
             if now_s - self._ticked_s > self._heartbeat_hold_s:
-                self._counters.heartbeats_withheld += 1
+                self.counters.heartbeats_withheld += 1
             else:
                 self._outbox.broadcast(HEARTBEAT, codec.heartbeats(1), now_s)
             await asyncio.sleep(_BEAT_S)

@@ -44,7 +44,7 @@ _OUTCOME: Final = "INSERT INTO outcomes VALUES (?, ?, ?, ?, ?, ?)"
 
 
 class Audit:
-    """Rows of one session. Implements `gcs.service.Audit`."""
+    """Rows of one session. Implements `gcs.service.Audit`, which documents it."""
 
     def __init__(self, journal: Journal, session: str, vehicles: Mapping[VehicleId, tuple[int, str]]) -> None:
         """Writes nothing before `begin`.
@@ -91,7 +91,6 @@ class Audit:
         self._put("INSERT INTO calls VALUES (?, ?, ?, ?, ?, ?, ?)", *values)
 
     async def kept(self) -> bool:
-        """Return once all rows so far are on the disk; False: they are not."""
         return await self._journal.kept()
 
     def opened(self, record: CommandRecord, caller: str) -> None:

@@ -2,10 +2,11 @@
 
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Final, Protocol
 
 from gcs.model.errors import UnknownError
@@ -109,6 +110,19 @@ class CommandLog:
             self._listener.opened(record, CALLER.get())
         return record
 
+    def done(
+        self,
+        action: str,
+        vehicles: Collection[VehicleId],
+        left_out: Mapping[VehicleId, str] = MappingProxyType({}),
+        reason: str = "",
+    ) -> CommandRecord:
+        """Record a command that is done already. Returns: it, with its outcomes."""
+        record = self.open(action, vehicles, left_out)
+        for vehicle_id in vehicles:
+            self.close(record.id, vehicle_id, Outcome.DONE, reason)
+        return self.get(record.id)
+
     def close(self, command_id: str, vehicle_id: VehicleId, outcome: Outcome, reason: str = "") -> None:
         """Record one vehicle's outcome; only a pending one changes."""
         record = self._records.get(command_id)
@@ -123,7 +137,6 @@ class CommandLog:
         return lambda outcome, reason: self.close(record.id, vehicle_id, outcome, reason)
 
     def newest(self) -> Sequence[CommandRecord]:
-        """All kept commands, newest first."""
         return tuple(reversed(self._records.values()))
 
     def get(self, command_id: str) -> CommandRecord:

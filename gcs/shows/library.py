@@ -79,21 +79,15 @@ class ShowLibrary:
 
     @property
     def why_not_kept(self) -> str:
-        """Why no file can be stored; empty where a folder is configured."""
         return NOT_KEPT if self._folder is None else ""
 
     async def list_shows(self) -> list[StoredShow]:
         return await asyncio.to_thread(self._listed)
 
     async def text(self, name: str) -> str:
-        """Return the file as uploaded. Raises: UnknownError, RefusedError when it cannot be read."""
         return (await asyncio.to_thread(self._read, name)).decode(errors="replace")
 
     async def store(self, name: str, text: bytes) -> StoredShow:
-        """Store a file under a name, replacing the file of that name: completely or not at all.
-
-        Raises: InvalidError, RefusedError when it cannot be stored.
-        """
         _check_name(name)
         if not text.strip() or len(text) > SIZE_MAX_BYTES:
             raise InvalidError(
@@ -107,7 +101,6 @@ class ShowLibrary:
             return await asyncio.to_thread(self._write, name, text)
 
     async def remove(self, name: str) -> None:
-        """Delete a file. Raises: UnknownError, RefusedError."""
         async with self._writing:
             await asyncio.to_thread(self._remove, name)
 
@@ -180,7 +173,6 @@ class ShowLibrary:
         return self._checks[name].reported
 
     def checked(self, name: str) -> ShowCheck:
-        """Return the state of the newest check. Raises: UnknownError when there was none."""
         _check_name(name)
         if name not in self._checks:
             raise UnknownError(f"show {name!r} has not been checked since this service began: check it")

@@ -264,7 +264,6 @@ class LinkPorts(UdpPorts):
         self._tend_s = -inf
 
     def open(self) -> None:
-        """Open every port. Raises: LinkError naming the port."""
         super().open()
         self._stream_selector = DefaultSelector()
         for each in self._streams:

@@ -103,7 +103,6 @@ class UdpPorts(Ports):
         self._in_runs = False
 
     def open(self) -> None:
-        """Bind every port. Raises: LinkError naming the port."""
         opened: list[socket.socket] = []
         for host, port in self._bound:
             try:

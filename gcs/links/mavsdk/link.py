@@ -84,9 +84,9 @@ class MavsdkLink(BatchLink):
         return station_id(self._vehicles.values())
 
     def _prepare(self) -> None:
-        n = len(self._ids)
+        n = len(self.ids)
         self._setpoint_filter = SetpointFilter(
-            self._outbox, self._system_ids, self._latch, self._sent, self._counters, self._clock
+            self._outbox, self._system_ids, self._latch, self._sent, self.counters, self._clock
         )
         self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
         self._frame_filter = FrameFilter(n)
@@ -124,7 +124,7 @@ class MavsdkLink(BatchLink):
     def _poll_health(self) -> None:
         """Query MAVSDK for the health of a part of the vehicles."""
         self._polls += 1
-        for row in range(self._polls % _HEALTH_SHARES, len(self._ids), _HEALTH_SHARES):
+        for row in range(self._polls % _HEALTH_SHARES, len(self.ids), _HEALTH_SHARES):
             vehicle = self._discovered.get(row)
             self._healthy[row] = vehicle is not None and vehicle.healthy()
 
@@ -158,7 +158,7 @@ class MavsdkLink(BatchLink):
         vehicle = self._discovered.get(row)
         if vehicle is None or self._workers is None:
             raise self._never_connected(row, otherwise)
-        return self._workers.channel(self._ids[row], vehicle)
+        return self._workers.channel(self.ids[row], vehicle)
 
     def _forget_commands(self, row: int) -> None:
         self._setpoint_filter.forbid(np.array([row]))  # the latch drops what MAVSDK still repeats
@@ -229,6 +229,6 @@ class MavsdkLink(BatchLink):
                     }
                     self._is_discovered[list(self._discovered)] = True
                     log.info(
-                        "vehicles_discovered", extra={"link": self._name, "system_ids": tuple(sorted(found))}
+                        "vehicles_discovered", extra={"link": self.name, "system_ids": tuple(sorted(found))}
                     )
             await asyncio.sleep(_DISCOVER_S)

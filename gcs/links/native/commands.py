@@ -195,18 +195,15 @@ class NativeCommandChannel:
     commands: Commands
 
     async def command(self, given: Command, may_leave: Callable[[], None]) -> None:
-        """Send it and wait for the acknowledgement. Raises: CommandError."""
         if given.verb is Verb.TAKEOFF:
             await self.commands.set_parameter(self.row, TAKEOFF_HEIGHT, float(given.height_m), may_leave)
         command, values = _COMMANDS[given.verb]
         await self.commands.command(self.row, command, values, may_leave)
 
     async def parameter(self, name: str) -> ParameterValue:
-        """The autopilot's value. Raises: CommandError."""
         return await self.commands.get_parameter(self.row, name, _moves_nothing)
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Set the value; returns when the vehicle reports it. Raises: CommandError."""
         await self.commands.set_parameter(self.row, name, value, _moves_nothing)
 
 

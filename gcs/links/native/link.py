@@ -25,7 +25,7 @@ class NativeLink(BatchLink):
 
     def _prepare(self) -> None:
         self._commands = Commands(self._system_ids, self._send_message)
-        self._all: Mask = np.ones(len(self._ids), np.bool_)
+        self._all: Mask = np.ones(len(self.ids), np.bool_)
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Coroutines]:
@@ -51,9 +51,9 @@ class NativeLink(BatchLink):
         left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
         left_s = self._clock()  # after the call: never earlier than the datagrams
         if left_s > desired.until_s:
-            self._counters.setpoints_dropped += int((~left).sum())
+            self.counters.setpoints_dropped += int((~left).sum())
         self._sent.note(rows[left], left_s)
-        self._counters.setpoints_sent += int(left.sum())
+        self.counters.setpoints_sent += int(left.sum())
 
     def _command_channel(self, row: int, otherwise: str) -> NativeCommandChannel:
         if not np.isfinite(self._telemetry.heartbeat_time_s[row]):
@@ -61,7 +61,7 @@ class NativeLink(BatchLink):
         return NativeCommandChannel(row, self._commands)
 
     def _forget_commands(self, row: int) -> None:
-        self._counters.commands_dropped += self._commands.fail(lambda other: other == row, "killed meanwhile")
+        self.counters.commands_dropped += self._commands.fail(lambda other: other == row, "killed meanwhile")
 
     def _commandable(self) -> Mask:
         return self._all

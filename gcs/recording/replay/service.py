@@ -125,7 +125,6 @@ class NoShows(ReadOnly):
 
     @property
     def why_not_kept(self) -> str:
-        """Why no file can be stored: a replay never can."""
         return self._why
 
     async def list_shows(self) -> list[StoredShow]:
@@ -151,7 +150,6 @@ class NoCommands:
     """Commands are in the audit beside the flight data. Implements `gcs.service.CommandRecords`."""
 
     def get(self, command_id: str) -> NoReturn:
-        """Raises: UnknownError."""
         raise UnknownError(
             f"there is no command {command_id}: this is a replay; past commands are in the audit"
         )
@@ -317,7 +315,6 @@ class Replay:
         )
 
     def change(self, **given: Unpack[PlaybackChange]) -> Playback:
-        """Change the playback. Raises: InvalidError, RefusedError; then nothing has changed."""
         self._head.change(self._now_s(), **given)
         self._sought = self._sought or "position_s" in given
         self._changed.set()
