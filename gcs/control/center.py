@@ -1,6 +1,6 @@
 """The formation's centre and radius: created with the first vehicle, moved, removed after the last."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,9 +33,7 @@ def move_center(now: TickInputs, memory: Memory) -> Lead:
     center, radius_m = memory.center, memory.radius_m
     if center is None:
         center, radius_m = _begun(now), now.plan.formation.radius_m
-    ahead = replace(
-        center, position_m=center.position_m + now.dt_s * center.velocity_m_s
-    )  # at the step's end
+    ahead = center.later(now.dt_s)  # at the step's end
     sphere_m = max(radius_m, now.plan.formation.radius_m)
     desired_m_s, sides, detour = _around_obstacles(now, center, ahead, radius_m, memory)
     held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s)

@@ -1,7 +1,7 @@
 """Velocities that the law and the goals require of every vehicle, before the safety filter."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
@@ -26,6 +26,7 @@ from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.steering import avoid_all, level, steer_past
+from gcs.model.jit import kernel
 from gcs.model.plan import LawName
 from gcs.model.state import TINY, Array
 
@@ -66,9 +67,9 @@ def spread(now: TickInputs, lead: Lead, memory: Memory, sight: Sight | None = No
 
     With `sight` the vehicles compute the law `neighbours` themselves, from the messages they received.
     """
-    nowhere, still = np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m)
-    center, law, limits = lead.center, now.settings.law, now.settings.safety.limits
+    center, law = lead.center, now.settings.law
     if center is None or len(now.rows) == 0:
+        nowhere, still = np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m)
         return Spread(np.zeros((len(now.rows), 3)), nowhere, still)
     position_m = now.of_formed(now.position_m)
     direction, distance_m = directions_from(position_m, center.position_m)
@@ -81,23 +82,26 @@ def spread(now: TickInputs, lead: Lead, memory: Memory, sight: Sight | None = No
     )
     formed = Formed(center, position_m, direction, distance_m, now.of_formed(now.traits.charge), spin_rad_s)
     if now.plan.formation.law is LawName.SLOTS:
-        found = _to_slots(now, lead, memory, formed)
-    elif now.plan.formation.law is LawName.ARTICLE:
-        found = _by_forces(now, lead, memory, formed)
-    else:
-        found = _by_neighbours(now, lead, memory, formed, sight)
-    own_m_s = found.velocity_m_s
+        return _to_slots(now, lead, memory, formed)
+    if now.plan.formation.law is LawName.ARTICLE:
+        return _by_forces(now, lead, memory, formed)
+    return _by_neighbours(now, lead, memory, formed, sight)
+
+
+def _flown(now: TickInputs, formed: Formed, own_m_s: Array) -> Array:
+    """(m, 3) velocities over the ground for the law's own (m, 3): with centre and spin, within the limits."""
+    limits, spin_rad_s = now.settings.safety.limits, formed.spin_rad_s
     if spin_rad_s:
-        own_m_s += spin_velocity(distance_m[:, None] * direction, spin_rad_s, now.settings.response_s)
-    velocity_m_s = shrink_relative(
-        center.velocity_m_s,
+        offset_m = formed.distance_m[:, None] * formed.direction
+        own_m_s += spin_velocity(offset_m, spin_rad_s, now.settings.response_s)
+    return shrink_relative(
+        formed.center.velocity_m_s,
         own_m_s,
         limits.horizontal_m_s,
         limits.up_m_s,
         limits.down_m_s,
         now.of_formed(now.traits.speed_max_m_s),
     )
-    return replace(found, velocity_m_s=velocity_m_s, spin_rad_s=spin_rad_s)
 
 
 def _to_slots(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Spread:
@@ -112,33 +116,79 @@ def _to_slots(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Sp
         places, changes = (turned(each, formed.spin_rad_s * now.dt_s) for each in (places, changes))
     sweeps = sweeps_for(len(rows), law.sweeps)
     places, changes = sweep(places, changes, formed.direction, formed.charge, sweeps, law.pull)
-    off_m = lead.radius_m * np.linalg.norm(places - formed.direction, axis=1)
-    unfollowed_s = _unfollowed_s(now, memory, formed, off_m)
-    held = now.of_formed(unfollowed_s) < 0.0
-    places[held], changes[held] = formed.direction[held], 0.0
+    unfollowed_s = np.zeros(len(now.formed)) if memory.unfollowed_s is None else memory.unfollowed_s.copy()
+    _keep_with_vehicles(
+        unfollowed_s,
+        places,
+        changes,
+        now.rows,
+        formed.direction,
+        now.velocity_m_s,
+        memory.expected_m_s,
+        formed.center.velocity_m_s,
+        lead.radius_m,
+        now.dt_s,
+    )
     own_m_s = slot_velocity(
         formed.direction, formed.distance_m, places, lead.radius_m, law.slot_rate_per_s, law.speed_m_s
     )
-    return Spread(own_m_s, now.for_all(places, np.nan), now.for_all(changes, 0.0), unfollowed_s)
+    return Spread(
+        _flown(now, formed, own_m_s),
+        now.for_all(places, np.nan),
+        now.for_all(changes, 0.0),
+        unfollowed_s,
+        spin_rad_s=formed.spin_rad_s,
+    )
 
 
-def _unfollowed_s(now: TickInputs, memory: Memory, formed: Formed, off_m: Array) -> Array:
-    """(n,) as in Memory: how long each vehicle, (m,) `off_m` from its slot, has not moved as expected.
+@kernel
+def _keep_with_vehicles(
+    unfollowed_s: Array,
+    places: Array,
+    changes: Array,
+    rows: NDArray[np.intp],
+    direction: Array,
+    velocity_m_s: Array,
+    expected_m_s: Array,
+    center_m_s: Array,
+    radius_m: float,
+    dt_s: float,
+) -> None:
+    """Update how long each vehicle has not moved as expected, and lay the slots of those held where they are.
 
     A vehicle that something holds or carries does not come to its slot, so its slot comes to it, and the
     others make room. After `SLOT_STAYS_S` the slot is free again: if the vehicle is, too, it follows.
+
+    Args:
+        unfollowed_s: (n,) as in Memory, changed.
+        places: (m, 3) slots of the vehicles in formation, changed.
+        changes: (m, 3) of the slots, changed.
+        rows: (m,) of the vehicles in formation.
+        direction: (m, 3) to the vehicles.
+        velocity_m_s: (n, 3) measured.
+        expected_m_s: (n, 3) relative to the centre, NaN: not commanded.
+        center_m_s: (3,) velocity of the centre.
+        radius_m: of the sphere.
+        dt_s: since the previous tick.
     """
-    count = len(now.formed)
-    before_s = np.zeros(count) if memory.unfollowed_s is None else memory.unfollowed_s
-    unfollowed_s = np.minimum(before_s + now.dt_s, np.where(before_s < 0.0, 0.0, HELD_S))
-    expected_m_s = now.of_formed(memory.expected_m_s)
-    moving_m_s = now.of_formed(now.velocity_m_s) - formed.center.velocity_m_s
-    along, enough = (moving_m_s * expected_m_s).sum(axis=1), SLOW_SHARE * (expected_m_s**2).sum(axis=1)
-    slow = np.zeros(count, dtype=np.bool_)
-    slow[now.rows] = (off_m > OFF_M) & (along < enough)
-    unfollowed_s[(before_s >= 0.0) & ~slow] = 0.0
-    unfollowed_s[unfollowed_s >= HELD_S] = -SLOT_STAYS_S
-    return unfollowed_s
+    slow = np.zeros(len(unfollowed_s), np.bool_)
+    for a in range(len(rows)):
+        i, off, along, enough = rows[a], 0.0, 0.0, 0.0
+        for k in range(3):
+            off += (places[a, k] - direction[a, k]) ** 2
+            along += (velocity_m_s[i, k] - center_m_s[k]) * expected_m_s[i, k]
+            enough += expected_m_s[i, k] ** 2
+        slow[i] = radius_m * np.sqrt(off) > OFF_M and along < SLOW_SHARE * enough
+    for i in range(len(unfollowed_s)):
+        before_s = unfollowed_s[i]
+        unfollowed_s[i] = min(before_s + dt_s, 0.0 if before_s < 0.0 else HELD_S)
+        if before_s >= 0.0 and not slow[i]:
+            unfollowed_s[i] = 0.0
+        if unfollowed_s[i] >= HELD_S:
+            unfollowed_s[i] = -SLOT_STAYS_S
+    for a in range(len(rows)):
+        if unfollowed_s[rows[a]] < 0.0:
+            places[a], changes[a] = direction[a], 0.0
 
 
 def _off_symmetry(now: TickInputs, lead: Lead, formed: Formed, settings: ForceSettings) -> Array:
@@ -163,7 +213,12 @@ def _by_forces(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> S
         settings=law.article,
     )
     own_m_s += _off_symmetry(now, lead, formed, law.article)
-    return Spread(own_m_s, np.full_like(now.position_m, np.nan), now.for_all(changes, 0.0))
+    return Spread(
+        _flown(now, formed, own_m_s),
+        np.full_like(now.position_m, np.nan),
+        now.for_all(changes, 0.0),
+        spin_rad_s=formed.spin_rad_s,
+    )
 
 
 def _by_neighbours(
@@ -199,8 +254,14 @@ def _by_neighbours(
     own_m_s += np.where(np.isfinite(belief.velocity_m_s), belief.velocity_m_s, 0.0) - center.velocity_m_s
     kept = Belief(now.for_all(belief.center_m, np.nan), now.for_all(belief.velocity_m_s, np.nan))
     knows_center = sight is None or sight.belief is None
-    nowhere = np.full_like(now.position_m, np.nan)
-    return Spread(own_m_s, nowhere, now.for_all(changes, 0.0), belief=kept, knows_center=knows_center)
+    return Spread(
+        _flown(now, formed, own_m_s),
+        np.full_like(now.position_m, np.nan),
+        now.for_all(changes, 0.0),
+        belief=kept,
+        knows_center=knows_center,
+        spin_rad_s=formed.spin_rad_s,
+    )
 
 
 def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:
@@ -217,23 +278,21 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
         own_m_s: (m, 3) of the m vehicles in formation, without the centre's avoidance.
     """
     law, limits = now.settings.law, now.settings.safety.limits
-    desired_m_s = np.zeros_like(now.position_m)
-    if lead.center is not None and len(now.rows):
+    columns = now.columns if len(now.tasks.segments_m) else {}
+    if lead.center is not None and len(now.rows) and (now.ellipses or columns):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
         sliding_m_s = np.full(len(own_m_s), along_m_s)
-        columns = now.columns if len(now.tasks.segments_m) else None
         own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns)
-        desired_m_s = now.for_all(own_m_s, 0.0)
-    if now.to_goal.any():
-        goers = np.flatnonzero(now.to_goal)
+    desired_m_s = now.for_all(own_m_s, 0.0)
+    goers = now.goers
+    if len(goers):
         to_goal_m_s = goal_velocity(now.position_m[goers], now.tasks.goal_m[goers], settings=law)
         half_m_s = 0.5 * np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
-        desired_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s)
-        if len(now.tasks.segments_m):
+        desired_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, {})
+        if columns:
             free = ~now.tasks.descending[goers]  # these choose their way; a planned path is kept
             if now.tasks.follows_planned_path is not None:
                 free &= ~now.tasks.follows_planned_path[goers]
-            columns = now.columns
             past_m_s = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, columns)
             past_m_s[:, 2] += _hindered(now, goers, to_goal_m_s, columns) * (-limits.up_m_s - past_m_s[:, 2])
             desired_m_s[goers[free]] = past_m_s[free]
@@ -251,8 +310,6 @@ def _hindered(
 
     Several columns may surround a vehicle on three sides, where no tangent leads out. Above them it is free.
     """
-    if not columns:
-        return np.zeros(len(rows))
     outlines, place_m = Outlines.of(columns), now.position_m[rows]
     way_m = now.tasks.goal_m[rows, :2] - place_m[:, :2]
     left_m, speed_m_s = np.hypot(way_m[:, 0], way_m[:, 1]), np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
@@ -271,10 +328,10 @@ def _avoiding(
     desired_m_s: Array,
     sides: Mapping[str, float],
     sliding_m_s: Array,
-    columns: Mapping[str, Ellipse] | None = None,
+    columns: Mapping[str, Ellipse],
 ) -> Array:
     """(m, 3) velocities of those rows (m,) with obstacles avoided; the other arguments as in `avoid_all`."""
-    ellipses = {**now.ellipses, **(columns or {})}
+    ellipses = {**now.ellipses, **columns}
     if not ellipses:
         return desired_m_s
     avoidance = now.settings.law.avoidance

@@ -175,8 +175,9 @@ class TickInputs:
     velocity_m_s: Array  # (n, 3); both writable copies, because kernels compile frozen arrays as another type
     commanded: Mask  # (n,) has a task and fresh telemetry
     formed: Mask  # (n,) commanded and in formation
-    rows: NDArray[np.intp]  # (m,) of the vehicles in formation
     to_goal: Mask  # (n,) commanded and on the way to a goal of its own
+    rows: NDArray[np.intp]  # (m,) of the vehicles in formation
+    goers: NDArray[np.intp]  # (k,) of those on the way to a goal
     ellipses: dict[str, Ellipse]  # the plan's obstacles at this time
 
     @property
@@ -225,9 +226,7 @@ class TickInputs:
         """Inputs at `fleet.time_s`, when the previous tick was at `before_s`."""
         position_m, velocity_m_s = np.array(fleet.position_m), np.array(fleet.velocity_m_s)
         task, age_s = np.array(tasks.task), np.array(fleet.age_s)
-        commanded, formed, to_goal = _roles(
-            task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s
-        )
+        roles = _roles(task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s)
         return TickInputs(
             fleet,
             tasks,
@@ -237,10 +236,7 @@ class TickInputs:
             min(max(fleet.time_s - before_s, 1e-3), LONGEST_STEP_S),
             position_m,
             velocity_m_s,
-            commanded,
-            formed,
-            np.flatnonzero(formed),
-            to_goal,
+            *roles,
             ellipses_of(plan, settings, fleet.time_s),
         )
 
@@ -248,8 +244,8 @@ class TickInputs:
 @kernel
 def _roles(
     task: NDArray[np.int8], position_m: Array, velocity_m_s: Array, age_s: Array, age_max_s: float
-) -> tuple[Mask, Mask, Mask]:
-    """(n,) masks: commanded; commanded in formation; commanded to a goal of its own.
+) -> tuple[Mask, Mask, Mask, NDArray[np.intp], NDArray[np.intp]]:
+    """(n,) masks: commanded; in formation; to a goal of its own; and the rows of the latter two.
 
     Args:
         task: (n,) of Task.
@@ -267,7 +263,7 @@ def _roles(
         commanded[i] = fresh
         formed[i] = fresh and task[i] == Task.FORMATION
         to_goal[i] = fresh and task[i] == Task.GOAL
-    return commanded, formed, to_goal
+    return commanded, formed, to_goal, np.flatnonzero(formed), np.flatnonzero(to_goal)
 
 
 def ellipses_of(plan: Plan, settings: ControlSettings, time_s: float) -> dict[str, Ellipse]:

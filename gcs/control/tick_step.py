@@ -15,6 +15,7 @@ from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
 from gcs.formation.route import warm_up as routes_warm_up
+from gcs.model.jit import kernel
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
 from gcs.safety.authority import Authority, measured, yielding
@@ -65,7 +66,9 @@ def tick(
     """
     now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
     authority = _authority(now, memory)
-    now = replace(now, traits=authority.limit(traits))
+    limited_traits = authority.limit(traits)
+    if limited_traits is not traits:
+        now = replace(now, traits=limited_traits)
     lead = move_center(now, memory)
     places = spread(now, lead, memory, sight)
     desired_m_s = _in_traffic(now, desired_velocity(now, lead, places.velocity_m_s))
@@ -85,12 +88,13 @@ def tick(
         now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
     )
     yaw_rad, held_rad = _yaw(now, memory)
+    commanded_m_s, asked_m_s = _of_commanded(now.commanded, allowed_m_s, desired_m_s, yields)
     remembered = Memory(
         time_s=fleet.time_s,
         center=lead.center,
         radius_m=lead.radius_m,
-        desired_m_s=np.where(now.commanded[:, None], allowed_m_s, np.nan),
-        asked_m_s=_asked(now, desired_m_s, allowed_m_s, yields),
+        desired_m_s=commanded_m_s,
+        asked_m_s=asked_m_s,
         yaw_rad=yaw_rad,
         held_yaw_rad=held_rad,
         engaged_time_s=lead.engaged_time_s,
@@ -112,7 +116,7 @@ def tick(
 
 def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
     """(n, 3) desired velocities; vehicles on the way to a goal keep right and give way."""
-    if not now.to_goal.any():
+    if len(now.goers) == 0:
         return desired_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
     under_way = now.to_goal & ~now.tasks.descending
@@ -152,16 +156,23 @@ def _authority(now: TickInputs, memory: Memory) -> Authority:
     )
 
 
-def _asked(now: TickInputs, desired_m_s: Array, allowed_m_s: Array, yields: Mask) -> Array:
-    """(n, 3) velocities of vehicles with all their authority, for the wind failsafe; NaN: not commanded."""
-    asked_m_s = np.where(yields[:, None], desired_m_s, allowed_m_s)
-    asked_m_s[~now.commanded] = np.nan
-    return asked_m_s
+@kernel
+def _of_commanded(
+    commanded: Mask, allowed_m_s: Array, desired_m_s: Array, yields: Mask
+) -> tuple[Array, Array]:
+    """(n, 3) velocities as `desired_m_s` and `asked_m_s` of Memory."""
+    commanded_m_s, asked_m_s = np.full_like(allowed_m_s, np.nan), np.full_like(allowed_m_s, np.nan)
+    for i in range(len(commanded)):
+        if commanded[i]:
+            commanded_m_s[i] = allowed_m_s[i]
+            asked_m_s[i] = desired_m_s[i] if yields[i] else allowed_m_s[i]
+    return commanded_m_s, asked_m_s
 
 
 def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
     safety = now.settings.safety
     wander_m = authority.wander_m(safety.authority, safety.link_delay_s)
+    wander_m[now.tasks.descending] = 0.0
     return Surroundings(
         now.position_m,
         now.velocity_m_s,
@@ -174,7 +185,7 @@ def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
         now.traits.uncertainty_m,
         now.traits.speed_max_m_s,
         authority.lack_m_s,
-        np.where(now.tasks.descending, 0.0, wander_m),
+        wander_m,
         now.tasks.segments_of,
     )
 
@@ -194,7 +205,9 @@ def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoint
     """Setpoints of the rows (n, 3) that are commanded and have a yaw."""
     fleet = now.fleet
     rows = np.flatnonzero(now.commanded & np.isfinite(yaw_rad))
-    ids = fleet.ids if len(rows) == len(fleet.ids) else tuple(fleet.ids[row] for row in rows.tolist())
+    if len(rows) == len(fleet.ids):
+        return Setpoints(fleet.time_s, fleet.ids, setpoint_m_s, yaw_rad.copy())  # frozen
+    ids = tuple(fleet.ids[row] for row in rows.tolist())
     return Setpoints(fleet.time_s, ids, setpoint_m_s[rows], yaw_rad[rows])
 
 

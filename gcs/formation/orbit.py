@@ -150,6 +150,10 @@ class Center:
         """A centre at rest at `position_m`, (3,)."""
         return Center(np.array(position_m, dtype=np.float64), np.zeros(3), np.zeros(3))
 
+    def later(self, dt_s: float) -> "Center":
+        """A centre that has moved on for `dt_s` with its velocity."""
+        return Center(self.position_m + dt_s * self.velocity_m_s, self.velocity_m_s, self.acceleration_m_s2)
+
 
 def advance_center(center: Center, desired_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:
     """Move the centre for `dt_s` towards the desired velocity, (3,), within the acceleration limit.

@@ -1,6 +1,7 @@
 """Half-spaces of velocities, ``normal . (v_i - v_j) >= bound``, and the nearest velocities that keep them."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -78,6 +79,7 @@ class Constraints:
         return slack
 
     @staticmethod
+    @cache
     def none() -> "Constraints":
         no_rows = np.zeros(0, dtype=np.intp)
         return Constraints(no_rows, no_rows, np.zeros((0, 3)), np.zeros(0), ())

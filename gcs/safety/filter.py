@@ -96,8 +96,14 @@ def filter_velocities(
     """
     here, limits = surroundings, settings.limits
     braking = settings.braking.over_link(settings.link_delay_s)
-    position_m = _later(np.array(here.position_m), np.array(here.velocity_m_s), settings.link_delay_s)
-    desired_m_s = cap(_only(np.array(desired_m_s), np.array(here.commanded)), limits, here.speed_max_m_s)
+    position_m, desired_m_s = _later_and_only(
+        np.array(here.position_m),
+        np.array(here.velocity_m_s),
+        np.array(desired_m_s),
+        np.array(here.commanded),
+        settings.link_delay_s,
+    )
+    desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
     walls = _walls(position_m, here, settings, braking)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
     spare_m_s = np.full(len(desired_m_s), SPARE_M_S)
@@ -109,10 +115,10 @@ def filter_velocities(
         allowed_m_s = shortened(cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s), *joined)
         changed_m_s = _lengths(desired_m_s, allowed_m_s)
         strays = changed_m_s > spare_m_s
-        spare_m_s = np.maximum(spare_m_s, 1.5 * changed_m_s)
-        if not strays.any():
+        if not np.count_nonzero(strays):
             break  # every change is within the searched range
-        if strays.sum() <= FEW_STRAYS * len(strays):
+        spare_m_s = np.maximum(spare_m_s, 1.5 * changed_m_s)
+        if np.count_nonzero(strays) <= FEW_STRAYS * len(strays):
             overlooked = _pairs(position_m, desired_m_s, spare_m_s, here, settings, braking, strays)
             if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
                 break  # or no constraint is broken beyond that range
@@ -145,24 +151,21 @@ def _pairs(
 
 
 @kernel
-def _later(position_m: Array, velocity_m_s: Array, delay_s: float) -> Array:
-    """(n, 3) positions `delay_s` later; a row without a finite velocity stays."""
-    later_m = position_m.copy()
+def _later_and_only(
+    position_m: Array, velocity_m_s: Array, desired_m_s: Array, commanded: Mask, delay_s: float
+) -> tuple[Array, Array]:
+    """(n, 3) positions `delay_s` later, and (n, 3) desired velocities with rest where not commanded.
+
+    A row without a finite velocity stays.
+    """
+    later_m, kept_m_s = position_m.copy(), np.zeros_like(desired_m_s)
     for i in range(len(position_m)):
         for axis in range(3):
             if np.isfinite(velocity_m_s[i, axis]):
                 later_m[i, axis] += delay_s * velocity_m_s[i, axis]
-    return later_m
-
-
-@kernel
-def _only(velocity_m_s: Array, commanded: Mask) -> Array:
-    """(n, 3) with the rows that are not commanded at rest."""
-    kept_m_s = np.zeros_like(velocity_m_s)
-    for i in range(len(velocity_m_s)):
-        if commanded[i]:
-            kept_m_s[i] = velocity_m_s[i]
-    return kept_m_s
+            if commanded[i]:
+                kept_m_s[i, axis] = desired_m_s[i, axis]
+    return later_m, kept_m_s
 
 
 @kernel
@@ -264,9 +267,9 @@ def _reasons(
     A row that broke none was pushed by others: the constraint that it came nearest to breaking.
     """
     rows = np.flatnonzero(changed_m_s > NOTICEABLE_M_S)
-    reasons = np.full(len(desired_m_s), "", dtype=object)
     if len(rows) == 0:
-        return tuple(reasons.tolist())
+        return ("",) * len(desired_m_s)
+    reasons = np.full(len(desired_m_s), "", dtype=object)
     which = tightest(desired_m_s, *joined)[rows]
     paired, walled = which >= len(walls), (which != NO_ROW) & (which < len(walls))
     pair = which[paired] - len(walls)

@@ -1,6 +1,7 @@
 """Flies a scenario in virtual time: `gcs.control.tick` controls a simulated world."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -66,6 +67,7 @@ class SimulatedFlight:
             None if policy is None else ServiceFailsafes(policy, n, layout.reported_accuracy_m(scenario))
         )
         self._site_m = np.full((n, 3), np.nan)  # where vehicles come down that a failsafe lands or returns
+        self._some_led = False  # whether one has been led there
         self._progress: PathProgress | None = None
         self._returning = np.arange(0)  # (k,) rows of the return's plan
         self.memory = Memory.fresh(n, 0.0)
@@ -84,7 +86,7 @@ class SimulatedFlight:
     def fly(self) -> Record:
         """Fly from engagement to the end."""
         warm_up()
-        self._closest_m(self.world.position_m)  # compiles or loads its kernel
+        self._closest_m([self.world.position_m])  # compiles or loads its kernel
         began_s = time.process_time()
         while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
             self.before_tick()
@@ -133,7 +135,7 @@ class SimulatedFlight:
         self._keep(decided, took_s)
         self.world.send(decided.setpoints)
         seen_m = self.world.advance()
-        self.record.closest_m.append(min(self._closest_m(position_m) for position_m in seen_m))
+        self.record.closest_m.append(self._closest_m(seen_m))
 
     def _mind_failsafes(self, fleet: FleetState) -> None:
         """Execute what the service's failsafes request, as the commander does."""
@@ -169,13 +171,13 @@ class SimulatedFlight:
 
     def _lead_down(self, rows: Mask, site_m: Array) -> None:
         """Lead vehicles at their heights above their places (n, 3), and down."""
-        self.task[rows], self._site_m[rows] = Task.GOAL, site_m[rows]
+        self.task[rows], self._site_m[rows], self._some_led = Task.GOAL, site_m[rows], True
         self.goal_m[rows] = np.column_stack([site_m[rows, :2], self.world.received_m[rows, 2]])
 
     def _come_down(self) -> None:
-        here_m, led = self.world.received_m, (self.task == Task.GOAL) & np.isfinite(self._site_m[:, 0])
-        if not led.any():
+        if not self._some_led:
             return
+        here_m, led = self.world.received_m, (self.task == Task.GOAL) & np.isfinite(self._site_m[:, 0])
         self._descend(led & ~self.descending & is_above(here_m, self._site_m, WELL_IN_PLACE_M), self._site_m)
         self._hand_over(led & self.descending, self._site_m)
 
@@ -190,7 +192,7 @@ class SimulatedFlight:
 
     def _keep(self, decided: Tick, took_s: float) -> None:
         record, memory = self.record, decided.memory
-        if self.losses.known.any() and memory.center is not None and self._progress is None:
+        if len(self.losses.segments_m) and memory.center is not None and self._progress is None:
             slot_m = memory.center.position_m + memory.radius_m * memory.place
             clear_m = self.floor.widest_m(self.traits.uncertainty_m) + THROUGH_M
             clear = self.losses.apart_m(slot_m, self.floor) > clear_m  # False for NaN
@@ -215,19 +217,20 @@ class SimulatedFlight:
         record.held_by.append("" if memory.detour is None else memory.detour.held_by)
         record.limited.append(len(decided.limited_by) - decided.limited_by.count(""))
 
-    def _closest_m(self, position_m: Array) -> float:
-        floor = self.floor
-        in_air = self.world.in_air & self.present
-        distance_m, inside = closest_m(
-            position_m, in_air, self.present, floor.scale[2], floor.pad_height_m, floor.horizontal_m
-        )
-        if inside:
-            rows = np.flatnonzero(self.present)
-            first, second = pairs_that_count(position_m[rows], in_air[rows], floor)
-            near = scaled_distance_m(position_m[rows], first, second, floor) < floor.horizontal_m
-            pairs = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
-            self.record.violating.update(pairs)
-        return float(distance_m)
+    def _closest_m(self, seen_m: Sequence[Array]) -> float:
+        """Smallest distance of the pairs that count at any of those positions, (n, 3) each."""
+        floor, least_m, in_air = self.floor, np.inf, self.world.in_air & self.present
+        limits = floor.scale[2], floor.pad_height_m, floor.horizontal_m
+        for position_m in seen_m:
+            distance_m, inside = closest_m(position_m, in_air, self.present, *limits)
+            least_m = min(least_m, distance_m)
+            if inside:
+                rows = np.flatnonzero(self.present)
+                first, second = pairs_that_count(position_m[rows], in_air[rows], floor)
+                near = scaled_distance_m(position_m[rows], first, second, floor) < floor.horizontal_m
+                pairs = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
+                self.record.violating.update(pairs)
+        return least_m
 
     def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:
         """Lead all vehicles home and down through the safety filter. Call once a tick, first with `begin`."""
@@ -327,6 +330,7 @@ class FormationRun(SimulatedFlight):
             )
         )
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
+        self._target_stands = not (flight.target.turns or self._target_m_s.any())
 
     def before_tick(self) -> None:
         """Move the target, and execute the scenario's events."""
@@ -358,6 +362,8 @@ class FormationRun(SimulatedFlight):
 
     def _move_target(self) -> None:
         now_s, dt_s = self.time_s, self.world.tick_s
+        if self._target_stands and now_s > 0.0:
+            return
         if now_s > 0.0:
             acceleration_m_s2 = np.zeros(2)
             for turn in self.flight.target.turns:

@@ -115,8 +115,10 @@ class TrueWorld:
         self.autopilots = Autopilots(self.home_m)
         self._gone: Mask = np.zeros(n, dtype=bool)
         self._silent: Mask = np.zeros(n, dtype=bool)
+        self._cut = False  # whether a link was
         self._rest_m = np.full((n, 3), np.nan)  # positions of landed vehicles
         self._held_m = np.full((n, 3), np.nan)  # positions of vehicles that something holds
+        self._some_rest = False  # whether one of these has been set
         self._command_m_s = np.zeros((n, 3))
         self._received_m, self._received_m_s = self.estimate()
         self._received_s = np.zeros(n)
@@ -153,12 +155,13 @@ class TrueWorld:
         """Receive telemetry. Returns: the state, extrapolated from arrival with the reported velocity."""
         position_m, velocity_m_s = self.estimate()
         n, world = len(self.ids), self._world
-        kept = self._random.random(n) >= world.loss if world.loss else np.ones(n, dtype=bool)
-        kept &= ~self._silent
+        kept = ~self._silent
+        if world.loss:
+            kept &= self._random.random(n) >= world.loss
         self._telemetry.append((self.time_s + world.telemetry_delay_s, kept, position_m, velocity_m_s))
         while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
             _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
-            if not world.loss and not self._silent.any():
+            if not world.loss and not self._cut:
                 self._received_m, self._received_m_s = position_m, velocity_m_s
                 self._received_s = np.full(n, self.time_s)
                 continue
@@ -175,8 +178,7 @@ class TrueWorld:
             FLIES_ON_S,
             BRAKES_S,
         )
-        if self._gone.any():
-            forward_m[self._gone] = np.nan
+        forward_m[self._gone] = np.nan
         return FleetState(self.time_s, self.ids, forward_m, forward_m_s, np.zeros(n), age_s)
 
     def send(self, setpoints: Setpoints) -> None:
@@ -201,7 +203,7 @@ class TrueWorld:
 
     def cut_links(self, rows: Mask) -> None:
         """End telemetry and setpoints of the vehicles in `rows` (n,); they keep their last setpoint."""
-        self._silent = self._silent | rows
+        self._silent, self._cut = self._silent | rows, True
         for _, sent_m_s in self._setpoints:
             sent_m_s[rows] = np.nan
 
@@ -219,6 +221,7 @@ class TrueWorld:
     def hold(self, row: int, place_m: Array | None) -> None:
         """Hold that vehicle at a place (3,), whatever it is commanded; None: let it go."""
         self._held_m[row] = np.nan if place_m is None else place_m
+        self._some_rest = True
 
     def advance(self) -> list[Array]:
         """Advance by one tick. Returns: the true positions (n, 3) after every integration step."""
@@ -228,11 +231,12 @@ class TrueWorld:
             wander(self._bias_m, self.tick_s / self._world.bias_time_s, self._world.bias_m, self._slow)
         self.wind_field.blow(self.tick_s, self._random)
         wind_m_s = self.wind_field.velocity_m_s
-        seen = []
+        alone = self.autopilots.alone & self.in_air
+        some_alone, seen = bool(alone.any()), []
         for index in range(self._steps):
             self._obey(self.time_s + index * self.step_s)
-            if self.autopilots.alone.any():
-                self._fly_alone(self.time_s + index * self.step_s)
+            if some_alone:
+                self._fly_alone(alone, self.time_s + index * self.step_s)
             seen.append(self.bodies.step(self._flown_m_s(), wind_m_s, self._error.velocity_m_s))
         self.time_s += self.tick_s
         self._touch_ground()
@@ -243,12 +247,10 @@ class TrueWorld:
             sent_m_s = self._setpoints.popleft()[1]
             self._command_m_s = np.where(np.isfinite(sent_m_s), sent_m_s, self._command_m_s)
 
-    def _fly_alone(self, now_s: float) -> None:
-        """Command what the autopilots demand of the vehicles that fly by themselves."""
-        alone = self.autopilots.alone & self.in_air
-        if alone.any():
-            demand_m_s = self.autopilots.velocity(*self.estimate(), now_s, self.step_s)
-            self._command_m_s[alone] = demand_m_s[alone]
+    def _fly_alone(self, alone: Mask, now_s: float) -> None:
+        """Command what the autopilots demand of the vehicles (n,) that fly by themselves."""
+        demand_m_s = self.autopilots.velocity(*self.estimate(), now_s, self.step_s)
+        self._command_m_s[alone] = demand_m_s[alone]
 
     def _flown_m_s(self) -> Array:
         """(n, 3) setpoints within each vehicle's own limit, which the ground station does not know."""
@@ -265,7 +267,9 @@ class TrueWorld:
         if touching.any():
             self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]
             self._rest_m[touching, 2] = self.ground_m[touching]
-            self.in_air = self.in_air & ~touching
+            self.in_air, self._some_rest = self.in_air & ~touching, True
+        if not self._some_rest:
+            return
         for place_m in (self._rest_m, self._held_m):
             resting = np.isfinite(place_m[:, 0])
             if resting.any():
