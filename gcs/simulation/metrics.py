@@ -26,7 +26,12 @@ SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02
 STEADY_S = 5.0
 ON_ORBIT_M = 0.5
-ROTATIONS = 60
+REFINED = 40
+"""Of all rotations that take a pair of the best configuration onto a flown pair, the closest are refined."""
+BESIDE = 6
+"""Rows of the best configuration that count as near a row."""
+NOT_OPPOSITE = np.array([1e-6, 2e-6, 3e-6])
+"""Added to a vector, so that two opposite ones span a plane."""
 UNLIKE = 1e3
 """Cost on the unit sphere of matching vehicles with different charges, which must not happen."""
 
@@ -139,19 +144,36 @@ def _squared_error(offset_m: Array, place_m: Array) -> float:
     return float(((turned_m - offset_m) ** 2).sum(axis=1).mean())
 
 
+def _frames(ahead: Array, beside: Array) -> Array:
+    """(..., 3, 3) right-handed axes as columns: along `ahead` (..., 3), `beside` in the first two's plane."""
+    first = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+    third = np.cross(first, beside + NOT_OPPOSITE)
+    third /= np.linalg.norm(third, axis=-1, keepdims=True)
+    axes: Array = np.stack([first, np.cross(third, first), third], axis=-1)
+    return axes
+
+
 def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
-    """Match each point with a target row of the same charge, starting from many rotations."""
+    """Match each point with a target row of the same charge.
+
+    Starts from the rotations that take a target row and one near it onto the first point and its nearest.
+    """
     unlike = UNLIKE * (charge[:, None] != charge[None])
-    random = np.random.default_rng(0)
+
+    def costs(turn: Array) -> Array:
+        squares: Array = ((points[:, None] - (target @ turn.T)[None]) ** 2).sum(axis=2)
+        return squares + unlike
+
+    nearest = np.argsort(((points - points[0]) ** 2).sum(axis=1))[:2][-1]
+    beside = np.argsort(((target[:, None] - target[None]) ** 2).sum(axis=2), axis=1)[:, 1 : BESIDE + 1]
+    row = np.repeat(np.arange(len(target)), beside.shape[1])
+    own = _frames(points[0], points[nearest])
+    turns = own @ _frames(target[row], target[beside.ravel()]).transpose(0, 2, 1)
     least, found = np.inf, np.arange(len(points))
-    for _ in range(ROTATIONS if len(points) <= 64 else ROTATIONS // 6):
-        turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
-        turn = turn * np.sign(np.linalg.det(turn))
+    for k in np.argsort([costs(turn).min(axis=1).sum() for turn in turns])[:REFINED]:
+        turn = turns[k]
         for _ in range(20):
-            turned = target @ turn.T
-            order = scipy.optimize.linear_sum_assignment(
-                ((points[:, None] - turned[None]) ** 2).sum(axis=2) + unlike
-            )[1]
+            order = scipy.optimize.linear_sum_assignment(costs(turn))[1]
             better = _rotation(target[order], points)
             if np.abs(better - turn).max() < 1e-6:
                 break

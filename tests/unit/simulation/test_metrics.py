@@ -5,6 +5,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
+import scipy
 
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
@@ -121,6 +122,15 @@ def test_shape_error_counts_shift_and_mirror_image() -> None:
     shifted = record_of([CENTER + 10.0 * TETRAHEDRON + (0.3, 0.0, 0.4)] * 120)
     error_m = measure.shape_error_m(shifted, measure.steady_ticks(shifted))
     assert error_m == pytest.approx(0.5, abs=0.02)
+
+
+def test_shape_error_is_that_of_the_best_rotation() -> None:
+    random, shape = np.random.default_rng(0), best((1.0,) * 20)
+    for turn in scipy.spatial.transform.Rotation.random(60, random_state=0).as_matrix():
+        places_m = 10.0 * random.permutation(shape) @ turn.T + random.normal(scale=0.3, size=(20, 3))
+        record = record_of([CENTER + places_m] * 120)
+        error_m = measure.shape_error_m(record, measure.steady_ticks(record))
+        assert error_m < 0.3 * 1.4 * sqrt(3.0), "of 0.52 m, which is the noise"
 
 
 def test_straight_line_time_is_the_bottleneck_assignment() -> None:
