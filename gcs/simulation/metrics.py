@@ -161,8 +161,8 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
     unlike = UNLIKE * (charge[:, None] != charge[None])
 
     def costs(turn: Array) -> Array:
-        squares: Array = ((points[:, None] - (target @ turn.T)[None]) ** 2).sum(axis=2)
-        return squares + unlike
+        squares: Array = ((points[:, None] - (target @ turn.T)[None]) ** 2).sum(axis=2) + unlike
+        return squares
 
     nearest = np.argsort(((points - points[0]) ** 2).sum(axis=1))[:2][-1]
     beside = np.argsort(((target[:, None] - target[None]) ** 2).sum(axis=2), axis=1)[:, 1 : BESIDE + 1]
