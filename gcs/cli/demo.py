@@ -238,7 +238,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
 def _judge(
     truth_file: Path, commanded: report.Commanded, marks: Marks, config: configuration.Config
 ) -> dict[str, object]:
-    truth = report.read_truth([truth_file], config.frame)
+    truth = report.ground_truth(truth_file, config.frame, len(config.ids))
     smallest_m, violations = report.separation(truth, config.control.safety.floor)
     figures: dict[str, object] = {
         "vehicles": len(truth.landed_at_end),

@@ -1,17 +1,16 @@
 """Figures of a demonstration flight, computed only from the vehicles' true states."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from gcs.formation.repulsion import best_configuration, energy, nearest_m
-from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
+from gcs.recording.trajectories import read_true_states
 from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, scaled_distance_m
 
 SAMPLE_S = 0.02
@@ -54,61 +53,12 @@ class Commanded:
         return Commanded(time_s, values(self.center_m), values(self.radius_m), values(self.target_m))
 
 
-def read_truth(files: Sequence[Path], frame: ShowFrame) -> GroundTruth:
-    """Join truth files; each has the same vehicles in all its lines.
-
-    Args:
-        files: as `python -m gcs.sim --truth` writes them, with the origin of the show.
-        frame: the show frame of the result.
-
-    Raises: GcsError when a file is empty.
-    """
-    trajectories = [_read_trajectories(path) for path in files]
-    start_s, end_s = max(t.time_s[0] for t in trajectories), min(t.time_s[-1] for t in trajectories)
-    count = sum(len(track.down) for track in trajectories)
-    time_s = np.arange(start_s, end_s, LARGE_SAMPLE_S if count > LARGE else SAMPLE_S)
-    position_m, airborne = [], []
-    for track in trajectories:
-        for i in range(track.flying.shape[1]):
-            ned_m = [np.interp(time_s, track.time_s, track.ned_m[:, i, axis]) for axis in range(3)]
-            position_m.append(frame.from_ned(np.stack(ned_m, axis=1)))
-            airborne.append(np.interp(time_s, track.time_s, track.flying[:, i].astype(float)) > 0.5)
-    down = np.concatenate([track.down for track in trajectories])
-    return GroundTruth(time_s, np.stack(position_m, axis=1), np.stack(airborne, axis=1), down)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Trajectories:
-    """The n vehicles of one file at k times."""
-
-    time_s: Array  # (k,)
-    ned_m: Array  # (k, n, 3)
-    flying: Mask  # (k, n)
-    down: Mask  # (n,) on the ground with motors off at the end
-
-
-def _read_trajectories(path: Path) -> _Trajectories:
-    times_s: list[float] = []
-    rows: list[list[tuple[float, ...]]] = []
-    with path.open(encoding="utf-8") as lines:
-        for line in lines:
-            try:
-                sample = json.loads(line)
-            except json.JSONDecodeError:
-                continue  # the last line may be incomplete when the process was killed
-            times_s.append(sample["time_s"])
-            rows.append(
-                [
-                    (one["north_m"], one["east_m"], one["down_m"], not one["landed"], one["armed"])
-                    for one in sample["vehicles"]
-                ]
-            )
-    if not rows:
-        raise GcsError(f"{path}: no true states were written")
-    table = np.array(rows, dtype=np.float64)
-    flying = table[:, :, 3] > 0.5
-    down: Mask = ~flying[-1] & (table[-1, :, 4] < 0.5)
-    return _Trajectories(np.array(times_s), table[:, :, :3], flying, down)
+def ground_truth(file: Path, frame: ShowFrame, vehicles: int) -> GroundTruth:
+    """Read the file that `python -m gcs.sim --truth` wrote. Raises: GcsError naming file and line."""
+    period_s = LARGE_SAMPLE_S if vehicles > LARGE else SAMPLE_S
+    known = read_true_states([file], period_s=period_s)
+    airborne, armed = known.values[..., 6] > 0.5, known.values[..., 8] > 0.5
+    return GroundTruth(known.time_s, known.position_m(frame), airborne, ~(airborne[-1] | armed[-1]))
 
 
 def separation(truth: GroundTruth, floor: Floor) -> tuple[float, int]:

@@ -214,19 +214,10 @@ def true(
 
     Raises: GcsError naming file and line.
     """
-    parts = [_read(file, partial(_of_several, on_progress, at, len(files))) for at, file in enumerate(files)]
-    start_s, end_s = max(part.time_s[0] for part in parts), min(part.time_s[-1] for part in parts)
-    if not start_s < end_s:
-        raise GcsError(f"{', '.join(str(file) for file in files)}: they have no time in common")
-    time_s = np.arange(start_s, end_s, TRUTH_S)
-    numbers = [number for part in parts for number in part.numbers]
-    if len(set(numbers)) < len(numbers):
-        raise GcsError(f"{', '.join(str(file) for file in files)}: a vehicle is there twice")
-    values = np.concatenate([_at(part, time_s) for part in parts], axis=1)
-    count, n = values.shape[:2]
-    position_m = frame.position_m(*(values[..., axis].ravel() for axis in range(3))).reshape(count, n, 3)
-    velocity_m_s = frame.from_ned(values[..., 3:6].reshape(-1, 3)).reshape(count, n, 3)
-    names = tuple(ids[number - 1] if number <= len(ids) else str(number) for number in numbers)
+    known = read_true_states(files, on_progress)
+    time_s, values = known.time_s, known.values
+    velocity_m_s = frame.from_ned(values[..., 3:6].reshape(-1, 3)).reshape(*values.shape[:2], 3)
+    names = tuple(ids[number - 1] if number <= len(ids) else str(number) for number in known.numbers)
     flown = formed = values[..., 7] > 0.5
     setpoint_m_s = held_at = None
     if beside is not None and set(names) <= set(beside.ids):
@@ -238,17 +229,15 @@ def true(
         held_at = None if beside.held_at is None else beside.held_at[at]
     else:
         formed = np.zeros_like(flown)
-    cut = [
-        f"{file}: its last line is cut off" for file, part in zip(files, parts, strict=True) if part.is_cut
-    ]
+    cut = [f"{file}: its last line is cut off" for file in known.cut]
     return Trajectories(
         "true positions",
         "the simulation's own states, every 0.05 s and straight between; rounded to 0.1 mm",
         names,
         time_s,
-        position_m.astype(np.float32),
+        known.position_m(frame).astype(np.float32),
         velocity_m_s.astype(np.float32),
-        np.zeros((count, n), np.float32),
+        np.zeros(values.shape[:2], np.float32),
         values[..., 6] > 0.5,
         flown,
         formed,
@@ -259,6 +248,41 @@ def true(
         held_at,
         None if beside is None or held_at is None else beside.setpoint_held_at,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueStates:
+    """k samples of n vehicles, nine values each."""
+
+    numbers: tuple[int, ...]  # of the vehicles in the simulation, from 1
+    time_s: Array  # (k,) monotonic clock
+    values: Array  # (k, n, 9) latitude, longitude, altitude, velocity NED, airborne, in OFFBOARD, armed
+    cut: tuple[Path, ...] = ()  # files whose last line is cut off
+
+    def position_m(self, frame: ShowFrame) -> Array:
+        """(k, n, 3) Positions in the show frame."""
+        count, n = self.values.shape[:2]
+        return frame.position_m(*(self.values[..., axis].ravel() for axis in range(3))).reshape(count, n, 3)
+
+
+def read_true_states(
+    files: Sequence[Path], on_progress: OnProgress | None = None, *, period_s: float = TRUTH_S
+) -> TrueStates:
+    """Join the files that `gcs sim --truth` writes; `period_s` separates the common times.
+
+    Raises: GcsError naming file and line.
+    """
+    parts = [_read(file, partial(_of_several, on_progress, at, len(files))) for at, file in enumerate(files)]
+    start_s, end_s = max(part.time_s[0] for part in parts), min(part.time_s[-1] for part in parts)
+    named = ", ".join(str(file) for file in files)
+    if not start_s < end_s:
+        raise GcsError(f"{named}: they have no time in common")
+    time_s = np.arange(start_s, end_s, period_s)
+    numbers = tuple(number for part in parts for number in part.numbers)
+    if len(set(numbers)) < len(numbers):
+        raise GcsError(f"{named}: a vehicle is there twice")
+    values = np.concatenate([_at(part, time_s) for part in parts], axis=1)
+    return TrueStates(numbers, time_s, values, tuple(file for part in parts for file in part.cut))
 
 
 def _of_several(on_progress: OnProgress | None, before: int, count: int, share: float) -> None:
@@ -278,24 +302,14 @@ def _outside(beside: Trajectories, time_s: Array) -> list[str]:
     return [f"true positions are known from {known}, and a vehicle flew from {flew}"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """One file: k samples of n vehicles, eight values each."""
-
-    numbers: tuple[int, ...]
-    time_s: Array  # (k,)
-    values: Array  # (k, n, 8) latitude, longitude, altitude, velocity NED, airborne, in OFFBOARD
-    is_cut: bool
-
-
-def _at(part: _Part, time_s: Array) -> Array:
-    """(k, n, 8) Interpolated at other times."""
+def _at(part: TrueStates, time_s: Array) -> Array:
+    """(k, n, 9) Interpolated at other times."""
     flat = part.values.reshape(len(part.time_s), -1)
     columns = [np.interp(time_s, part.time_s, column) for column in flat.T]
     return np.stack(columns, axis=1).reshape(len(time_s), *part.values.shape[1:])
 
 
-def _read(file: Path, report: OnProgress) -> _Part:
+def _read(file: Path, report: OnProgress) -> TrueStates:
     lines = _lines(file)
     samples, is_cut = [], False
     for number, line in enumerate(lines, start=1):
@@ -317,7 +331,8 @@ def _read(file: Path, report: OnProgress) -> _Part:
     time_s = np.array([sample[0] for sample in samples])
     if not (np.diff(time_s) > 0).all():
         raise GcsError(f"{file}: its times do not increase")
-    return _Part(numbers, time_s, np.array([sample[2] for sample in samples]), is_cut)
+    values = np.array([sample[2] for sample in samples])
+    return TrueStates(numbers, time_s, values, (file,) if is_cut else ())
 
 
 def _lines(file: Path) -> list[str]:
@@ -335,7 +350,12 @@ def _sample(raw: Mapping[str, Any]) -> tuple[float, tuple[int, ...], list[list[f
     place = ("latitude_deg", "longitude_deg", "altitude_amsl_m")
     names = (*place, "velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s")
     values = [
-        [*(float(one[name]) for name in names), float(not one["landed"]), float(one["mode"] == "OFFBOARD")]
+        [
+            *(float(one[name]) for name in names),
+            not one["landed"],
+            one["mode"] == "OFFBOARD",
+            bool(one["armed"]),
+        ]
         for one in vehicles
     ]
     return float(raw["time_s"]), tuple(int(one["vehicle"]) for one in vehicles), values

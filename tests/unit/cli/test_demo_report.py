@@ -9,9 +9,9 @@ import pytest
 from gcs.cli.demo_report import (
     Commanded,
     GroundTruth,
+    ground_truth,
     orbit_error_m,
     penetrations,
-    read_truth,
     separation,
     shape,
     summary,
@@ -121,33 +121,50 @@ def test_a_window_holds_only_its_own_times() -> None:
     assert window.position_m.shape == (len(window.time_s), 1, 3)
 
 
-def write(path: Path, east_m: float, *, armed_at_end: bool = False) -> Path:
+FRAME = ShowFrame(47.0, 8.0, 400.0, heading_deg=90.0)
+
+
+def write(path: Path, *, armed_at_end: bool) -> Path:
+    """Two vehicles, the second 8 m ahead, which fly for most of a second."""
     lines = []
+    latitude_deg, longitude_deg, _ = FRAME.geodetic(np.array([[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]))
     for index in range(21):
         flying = 2 <= index < 18
-        place = {"north_m": 0.1 * index, "east_m": east_m, "down_m": -5.0 * flying}
-        state = {"landed": not flying, "armed": flying or (armed_at_end and index == 20)}
-        lines.append(json.dumps({"time_s": 100.0 + 0.05 * index, "vehicles": [{**place, **state}]}))
+        state = {
+            **dict.fromkeys(("velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"), 0.0),
+            "altitude_amsl_m": 400.0 + 5.0 * flying,
+            "mode": "OFFBOARD",
+            "landed": not flying,
+        }
+        vehicles = [
+            {
+                "vehicle": row + 1,
+                "latitude_deg": latitude_deg[row],
+                "longitude_deg": longitude_deg[row],
+                **state,
+                "armed": flying or (armed_at_end and row == 1),
+            }
+            for row in range(2)
+        ]
+        lines.append(json.dumps({"time_s": 100.0 + 0.05 * index, "vehicles": vehicles}))
     path.write_text("\n".join(lines) + '\n{"time_s": 10', encoding="utf-8")  # killed while writing
     return path
 
 
-def test_truth_of_all_vehicles_is_joined_in_the_show_frame(tmp_path: Path) -> None:
-    files = [write(tmp_path / "a", 0.0), write(tmp_path / "b", 8.0, armed_at_end=True)]
-    joined = read_truth(files, ShowFrame(47.0, 8.0, 400.0, heading_deg=90.0))
-    assert joined.position_m.shape == (len(joined.time_s), 2, 3)
-    assert joined.position_m[:, 1, 0] == pytest.approx(np.full(len(joined.time_s), 8.0))  # east is ahead
-    assert joined.position_m[0, 0] == pytest.approx([0.0, 0.0, 0.0])
-    assert joined.airborne[25].all()
-    assert not joined.airborne[0].any()
-    assert joined.landed_at_end.tolist() == [True, False]
+def test_truth_is_read_in_the_show_frame(tmp_path: Path) -> None:
+    known = ground_truth(write(tmp_path / "truth.jsonl", armed_at_end=True), FRAME, 2)
+    assert known.position_m.shape == (len(known.time_s), 2, 3)
+    assert known.position_m[0] == pytest.approx(np.array([[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), abs=1e-3)
+    assert known.airborne[25].all()
+    assert not known.airborne[0].any()
+    assert known.landed_at_end.tolist() == [True, False]
 
 
 def test_a_file_without_a_single_state_is_refused(tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.write_text("", encoding="utf-8")
     with pytest.raises(GcsError, match="no true states"):
-        read_truth([empty], ShowFrame(47.0, 8.0, 400.0))
+        ground_truth(empty, FRAME, 2)
 
 
 def test_the_summary_names_every_figure() -> None:
@@ -156,16 +173,3 @@ def test_the_summary_names_every_figure() -> None:
     assert [name for name, _ in lines] == ["violations", "minimum_separation_m", "landed"]
     assert float(lines[1][1]) == pytest.approx(3.1416, abs=2e-3)
     assert lines[2][1] == "8 of 8"
-
-
-def test_files_of_one_vehicle_and_of_several_are_joined(tmp_path: Path) -> None:
-    def line(time_s: float, norths_m: list[float]) -> str:
-        still = {"east_m": 0.0, "down_m": -5.0, "landed": False, "armed": True}
-        return json.dumps({"time_s": time_s, "vehicles": [{"north_m": north} | still for north in norths_m]})
-
-    for name, norths_m in (("one", [1.0]), ("two", [2.0, 3.0])):
-        (tmp_path / name).write_text("\n".join(line(time_s, norths_m) for time_s in (0.0, 1.0)))
-    joined = read_truth([tmp_path / "one", tmp_path / "two"], ShowFrame(47.4, 8.5, 500.0))
-    assert joined.position_m[0, :, 0].tolist() == [1.0, 2.0, 3.0]
-    assert joined.airborne.all()
-    assert not joined.landed_at_end.any()
