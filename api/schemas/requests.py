@@ -15,6 +15,7 @@ from gcs.model.plan import Direction, LawName, YawPolicy
 NAME_MAX: Final = 64
 """Most characters of a name; the configuration allows 32 for vehicles."""
 VehicleName = Annotated[str, Field(max_length=NAME_MAX, examples=["d1"])]
+Vehicles = Annotated[list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])]
 LENGTH_MAX_M: Final = 100_000.0
 """Largest coordinate: beyond it a flat show frame and its conversion to and from WGS84 are invalid."""
 SPEED_MAX_M_S: Final = 1_000.0
@@ -71,6 +72,12 @@ class Inward(BaseModel):
     """Base of request bodies: strict, and validated as a whole before use."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Partial(Inward):
+    """Base of bodies with fields that may be left out."""
+
+    model_config = ConfigDict(json_schema_extra=without_defaults)
 
 
 class Change(Inward):
@@ -153,7 +160,7 @@ TargetPut = Annotated[
 ]
 
 
-class Box(Inward):
+class Box(Partial):
     """A box on the ground, edges along the show frame's axes, at its position now; it keeps its velocity."""
 
     x_m: Coordinate = Field(description="North coordinate of the centre in the show frame.")
@@ -168,27 +175,19 @@ class Box(Inward):
 class ObstaclePost(Box):
     """A new obstacle; without an id the service assigns one."""
 
-    model_config = ConfigDict(json_schema_extra=without_defaults)
-
     id: ObstacleId = Field(default=ABSENT, description="Absent: the service assigns an id.")
 
 
 class ObstaclePut(Box):
     """The new state of an obstacle; an id, if given, must be that of the path."""
 
-    model_config = ConfigDict(json_schema_extra=without_defaults)
-
     id: ObstacleId = Field(default=ABSENT, description="May be left out: the path names it.")
 
 
-class StartBody(Inward):
+class StartBody(Partial):
     """The vehicles, the selected show and the time of a start."""
 
-    model_config = ConfigDict(json_schema_extra=without_defaults)
-
-    vehicles: Annotated[
-        list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])
-    ] = Field(default=ABSENT, description="Absent: every vehicle that is online.")
+    vehicles: Vehicles = Field(default=ABSENT, description="Absent: every vehicle that is online.")
     show_hash: Annotated[str, Field(pattern=HASH_PATTERN, examples=[HASH_EXAMPLE])] = Field(
         default=ABSENT,
         description="Hash of the selected show, as its check reports it. Absent: none is selected.",
@@ -198,24 +197,10 @@ class StartBody(Inward):
     )
 
 
-class GroupBody(Inward):
+class GroupBody(Partial):
     """The vehicles of a command."""
 
-    model_config = ConfigDict(json_schema_extra=without_defaults)
-
-    vehicles: Annotated[list[str], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])] = Field(
-        default=ABSENT, description="Absent: every vehicle that the command can apply to."
-    )
-
-
-class KillBody(Inward):
-    """The vehicles whose motors are to be stopped."""
-
-    model_config = ConfigDict(json_schema_extra=without_defaults)
-
-    vehicles: Annotated[list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1"]])] = Field(
-        default=ABSENT, description="Absent: all vehicles that are not offline."
-    )
+    vehicles: Vehicles = Field(default=ABSENT, description="Absent: all that the command can apply to.")
 
 
 class KillConfirmation(Inward):

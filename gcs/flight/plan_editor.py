@@ -115,12 +115,9 @@ class PlanEditor:
 def merged_obstacles(
     recorded: Sequence[Obstacle], configured: Sequence[Obstacle], now: Sequence[Obstacle]
 ) -> tuple[Obstacle, ...]:
-    """Merge recorded obstacles with an operator's changes since the restart: the newest command counts.
+    """Merge the interrupted flight's obstacles with an operator's changes since the restart.
 
-    Args:
-        recorded: of the interrupted flight.
-        configured: those of the plan with which this service began.
-        now: those of the plan at this time.
+    The newest command counts; `configured` are those with which this service began.
     """
     before, standing = {box.id: box for box in configured}, {box.id for box in now}
     changed = [box for box in now if before.get(box.id) != box]

@@ -123,9 +123,7 @@ class ShowProgress:
 def _follow(flight: Fleet, *, busy: bool) -> None:
     """Move the show's phase to match what is airborne; called once a tick.
 
-    Args:
-        flight: changed.
-        busy: whether a vehicle is under control, or takes off or lands.
+    `busy`: whether a vehicle is under control, or takes off or lands.
     """
     if flight.airborne:
         if flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED} and flight.show is not ShowPhase.COUNTDOWN:

@@ -32,20 +32,9 @@ def fleet_view(
     alarms: Sequence[Alarm] = (),
     estimates: Estimates | None = None,
 ) -> FleetView:
-    """Assemble one tick's view.
+    """Assemble one tick's view; the keywords are fields of `FleetView`.
 
-    Args:
-        flight: as of that tick; a shallow copy, where commands may have changed it since.
-        tick: its result.
-        timing: of the ticks so far.
-        control_alive: whether ticks come in time.
-        interventions: how often the safety filter limited a velocity.
-        unix_time_s: of the tick.
-        start_unix_s: time of a countdown.
-        failsafes: those that last.
-        interrupted: a flight that was cut off.
-        alarms: all current ones, most severe first.
-        estimates: the newest.
+    `flight` is as of that tick: a shallow copy, where commands may have changed it since.
     """
     center, fleet, show_run = tick.memory.center, flight.fleet, flight.show_run
     return FleetView(

@@ -66,7 +66,6 @@ class Counters:
     sent: int = 0
     setpoints_sent: int = 0
     setpoints_dropped: int = 0  # not permitted: late, old, or repeated by MAVSDK
-    heartbeats_withheld: int = 0  # our own, while control did not run
     commands_dropped: int = 0  # given before a kill, and repeated after it
     unroutable: int = 0  # for a system without an address yet
     send_errors: int = 0
@@ -78,7 +77,6 @@ class Counters:
     unsigned: int = 0  # refused, where signing is configured
     wrongly_signed: int = 0
     replayed: int = 0
-    not_signed: int = 0  # our own, not sent: the checksum seed of the message is unknown
     forwarded: int = 0
     not_forwarded: int = 0
     taken_from_others: int = 0  # frames of other ground stations, passed on to a vehicle

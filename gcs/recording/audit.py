@@ -47,13 +47,7 @@ class Audit:
     """Rows of one session. Implements `gcs.service.Audit`, which documents it."""
 
     def __init__(self, journal: Journal, session: str, vehicles: Mapping[VehicleId, tuple[int, str]]) -> None:
-        """Writes nothing before `begin`.
-
-        Args:
-            journal: destination.
-            session: its unique name.
-            vehicles: system id and link of each.
-        """
+        """Writes nothing before `begin`. `vehicles`: system id and link of each."""
         self._journal = journal
         self._session = session
         self._vehicles = dict(vehicles)

@@ -215,10 +215,7 @@ _CLOUD: Final = json.dumps(
 def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]]) -> dict[str, str]:
     """Return the file's metadata: the meaning of its numbers, and everything that does not change.
 
-    Args:
-        session: its name.
-        config_json: the whole configuration.
-        vehicles: system id and link of each, in the order of the rows.
+    `vehicles`: system id and link of each, in the order of the rows.
     """
     values = {
         "version": str(VERSION),

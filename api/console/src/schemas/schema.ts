@@ -1626,7 +1626,7 @@ export interface components {
         GroupBody: {
             /**
              * Vehicles
-             * @description Absent: every vehicle that the command can apply to.
+             * @description Absent: all that the command can apply to.
              * @example [
              *       "d1",
              *       "d2"
@@ -1731,20 +1731,6 @@ export interface components {
             valid_s: number;
             /** Vehicles */
             vehicles: string[];
-        };
-        /**
-         * KillBody
-         * @description The vehicles whose motors are to be stopped.
-         */
-        KillBody: {
-            /**
-             * Vehicles
-             * @description Absent: all vehicles that are not offline.
-             * @example [
-             *       "d1"
-             *     ]
-             */
-            vehicles?: string[];
         };
         /**
          * KillConfirmation
@@ -4422,7 +4408,7 @@ export interface operations {
         };
         requestBody?: {
             content: {
-                "application/json": components["schemas"]["KillBody"] | null;
+                "application/json": components["schemas"]["GroupBody"] | null;
             };
         };
         responses: {
