@@ -17,6 +17,11 @@ PRESSED = 0.65
 STANDING_M_S = 0.5
 """A centre slower than this does not reduce its pace for vehicles that fall behind."""
 
+HALVES_S = 0.1
+"""Delay of the links, one way, at which the inner loop has half its gain: with all of it, the loop that the
+filter closes on the measured velocities swings between neighbours on all sides (decision 0037).
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapedSetpoints:
@@ -43,13 +48,14 @@ def shape_setpoints(
     `yields` (n,) does not grow: it would ask for what they do not reach.
     """
     settings, limits = now.settings, now.settings.safety.limits
+    stable = 1.0 / (1.0 + settings.safety.link_delay_s / HALVES_S)
     base_m_s, lead_m_s2 = _known_beforehand(now, center if knows_center else None)
     requested_m_s = compensate(
         allowed_m_s,
         now.velocity_m_s,
         lead_m_s2,
-        settings.loop_gain,
-        settings.vertical_loop_gain,
+        stable * settings.loop_gain,
+        stable * settings.vertical_loop_gain,
         settings.lead_s,
     )
     requested_m_s += memory.trim_m_s
