@@ -85,3 +85,8 @@ def test_beliefs_agree_on_what_all_see_together() -> None:
 def test_twenty_with_a_dozen_neighbours_become_an_even_sphere(name: str) -> None:
     record = fly(scenarios.load(scenarios.find(name)), 20, 7)
     assert not broken(report(record), record.scenario.judged.must)
+
+
+def test_fifty_close_together_over_late_links_come_to_rest() -> None:
+    record = fly(scenarios.load(scenarios.find("law-article")), 50, 5)
+    assert not broken(report(record), record.scenario.judged.must)
