@@ -17,6 +17,7 @@ from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask, Traits
 from gcs.safety.constraints import NO_ROW, Constraints
+from gcs.safety.neighbours import Rows
 
 GROWS_PER_S, SHRINKS_PER_S = 1.0, 0.1
 """Rates of the averaged square: gusts are noticed at once, and expected again for a while."""
@@ -90,16 +91,16 @@ class Authority:
     def wander_m(self, settings: AuthoritySettings, link_delay_s: float = 0.0) -> Array:
         """(n,) standard deviations of where unexpected velocities lead, the fleet's common one at least."""
         free_m_s = settings.free_m_s + swing_m_s(link_delay_s)
-        lost = (self.lack_m_s**2).sum(axis=1) / 3.0
-        gust_m_s = np.sqrt(np.maximum(self.square_m2_s2, self.fleet_wander_m_s**2) + lost)
-        led_m: Array = settings.horizon_s * np.maximum(gust_m_s - free_m_s, 0.0)
-        return np.minimum(led_m, settings.wander_max_m)
+        horizon_s, most_m = settings.horizon_s, settings.wander_max_m
+        return _wander_m(
+            self.lack_m_s, self.square_m2_s2, self.fleet_wander_m_s**2, free_m_s, horizon_s, most_m
+        )
 
     @property
     def fleet_wander_m_s(self) -> float:
         """Root mean square of the unexpected velocities of the commanded vehicles, along each axis."""
-        commanded = np.isfinite(self.least_m_s[:, 0])
-        return sqrt(float(self.square_m2_s2[commanded].mean())) if commanded.any() else 0.0
+        of_commanded = self.square_m2_s2[np.isfinite(self.least_m_s[:, 0])]
+        return sqrt(float(of_commanded.mean())) if len(of_commanded) else 0.0
 
     @property
     def slow(self) -> Mask:
@@ -108,9 +109,29 @@ class Authority:
 
     def limit(self, traits: Traits) -> Traits:
         """The traits with the learned speed limits."""
-        if not self.slow.any():
+        if not np.count_nonzero(self.slow):
             return traits
         return replace(traits, speed_max_m_s=np.minimum(traits.speed_max_m_s, self.speed_max_m_s))
+
+
+@kernel
+def _wander_m(
+    lack_m_s: Array,
+    square_m2_s2: Array,
+    together_m2_s2: float,
+    free_m_s: float,
+    horizon_s: float,
+    most_m: float,
+) -> Array:
+    """As `Authority.wander_m`; `together_m2_s2` is the fleet's common square."""
+    wander_m = np.empty(len(lack_m_s))
+    for i in range(len(lack_m_s)):
+        lost = 0.0
+        for k in range(3):
+            lost += lack_m_s[i, k] ** 2
+        gust_m_s = np.sqrt(max(square_m2_s2[i], together_m2_s2) + lost / 3.0)
+        wander_m[i] = min(horizon_s * max(gust_m_s - free_m_s, 0.0), most_m)
+    return wander_m
 
 
 def measured(
@@ -271,20 +292,32 @@ def reach_constraints(
         threshold_m_s: as of `yielding`.
         reserve_m_s: as of `yielding`.
     """
-    size_m_s = np.linalg.norm(lack_m_s, axis=1)
-    rows = np.flatnonzero(commanded & (size_m_s >= 2.0 * threshold_m_s))
+    rows, size_m_s = _lacking(np.array(commanded), np.array(lack_m_s), 2.0 * threshold_m_s)
     if len(rows) == 0:
         return Constraints.none()
     along = np.zeros_like(lack_m_s)
-    along[rows] = lack_m_s[rows] / size_m_s[rows, None]
+    along[rows] = lack_m_s[rows] / size_m_s[:, None]
     reach_m_s = (along * velocity_m_s).sum(axis=1) + reserve_m_s
     towards = (walls.normal * along[walls.first]).sum(axis=1)
     demanded = towards > WALL_SHARE
     needed_m_s = walls.bound_m_s[demanded] / towards[demanded]
     np.maximum.at(reach_m_s, walls.first[demanded], needed_m_s)
-    return Constraints(
-        rows, np.full(len(rows), NO_ROW), -along[rows], -reach_m_s[rows], ("authority",) * len(rows)
-    )
+    reasons = np.full(len(rows), "authority", dtype=object)
+    return Constraints(rows, np.full(len(rows), NO_ROW), -along[rows], -reach_m_s[rows], reasons)
+
+
+@kernel
+def _lacking(commanded: Mask, lack_m_s: Array, least_m_s: float) -> tuple[Rows, Array]:
+    """Rows (k,) of the commanded vehicles that lack at least so much, and (k,) how much."""
+    rows, size_m_s, found = np.empty(len(commanded), np.intp), np.empty(len(commanded)), 0
+    for i in range(len(commanded)):
+        square = 0.0
+        for k in range(3):
+            square += lack_m_s[i, k] ** 2
+        if commanded[i] and np.sqrt(square) >= least_m_s:
+            rows[found], size_m_s[found] = i, np.sqrt(square)
+            found += 1
+    return rows[:found], size_m_s[:found]
 
 
 @kernel

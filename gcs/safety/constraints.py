@@ -59,7 +59,7 @@ class Constraints:
     second: np.ndarray[tuple[int], np.dtype[np.intp]]  # (k,) row j, or NO_ROW
     normal: Array  # (k, 3)
     bound_m_s: Array  # (k,)
-    reason: tuple[str, ...]  # (k,) in words, for the operator
+    reason: NDArray[np.object_]  # (k,) in words, for the operator; an array, because there may be thousands
 
     def __post_init__(self) -> None:
         k = len(self.reason)
@@ -82,7 +82,7 @@ class Constraints:
     @cache
     def none() -> "Constraints":
         no_rows = np.zeros(0, dtype=np.intp)
-        return Constraints(no_rows, no_rows, np.zeros((0, 3)), np.zeros(0), ())
+        return Constraints(no_rows, no_rows, np.zeros((0, 3)), np.zeros(0), no_rows.astype(object))
 
     @staticmethod
     def joined(*parts: "Constraints") -> "Constraints":
@@ -94,7 +94,7 @@ class Constraints:
             np.concatenate([part.second for part in parts]),
             np.concatenate([part.normal for part in parts]),
             np.concatenate([part.bound_m_s for part in parts]),
-            tuple(reason for part in parts for reason in part.reason),
+            np.concatenate([part.reason for part in parts]),
         )
 
 

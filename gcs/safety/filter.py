@@ -276,7 +276,7 @@ def _reasons(
     other = np.where(pairs.first[pair] == rows[paired], pairs.other[pair], pairs.first[pair])
     reasons[rows] = "limits"
     reasons[rows[paired]] = _separation_from(tuple(names))[other]
-    reasons[rows[walled]] = [walls.reason[k] for k in which[walled].tolist()]
+    reasons[rows[walled]] = walls.reason[which[walled]]
     return tuple(reasons.tolist())
 
 

@@ -194,33 +194,17 @@ def separation_constraints(
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
     commanded, airborne = np.array(commanded), np.array(airborne)
     wander_m = np.zeros(len(position_m)) if wander_m is None else np.array(wander_m)
-    known, measured_m_s, course_m_s, spare_m_s, look_m = _looks(
-        position_m,
-        np.array(velocity_m_s),
-        commanded,
-        uncertainty_m,
-        wander_m,
-        np.array(course_m_s),
-        spare_m_s,
-        (*floor.kept_m(0.0), floor.vertical_uncertainty, floor.deviations),
-        (braking.reaction_s, braking.lead_s, braking.deceleration_m_s2),
-    )
-    if only is None:
-        first, second = near_pairs(position_m, known, look_m)
-    else:
-        first, second = near_pairs_of(only, position_m, known, look_m)
     return Pairs(
-        *_bounds(
+        *_found(
             position_m,
-            measured_m_s,
-            course_m_s,
+            np.array(velocity_m_s),
+            np.array(course_m_s),
             spare_m_s,
             commanded,
             airborne,
             uncertainty_m,
             wander_m,
-            first,
-            second,
+            np.zeros(0, np.bool_) if only is None else only,
             _numbers(floor, braking),
         )
     )
@@ -359,6 +343,50 @@ def _bounds(
 
 
 @kernel
+def _found(
+    position_m: Array,
+    velocity_m_s: Array,
+    course_m_s: Array,
+    spare_m_s: Array,
+    commanded: Mask,
+    airborne: Mask,
+    uncertainty_m: Array,
+    wander_m: Array,
+    only: Mask,
+    numbers: Numbers,
+) -> tuple[Rows, Rows, Rows, Array, Array]:
+    """As `separation_constraints`; an empty `only` leaves no pair out."""
+    known, measured_m_s, course_m_s, spare_m_s, look_m = _looks(
+        position_m,
+        velocity_m_s,
+        commanded,
+        uncertainty_m,
+        wander_m,
+        course_m_s,
+        spare_m_s,
+        (numbers[0], numbers[1], numbers[2], numbers[10]),
+        numbers[4:7],
+    )
+    if len(only):
+        first, second = near_pairs_of(only, position_m, known, look_m)
+    else:
+        first, second = near_pairs(position_m, known, look_m)
+    return _bounds(
+        position_m,
+        measured_m_s,
+        course_m_s,
+        spare_m_s,
+        commanded,
+        airborne,
+        uncertainty_m,
+        wander_m,
+        first,
+        second,
+        numbers,
+    )
+
+
+@kernel
 def _along(velocity_m_s: Array, i: int, j: int, x: float, y: float, z: float) -> float:
     """Speed of i away from j along (x, y, z)."""
     away_m_s: float = (
@@ -427,7 +455,7 @@ def keepout_constraints(
     normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
     kept = bound_m_s >= -2.0 * fastest_m_s
     row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]
-    reasons = ("the path of a lost vehicle",) * len(row)
+    reasons = np.full(len(row), "the path of a lost vehicle", dtype=object)
     return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons)
 
 

@@ -50,11 +50,10 @@ def fence_constraints(
     )
     if len(rows) == 0:
         return Constraints.none()
-    reasons = tuple(map(FENCE_REASONS.__getitem__, sides.tolist()))
-    return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, reasons)
+    return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, FENCE_REASONS[sides])
 
 
-FENCE_REASONS = ("least height", "greatest height", "greatest distance")
+FENCE_REASONS = np.array(["least height", "greatest height", "greatest distance"], dtype=object)
 
 
 @kernel
@@ -125,35 +124,60 @@ def obstacle_constraints(
     if not ellipses:
         return Constraints.none()
     outlines = Outlines.of(ellipses)
-    known = commanded & np.isfinite(position_m).all(axis=1)
-    outward, gap_m = nearest_way_out(
+    rows, which, normal, bound_m_s = _obstacle_rows(
         np.array(position_m, order="C"),
+        np.array(commanded),
         outlines.center_m,
         outlines.half_length_m,
         outlines.top_height_m,
+        outlines.velocity_m_s,
+        (braking.reaction_s, braking.deceleration_m_s2, braking.escape_rate_per_s),
+        2.0 * fastest_m_s,
     )
-    moving_m_s = outward[..., 0] * outlines.velocity_m_s[:, 0] + outward[..., 1] * outlines.velocity_m_s[:, 1]
-    bound_m_s = moving_m_s - braking.speed_m_s(gap_m)
-    row, box = np.nonzero(known[:, None] & (bound_m_s >= -2.0 * fastest_m_s))
-    inside_row, inside_box = np.nonzero(known[:, None] & (gap_m < 0.0) & (outward[..., 2] == 0.0))
-    names = [f"obstacle {name}" for name in outlines.names]
-    walls = Constraints(
-        row,
-        np.full(len(row), NO_ROW),
-        np.array(outward[row, box]),
-        np.array(bound_m_s[row, box]),
-        tuple(names[k] for k in box),
-    )
-    if len(inside_row) == 0:
-        return walls
-    floors = Constraints(
-        inside_row,
-        np.full(len(inside_row), NO_ROW),
-        np.tile((0.0, 0.0, -1.0), (len(inside_row), 1)),
-        np.zeros(len(inside_row)),
-        tuple(f"{names[k]} below" for k in inside_box),
-    )
-    return Constraints.joined(walls, floors)
+    walls = [f"obstacle {name}" for name in outlines.names]
+    reasons = np.array([*walls, *(f"{wall} below" for wall in walls)], dtype=object)
+    return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, reasons[which])
+
+
+@kernel
+def _obstacle_rows(
+    position_m: Array,
+    commanded: Mask,
+    center_m: Array,
+    half_length_m: Array,
+    top_height_m: Array,
+    moving_m_s: Array,
+    braking: tuple[float, float, float],
+    possible_m_s: float,
+) -> tuple[Rows, Rows, Array, Array]:
+    """Rows (k,), boxes (k,), normals (k, 3), bounds (k,) of all that could bind.
+
+    The ways out of the boxes come first. Then, for box j of m as m + j, no way down where a side leads out.
+    """
+    n, m = len(position_m), len(center_m)
+    outward, gap_m = nearest_way_out(position_m, center_m, half_length_m, top_height_m)
+    rows, which = np.empty(2 * n * m, np.intp), np.empty(2 * n * m, np.intp)
+    normal, bound_m_s = np.empty((2 * n * m, 3)), np.empty(2 * n * m)
+    kept = 0
+    for below in (False, True):
+        for i in range(n):
+            if not (commanded[i] and np.isfinite(position_m[i]).all()):
+                continue
+            for j in range(m):
+                if below:
+                    if not (gap_m[i, j] < 0.0 and outward[i, j, 2] == 0.0):
+                        continue
+                    rows[kept], which[kept], bound_m_s[kept] = i, m + j, 0.0
+                    normal[kept, 0], normal[kept, 1], normal[kept, 2] = 0.0, 0.0, -1.0
+                else:
+                    drift_m_s = outward[i, j, 0] * moving_m_s[j, 0] + outward[i, j, 1] * moving_m_s[j, 1]
+                    bound = drift_m_s - allowed_speed_m_s(gap_m[i, j], braking[0], braking[1], braking[2])
+                    if not bound >= -possible_m_s:
+                        continue
+                    rows[kept], which[kept], bound_m_s[kept] = i, j, bound
+                    normal[kept] = outward[i, j]
+                kept += 1
+    return rows[:kept], which[:kept], normal[:kept], bound_m_s[:kept]
 
 
 @kernel

@@ -67,7 +67,7 @@ def on_sphere(count: int, radius_m: float) -> FleetState:
 
 
 def flying_on(count: int, radius_m: float, plan: Plan) -> Callable[[], object]:
-    """The whole tick of a formation that is flying, call after call."""
+    """The whole tick of a formation whose vehicles fly what they are commanded, call after call."""
     fleet = on_sphere(count, radius_m)
     airborne = np.ones(count, dtype=bool)
     tasks = Tasks(
@@ -82,12 +82,14 @@ def flying_on(count: int, radius_m: float, plan: Plan) -> Callable[[], object]:
     traits, settings = Traits.alike(count), ControlSettings(safety=SafetySettings(fence=fence))
     memory = [Memory.fresh(count, 0.0)]
     rng = np.random.default_rng(1)
+    shaking_m_s = [rng.normal(0.0, 0.1, (count, 3)) for _ in range(8)]
     shaken = [on_sphere(count, radius_m).position_m + rng.normal(0.0, 0.1, (count, 3)) for _ in range(8)]
 
     def once() -> None:
         now_s = memory[0].time_s + 0.05
         place_m = shaken[round(now_s / 0.05) % len(shaken)].copy()
-        here = FleetState(now_s, fleet.ids, place_m, fleet.velocity_m_s, fleet.yaw_rad, fleet.age_s)
+        flown_m_s = np.nan_to_num(memory[0].desired_m_s) + shaking_m_s[round(now_s / 0.05) % len(shaking_m_s)]
+        here = FleetState(now_s, fleet.ids, place_m, flown_m_s, fleet.yaw_rad, fleet.age_s)
         memory[0] = tick(here, tasks, plan, traits, memory[0], settings).memory
 
     return once

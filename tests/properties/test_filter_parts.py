@@ -25,7 +25,7 @@ def half_spaces(draw: st.DrawFn) -> tuple[Array, Constraints]:
     second = np.where(step == 0, NO_ROW, (first + step) % 4)
     bound = -np.array(draw(st.lists(within(0.0, 3.0), min_size=k, max_size=k)))
     normal = raw / np.linalg.norm(raw, axis=1, keepdims=True)
-    return draw(vectors(4, 8.0)), Constraints(first, second, normal, bound, ("c",) * k)
+    return draw(vectors(4, 8.0)), Constraints(first, second, normal, bound, np.full(k, "c", dtype=object))
 
 
 @CALM
@@ -102,7 +102,7 @@ def test_projection_of_many_coupled_vehicles_is_nearest(seed: int) -> None:
         np.where(rng.random(25) < 0.2, NO_ROW, (first + rng.integers(1, 10, 25)) % 10),
         normal / np.linalg.norm(normal, axis=1, keepdims=True),
         -rng.uniform(0.0, 1.0, 25),
-        ("c",) * 25,
+        np.full(25, "c", dtype=object),
     )
     desired = rng.normal(0.0, 4.0, (10, 3))
     assert np.allclose(project(desired, constraints), exactly_nearest(desired, constraints), atol=0.01)

@@ -96,7 +96,9 @@ def filtered(desired: Array, here: Surroundings, fastest_m_s: float) -> tuple[Ar
         course_m_s=np.zeros((len(desired), 3)),
         spare_m_s=np.full(len(desired), fastest_m_s),
     )
-    separation = Constraints(pairs.first, pairs.second, pairs.normal, pairs.bound_m_s, ("pair",) * len(pairs))
+    separation = Constraints(
+        pairs.first, pairs.second, pairs.normal, pairs.bound_m_s, np.full(len(pairs), "pair", dtype=object)
+    )
     keepout = keepout_constraints(
         here.position_m,
         here.commanded,

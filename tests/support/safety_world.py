@@ -53,7 +53,11 @@ def filtered(desired: Array, around: Surroundings) -> Array:
 
 def half_space(row: int, other: int, normal: tuple[float, float, float], bound: float) -> Constraints:
     return Constraints(
-        np.array([row]), np.array([other]), np.array([normal]), np.array([bound]), (f"{row}-{other}",)
+        np.array([row]),
+        np.array([other]),
+        np.array([normal]),
+        np.array([bound]),
+        np.array([f"{row}-{other}"], dtype=object),
     )
 
 

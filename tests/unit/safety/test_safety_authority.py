@@ -145,7 +145,9 @@ def test_reach_binds_commanded_vehicles_with_a_large_lack() -> None:
 
 
 def test_walls_may_demand_everything() -> None:
-    wall = Constraints(np.zeros(1, int), np.full(1, NO_ROW), along_x(1.0), np.array([3.0]), ("fence",))
+    wall = Constraints(
+        np.zeros(1, int), np.full(1, NO_ROW), along_x(1.0), np.array([3.0]), np.array(["fence"], dtype=object)
+    )
     assert reach(wall).slack_m_s(along_x(3.0, 0.0, 0.0)) == pytest.approx([0.0])
 
 

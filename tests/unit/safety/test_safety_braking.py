@@ -50,7 +50,7 @@ def test_slow_link_extrapolates_brakes_earlier_escapes_slower() -> None:
 def test_constraints_of_unequal_lengths_are_refused() -> None:
     rows = np.zeros(1, dtype=np.intp)
     with pytest.raises(ShapeError, match="for 2 of them"):
-        Constraints(rows, rows, np.zeros((1, 3)), np.zeros(1), ("a", "b"))
+        Constraints(rows, rows, np.zeros((1, 3)), np.zeros(1), np.array(["a", "b"], dtype=object))
 
 
 def test_slack_is_the_distance_to_violation_of_a_half_space() -> None:

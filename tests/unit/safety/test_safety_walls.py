@@ -77,7 +77,7 @@ def test_obstacles_constrain_only_commanded_vehicles() -> None:
     position = np.array([[-5.5, 0.0, -8.0], [-5.5, 0.0, -8.0]])
     found = obstacle_constraints(position, np.array([False, True]), {"b": BOX}, BRAKING)
     assert found.first.tolist() == [1]
-    assert found.reason == ("obstacle b",)
+    assert found.reason.tolist() == ["obstacle b"]
 
 
 def test_three_crowded_in_a_corner_of_the_fence_break_no_wall() -> None:
@@ -132,7 +132,7 @@ def test_fence_of_a_narrow_field_holds_near_its_middle() -> None:
     found = fence_constraints(
         np.array([[0.3, 0.4, -20.0]]), np.ones(1, bool), np.zeros(1, bool), narrow, BRAKING, fastest_m_s=3.0
     )
-    assert found.reason == ("greatest distance",)
+    assert found.reason.tolist() == ["greatest distance"]
     assert found.normal[0] == pytest.approx([-0.6, -0.8, 0.0])
 
 
