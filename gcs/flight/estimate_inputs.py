@@ -47,7 +47,7 @@ class Estimating:
         self._made_s = now_s
         flight = self._flight
         self._phases = [vehicle.phase for vehicle in flight.vehicles.values()]
-        remaining = flight.in_rows([part.battery_remaining for part in flight.telemetry.parts])
+        remaining = flight.telemetry.battery_remaining
         received = flight.has_heartbeat
         flying = self._in(IN_THE_AIR) & received
         self._history.note(remaining, flying, now_s)

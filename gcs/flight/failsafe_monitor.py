@@ -84,17 +84,17 @@ class FailsafeMonitor:
 
     def _seen(self) -> Seen:
         flight = self.flight
-        fleet, parts = flight.fleet, flight.telemetry.parts
-        position_s = flight.in_rows([part.position_time_s for part in parts])
+        fleet, telemetry = flight.fleet, flight.telemetry
         return Seen(
             fleet.time_s,
             fleet.position_m,
             fleet.velocity_m_s,
             flight.memory.asked_m_s,
-            flight.in_rows([part.battery_remaining for part in parts]),
-            flight.in_rows([part.horizontal_accuracy_m for part in parts]),
-            flight.in_rows([part.vertical_accuracy_m for part in parts]),
-            np.isinf(fleet.age_s) & (fleet.time_s - position_s <= flight.control.telemetry_age_max_s),
+            telemetry.battery_remaining,
+            telemetry.horizontal_accuracy_m,
+            telemetry.vertical_accuracy_m,
+            np.isinf(fleet.age_s)
+            & (fleet.time_s - telemetry.position_time_s <= flight.control.telemetry_age_max_s),
             flight.silent,
             flight.reset_time_s,
             flight.control.safety.fence,

@@ -6,10 +6,10 @@ Plain data and queries; `commander` changes it on commands and events, `orchestr
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
 from itertools import chain
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ from gcs.model.preflight_report import Exclusion
 from gcs.model.state import (
     Array,
     FleetState,
-    Landed,
     Mask,
     Mode,
     Telemetry,
@@ -45,8 +44,6 @@ from gcs.planning.return_paths import keeps_to_path
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
-
-T = TypeVar("T")
 
 ASSEMBLED_M = 1.0
 """The formation is assembled when no radius is off by more, with ASSEMBLED_SHARE of the radius added."""
@@ -71,40 +68,20 @@ def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
     return bool(nearest_m(offset_m / distance_m[:, None]) >= least)
 
 
-class Newest(Mapping[VehicleId, tuple[Telemetry, int]]):
-    """Maps each vehicle to its link's telemetry and its row there. Only the telemetry changes."""
-
-    def __init__(
-        self, parts: Sequence[Telemetry], places: Mapping[VehicleId, tuple[int, int]] | None = None
-    ) -> None:
-        """`places`: part and row of each vehicle; None: derived from `parts`."""
-        self.parts = tuple(parts)
-        self.places: Mapping[VehicleId, tuple[int, int]] = places or {
-            name: (index, at) for index, part in enumerate(parts) for at, name in enumerate(part.ids)
-        }
-
-    def __getitem__(self, vehicle_id: VehicleId) -> tuple[Telemetry, int]:
-        index, at = self.places[vehicle_id]
-        return self.parts[index], at
-
-    def __iter__(self) -> Iterator[VehicleId]:
-        return iter(self.places)
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """The newest telemetry of all vehicles as columns, rows as in FleetState."""
-
-    beat_s: Array  # (n,) arrival of the newest heartbeat
-    life_s: Array  # (n,) arrival of the newest message of any kind
-    position_s: Array  # (n,) arrival of the newest position
-    mode: Sequence[Mode]
-    armed: Sequence[bool]
-    landed: Sequence[Landed]
-    reboot_count: Sequence[int]
+def joined(parts: Sequence[Telemetry], order: Sequence[int] | None) -> Telemetry:
+    """The telemetry of several links as one; `order`: the place of each row among theirs, None: the same."""
+    if len(parts) == 1 and order is None:
+        return parts[0]
+    columns: dict[str, Any] = {}
+    for field in fields(Telemetry):
+        values = [getattr(part, field.name) for part in parts]
+        if isinstance(values[0], np.ndarray):
+            column = np.concatenate(values)
+            columns[field.name] = column if order is None else column[order]
+        else:
+            row = tuple(chain.from_iterable(values))
+            columns[field.name] = row if order is None else tuple(row[place] for place in order)
+    return Telemetry(**columns)
 
 
 class Fleet:
@@ -155,14 +132,13 @@ class Fleet:
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.memory = Memory.fresh(len(self.vehicles), now_s)
-        self.telemetry = Newest(())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
         self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be read
         received_in = [name for link in links for name in link.ids]
         place_of = {name: place for place, name in enumerate(received_in)}
-        self._order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
-        self._in_order = self._order == list(range(len(received_in)))
+        order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
+        self._order = None if order == sorted(order) else order
         self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
         noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
         self._table = Table(
@@ -188,24 +164,23 @@ class Fleet:
 
     def receive(self, now_s: float) -> FleetState:
         parts = [link.snapshot() for link in self.links]
-        self.telemetry = Newest(parts, self.telemetry.places)
+        self.telemetry = joined(parts, self._order)
         self.fleet = self._table.state(parts, now_s)
         self._widen(now_s)
-        arrival_s = np.concatenate([part.position_time_s for part in parts])[self._order]
-        self.link_quality.note(arrival_s, now_s)
-        self.link_delay.note(self.in_rows([part.clock_base_s for part in parts]), now_s)
+        self.link_quality.note(self.telemetry.position_time_s, now_s)
+        self.link_delay.note(self.telemetry.clock_base_s, now_s)
         return self.fleet
 
     def _widen(self, now_s: float) -> None:
         """Set each position's uncertainty from its reported accuracy, fix type and latest jump."""
-        parts = self.telemetry.parts
+        telemetry = self.telemetry
         floor = self.control.safety.floor
         wide_m = uncertainty_m(
             floor.uncertainty_m,
             floor.vertical_uncertainty,
-            self.in_rows([part.horizontal_accuracy_m for part in parts]),
-            self.in_rows([part.vertical_accuracy_m for part in parts]),
-            self.in_rows([part.fix_type for part in parts]),
+            telemetry.horizontal_accuracy_m,
+            telemetry.vertical_accuracy_m,
+            telemetry.fix_type,
             now_s - self._table.reset_time_s,
             self.config.positioning,
         )
@@ -249,28 +224,6 @@ class Fleet:
     def at_row(self, row: int) -> Vehicle:
         return self.vehicles[self.fleet.ids[row]]
 
-    def newest(self) -> Columns:
-        parts = self.telemetry.parts
-        return Columns(
-            self.in_rows([part.heartbeat_time_s for part in parts]),
-            self.in_rows([part.life_time_s for part in parts]),
-            self.in_rows([part.position_time_s for part in parts]),
-            self.ordered([part.mode for part in parts]),
-            self.ordered([part.armed for part in parts]),
-            self.ordered([part.landed for part in parts]),
-            self.ordered([part.reboot_count for part in parts]),
-        )
-
-    def in_rows(self, parts: Sequence[Array]) -> Array:
-        """(n,) Values from (k,) arrays, one for each link; rows as in FleetState."""
-        joined: Array = np.concatenate(parts)
-        return joined if self._in_order else joined[self._order]
-
-    def ordered(self, parts: Sequence[Sequence[T]]) -> Sequence[T]:
-        """Values of all links' vehicles, rows as in FleetState."""
-        joined = list(chain.from_iterable(parts))
-        return joined if self._in_order else [joined[place] for place in self._order]
-
     @property
     def setpoints_sent(self) -> int:
         return sum(link.setpoints_sent for link in self.links)
@@ -287,12 +240,11 @@ class Fleet:
         await self.link_of[command.vehicle_id].execute(command)
 
     def mode(self, vehicle: Vehicle) -> Mode:
-        telemetry, at = self.telemetry[vehicle.id]
-        return telemetry.mode[at]
+        return self.telemetry.mode[vehicle.row]
 
     def inputs(self, vehicle: Vehicle) -> FailsafeInputs:
         """Return the inputs that explain the vehicle's mode: see `gcs.failsafe.autopilot_failsafe`."""
-        (telemetry, at), now_s = self.telemetry[vehicle.id], self.fleet.time_s
+        telemetry, at, now_s = self.telemetry, vehicle.row, self.fleet.time_s
         return FailsafeInputs(
             mode=telemetry.mode[at],
             in_failsafe=telemetry.in_failsafe[at],
@@ -313,13 +265,13 @@ class Fleet:
     @property
     def known(self) -> set[VehicleId]:
         """Vehicles that have reported all that a start requires: parameters, fix and clock, as configured."""
-        config, parts = self.config, self.telemetry.parts
+        config = self.config
         names = set(self.parameters if config.operation.require_parameters else self.vehicles)
         reported = np.ones(len(self.vehicles), dtype=np.bool_)
         if config.preflight.require_fix:
-            reported &= np.isfinite(self.in_rows([part.fix_type for part in parts]))
+            reported &= np.isfinite(self.telemetry.fix_type)
         if config.preflight.clock_max_s is not None:
-            reported &= np.isfinite(self.in_rows([part.clock_base_s for part in parts]))
+            reported &= np.isfinite(self.telemetry.clock_base_s)
         return names - {self.fleet.ids[row] for row in np.flatnonzero(~reported).tolist()}
 
     @property
@@ -340,7 +292,7 @@ class Fleet:
 
     def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
         """Whether it is airborne and under control, on the ground, or unknown; see `fleet_counts`."""
-        telemetry, at = self.telemetry[vehicle.id]
+        telemetry, at = self.telemetry, vehicle.row
         age_s = self.fleet.time_s - float(telemetry.heartbeat_time_s[at])
         landed, armed = telemetry.landed[at], telemetry.armed[at]
         return whereabouts(vehicle.phase, landed, armed=armed, heartbeat_age_s=age_s)

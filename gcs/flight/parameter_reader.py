@@ -11,12 +11,12 @@ from typing import Final
 
 import numpy as np
 
-from gcs.flight.fleet import Columns, Fleet
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.links import ParameterValue
 from gcs.model.errors import CommandError
 from gcs.model.preflight_report import Check
-from gcs.model.state import Mask, VehicleId
+from gcs.model.state import Mask, Telemetry, VehicleId
 from gcs.preflight.parameters import Requirement, parameter_checks, requirements
 
 log = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ class ParameterReader:
         self._announced: dict[VehicleId, dict[str, ParameterValue]] = {}
         """Newest values since the vehicle's newest read began; the read may be older than they are."""
 
-    def watch(self, received: Columns) -> None:
+    def watch(self, received: Telemetry) -> None:
         """Start the reads that are due; called once a tick."""
         flight = self._flight
         if not flight.config.operation.require_parameters:
@@ -64,7 +64,7 @@ class ParameterReader:
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
             self._begin(flight.at_row(row))
 
-    def _take_announced(self, received: Columns) -> None:
+    def _take_announced(self, received: Telemetry) -> None:
         """Compare announced parameters with what preflight requires, whichever station set them."""
         for link in self._flight.links:
             for vehicle_id, values in link.reported_parameters().items():

@@ -234,7 +234,7 @@ class PreflightGate:
         return PreflightInputs(
             fleet=flight.fleet,
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
-            telemetry=flight.telemetry,
+            telemetry={name: (flight.telemetry, vehicle.row) for name, vehicle in flight.vehicles.items()},
             conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
             uncertainty_m=flight.traits.uncertainty_m,
             age_max_s=flight.control.telemetry_age_max_s,

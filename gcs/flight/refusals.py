@@ -50,8 +50,7 @@ def why_not_without_heartbeat(flight: Fleet, vehicle: Vehicle) -> str:
 
     Its positions may still arrive after a pilot has taken over.
     """
-    telemetry, at = flight.telemetry[vehicle.id]
-    age_s = flight.fleet.time_s - float(telemetry.heartbeat_time_s[at])
+    age_s = flight.fleet.time_s - float(flight.telemetry.heartbeat_time_s[vehicle.row])
     if age_s <= flight.config.operation.silence_s + BEATS_MAY_LACK_S:
         return ""
     agreed = f"take-control {vehicle.id} names it, when its pilot agrees"

@@ -88,7 +88,7 @@ class ShowProgress:
 
     def advance(self) -> None:
         flight = self.flight
-        self.parameter_reader.watch(flight.newest())  # starts the reads that are due
+        self.parameter_reader.watch(flight.telemetry)  # starts the reads that are due
         self.failsafe_monitor.look()
         self.commander.starting.count_down()
         if self.commander.collective_return is not None:

@@ -65,10 +65,8 @@ def fleet_view(
 
 
 def _rows(flight: Fleet, tick: Tick) -> VehicleTable:
-    fleet, parts, show_run = flight.fleet, flight.telemetry.parts, flight.show_run
+    fleet, telemetry, show_run = flight.fleet, flight.telemetry, flight.show_run
     vehicles, known = flight.vehicles.values(), flight.known  # only those with all data can be ready
-    heartbeat_s = flight.in_rows([part.heartbeat_time_s for part in parts])
-    ready = flight.ordered([part.ready for part in parts])
     setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
     if tick.setpoints.ids:
         row_of = {name: row for row, name in enumerate(fleet.ids)}
@@ -82,23 +80,23 @@ def _rows(flight: Fleet, tick: Tick) -> VehicleTable:
         links=[vehicle.link for vehicle in vehicles],
         phases=[vehicle.phase for vehicle in vehicles],
         reasons=[vehicle.reason for vehicle in vehicles],
-        modes=flight.ordered([part.mode for part in parts]),
-        armed=flight.ordered([part.armed for part in parts]),
-        landed=flight.ordered([part.landed for part in parts]),
-        ready=[is_ready and name in known for name, is_ready in zip(fleet.ids, ready, strict=True)],
+        modes=telemetry.mode,
+        armed=telemetry.armed,
+        landed=telemetry.landed,
+        ready=[is_ready and name in known for name, is_ready in zip(fleet.ids, telemetry.ready, strict=True)],
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
         setpoint_m_s=setpoint_m_s,
         yaw_rad=fleet.yaw_rad,
-        latitude_deg=flight.in_rows([part.latitude_deg for part in parts]),
-        longitude_deg=flight.in_rows([part.longitude_deg for part in parts]),
-        altitude_amsl_m=flight.in_rows([part.altitude_amsl_m for part in parts]),
-        battery_remaining=flight.in_rows([part.battery_remaining for part in parts]),
+        latitude_deg=telemetry.latitude_deg,
+        longitude_deg=telemetry.longitude_deg,
+        altitude_amsl_m=telemetry.altitude_amsl_m,
+        battery_remaining=telemetry.battery_remaining,
         position_age_s=fleet.age_s,
         uncertainty_m=flight.traits.uncertainty_m,
-        heartbeat_age_s=fleet.time_s - heartbeat_s,
+        heartbeat_age_s=fleet.time_s - telemetry.heartbeat_time_s,
         link_quality=flight.link_quality.share,
-        fix_type=flight.in_rows([part.fix_type for part in parts]),
+        fix_type=telemetry.fix_type,
         limited_by=tick.limited_by,
         colour=colour,
         lit=lit,

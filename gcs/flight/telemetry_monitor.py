@@ -8,11 +8,11 @@ import numpy as np
 
 from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, are_silent, lacking
 from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
-from gcs.flight.fleet import Columns, Fleet
+from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers
 from gcs.flight.vehicle import Explanation, Vehicle, VehicleStatus
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
-from gcs.model.state import Array, Mask, Mode
+from gcs.model.state import Array, Mask, Mode, Telemetry
 
 log = logging.getLogger(__name__)
 
@@ -37,27 +37,27 @@ class TelemetryMonitor:
     def look(self) -> None:
         """Let the telemetry change phases, and end maneuvers that no longer apply; called once a tick."""
         flight = self.flight
-        now_s, telemetry_of = flight.fleet.time_s, flight.newest()
+        now_s, telemetry = flight.fleet.time_s, flight.telemetry
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
-        fresh = self._judge(now_s, telemetry_of, known)
+        fresh = self._judge(now_s, telemetry, known)
         self._forget_heartbeats(fresh)
         # All vehicles at once while nothing changes: single inspections of a thousand would be slow.
         vehicles = flight.vehicles.values()
         expected = [vehicle.phase for vehicle in vehicles], [vehicle.modes for vehicle in vehicles]
-        state = (*expected, telemetry_of.mode, telemetry_of.armed)
+        state = (*expected, telemetry.mode, telemetry.armed)
         if fresh.all() and state == self._calm:
             return
         all_calm = True
-        rows = zip(vehicles, fresh.tolist(), telemetry_of.mode, telemetry_of.armed, strict=True)
+        rows = zip(vehicles, fresh.tolist(), telemetry.mode, telemetry.armed, strict=True)
         for vehicle, is_fresh, mode, armed in rows:
             if not (is_fresh and vehicle.is_calm(mode, armed=armed)):
                 all_calm = False
-                self._look_at(vehicle, telemetry_of)
+                self._look_at(vehicle, telemetry)
         self._calm = state if all_calm else None
 
-    def _judge(self, now_s: float, telemetry_of: Columns, known: Mask) -> Mask:
+    def _judge(self, now_s: float, telemetry: Telemetry, known: Mask) -> Mask:
         """Judge which vehicles are silent, and keep the positions of the others.
 
         Returns: (n,) which have sent every sign of life lately, a heartbeat as well.
@@ -67,28 +67,28 @@ class TelemetryMonitor:
         may_lack_s = np.array([_beats_may_lack_s(phase) for phase in phases])
         absent = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
         judged_s: Array = np.where(absent, np.inf, now_s - self._resumed_s)
-        arrivals = telemetry_of.life_s, telemetry_of.beat_s + may_lack_s, telemetry_of.position_s
+        arrivals = telemetry.life_time_s, telemetry.heartbeat_time_s + may_lack_s, telemetry.position_time_s
         flight.note_seen(~are_silent(now_s, *arrivals, silence_s) & known)  # even without a heartbeat
         flight.silent = are_silent(now_s, *arrivals, silence_s, judged_s=judged_s)
-        beat_age_s = now_s - telemetry_of.beat_s
+        beat_age_s = now_s - telemetry.heartbeat_time_s
         flight.has_heartbeat = np.asarray(beat_age_s <= silence_s)
         return np.asarray(~flight.silent & (np.minimum(beat_age_s, judged_s) <= silence_s))
 
-    def _look_at(self, vehicle: Vehicle, telemetry_of: Columns) -> None:
+    def _look_at(self, vehicle: Vehicle, telemetry: Telemetry) -> None:
         flight, row, now_s = self.flight, vehicle.row, self.flight.fleet.time_s
         silence_s = flight.config.operation.silence_s
         silent, has_heartbeat = bool(flight.silent[row]), bool(flight.has_heartbeat[row])
         position_s, beat_s, life_s = (
             float(column[row])
-            for column in (telemetry_of.position_s, telemetry_of.beat_s, telemetry_of.life_s)
+            for column in (telemetry.position_time_s, telemetry.heartbeat_time_s, telemetry.life_time_s)
         )
         lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
         in_failsafe = flight.inputs(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
         status = VehicleStatus(
             silent,
-            telemetry_of.mode[row],
-            telemetry_of.armed[row],
-            telemetry_of.landed[row],
+            telemetry.mode[row],
+            telemetry.armed[row],
+            telemetry.landed[row],
             in_failsafe,
             lacks,
             partial(self._explained, vehicle),
