@@ -11,16 +11,11 @@ from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr,
 from gcs.control import ControlSettings
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
-from gcs.model.settings import Settings
+from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 
-Number: TypeAlias = Annotated[float, Field(strict=True)]
-"""A text or a boolean is not accepted as a number; a whole number is."""
-
-Positive: TypeAlias = Annotated[Number, Field(gt=0)]
-NotNegative: TypeAlias = Annotated[Number, Field(ge=0)]
 Name: TypeAlias = Annotated[StrictStr, Field(min_length=1, max_length=60)]
 Colour: TypeAlias = Annotated[StrictStr, Field(pattern=r"^#[0-9a-fA-F]{6}$"), AfterValidator(str.lower)]
 
@@ -32,10 +27,10 @@ MAX_CUES = 500
 class Origin(Settings):
     """Position of the show frame's origin, and heading of its x axis: clockwise from north."""
 
-    latitude_deg: Annotated[Number, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[Number, Field(ge=-180, le=180)]
-    altitude_amsl_m: Number
-    heading_deg: Annotated[Number, Field(ge=-360, le=360)]
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    altitude_amsl_m: float
+    heading_deg: Annotated[float, Field(ge=-360, le=360)]
 
     @property
     def frame(self) -> ShowFrame:
@@ -47,8 +42,8 @@ class Pads(Settings):
 
     columns: Annotated[StrictInt, Field(ge=1)]  # vehicles in a row, along y
     spacing_m: Positive
-    x_m: Number = 0.0  # the middle of the pattern
-    y_m: Number = 0.0
+    x_m: float = 0.0  # the middle of the pattern
+    y_m: float = 0.0
 
 
 class Fleet(Settings):
@@ -59,7 +54,7 @@ class Fleet(Settings):
     takeoff_height_m: Positive = 5.0
     takeoff_stagger_s: NotNegative = 1.0
     endurance_s: Positive  # in the air, from full to empty
-    reserve: Annotated[Number, Field(ge=0.1, lt=1.0)] = 0.25  # share of a battery that no plan uses
+    reserve: Annotated[float, Field(ge=0.1, lt=1.0)] = 0.25  # share of a battery that no plan uses
 
 
 class ShowLimits(Settings):
@@ -68,7 +63,7 @@ class ShowLimits(Settings):
     speed_max_m_s: Annotated[Positive, Field(le=8.0)] = 8.0  # of a vehicle, sideways
     climb_max_m_s: Annotated[Positive, Field(le=2.5)] = 2.5
     sink_max_m_s: Annotated[Positive, Field(le=1.4)] = 1.4
-    separation_min_m: Annotated[Number, Field(ge=2.0)] = 2.0  # sideways; half as much more up and down
+    separation_min_m: Annotated[float, Field(ge=2.0)] = 2.0  # sideways; half as much more up and down
     formation_speed_max_m_s: Annotated[Positive, Field(le=4.0)] = 4.0  # of its centre, over the ground
     formation_climb_max_m_s: Annotated[Positive, Field(le=1.0)] = 1.0
     formation_acceleration_max_m_s2: Annotated[Positive, Field(le=1.0)] = 1.0
@@ -86,8 +81,8 @@ class ShowFence(Settings):
 class Place(Settings):
     """A position on the ground, show frame: x along the heading, y to its right."""
 
-    x_m: Number
-    y_m: Number
+    x_m: float
+    y_m: float
 
 
 class Waypoint(Place):
@@ -113,7 +108,7 @@ class CueOrbit(Settings):
 class Spin(Settings):
     """Rotation of the formation about its own vertical, seen from above."""
 
-    rate_deg_s: Annotated[Number, Field(ge=0, le=90)]
+    rate_deg_s: Annotated[float, Field(ge=0, le=90)]
     direction: Direction = Direction.CLOCKWISE
 
 
@@ -121,8 +116,8 @@ class Box(Settings):
     """A static obstacle, edges along the show frame's axes."""
 
     id: Name
-    x_m: Number  # centre
-    y_m: Number
+    x_m: float  # centre
+    y_m: float
     half_length_x_m: Positive
     half_length_y_m: Positive
     height_m: Positive  # of its top
