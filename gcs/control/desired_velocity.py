@@ -93,7 +93,8 @@ def _flown(now: TickInputs, formed: Formed, own_m_s: Array) -> Array:
     limits, spin_rad_s = now.settings.safety.limits, formed.spin_rad_s
     if spin_rad_s:
         offset_m = formed.distance_m[:, None] * formed.direction
-        own_m_s += spin_velocity(offset_m, spin_rad_s, now.settings.response_s)
+        late_s = now.settings.response_s + 2.0 * now.settings.safety.link_delay_s
+        own_m_s += spin_velocity(offset_m, spin_rad_s, late_s)
     return shrink_relative(
         formed.center.velocity_m_s,
         own_m_s,
