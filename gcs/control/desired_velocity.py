@@ -291,7 +291,7 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
         half_m_s = 0.5 * np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
         desired_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, {})
         if columns:
-            free = ~now.tasks.descending[goers]  # these choose their way; a planned path is kept
+            free = ~now.descending[goers]  # these choose their way; a planned path is kept
             if now.tasks.follows_planned_path is not None:
                 free &= ~now.tasks.follows_planned_path[goers]
             past_m_s = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, columns)

@@ -161,6 +161,10 @@ LONGEST_STEP_S = 0.2
 """Longest step of the commanded centre. After a longer pause the centre does not catch up."""
 
 
+OFF_PLACE_M = 2.0
+"""A descending vehicle that others pushed farther from its place goes back there above the least height."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TickInputs:
     """Inputs of one tick. Rows as in FleetState."""
@@ -178,6 +182,7 @@ class TickInputs:
     to_goal: Mask  # (n,) commanded and on the way to a goal of its own
     rows: NDArray[np.intp]  # (m,) of the vehicles in formation
     goers: NDArray[np.intp]  # (k,) of those on the way to a goal
+    descending: Mask  # (n,) descending to land, and above its place
     ellipses: dict[str, Ellipse]  # the plan's obstacles at this time
 
     @property
@@ -227,6 +232,7 @@ class TickInputs:
         position_m, velocity_m_s = np.array(fleet.position_m), np.array(fleet.velocity_m_s)
         task, age_s = np.array(tasks.task), np.array(fleet.age_s)
         roles = _roles(task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s)
+        off_m = tasks.goal_m[:, :2] - position_m[:, :2]
         return TickInputs(
             fleet,
             tasks,
@@ -237,6 +243,7 @@ class TickInputs:
             position_m,
             velocity_m_s,
             *roles,
+            tasks.descending & ~(np.hypot(off_m[:, 0], off_m[:, 1]) > OFF_PLACE_M),
             ellipses_of(plan, settings, fleet.time_s),
         )
 

@@ -119,7 +119,7 @@ def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
     if len(now.goers) == 0:
         return desired_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
-    under_way = now.to_goal & ~now.tasks.descending
+    under_way = now.to_goal & ~now.descending
     if now.tasks.follows_planned_path is not None:
         under_way &= ~now.tasks.follows_planned_path
         if not under_way.any():
@@ -172,13 +172,13 @@ def _of_commanded(
 def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
     safety = now.settings.safety
     wander_m = authority.wander_m(safety.authority, safety.link_delay_s)
-    wander_m[now.tasks.descending] = 0.0
+    wander_m[now.descending] = 0.0
     return Surroundings(
         now.position_m,
         now.velocity_m_s,
         now.commanded,
         now.tasks.airborne,
-        now.tasks.descending,
+        now.descending,
         now.tasks.segments_m,
         now.ellipses,
         now.fleet.ids,
