@@ -116,9 +116,10 @@ async def inspect(
     """Return the rows of all `chosen` vehicles; without telemetry only if the operator `named` them."""
     link_of = {name: link for link in links for name in link.ids}
     received = await _received(link_of, chosen, wait_s)
-    needed = requirements(config.operation, config.control)
+    heights_m = dict(zip(config.ids, config.return_heights_m.tolist(), strict=True))
+    needed = {name: requirements(config.operation, config.control, heights_m[name]) for name in chosen}
     parts = await asyncio.gather(
-        *(_one(link_of[name], name, needed, apply=apply) for name in chosen if name in received)
+        *(_one(link_of[name], name, needed[name], apply=apply) for name in chosen if name in received)
     )
     silent = [name for name in chosen if name not in received] if named or not received else []
     not_received = [Row(name, "-", None, "-", f"not received within {wait_s:g} s") for name in silent]

@@ -34,7 +34,7 @@ from gcs.model.errors import FileError, InvalidError, Problem
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw
 from gcs.model.settings import Settings
-from gcs.model.state import VehicleId
+from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import (
     check_formation,
     check_orbit,
@@ -42,6 +42,7 @@ from gcs.planning.feasibility import (
     radius_allowed,
     smallest_formation_radius_m,
 )
+from gcs.planning.landing_sites import return_heights_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 from gcs.service.access import AccessSettings, is_loopback
@@ -90,6 +91,14 @@ class Config(Settings):
     @cached_property
     def ids(self) -> tuple[VehicleId, ...]:
         return tuple(vehicle.id for vehicle in self.fleet)
+
+    @cached_property
+    def return_heights_m(self) -> Array:
+        """(n,) RTL_RETURN_ALT of each vehicle, above its home."""
+        operation, highest_m = self.operation, self.control.safety.fence.height_max_m
+        return return_heights_m(
+            len(self.fleet), operation.return_height_m, operation.return_layer_m, highest_m
+        )
 
     @model_validator(mode="after")
     def _check(self) -> "Config":

@@ -43,6 +43,7 @@ class Tasks:
         None  # (n,) follows a path planned for the whole fleet: no rules of the road
     )
     segments_of: NDArray[np.intp] | None = None  # (m,) row of each path's lost vehicle; None: not known
+    silent_segments: int = 0  # the last of `segments_m` are of vehicles that are silent, and not lost yet
 
     def __post_init__(self) -> None:
         n = len(self.task)
@@ -198,6 +199,7 @@ class TickInputs:
         if tasks.segments_of is not None:
             lost_m = uncertainty_m[tasks.segments_of]
         upright = (tasks.segments_m[:, 0, :2] == tasks.segments_m[:, 1, :2]).all(axis=1)
+        upright[len(upright) - tasks.silent_segments :] = False
         found = {}
         for k in np.flatnonzero(upright).tolist():
             wide_m, tall_m = floor.kept_m(float(floor.reserve_m(own_m, lost_m[k])))

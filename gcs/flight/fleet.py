@@ -39,7 +39,7 @@ from gcs.model.state import (
     Whereabouts,
     whereabouts,
 )
-from gcs.planning.landing_sites import STOP_S, swept_segments_m
+from gcs.planning.landing_sites import STOP_S, silent_segments_m, swept_segments_m
 from gcs.planning.return_paths import keeps_to_path
 from gcs.service.commands import CommandLog
 
@@ -356,7 +356,9 @@ class Fleet:
         show_flies = show in SHOW_FLIES
         phases = [vehicle.phase for vehicle in vehicles]
         frozen_until_s = max([vehicle.frozen_until_s for vehicle in vehicles])
-        if show_flies and now_s >= frozen_until_s and phases.count(Phase.FORMATION) == len(phases):
+        flown = show_flies and now_s >= frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
+        silent = self._silent_now()
+        if flown and not silent:
             return Tasks.of_formation(len(phases), center_moves=show is ShowPhase.RUNNING)  # the usual case
         task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
         goal_m = np.full((len(vehicles), 3), np.nan)
@@ -366,16 +368,22 @@ class Fleet:
                 if goal is not None:
                     goal_m[row] = goal
         segments_m, segments_of = self.swept()
+        silent_m = [self._silent_m(vehicle, silent_s) for vehicle, silent_s in silent]
+        silent_of = np.repeat(
+            np.array([vehicle.row for vehicle, _ in silent], dtype=np.intp),
+            [len(own_m) for own_m in silent_m],
+        )
         return Tasks(
             task,
             goal_m,
             np.array([phase in FLIES for phase in phases]),
             np.array([phase is Phase.LANDING for phase in phases]),
-            segments_m,
+            np.concatenate([segments_m, *silent_m]),
             center_moves=show is ShowPhase.RUNNING,
             formation_waits=show is ShowPhase.PAUSED,
             follows_planned_path=self._follows_planned_path(goal_m),
-            segments_of=segments_of,
+            segments_of=np.concatenate([segments_of, silent_of]),
+            silent_segments=len(silent_of),
         )
 
     def swept(self) -> tuple[Array, NDArray[np.intp]]:
@@ -395,6 +403,36 @@ class Fleet:
         )
         return keeps_to_path(follows, self.fleet.position_m, goal_m)
 
+    def _silent_now(self) -> list[tuple[Vehicle, float]]:
+        """Airborne vehicles that are not commanded for want of positions, not lost yet; and for how long."""
+        age_s = self.fleet.age_s
+        late = np.flatnonzero((age_s > self.control.telemetry_age_max_s) & np.isfinite(self._seen_m[:, 0]))
+        vehicles = [self.at_row(row) for row in late.tolist()]
+        longest_s = self.config.operation.silence_s
+        return [
+            (vehicle, min(float(age_s[vehicle.row]), longest_s))
+            for vehicle in vehicles
+            if vehicle.phase in AIRBORNE
+        ]
+
+    def _silent_m(self, vehicle: Vehicle, silent_s: float) -> Array:
+        operation = self.config.operation
+        return silent_segments_m(
+            self._seen_m[vehicle.row],
+            self._seen_m_s[vehicle.row],
+            vehicle.home_m,
+            operation.setpoint_loss_action,
+            float(self.config.return_heights_m[vehicle.row]),
+            silent_s=silent_s,
+            noticed_s=operation.setpoint_loss_s,
+            drift_s=self._drift_s,
+        )
+
+    @property
+    def _drift_s(self) -> float:
+        """How long a vehicle without commands may keep its last velocity, its stop included."""
+        return self.config.setpoint_timeout_s + self.config.operation.setpoint_loss_s + STOP_S
+
     def _swept_m(self, vehicle: Vehicle, last_m: Array) -> Array:
         operation, moved_m_s = self.config.operation, self._seen_m_s[vehicle.row]
         killed = vehicle.phase is Phase.KILLED
@@ -403,7 +441,7 @@ class Fleet:
             moved_m_s if np.isfinite(moved_m_s).all() else None,
             vehicle.home_m,
             "land" if killed else operation.setpoint_loss_action,
-            operation.return_height_m,
+            float(self.config.return_heights_m[vehicle.row]),
             climbing_to_m=None if killed else operation.takeoff_height_m,
-            drift_s=self.config.setpoint_timeout_s + operation.setpoint_loss_s + STOP_S,
+            drift_s=self._drift_s,
         )

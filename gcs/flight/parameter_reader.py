@@ -35,10 +35,16 @@ class ParameterReader:
         n = len(flight.vehicles)
         self._group = group
         self._flight = flight
-        self._needed = requirements(flight.config.operation, flight.config.control)
-        self._by_name = {requirement.name: requirement for requirement in self._needed}
+        config = flight.config
+        of_height = {
+            height_m: requirements(config.operation, config.control, height_m)
+            for height_m in set(config.return_heights_m.tolist())
+        }
+        self._needed = dict(
+            zip(config.ids, map(of_height.__getitem__, config.return_heights_m.tolist()), strict=True)
+        )
         for link in flight.links:
-            link.watch_parameters(self._by_name.keys())
+            link.watch_parameters(self._names)
         self._reboot_count = np.full(n, -1)
         self._absent: Mask = np.zeros(n, dtype=bool)
         self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
@@ -46,6 +52,13 @@ class ParameterReader:
         self._not_before_s = np.full(n, -np.inf)
         self._announced: dict[VehicleId, dict[str, ParameterValue]] = {}
         """Newest values since the vehicle's newest read began; the read may be older than they are."""
+
+    @property
+    def _names(self) -> list[str]:
+        return [requirement.name for requirement in next(iter(self._needed.values()))]
+
+    def _requirement(self, vehicle_id: VehicleId, name: str) -> Requirement:
+        return next(each for each in self._needed[vehicle_id] if each.name == name)
 
     def watch(self, received: Telemetry) -> None:
         """Start the reads that are due; called once a tick."""
@@ -71,7 +84,9 @@ class ParameterReader:
                 vehicle = self._flight.vehicles[vehicle_id]
                 self._announced.setdefault(vehicle_id, {}).update(values)
                 for name, value in values.items():
-                    self._compare(vehicle, self._by_name[name], value, armed=received.armed[vehicle.row])
+                    self._compare(
+                        vehicle, self._requirement(vehicle_id, name), value, armed=received.armed[vehicle.row]
+                    )
 
     def _compare(
         self, vehicle: Vehicle, requirement: Requirement, value: ParameterValue, *, armed: bool
@@ -97,7 +112,10 @@ class ParameterReader:
     def _settle(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Forget changes of parameters that are right again."""
         changed = self._flight.changed_parameters.get(vehicle.id, {})
-        for name in [name for name in changed if self._by_name[name].holds(values.get(name, math.nan))]:
+        right = [
+            name for name in changed if self._requirement(vehicle.id, name).holds(values.get(name, math.nan))
+        ]
+        for name in right:
             del changed[name]
             log.info("parameter_right_again", extra={"vehicle": vehicle.id, "reason": name})
         if not changed:
@@ -107,7 +125,9 @@ class ParameterReader:
         """Return the checks of its parameters. If any fails they are read again: it may be fixed by then."""
         flight = self._flight
         found = parameter_checks(
-            self._needed, flight.parameters.get(vehicle_id), flight.parameter_problems.get(vehicle_id)
+            self._needed[vehicle_id],
+            flight.parameters.get(vehicle_id),
+            flight.parameter_problems.get(vehicle_id),
         )
         if not all(check.passes for check in found):
             self._due[flight.vehicles[vehicle_id].row] = True
@@ -127,7 +147,7 @@ class ParameterReader:
 
     async def _read(self, vehicle: Vehicle) -> None:
         flight, row = self._flight, vehicle.row
-        names = [requirement.name for requirement in self._needed]
+        names = self._names
         try:
             read = await flight.link_of[vehicle.id].read_parameters(vehicle.id, names)
         except CommandError as error:

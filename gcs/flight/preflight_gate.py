@@ -282,7 +282,7 @@ class PreflightGate:
                     flight.control,
                     flight.traits.uncertainty_m[rows],
                     operation.setpoint_loss_action,
-                    operation.return_height_m,
+                    flight.config.return_heights_m[rows],
                 ),
             )
         yield "obstacles", "none on a pad", lambda: self._check_obstacles(chosen)

@@ -30,8 +30,14 @@ watchdog ends its setpoints, until it notices (COM_OF_LOSS_T), and for its stop.
 already extrapolated by the 0.5 s after which it is not commanded any more.
 """
 
-CONE_LOWEST_M = 10.0
-"""Near home PX4 returns lower: RTL_CONE_ANG, 45 degrees by default, RTL_DESCEND_ALT and RTL_MIN_DIST."""
+NEAR_HOME_M = 10.0
+"""As near to home as this (RTL_MIN_DIST) PX4 may return as low as this (RTL_DESCEND_ALT)."""
+
+AHEAD_S = 3.0
+"""In which the others leave the space that a silent vehicle can reach."""
+
+AUTO_UP_M_S, AUTO_DOWN_M_S, AUTO_CRUISE_M_S = 3.0, 1.5, 5.0
+"""PX4's defaults of MPC_Z_V_AUTO_UP, MPC_Z_V_AUTO_DN and MPC_XY_CRUISE: vehicles that fly by themselves."""
 
 COLUMNS_APART_M = 2.6
 """Greatest distance between the columns along a drift: less than the width that each keeps free."""
@@ -151,6 +157,26 @@ def _nearest_free_m(place_m: Array, taken_m: Array, spacing_m: float, walls: _Wa
     return found_m
 
 
+def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: float) -> Array:
+    """(n,) heights above home at which vehicles return by themselves, RTL_RETURN_ALT.
+
+    The first vehicle returns lowest, the last highest: who lists those on the outer pads last has them return
+    above the others, as they fly above them in most of a sphere, so that none climbs through another's height
+    (decision 0038). Neighbours in the list share a height where there are more vehicles than layers.
+
+    Args:
+        count: n vehicles.
+        lowest_m: the lowest of the heights.
+        layer_m: between two layers; 0: all return at the same height.
+        highest_m: no layer is above; 0 or more.
+    """
+    room = int((highest_m - lowest_m) / layer_m + 1e-9) if layer_m and highest_m > lowest_m else 0
+    layers = max(1, min(count, room + 1))
+    layer = np.arange(count) * layers // max(count, 1)
+    heights_m: Array = lowest_m + layer_m * layer.astype(np.float64)
+    return heights_m
+
+
 def swept_segments_m(
     last_m: Array,
     last_velocity_m_s: Array | None,
@@ -171,7 +197,7 @@ def swept_segments_m(
         last_velocity_m_s: (3,) last known velocity; None if unknown.
         home_m: (3,) its own start, if known.
         action: "descend" and "land": straight down; "hold": stays, and may come down later; "return":
-            climbs to `return_height_m`, or near home less high (CONE_LOWEST_M), flies home at that height and
+            climbs to `return_height_m`, or near home less high (NEAR_HOME_M), flies home at that height and
             descends there.
         return_height_m: above its home (RTL_RETURN_ALT).
         climbing_to_m: above its home; a vehicle last seen lower may still climb to it (a take-off goes on
@@ -180,15 +206,11 @@ def swept_segments_m(
 
     Returns: (m, 2, 3).
     """
-    drift_m = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s * drift_s
-    if not np.isfinite(drift_m).all():
-        drift_m = np.zeros(3)
-    steps = ceil(float(np.hypot(drift_m[0], drift_m[1])) / COLUMNS_APART_M)
-    stops_m = last_m + np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
-    stops_m[:, 2] = min(float(last_m[2]), float(last_m[2] + drift_m[2]))
+    stops_m = _stops_m(last_m, last_velocity_m_s, drift_s)
+    stops_m[:, 2] = stops_m[:, 2].min()
     lowest_z_m = max(0.0, float(last_m[2]))
     columns = [np.array([stop_m, (stop_m[0], stop_m[1], lowest_z_m)]) for stop_m in stops_m]
-    paths = [np.array([stops_m[0], stops_m[-1]])] if steps else []
+    paths = [np.array([stops_m[0], stops_m[-1]])] if len(stops_m) > 1 else []
     if climbing_to_m is not None and home_m is not None and home_m[2] - last_m[2] < climbing_to_m:
         top_m = home_m - (0.0, 0.0, climbing_to_m + OVERSHOOT_M)
         columns.append(np.array([top_m, home_m]))
@@ -197,12 +219,71 @@ def swept_segments_m(
     top_z_m = min(float(stops_m[0, 2]), float(home_m[2]) - return_height_m)
     for stop_m in stops_m:
         away_m = float(np.hypot(*(stop_m - home_m)[:2]))
-        cone_m = CONE_LOWEST_M if away_m <= CONE_LOWEST_M else min(away_m, return_height_m)
+        least_m = NEAR_HOME_M if away_m <= NEAR_HOME_M else return_height_m
         corner = np.array([stop_m[0], stop_m[1], top_z_m])
         paths.append(np.array([stop_m, corner]))
-        levels_m = sorted({top_z_m, min(float(stop_m[2]), float(home_m[2]) - cone_m)})
+        levels_m = sorted({top_z_m, min(float(stop_m[2]), float(home_m[2]) - least_m)})
         paths += [np.array([(*stop_m[:2], z_m), (*home_m[:2], z_m)]) for z_m in levels_m]
     return np.array([*columns, *paths, np.array([(home_m[0], home_m[1], top_z_m), home_m])])
+
+
+def _stops_m(last_m: Array, last_velocity_m_s: Array | None, drift_s: float) -> Array:
+    """(k, 3) places along the drift, COLUMNS_APART_M apart at most; k is 1 without a level drift.
+
+    The last place is that of the whole drift also where it only leads up or down.
+    """
+    drift_m = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s * drift_s
+    if not np.isfinite(drift_m).all():
+        drift_m = np.zeros(3)
+    steps = ceil(float(np.hypot(drift_m[0], drift_m[1])) / COLUMNS_APART_M)
+    stops_m: Array = last_m + np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
+    if not steps:
+        stops_m[0, 2] = min(float(last_m[2]), float(last_m[2] + drift_m[2]))
+    return stops_m
+
+
+def silent_segments_m(
+    last_m: Array,
+    last_velocity_m_s: Array | None,
+    home_m: Array | None,
+    action: str,
+    return_height_m: float,
+    *,
+    silent_s: float,
+    noticed_s: float,
+    drift_s: float = DRIFT_S,
+) -> Array:
+    """Return the part of `swept_segments_m` that a silent vehicle, not lost yet, can reach within AHEAD_S.
+
+    A silence may end: only what the others could no longer avoid later is closed to them. It grows.
+
+    Args:
+        last_m: as for `swept_segments_m`, and so are the next four.
+        last_velocity_m_s: see there.
+        home_m: see there.
+        action: see there; "hold" only drifts.
+        return_height_m: see there.
+        silent_s: since the newest position.
+        noticed_s: after this silence, at the earliest, the vehicle executes `action` (COM_OF_LOSS_T).
+        drift_s: see DRIFT_S.
+
+    Returns: (m, 2, 3).
+    """
+    acts_s = max(silent_s + AHEAD_S - noticed_s, 0.0)
+    stops_m = _stops_m(last_m, last_velocity_m_s, drift_s)
+    to_climb_m = np.inf if home_m is None else max(float(stops_m[0, 2] - home_m[2]) + return_height_m, 0.0)
+    up_m = min(AUTO_UP_M_S * acts_s, to_climb_m) if action == "return" else 0.0
+    down_m = AUTO_DOWN_M_S * acts_s if action in {"land", "descend"} else 0.0
+    top_m, bottom_m = stops_m.copy(), stops_m.copy()
+    top_m[:, 2], bottom_m[:, 2] = stops_m[:, 2].min() - up_m, stops_m[:, 2].max() + down_m
+    pieces = [np.stack([top_m, bottom_m], axis=1), np.stack([stops_m[:-1], stops_m[1:]], axis=1)]
+    if action == "return" and home_m is not None and up_m == to_climb_m:
+        way_m = home_m[:2] - top_m[:, :2]
+        share = np.minimum(AUTO_CRUISE_M_S * acts_s / np.maximum(np.hypot(*way_m.T), TINY), 1.0)
+        reached_m = top_m.copy()
+        reached_m[:, :2] += share[:, None] * way_m
+        pieces.append(np.stack([top_m, reached_m], axis=1))
+    return np.concatenate(pieces)
 
 
 TURNS = 200

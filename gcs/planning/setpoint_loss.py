@@ -51,7 +51,7 @@ def clashes(
     floor: Floor,
     uncertainty_m: Array,
     speed_m_s: float,
-    return_height_m: float,
+    return_height_m: Array | float,
 ) -> list[Clash]:
     """Return all pairs that would violate the minimum, widened by both uncertainties, closest first.
 
@@ -62,8 +62,7 @@ def clashes(
         floor: without its margin, which covers the tracking that has ended.
         uncertainty_m: (n,) of each position.
         speed_m_s: common to all: the orbit's and the target's.
-        return_height_m: RTL_RETURN_ALT, above home. That PX4 stays lower near home (RTL_CONE_ANG) only
-            brings paths closer that cross here already.
+        return_height_m: RTL_RETURN_ALT, above home, (n,) or of all.
     """
     first, second = np.triu_indices(len(position_m), 1)
     unsure_m = floor.reserve_m(uncertainty_m[first], uncertainty_m[second])
@@ -119,7 +118,7 @@ def _on_the_way_home(
     second: Rows,
     wide_m: Array,
     tall_m: Array,
-    return_height_m: float,
+    return_height_m: Array | float,
 ) -> tuple[Array, Mask]:
     """(k,) Distance of the paths of each pair, seen from above, and whether they are too close.
 
@@ -228,7 +227,7 @@ def check_setpoint_loss(
     control: ControlSettings,
     uncertainty_m: Array,
     action: Action,
-    return_height_m: float,
+    return_height_m: Array | float,
 ) -> None:
     """Check that `action`, by all vehicles at once, keeps the minimum separation.
 
@@ -239,7 +238,7 @@ def check_setpoint_loss(
         control: law and minimum separation.
         uncertainty_m: (n,) of each position.
         action: `operation.setpoint_loss_action`.
-        return_height_m: RTL_RETURN_ALT.
+        return_height_m: RTL_RETURN_ALT, (n,) or of all.
 
     Raises: RefusedError naming the pairs, and an action that would keep it.
     """
@@ -303,7 +302,7 @@ def _first_clashes(
     control: ControlSettings,
     uncertainty_m: Array,
     action: Action,
-    return_height_m: float,
+    return_height_m: Array | float,
 ) -> list[Clash]:
     """Return the conflicts of the first orientation or orbit position that has any."""
     center_m = _center_m(plan)

@@ -71,19 +71,25 @@ class Requirement:
         return f"at least {self.least:g}" if isfinite(self.least) else f"at most {self.most:g}"
 
 
-def requirements(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
+def requirements(
+    operation: OperationSettings, control: ControlSettings, return_height_m: float | None = None
+) -> tuple[Requirement, ...]:
+    """Return the requirements of a vehicle that returns at that height (`Config.return_heights_m`).
+
+    None: at `operation.return_height_m`.
+    """
+    height_m = operation.return_height_m if return_height_m is None else return_height_m
     return (
-        *_losing_us(operation),
+        *_losing_us(operation, height_m),
         *_the_pilot(operation),
         *_speeds(control),
         *_last_wall(operation, control),
     )
 
 
-def _losing_us(operation: OperationSettings) -> tuple[Requirement, ...]:
+def _losing_us(operation: OperationSettings, height_m: float) -> tuple[Requirement, ...]:
     action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
     number, after = SETPOINT_LOSS_ACTIONS[action], DATA_LINK_LOSS_ACTIONS[action]
-    height_m = operation.return_height_m
     return (
         Requirement(
             "COM_OBL_RC_ACT",
@@ -114,9 +120,12 @@ def _losing_us(operation: OperationSettings) -> tuple[Requirement, ...]:
         Requirement(
             "RTL_RETURN_ALT",
             height_m,
-            "metres above home at which it returns: operation.return_height_m, that others keep clear of",
+            "metres above home at which it returns: operation.return_height_m and return_layer_m",
             least=height_m - 0.5,
             most=height_m + 0.5,
+        ),
+        Requirement(
+            "RTL_CONE_ANG", 0, "else it returns lower near home, through the heights of others", choices=(0,)
         ),
     )
 

@@ -19,12 +19,11 @@ from gcs.safety.neighbours import Rows
 from gcs.safety.separation import (
     Floor,
     Pairs,
-    keepout_constraints,
     minimum_separation,
     separation_constraints,
 )
 from gcs.safety.traffic import Traffic
-from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
+from gcs.safety.walls import Fence, fence_constraints, keepout_constraints, obstacle_constraints
 
 NOTICEABLE_M_S = 0.05
 
@@ -207,6 +206,7 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             braking=braking,
             uncertainty_m=np.hypot(here.uncertainty_m, here.wander_m),
             segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
+            segments_of=here.segments_of,
             fastest_m_s=fastest_m_s,
         ),
         fence_constraints(
@@ -307,4 +307,13 @@ def warm_up() -> None:
     settings = SafetySettings()
     pairs = _pairs(position_m, velocity_m_s, zero + 1.0, here, settings, settings.braking, all_rows)
     any_broken(velocity_m_s, *_joined(Constraints.none(), pairs))
+    columns_m = np.array([[[x_m, 0.0, -20.0], [x_m, 0.0, 0.0]] for x_m in (-1.0, 1.0)])
+    keepout_constraints(
+        position_m,
+        all_rows,
+        columns_m,
+        floor=settings.floor,
+        braking=settings.braking,
+        uncertainty_m=zero,
+    )
     minimum_separation(position_m, all_rows, settings.floor)

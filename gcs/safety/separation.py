@@ -8,7 +8,7 @@ import numpy as np
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
-from gcs.safety.constraints import NO_ROW, Braking, Constraints, allowed_speed_m_s
+from gcs.safety.constraints import NO_ROW, Braking, allowed_speed_m_s
 from gcs.safety.neighbours import Rows, near_pairs, near_pairs_of
 
 
@@ -411,59 +411,3 @@ def _gap(
     z *= flat
     share = 1.0 / np.sqrt(x * x + y * y + z * z)
     return (scaled_m - wide_m) * scaled_m * share, share * x, share * y, share * z
-
-
-def keepout_constraints(
-    position_m: Array,
-    commanded: Mask,
-    segments_m: Array,
-    *,
-    floor: Floor,
-    braking: Braking,
-    uncertainty_m: Array,
-    segments_uncertainty_m: Array | None = None,
-    fastest_m_s: float = np.inf,
-) -> Constraints:
-    """Keep the commanded vehicles away from the space that lost vehicles may sweep.
-
-    Args:
-        position_m: (n, 3), show frame.
-        commanded: (n,).
-        segments_m: (m, 2, 3) straight pieces of the paths that lost vehicles may take.
-        floor: as between vehicles.
-        braking: how vehicles stop.
-        uncertainty_m: (n,) standard deviations of the positions, sideways.
-        segments_uncertainty_m: (m,) those of the lost vehicles; None: the widest of all.
-        fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
-        out.
-    """
-    if len(segments_m) == 0 or not commanded.any():
-        return Constraints.none()
-    rows = np.flatnonzero(commanded)
-    row, piece = (grid.ravel() for grid in np.meshgrid(rows, np.arange(len(segments_m)), indexing="ij"))
-    start, end = segments_m[piece, 0] * floor.scale, segments_m[piece, 1] * floor.scale
-    along = end - start
-    offset = position_m[row] * floor.scale - start
-    share = (offset * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), TINY)
-    scaled = offset - np.clip(share, 0.0, 1.0)[:, None] * along
-    distance_m = np.linalg.norm(scaled, axis=1)
-    apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (1.0, 0, 0))
-    if segments_uncertainty_m is None:
-        segments_uncertainty_m = np.full(len(segments_m), np.max(uncertainty_m))
-    reserve_m = floor.reserve_m(uncertainty_m[row], segments_uncertainty_m[piece])
-    gap_m = distance_m - floor.horizontal_m - floor.margin_m - reserve_m
-    normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
-    kept = bound_m_s >= -2.0 * fastest_m_s
-    row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]
-    reasons = np.full(len(row), "the path of a lost vehicle", dtype=object)
-    return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons)
-
-
-def _true_bound(slope: Array, scaled_gap_m: Array, braking: Braking) -> tuple[Array, Array]:
-    """Unit normals (k, 3) and bounds (k,) in true metres a second.
-
-    `slope` (k, 3) is the gradient of the scaled distance; the gap in true metres along it is the scaled
-    gap divided by its length.
-    """
-    length = np.linalg.norm(slope, axis=1)
-    return slope / length[:, None], -braking.speed_m_s(scaled_gap_m / length)

@@ -1,4 +1,4 @@
-"""Walls: obstacles, lowest and greatest height, greatest distance."""
+"""Walls: obstacles, lowest and greatest height, greatest distance, and the paths of lost vehicles."""
 
 from collections.abc import Mapping
 
@@ -7,9 +7,10 @@ import numpy as np
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.model.jit import kernel
 from gcs.model.settings import Positive, Settings
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, allowed_speed_m_s
 from gcs.safety.neighbours import Rows
+from gcs.safety.separation import Floor
 
 
 class Fence(Settings):
@@ -215,3 +216,164 @@ def nearest_way_out(
             outward[i, j, 1] = out_y if y_m >= 0.0 else -out_y
             outward[i, j, 2] = -out_z
     return outward, gap_m
+
+
+def keepout_constraints(
+    position_m: Array,
+    commanded: Mask,
+    segments_m: Array,
+    *,
+    floor: Floor,
+    braking: Braking,
+    uncertainty_m: Array,
+    segments_uncertainty_m: Array | None = None,
+    segments_of: Rows | None = None,
+    fastest_m_s: float = np.inf,
+) -> Constraints:
+    """Keep the commanded vehicles away from the space that lost vehicles may sweep.
+
+    Args:
+        position_m: (n, 3), show frame.
+        commanded: (n,).
+        segments_m: (m, 2, 3) straight pieces of the paths that lost vehicles may take.
+        floor: as between vehicles.
+        braking: how vehicles stop.
+        uncertainty_m: (n,) standard deviations of the positions, sideways.
+        segments_uncertainty_m: (m,) those of the lost vehicles; None: the widest of all.
+        segments_of: (m,) row of each path's lost vehicle. A vehicle too near to one of its paths leaves that
+            one; its other paths do not slow it down, as it may fly beside the lost one. None: not known.
+        fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
+        out.
+    """
+    if len(segments_m) == 0 or not commanded.any():
+        return Constraints.none()
+    rows = np.flatnonzero(commanded)
+    row, piece = (grid.ravel() for grid in np.meshgrid(rows, np.arange(len(segments_m)), indexing="ij"))
+    start, end = segments_m[piece, 0] * floor.scale, segments_m[piece, 1] * floor.scale
+    along = end - start
+    offset = position_m[row] * floor.scale - start
+    share = (offset * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), TINY)
+    scaled = offset - np.clip(share, 0.0, 1.0)[:, None] * along
+    distance_m = np.linalg.norm(scaled, axis=1)
+    apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (1.0, 0, 0))
+    if segments_uncertainty_m is None:
+        segments_uncertainty_m = np.full(len(segments_m), np.max(uncertainty_m))
+    reserve_m = floor.reserve_m(uncertainty_m[row], segments_uncertainty_m[piece])
+    gap_m = distance_m - floor.horizontal_m - floor.margin_m - reserve_m
+    normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
+    kept_m = (floor.horizontal_m + floor.margin_m + reserve_m).reshape(len(rows), -1)
+    _one_way_out(normal, bound_m_s, position_m[rows] * floor.scale, segments_m * floor.scale, kept_m)
+    kept = bound_m_s >= -2.0 * fastest_m_s
+    if segments_of is not None:
+        kept &= ~_beside_a_broken_one((bound_m_s > 0.0).reshape(len(rows), -1), segments_of).ravel()
+    row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]
+    reasons = np.full(len(row), "the path of a lost vehicle", dtype=object)
+    return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons)
+
+
+def _beside_a_broken_one(broken: Mask, segments_of: Rows) -> Mask:
+    """(r, m) paths that are not `broken` (r, m), while another one of the same lost vehicle is."""
+    owners, owner = np.unique(segments_of, return_inverse=True)
+    owned = (owner.reshape(-1)[:, None] == np.arange(len(owners))).astype(np.int64)  # (m, lost vehicles)
+    beside: Mask = ((broken.astype(np.int64) @ owned)[:, owner.reshape(-1)] > 0) & ~broken
+    return beside
+
+
+AGREED = 0.9
+"""Pushes whose sum is at least this share of their sizes agree."""
+
+LOOK_M, LOOK_STEP_M = 15.0, 0.5
+"""How far the way out of the paths is searched, and how finely."""
+
+TURN_RAD = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+OUTWARD = np.column_stack([np.cos(TURN_RAD), np.sin(TURN_RAD), np.zeros(24)])
+"""(24, 3) directions in which it is searched. Not up: a vehicle that climbs by itself comes after."""
+
+
+def _one_way_out(
+    normal: Array,
+    bound_m_s: Array,
+    place_m: Array,
+    segments_m: Array,
+    kept_m: Array,
+) -> None:
+    """Give all constraints of a row that require a speed away one normal and one bound, in place.
+
+    Paths on two sides would else hold a vehicle between them: a wall of columns, or two walls. Where their
+    normals contradict, the new one points the shortest straight way out of all paths, else it is their mean.
+
+    Args:
+        normal: (r m, 3) of the constraints, row by row one for each path; changed.
+        bound_m_s: (r m,) changed.
+        place_m: (r, 3) of the r rows, in the floor's metric.
+        segments_m: (m, 2, 3) paths, likewise.
+        kept_m: (r, m) distance to be kept from each.
+    """
+    inside = np.flatnonzero(bound_m_s > 0.0)
+    if len(inside) < 2:
+        return
+    which = inside // len(segments_m)
+    total, size, greatest_m_s = (np.zeros((len(place_m), width)) for width in (3, 1, 1))
+    np.add.at(total, which, bound_m_s[inside, None] * normal[inside])
+    np.add.at(size, which, bound_m_s[inside, None])
+    np.maximum.at(greatest_m_s, which, bound_m_s[inside, None])
+    length = np.linalg.norm(total, axis=1)
+    opposed = np.flatnonzero((length < AGREED * size[:, 0]) & (size[:, 0] > 0.0))
+    way = total / np.maximum(length, TINY)[:, None]
+    if len(opposed):
+        found = _shortest_ways_out(
+            place_m[opposed], np.ascontiguousarray(segments_m), kept_m[opposed], OUTWARD
+        )
+        way[opposed] = np.where((found != 0.0).any(axis=1)[:, None], found, way[opposed])
+    way[np.linalg.norm(way, axis=1) < 0.5] = (1.0, 0.0, 0.0)
+    normal[inside], bound_m_s[inside] = way[which], greatest_m_s[which, 0]
+
+
+@kernel
+def _shortest_ways_out(place_m: Array, segments_m: Array, kept_m: Array, outward: Array) -> Array:
+    """(r, 3) of `outward` (d, 3), the direction that leads out of all paths soonest; zero: none does."""
+    ways, near = np.zeros_like(place_m), np.empty(len(segments_m), np.bool_)
+    for i in range(len(place_m)):
+        for k in range(len(segments_m)):
+            near[k] = _from_path_m(place_m[i], segments_m[k]) < kept_m[i, k] + LOOK_M
+        best_m = LOOK_M
+        for d in range(len(outward)):
+            gone_m, free = LOOK_STEP_M, False
+            while gone_m < best_m and not free:
+                there_m = place_m[i] + gone_m * outward[d]
+                free = True
+                for k in range(len(segments_m)):
+                    if near[k] and _from_path_m(there_m, segments_m[k]) < kept_m[i, k]:
+                        free = False
+                        break
+                if free:
+                    best_m = gone_m
+                    ways[i] = outward[d]
+                gone_m += LOOK_STEP_M
+    return ways
+
+
+@kernel
+def _from_path_m(place_m: Array, segment_m: Array) -> float:
+    """Distance of a place (3,) from a straight path (2, 3)."""
+    along2, share, away2 = 0.0, 0.0, 0.0
+    for axis in range(3):
+        step_m = segment_m[1, axis] - segment_m[0, axis]
+        along2 += step_m * step_m
+        share += (place_m[axis] - segment_m[0, axis]) * step_m
+    share = min(max(share / max(along2, TINY), 0.0), 1.0)
+    for axis in range(3):
+        on_m = segment_m[0, axis] + share * (segment_m[1, axis] - segment_m[0, axis])
+        away2 += (place_m[axis] - on_m) ** 2
+    away_m: float = np.sqrt(away2)
+    return away_m
+
+
+def _true_bound(slope: Array, scaled_gap_m: Array, braking: Braking) -> tuple[Array, Array]:
+    """Unit normals (k, 3) and bounds (k,) in true metres a second.
+
+    `slope` (k, 3) is the gradient of the scaled distance; the gap in true metres along it is the scaled
+    gap divided by its length.
+    """
+    length = np.linalg.norm(slope, axis=1)
+    return slope / length[:, None], -braking.speed_m_s(scaled_gap_m / length)

@@ -110,7 +110,7 @@ class SimulatedFlight:
 
     def _tick(self) -> None:
         fleet = self.world.receive()
-        if self.losses.advance(self.world, fleet):
+        if self.losses.advance(self.world, fleet, self.settings.telemetry_age_max_s):
             self.task[self.losses.known] = Task.NONE
             self.lost_now()
         self._come_down()
@@ -125,6 +125,7 @@ class SimulatedFlight:
             formation_waits=paused,
             follows_planned_path=self._follows_planned_path(),
             segments_of=self.losses.segments_of,
+            silent_segments=self.losses.silent_segments,
         )
         sight = self.sight()
         began_s = time.thread_time()

@@ -8,7 +8,7 @@ from gcs.failsafe.arbitration import Failsafes, Standing
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.model.state import Array, FleetState, Mask
-from gcs.planning.landing_sites import STOP_S, swept_segments_m
+from gcs.planning.landing_sites import STOP_S, silent_segments_m, swept_segments_m
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 from gcs.simulation.scenario import Loss
@@ -35,9 +35,13 @@ class Losses:
         """(m, 2, 3) paths that they may take, closed to the others."""
         self.segments_of: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         """(m,) the row of each."""
+        self.silent_segments = 0
+        """That many, the last, are of vehicles that are silent and not taken for lost yet."""
 
-    def advance(self, world: TrueWorld, fleet: FleetState) -> bool:
+    def advance(self, world: TrueWorld, fleet: FleetState, age_max_s: float) -> bool:
         """Cut links, let the autopilots notice it, take the vehicles for lost: as in flight, at their times.
+
+        Vehicles with telemetry older than `age_max_s` are silent, which closes the space about them.
 
         Returns: whether vehicles were taken for lost now.
         """
@@ -48,24 +52,38 @@ class Losses:
             world.cut_links(self.rows)
         if abs(since_s - self._operation.setpoint_loss_s) < half_s:
             world.fly_alone(self.rows, self.loss.action)
-        if abs(since_s - self._operation.silence_s) >= half_s:
+        if self.known.any():
             return False
-        self.known = self.rows.copy()
-        swept_m = [self._swept_m(world, fleet, row) for row in np.flatnonzero(self.rows).tolist()]
-        self.segments_m = np.concatenate(swept_m)
-        self.segments_of = np.repeat(np.flatnonzero(self.rows), [len(own_m) for own_m in swept_m])
-        return True
+        ages_s = {row: float(fleet.age_s[row]) for row in np.flatnonzero(self.rows).tolist()}
+        lost_now = abs(since_s - self._operation.silence_s) < half_s
+        if lost_now:
+            self.known = self.rows.copy()
+        swept_m = [
+            self._swept_m(world, fleet, row, None if lost_now else age_s)
+            for row, age_s in ages_s.items()
+            if lost_now or age_s > age_max_s
+        ]
+        self.segments_m = np.concatenate([np.zeros((0, 2, 3)), *swept_m])
+        self.silent_segments = 0 if lost_now else len(self.segments_m)
+        rows = [row for row, age_s in ages_s.items() if lost_now or age_s > age_max_s]
+        self.segments_of = np.repeat(np.array(rows, dtype=np.intp), [len(own_m) for own_m in swept_m])
+        return lost_now
 
-    def _swept_m(self, world: TrueWorld, fleet: FleetState, row: int) -> Array:
+    def _swept_m(self, world: TrueWorld, fleet: FleetState, row: int, silent_s: float | None) -> Array:
+        """Of a lost vehicle, or of one that has been silent for that time."""
         operation = self._operation
-        return swept_segments_m(
+        known = (
             fleet.position_m[row],
             world.received_m_s[row],
             world.home_m[row],
             operation.setpoint_loss_action,
-            operation.return_height_m,
-            drift_s=SETPOINT_TIMEOUT_S + operation.setpoint_loss_s + STOP_S,
+            float(world.return_height_m[row]),
         )
+        drift_s = SETPOINT_TIMEOUT_S + operation.setpoint_loss_s + STOP_S
+        if silent_s is None:
+            return swept_segments_m(*known, drift_s=drift_s)
+        noticed_s = operation.setpoint_loss_s
+        return silent_segments_m(*known, silent_s=silent_s, noticed_s=noticed_s, drift_s=drift_s)
 
     def apart_m(self, place_m: Array, floor: Floor) -> Array:
         """(n,) distances of the places (n, 3) from the paths of lost vehicles, in the floor's metric."""

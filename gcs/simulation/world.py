@@ -12,6 +12,8 @@ from gcs.estimation.fleet_state import BRAKES_S, FLIES_ON_S, brought_forward
 from gcs.formation.neighbours import Belief, NeighbourMessages, NeighboursSettings, Sight, agree, range_m
 from gcs.formation.orbit import Center
 from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
+from gcs.planning.landing_sites import return_heights_m
+from gcs.safety.walls import Fence
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
 from gcs.sim.vehicle.sensors import Sensors, draw_errors, step_errors
@@ -29,14 +31,27 @@ ALONE_IN = {"descend": Mode.POSITION, "hold": Mode.HOLD, "land": Mode.LAND, "ret
 """PX4's mode for each action of `operation.setpoint_loss_action`; without a pilot POSITION descends."""
 
 
+def _return_heights_m(home_m: Array, world: World) -> Array:
+    """(n,) RTL_RETURN_ALT of a fleet that is listed from the inner to the outer pads (n, 3)."""
+    operation, fence = OperationSettings(return_layer_m=world.return_layer_m), Fence()
+    heights_m = return_heights_m(
+        len(home_m), operation.return_height_m, operation.return_layer_m, fence.height_max_m
+    )
+    outwards = np.argsort(np.hypot(*(home_m - home_m.mean(axis=0))[:, :2].T), kind="stable")
+    of_each_m = np.empty_like(heights_m)
+    of_each_m[outwards] = heights_m
+    return of_each_m
+
+
 class Autopilots:
     """PX4's own modes of vehicles without a station, as the fake fleet flies them."""
 
-    def __init__(self, home_m: Array) -> None:
-        """`home_m` (n, 3), show frame: where they return to."""
+    def __init__(self, home_m: Array, return_height_m: Array) -> None:
+        """`home_m` (n, 3), show frame: where they return to, at least `return_height_m` (n,) above it."""
         n = len(home_m)
-        height_m = OperationSettings.model_fields["return_height_m"].default
-        parameters = Columns([Parameters({"RTL_RETURN_ALT": height_m})] * n)
+        parameters = Columns(
+            [Parameters({"RTL_RETURN_ALT": height_m, "RTL_CONE_ANG": 0}) for height_m in return_height_m]
+        )
         self.alone: Mask = np.zeros(n, dtype=bool)
         self._state = State(n, 0.0)
         self._state.armed[:], self._state.landed[:] = True, False
@@ -112,7 +127,8 @@ class TrueWorld:
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
         self.home_m = start_m * (1.0, 1.0, 0.0)
-        self.autopilots = Autopilots(self.home_m)
+        self.return_height_m = _return_heights_m(self.home_m, world)
+        self.autopilots = Autopilots(self.home_m, self.return_height_m)
         self._gone: Mask = np.zeros(n, dtype=bool)
         self._silent: Mask = np.zeros(n, dtype=bool)
         self._cut = False  # whether a link was

@@ -12,6 +12,8 @@ from gcs.planning.landing_sites import (
     DRIFT_S,
     OVERSHOOT_M,
     distinct_sites_m,
+    return_heights_m,
+    silent_segments_m,
     swept_segments_m,
 )
 from gcs.safety.separation import Floor
@@ -138,10 +140,50 @@ def test_returning_vehicle_may_climb_fly_home_and_descend() -> None:
 
 
 def test_vehicle_near_home_may_return_lower_as_px4_does() -> None:
-    near = np.array([13.0, 18.0, -8.0])  # 20 m from home: 20 m above it, in PX4's cone of 45 degrees
+    near = np.array([7.0, 10.0, -8.0])  # 10 m from home
     swept = swept_segments_m(near, None, HOME, "return", 30.0)
-    assert [[13.0, 18.0, -19.5], [1.0, 2.0, -19.5]] in swept.tolist()
-    assert [[13.0, 18.0, -29.5], [1.0, 2.0, -29.5]] in swept.tolist()  # without the cone
+    assert [[7.0, 10.0, -9.5], [1.0, 2.0, -9.5]] in swept.tolist()
+    assert [[7.0, 10.0, -29.5], [1.0, 2.0, -29.5]] in swept.tolist()
+
+
+def test_return_heights_differ_up_to_the_fence() -> None:
+    assert return_heights_m(4, 30.0, 4.0, 100.0).tolist() == [30.0, 34.0, 38.0, 42.0]
+    assert return_heights_m(3, 30.0, 0.0, 100.0).tolist() == [30.0] * 3
+    assert return_heights_m(2, 120.0, 4.0, 100.0).tolist() == [120.0] * 2
+    heights_m = return_heights_m(50, 30.0, 4.0, 100.0)
+    assert heights_m.min() == 30.0
+    assert heights_m.max() <= 100.0
+    assert (np.diff(heights_m) >= 0.0).all()
+    assert np.unique(heights_m, return_counts=True)[1].max() == 3  # 18 layers for 50
+
+
+def silent(action: str, silent_s: float, last: Array = LAST, home: Array | None = HOME) -> Array:
+    return silent_segments_m(last, np.zeros(3), home, action, 30.0, silent_s=silent_s, noticed_s=1.0)
+
+
+def test_space_of_a_silent_vehicle_grows() -> None:
+    assert silent("hold", 1.5).tolist() == [[LAST.tolist(), LAST.tolist()]]
+    for action, sign in (("return", -1.0), ("land", 1.0)):
+        reach_m = [sign * (silent(action, s)[:, :, 2] * sign).max() for s in (0.5, 1.0, 1.5)]
+        assert (np.diff(sign * np.array(reach_m)) > 0.0).all()
+        assert sign * (reach_m[0] - LAST[2]) > 0.0, "before the autopilot acts"
+    assert silent("return", 9.0)[:, :, 2].min() == -29.5, "no higher than its return height"
+
+
+def test_silent_vehicle_that_is_high_may_begin_to_fly_home() -> None:
+    high = np.array([30.0, 40.0, -60.0])
+    way = silent("return", 1.0, high)[-1]
+    assert way[0].tolist() == high.tolist()
+    assert np.linalg.norm(way[1] - way[0]) == pytest.approx(15.0)
+    assert (way[1] - way[0]) @ (HOME - high) > 0.0
+
+
+def test_silent_vehicle_may_drift() -> None:
+    swept = silent_segments_m(
+        LAST, np.array([4.0, 0.0, 0.0]), HOME, "hold", 30.0, silent_s=0.6, noticed_s=1.0
+    )
+    assert distance_m(LAST + np.array([4.0 * DRIFT_S, 0.0, 0.0]), swept) < 1e-9
+    assert swept[:, :, 2].min() == swept[:, :, 2].max() == LAST[2]
 
 
 def test_vehicle_above_the_return_height_flies_home_level() -> None:

@@ -9,10 +9,10 @@ from gcs.safety.constraints import Braking
 from gcs.safety.filter import Limits, filter_velocities
 from gcs.safety.separation import (
     Floor,
-    keepout_constraints,
     pairs_that_count,
     separation_constraints,
 )
+from gcs.safety.walls import keepout_constraints
 from tests.support.safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
 
 
@@ -284,3 +284,29 @@ def test_push_passed_round_a_bend_is_followed_to_the_end() -> None:
 def test_empty_fleet_needs_no_separation() -> None:
     no_vehicle = np.zeros((0, 3))
     assert filter_velocities(no_vehicle, surroundings(no_vehicle), SETTINGS)[1] == ()
+
+
+def test_vehicle_between_two_columns_leaves_sideways() -> None:
+    columns = np.array([[[x_m, 0.0, -30.0], [x_m, 0.0, 0.0]] for x_m in (-1.3, 1.3)])
+    place = np.array([[0.05, 0.0, -15.0]])
+    found = keepout_constraints(
+        place, np.array([True]), columns, floor=Floor(), braking=Braking(), uncertainty_m=np.zeros(1)
+    )
+    assert abs(found.normal[:, 1]) == pytest.approx(1.0, abs=0.1)
+    assert (found.bound_m_s > 1.0).all()
+
+
+def test_next_column_of_the_same_vehicle_stops_none_beside_it() -> None:
+    columns = np.array([[[x_m, 0.0, -30.0], [x_m, 0.0, 0.0]] for x_m in (0.0, 2.6)])
+    place = np.array([[-1.0, 0.5, -15.0]])
+    for owners, count in ((np.array([7, 7]), 1), (np.array([7, 8]), 2)):
+        found = keepout_constraints(
+            place,
+            np.array([True]),
+            columns,
+            floor=Floor(),
+            braking=Braking(),
+            uncertainty_m=np.zeros(1),
+            segments_of=owners,
+        )
+        assert len(found) == count

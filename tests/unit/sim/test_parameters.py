@@ -38,7 +38,13 @@ def test_check_accepts_what_apply_sets() -> None:
 
 def test_px4_defaults_are_refused_only_for_unsafe_values() -> None:
     found = [requirement.name for requirement, _ in broken(NEEDED, defaults())]
-    assert found == ["COM_OBL_RC_ACT", "COM_RC_OVERRIDE", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"]
+    assert found == [
+        "COM_OBL_RC_ACT",
+        "RTL_CONE_ANG",
+        "COM_RC_OVERRIDE",
+        "GF_MAX_HOR_DIST",
+        "GF_MAX_VER_DIST",
+    ]
 
 
 @pytest.mark.parametrize(("action", "number"), [("descend", 0), ("return", 3), ("land", 4), ("hold", 5)])
@@ -61,6 +67,7 @@ def test_data_link_loss_action_equals_setpoint_loss_or_less(action: str, allowed
         ("COM_OF_LOSS_T", (0.3, 1.1, nan, inf), (0.5, 1.0)),
         ("COM_DL_LOSS_T", (1, 61), (2, 10, 60)),
         ("RTL_RETURN_ALT", (15.0, 31.0), (30.0,)),
+        ("RTL_CONE_ANG", (25, 45, 90), (0,)),
         ("COM_RC_IN_MODE", (4,), (0, 1, 2, 3)),
         ("COM_RC_OVERRIDE", (0, 1, 2), (3,)),
         ("MPC_XY_VEL_MAX", (5.0, 7.9), (8.0, 12.0)),
@@ -83,6 +90,13 @@ def test_geofence_is_outside_the_services_fence_for_all_pads() -> None:
     assert far.set_to - near.set_to == pytest.approx(70.0)
     assert near.set_to > fence_m + 10.0 + CONTROL.safety.limits.horizontal_m_s
     assert needed("GF_MAX_VER_DIST", return_height_m=200.0).set_to > 200.0, "it may return above the fence"
+
+
+def test_each_vehicle_returns_at_its_own_height() -> None:
+    found = requirements(OPERATION, CONTROL, 42.0)
+    height = next(each for each in found if each.name == "RTL_RETURN_ALT")
+    assert height.set_to == 42.0
+    assert not height.holds(38.0)
 
 
 def test_without_a_pilot_stick_parameters_are_not_required() -> None:
