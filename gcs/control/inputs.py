@@ -163,7 +163,9 @@ LONGEST_STEP_S = 0.2
 
 
 OFF_PLACE_M = 2.0
-"""A descending vehicle that others pushed farther from its place goes back there above the least height."""
+"""A descending vehicle that others pushed farther from its place than this and its margin goes back there
+above the least height. One that does not know its position lands where it is.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,6 +237,7 @@ class TickInputs:
         task, age_s = np.array(tasks.task), np.array(fleet.age_s)
         roles = _roles(task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s)
         off_m = tasks.goal_m[:, :2] - position_m[:, :2]
+        margin_m = settings.safety.floor.deviations * traits.uncertainty_m
         return TickInputs(
             fleet,
             tasks,
@@ -245,7 +248,7 @@ class TickInputs:
             position_m,
             velocity_m_s,
             *roles,
-            tasks.descending & ~(np.hypot(off_m[:, 0], off_m[:, 1]) > OFF_PLACE_M),
+            tasks.descending & ~(np.hypot(off_m[:, 0], off_m[:, 1]) > OFF_PLACE_M + margin_m),
             ellipses_of(plan, settings, fleet.time_s),
         )
 
