@@ -44,7 +44,7 @@ LOWEST_M_S = 0.5
 WALL_SHARE = 0.2
 """Cosine between a wall's normal and a lack from which the wall counts as one that demands the lack."""
 
-SWING_M_S2 = 3.0
+SWING_M_S2 = 1.5
 """By so much for every second of delay, one way, the control loop itself swings."""
 
 
