@@ -76,7 +76,7 @@ class Split(NamedTuple):
 
     frames: list[Frame]
     garbage_bytes: int
-    unknown_bytes: int  # of frames that may be right, but of messages whose CRC extra byte is unknown
+    unknown_bytes: int  # of frames that no CRC can check: the CRC extra byte of their message is unknown
 
 
 class Found(NamedTuple):

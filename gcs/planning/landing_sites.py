@@ -160,9 +160,9 @@ def _nearest_free_m(place_m: Array, taken_m: Array, spacing_m: float, walls: _Wa
 def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: float) -> Array:
     """(n,) heights above home at which vehicles return by themselves, RTL_RETURN_ALT.
 
-    The first vehicle returns lowest, the last highest: who lists those on the outer pads last has them return
-    above the others, as they fly above them in most of a sphere, so that none climbs through another's height
-    (decision 0038). Neighbours in the list share a height where there are more vehicles than layers.
+    The first vehicle in the list returns lowest, the last highest. In most of a sphere the vehicles of the
+    outer pads fly above the others: listed last, they return above them, and none climbs through another's
+    height (decision 0038). Neighbours in the list share a height where there are more vehicles than layers.
 
     Args:
         count: n vehicles.

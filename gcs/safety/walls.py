@@ -280,7 +280,7 @@ def _beside_a_broken_one(broken: Mask, segments_of: Rows) -> Mask:
 
 
 AGREED = 0.9
-"""Pushes whose sum is at least this share of their sizes agree."""
+"""Constraints agree when the sum of their velocities is at least this share of the sum of their speeds."""
 
 LOOK_M, LOOK_STEP_M = 15.0, 0.5
 """How far the way out of the paths is searched, and how finely."""

@@ -4,6 +4,7 @@ import asyncio
 import threading
 import time
 from collections.abc import Iterator
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,8 +93,10 @@ proper.expected_statuses = [*proper.expected_statuses, "422"]
 improper = schema.config.checks.negative_data_rejection
 improper.expected_statuses = [*improper.expected_statuses, "413"]  # a list too long may be a body too large
 
+HEALTH = {"/healthz", "/readyz"}
+"""503 is their right answer while a busy machine delays control; no other operation may answer it here."""
 healthy = schema.config.checks.not_a_server_error
-healthy.expected_statuses = [*healthy.expected_statuses, "503"]  # control that a busy machine delays
+healthy.expected_statuses = [*healthy.expected_statuses, "503"]
 
 
 @schema.parametrize()
@@ -106,4 +109,6 @@ healthy.expected_statuses = [*healthy.expected_statuses, "503"]  # control that 
     suppress_health_check=list(HealthCheck),
 )
 def test_every_operation_matches_its_description(case: Case[Any], served: Served) -> None:
-    case.call_and_validate(base_url=served.url, headers=served.headers)
+    answer = case.call_and_validate(base_url=served.url, headers=served.headers)
+    delayed = answer.status_code == HTTPStatus.SERVICE_UNAVAILABLE and case.path in HEALTH
+    assert answer.status_code < 500 or delayed
