@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from gcs.sim.endpoint import HOST, MAX_PORT, Port, PortError, own_ports, shared_ports
 from gcs.sim.fleet import MAX_SYSTEM_ID, Origin, Settings
@@ -85,18 +85,28 @@ def origin(text: str) -> Origin:
     return Origin(latitude_deg, longitude_deg, altitude_amsl_m)
 
 
-def parameter(text: str) -> tuple[str, Value]:
-    name, separator, value_text = text.partition("=")
-    value = _float(value_text)
-    if not separator or not math.isfinite(value):
+def parameter(text: str) -> tuple[str, Value | Sequence[Value]]:
+    name, separator, values_text = text.partition("=")
+    values = [_float(part) for part in values_text.split(",")]
+    if not separator or not all(map(math.isfinite, values)):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in COM_OBL_RC_ACT=5")
     try:
-        Parameters({name: value})
+        for value in values:
+            Parameters({name: value})
     except ParameterError as error:
         near = [known for known in defaults() if known.startswith(name.split("_")[0] + "_")][:5]
         hint = f"; there are {', '.join(near)} ..." if near and name not in defaults() else ""
         raise argparse.ArgumentTypeError(f"{error}{hint}") from None
-    return name, value
+    return name, values if len(values) > 1 else values[0]
+
+
+def parameter_options(parameters: Mapping[str, Value | Sequence[Value]]) -> list[str]:
+    """The options of this command line that set these parameters."""
+    texts = {
+        name: ",".join(f"{each:g}" for each in (value if isinstance(value, Sequence) else [value]))
+        for name, value in parameters.items()
+    }
+    return [word for name, text in texts.items() for word in ("--param", f"{name}={text}")]
 
 
 def quirk(text: str) -> tuple[str, bool]:
@@ -157,7 +167,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
     text = "flight time of a full battery"
     add("--battery", type=number(0.1, 1e5), default=20.0, metavar="MIN", help=text)
-    text = "PX4 parameter of every vehicle, for instance COM_OBL_RC_ACT=5 (repeatable)"
+    text = "PX4 parameter: COM_OBL_RC_ACT=5; or of vehicle 0, 1 and on: RTL_RETURN_ALT=30,34 (repeatable)"
     add("--param", type=parameter, action="append", default=[], metavar="NAME=VALUE", help=text)
     text = f"make PX4 behave as one would wish (repeatable): {', '.join(quirk_names())}"
     add("--quirk", type=quirk, action="append", default=[], metavar="NAME=off", help=text)
@@ -266,6 +276,9 @@ def _checked_ports(given: argparse.Namespace) -> list[Port]:
     if last > MAX_COUNT:
         fit = f"at most {MAX_COUNT - given.first} fit"
         raise FleetError(2, f"--first {given.first} --count {given.count}: {fit}")
+    for name, value in given.param:
+        if isinstance(value, Sequence) and len(value) < last:
+            raise FleetError(2, f"--param {name}: {len(value)} values for vehicles up to index {last - 1}")
     make = shared_ports if given.shared_port else own_ports
     ports = make(given.first, given.count, given.namespace_size, given.port_base)
     if max(max(port.destination, port.bind) for port in ports) > MAX_PORT:

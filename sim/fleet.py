@@ -1,7 +1,7 @@
 """The vehicles of one process: bodies, estimates and autopilots under one clock. Sans-I/O."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -50,7 +50,8 @@ class Settings:
     """Settings of a fleet. Vehicle i stands at row i // columns, column i % columns of a grid.
 
     Vehicle 0 stands at `grid_at_m` (north, east); rows lead towards `grid_heading_deg`, columns to its right.
-    Its namespace is i // namespace_size, its system id there i % namespace_size + 1.
+    Its namespace is i // namespace_size, its system id there i % namespace_size + 1. Where a parameter
+    has several values, vehicle i has the i-th.
     """
 
     count: int = 1
@@ -67,9 +68,17 @@ class Settings:
     grid_heading_deg: float = 0.0
     heading_deg: float = 0.0
     endurance_s: float = 1200.0
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Mapping[str, Value | Sequence[Value]] = field(default_factory=dict)
     quirks: Quirks = Quirks()
     rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
+
+    def parameters_of(self, index: int) -> dict[str, Value]:
+        """Return the parameters of vehicle `index`, with its system id."""
+        own = {
+            name: value[index] if isinstance(value, Sequence) else value
+            for name, value in self.parameters.items()
+        }
+        return own | {"MAV_SYS_ID": index % self.namespace_size + 1}
 
 
 class Fleet:
@@ -115,8 +124,8 @@ class Fleet:
             self.state, self._schedule, self._outbox, settings.quirks, self._set_home, self.reboot
         )
         self.autopilots = [
-            Autopilot(shared, row, Parameters({**settings.parameters, "MAV_SYS_ID": int(system_id)}))
-            for row, system_id in enumerate(self.state.system_id)
+            Autopilot(shared, row, Parameters(settings.parameters_of(index)))
+            for row, index in enumerate(indices)
         ]
         parameters = Columns([autopilot.parameters for autopilot in self.autopilots])
         commanders = [autopilot.commander for autopilot in self.autopilots]

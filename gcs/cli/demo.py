@@ -36,7 +36,8 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
 from gcs.planning.feasibility import smallest_formation_radius_m
-from gcs.preflight.parameters import requirements, settings_of
+from gcs.preflight.parameters import settings_of
+from gcs.sim.cli import parameter_options
 
 VEHICLES_MAX = {"mavsdk": 50, "native": 1000}
 CHILD_ENDS_S = 5.0
@@ -219,8 +220,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
     if arguments.transport == "native":
         each = str(_namespaces(count)[0])
         common += ["--shared-port", "--namespace-size", each, "--telemetry-hz", "10"]
-    for name, value in settings_of(requirements(config.operation, config.control)).items():
-        common += ["--param", f"{name}={value:g}"]
+    common += parameter_options(settings_of(config))
     common += ["--count", str(count), "--truth", str(truth)]
     # a session of its own: Ctrl-C must bring the fleet home, not kill the simulator in flight
     child = subprocess.Popen(common, stdout=subprocess.DEVNULL, start_new_session=True)  # noqa: S603

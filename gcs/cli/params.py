@@ -16,7 +16,7 @@ from gcs.links import Link, ParameterValue
 from gcs.links.link_set import leaves
 from gcs.model.errors import CommandError, ConfigError, LinkError
 from gcs.model.state import Mode, Setpoints, VehicleId
-from gcs.preflight.parameters import Requirement, requirements
+from gcs.preflight.parameters import Requirement, requirements_of
 
 REACHED_S = 3.0
 """Time for the link to become able to read parameters, once the vehicle was received."""
@@ -116,8 +116,7 @@ async def inspect(
     """Return the rows of all `chosen` vehicles; without telemetry only if the operator `named` them."""
     link_of = {name: link for link in links for name in link.ids}
     received = await _received(link_of, chosen, wait_s)
-    heights_m = dict(zip(config.ids, config.return_heights_m.tolist(), strict=True))
-    needed = {name: requirements(config.operation, config.control, heights_m[name]) for name in chosen}
+    needed = requirements_of(config)
     parts = await asyncio.gather(
         *(_one(link_of[name], name, needed[name], apply=apply) for name in chosen if name in received)
     )

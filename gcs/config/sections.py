@@ -211,7 +211,7 @@ class OperationSettings(Settings):
     setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"  # COM_OBL_RC_ACT
     setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0  # COM_OF_LOSS_T
     return_height_m: Positive = 30.0  # lowest RTL_RETURN_ALT, for vehicles that return when lost
-    return_layer_m: NotNegative = 0.0  # by so much higher the next in the list returns, up to the fence
+    return_layer_m: NotNegative = 4.0  # by so much higher the next in the list returns, up to the fence
     pads_within_m: Positive = 50.0  # of the show's origin: the autopilots' fences are around their own pads
     pilot_takes_over: bool = True  # moving a stick gives the pilot control: COM_RC_OVERRIDE, COM_RC_IN_MODE
     require_parameters: bool = True  # refuse vehicles whose parameters make the loss of this station unsafe

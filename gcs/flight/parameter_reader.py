@@ -17,7 +17,7 @@ from gcs.links import ParameterValue
 from gcs.model.errors import CommandError
 from gcs.model.preflight_report import Check
 from gcs.model.state import Mask, Telemetry, VehicleId
-from gcs.preflight.parameters import Requirement, parameter_checks, requirements
+from gcs.preflight.parameters import Requirement, parameter_checks, requirements_of
 
 log = logging.getLogger(__name__)
 
@@ -35,14 +35,7 @@ class ParameterReader:
         n = len(flight.vehicles)
         self._group = group
         self._flight = flight
-        config = flight.config
-        of_height = {
-            height_m: requirements(config.operation, config.control, height_m)
-            for height_m in set(config.return_heights_m.tolist())
-        }
-        self._needed = dict(
-            zip(config.ids, map(of_height.__getitem__, config.return_heights_m.tolist()), strict=True)
-        )
+        self._needed = requirements_of(flight.config)
         for link in flight.links:
             link.watch_parameters(self._names)
         self._reboot_count = np.full(n, -1)

@@ -11,10 +11,12 @@ from functools import cache
 from math import atan, ceil, degrees, inf, isfinite
 from typing import Final
 
+from gcs.config.schema import Config
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
+from gcs.model.state import VehicleId
 from gcs.planning.landing_sites import STOP_S
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M
 
@@ -72,15 +74,11 @@ class Requirement:
 
 
 def requirements(
-    operation: OperationSettings, control: ControlSettings, return_height_m: float | None = None
+    operation: OperationSettings, control: ControlSettings, return_height_m: float
 ) -> tuple[Requirement, ...]:
-    """Return the requirements of a vehicle that returns at that height (`Config.return_heights_m`).
-
-    None: at `operation.return_height_m`.
-    """
-    height_m = operation.return_height_m if return_height_m is None else return_height_m
+    """Return the requirements of a vehicle that returns at that height (`Config.return_heights_m`)."""
     return (
-        *_losing_us(operation, height_m),
+        *_losing_us(operation, return_height_m),
         *_the_pilot(operation),
         *_speeds(control),
         *_last_wall(operation, control),
@@ -120,7 +118,8 @@ def _losing_us(operation: OperationSettings, height_m: float) -> tuple[Requireme
         Requirement(
             "RTL_RETURN_ALT",
             height_m,
-            "metres above home at which it returns: operation.return_height_m and return_layer_m",
+            "metres above home at which it returns, each vehicle higher than the one before it in the list:"
+            " operation.return_height_m and return_layer_m",
             least=height_m - 0.5,
             most=height_m + 0.5,
         ),
@@ -211,9 +210,22 @@ def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[
     )
 
 
-def settings_of(needed: Sequence[Requirement]) -> dict[str, ParameterValue]:
-    """Return the values that `gcs params apply` would set, as initial values of a simulated vehicle."""
-    return {requirement.name: requirement.set_to for requirement in needed}
+def requirements_of(config: Config) -> dict[VehicleId, tuple[Requirement, ...]]:
+    """Return the requirements of each vehicle: their heights of return differ."""
+    heights_m = config.return_heights_m.tolist()
+    at_height = {
+        height_m: requirements(config.operation, config.control, height_m) for height_m in set(heights_m)
+    }
+    return dict(zip(config.ids, map(at_height.__getitem__, heights_m), strict=True))
+
+
+def settings_of(config: Config) -> dict[str, ParameterValue | list[ParameterValue]]:
+    """Return what `gcs params apply` would set, of simulated vehicles: a value of all, or one of each."""
+    settings: dict[str, ParameterValue | list[ParameterValue]] = {}
+    for same in zip(*requirements_of(config).values(), strict=True):
+        values = [requirement.set_to for requirement in same]
+        settings[same[0].name] = values[0] if len(set(values)) == 1 else values
+    return settings
 
 
 def broken(

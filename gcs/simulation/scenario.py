@@ -74,7 +74,6 @@ class World(Settings):
     slow_m_s: Positive = 2.0  # over the ground, as by MPC_XY_VEL_MAX
     slow_until_s: Positive = 1e9
     wind: Wind = Wind()
-    return_layer_m: NotNegative = 4.0  # `operation.return_layer_m`; the outer pads are listed last
     tick_rate_hz: Annotated[float, Field(ge=1.0, le=50.0)] = 20.0
 
 

@@ -31,9 +31,9 @@ ALONE_IN = {"descend": Mode.POSITION, "hold": Mode.HOLD, "land": Mode.LAND, "ret
 """PX4's mode for each action of `operation.setpoint_loss_action`; without a pilot POSITION descends."""
 
 
-def _return_heights_m(home_m: Array, world: World) -> Array:
+def _return_heights_m(home_m: Array) -> Array:
     """(n,) RTL_RETURN_ALT of a fleet that is listed from the inner to the outer pads (n, 3)."""
-    operation, fence = OperationSettings(return_layer_m=world.return_layer_m), Fence()
+    operation, fence = OperationSettings(), Fence()
     heights_m = return_heights_m(
         len(home_m), operation.return_height_m, operation.return_layer_m, fence.height_max_m
     )
@@ -127,7 +127,7 @@ class TrueWorld:
         self.in_air: Mask = np.ones(n, dtype=bool)
         self.ground_m = np.zeros(n)  # z of the ground below each
         self.home_m = start_m * (1.0, 1.0, 0.0)
-        self.return_height_m = _return_heights_m(self.home_m, world)
+        self.return_height_m = _return_heights_m(self.home_m)
         self.autopilots = Autopilots(self.home_m, self.return_height_m)
         self._gone: Mask = np.zeros(n, dtype=bool)
         self._silent: Mask = np.zeros(n, dtype=bool)

@@ -21,8 +21,9 @@ from gcs.links.batch_link import BatchLink
 from gcs.links.link import Direction
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.lifecycle import ShowPhase
-from gcs.preflight.parameters import requirements, settings_of
+from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction, TickView
+from gcs.sim.cli import parameter_options
 
 FIRST_PORT = 15900
 MEASURED_S = 20.0
@@ -53,8 +54,7 @@ def config_of(transport: str, count: int) -> Config:
 @contextmanager
 def fleet(config: Config) -> Iterator[None]:
     """Fake vehicles in a process of their own, with the parameters that the configuration asks for."""
-    values = settings_of(requirements(config.operation, config.control))
-    options = [word for name, value in values.items() for word in ("--param", f"{name}={value:g}")]
+    options = parameter_options(settings_of(config))
     command = [
         sys.executable,
         "-m",

@@ -16,7 +16,7 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode, VehicleId
-from gcs.preflight.parameters import requirements, settings_of
+from gcs.preflight.parameters import settings_of
 from gcs.recording.audit_reader import exclusions, interruption
 from gcs.recording.session import Record
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
@@ -102,7 +102,7 @@ def sessions(
 
     async def main() -> list[T]:
         loop = asyncio.get_running_loop()
-        proper = settings_of(requirements(config.operation, config.control))
+        proper = settings_of(config)
         settings = Settings(
             count=len(config.ids), grid_columns=2, parameters=proper, rates_hz=STREAMS_HZ, **on_pads()
         )

@@ -10,7 +10,7 @@ import numpy as np
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.preflight.parameters import requirements, settings_of
+from gcs.preflight.parameters import settings_of
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet, Settings
 from tests.flight.test_show_interrupted import four, one_session
@@ -170,7 +170,7 @@ def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None
 
     async def main() -> None:
         loop = asyncio.get_running_loop()
-        proper = settings_of(requirements(config.operation, config.control))
+        proper = settings_of(config)
         settings = Settings(count=4, grid_columns=2, parameters=proper, rates_hz=STREAMS_HZ, **on_pads())
         unix = UnixClock()
         unix.ahead_s = time.time() - loop.time()

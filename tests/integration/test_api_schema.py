@@ -18,7 +18,7 @@ from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
 from gcs.api.server import serve
 from gcs.flight.orchestrator import Orchestrator
-from gcs.preflight.parameters import requirements, settings_of
+from gcs.preflight.parameters import settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings
 from tests.support.api_fake_service import FakeService
@@ -35,7 +35,7 @@ async def serve_fleet(
     """Orchestrator, fake fleet and API, until the event is set."""
     loop, enough = asyncio.get_running_loop(), asyncio.Event()
     config = show_config(3, shows={"folder": shows})
-    asked = settings_of(requirements(config.operation, config.control))
+    asked = settings_of(config)
     made = Settings(count=len(config.ids), grid_columns=2, parameters=asked)
     fleet = Fleet(made, start_s=loop.time(), unix_at_start_s=time.time())
     link = VirtualLink(config, fleet)

@@ -24,8 +24,9 @@ from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import GcsError
-from gcs.preflight.parameters import requirements, settings_of
+from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction
+from gcs.sim.cli import parameter_options
 from tests.support.machine import free_ports
 
 ORIGIN = "47.397742,8.545594,488.0"
@@ -39,8 +40,7 @@ PATIENT_S = 5.0
 
 def proper(config: configuration.Config) -> tuple[str, ...]:
     """Options of fake vehicles with the parameters that `config` requires."""
-    values = settings_of(requirements(config.operation, config.control))
-    return tuple(word for name, value in values.items() for word in ("--param", f"{name}={value:g}"))
+    return tuple(parameter_options(settings_of(config)))
 
 
 def flying_config(

@@ -19,7 +19,7 @@ from gcs.links import Link
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
-from gcs.preflight.parameters import requirements, settings_of
+from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
@@ -372,7 +372,7 @@ def fly(
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
-    proper = settings_of(requirements(plan.operation, plan.control))
+    proper = settings_of(plan)
     fleet_settings["parameters"] = {**proper, **fleet_settings.get("parameters", {})}
 
     async def main() -> T:

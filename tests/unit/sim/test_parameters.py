@@ -2,23 +2,34 @@
 
 from math import inf, nan
 
+import numpy as np
 import pytest
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
-from gcs.preflight.parameters import Requirement, broken, parameter_checks, requirements, settings_of
+from gcs.preflight.parameters import (
+    Requirement,
+    broken,
+    parameter_checks,
+    requirements,
+    requirements_of,
+    settings_of,
+)
+from gcs.sim.cli import parameter, parameter_options
+from gcs.sim.fleet import Settings
 from gcs.sim.vehicle.px4 import Parameters, defaults
+from tests.support.virtual_show import show_config
 
 OPERATION, CONTROL = OperationSettings(), ControlSettings()
-NEEDED = requirements(OPERATION, CONTROL)
-GOOD = settings_of(NEEDED)
+NEEDED = requirements(OPERATION, CONTROL, 30.0)
+GOOD = {each.name: each.set_to for each in NEEDED}
 
 
 def needed(name: str, **operation: object) -> Requirement:
     settings = OperationSettings.model_validate(operation)
-    return next(each for each in requirements(settings, CONTROL) if each.name == name)
+    return next(each for each in requirements(settings, CONTROL, 30.0) if each.name == name)
 
 
 def test_every_required_parameter_exists_in_px4_as_applied() -> None:
@@ -32,8 +43,8 @@ def test_check_accepts_what_apply_sets() -> None:
     for action in ("descend", "hold", "land", "return"):
         for loss_s in (0.5, 3.0, 10.0):
             settings = OperationSettings(setpoint_loss_action=action, setpoint_loss_s=loss_s)
-            these = requirements(settings, CONTROL)
-            assert broken(these, settings_of(these)) == []
+            these = requirements(settings, CONTROL, 30.0)
+            assert broken(these, {each.name: each.set_to for each in these}) == []
 
 
 def test_px4_defaults_are_refused_only_for_unsafe_values() -> None:
@@ -93,14 +104,23 @@ def test_geofence_is_outside_the_services_fence_for_all_pads() -> None:
 
 
 def test_each_vehicle_returns_at_its_own_height() -> None:
-    found = requirements(OPERATION, CONTROL, 42.0)
-    height = next(each for each in found if each.name == "RTL_RETURN_ALT")
-    assert height.set_to == 42.0
-    assert not height.holds(38.0)
+    config = show_config(20)
+    heights_m = [
+        next(each.set_to for each in needed if each.name == "RTL_RETURN_ALT")
+        for needed in requirements_of(config).values()
+    ]
+    assert heights_m[:3] == [30.0, 30.0, 34.0]
+    assert np.ptp(heights_m) == 68.0, "17 layers of 4 m above the lowest, below the fence's 100 m"
+    given = [parameter(word) for word in parameter_options(settings_of(config))[1::2]]
+    fleet = Settings(count=20, parameters=dict(given))
+    for index, needed in enumerate(requirements_of(config).values()):
+        assert broken(needed, fleet.parameters_of(index)) == []
+        height = next(each for each in needed if each.name == "RTL_RETURN_ALT")
+        assert not height.holds(heights_m[index] + 4.0)
 
 
 def test_without_a_pilot_stick_parameters_are_not_required() -> None:
-    names = {each.name for each in requirements(OperationSettings(pilot_takes_over=False), CONTROL)}
+    names = {each.name for each in requirements(OperationSettings(pilot_takes_over=False), CONTROL, 30.0)}
     assert not names & {"COM_RC_IN_MODE", "COM_RC_OVERRIDE"}
 
 

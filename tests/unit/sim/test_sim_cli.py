@@ -56,6 +56,7 @@ def test_bad_arguments_are_named_and_exit_with_two(
     [
         (["--first", "9000", "--count", "1001"], "at most 1000 fit"),
         (["--port-base", "65530", "--count", "10"], "beyond port 65535"),
+        (["--first", "1", "--count", "2", "--param", "RTL_CONE_ANG=0,0"], "2 values for vehicles up to"),
     ],
 )
 def test_arguments_that_do_not_fit_together_exit_with_two(
