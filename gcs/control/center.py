@@ -8,8 +8,15 @@ from gcs.control.detour import Scene, follow_detour
 from gcs.control.inputs import Detour, Memory, Task, TickInputs
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.obstacles import Outlines
-from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, advance_center, held_within, target_reach_m
-from gcs.formation.way import SIDE_KEPT, kept_sides
+from gcs.formation.orbit import (
+    CLEAR_OF_FENCE_M,
+    SIDE_KEPT,
+    Center,
+    advance_center,
+    held_within,
+    kept_sides,
+    target_reach_m,
+)
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 

@@ -21,14 +21,14 @@ from gcs.formation.law import (
     turned,
 )
 from gcs.formation.neighbours import Belief, Sight, neighbours_velocity, range_m, sight_of
-from gcs.formation.obstacles import Ellipse, Outlines
+from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.formation.response import scale_to_limits, shrink_relative
-from gcs.formation.steering import avoid_all, level, steer_past
+from gcs.formation.steering import avoid_all
 from gcs.model.jit import kernel
 from gcs.model.plan import LawName
-from gcs.model.state import TINY, Array
+from gcs.model.state import Array
 
 HELD_S, SLOT_STAYS_S = 1.0, 3.0
 """A vehicle that does not follow for the first time is held; its slot then stays with it for the second."""
@@ -270,16 +270,17 @@ def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:
     return turned(now.of_formed(memory.change), formed.spin_rad_s * now.dt_s)
 
 
-def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
+def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array, aim_m: Array) -> Array:
     """(n, 3) velocities that law and goals require, with obstacles avoided, within the speed limits.
 
     Args:
         now: inputs of this tick.
         lead: what the formation follows.
         own_m_s: (m, 3) of the m vehicles in formation, without the centre's avoidance.
+        aim_m: (n, 3) to where vehicles with goals of their own fly now.
     """
     law, limits = now.settings.law, now.settings.safety.limits
-    columns = now.columns if len(now.tasks.segments_m) else {}
+    columns = now.columns if len(now.tasks.segments_m) and len(now.rows) else {}
     if lead.center is not None and len(now.rows) and (now.ellipses or columns):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
         sliding_m_s = np.full(len(own_m_s), along_m_s)
@@ -287,40 +288,10 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array) -> Array:
     desired_m_s = now.for_all(own_m_s, 0.0)
     goers = now.goers
     if len(goers):
-        to_goal_m_s = goal_velocity(now.position_m[goers], now.tasks.goal_m[goers], settings=law)
-        half_m_s = 0.5 * np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
-        desired_m_s[goers] = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, {})
-        if columns:
-            free = ~now.descending[goers]  # these choose their way; a planned path is kept
-            if now.tasks.follows_planned_path is not None:
-                free &= ~now.tasks.follows_planned_path[goers]
-            past_m_s = _avoiding(now, goers, to_goal_m_s, {}, half_m_s, columns)
-            past_m_s[:, 2] += _hindered(now, goers, to_goal_m_s, columns) * (-limits.up_m_s - past_m_s[:, 2])
-            desired_m_s[goers[free]] = past_m_s[free]
+        to_aim_m_s = goal_velocity(now.position_m[goers], aim_m[goers], settings=law)
+        half_m_s = 0.5 * np.hypot(to_aim_m_s[:, 0], to_aim_m_s[:, 1])
+        desired_m_s[goers] = _avoiding(now, goers, to_aim_m_s, {}, half_m_s, {})
     return scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
-
-
-HEADWAY_SHARE = 0.3
-"""Of the desired speed: a vehicle that gains less on its goal behind the columns of lost vehicles climbs."""
-
-
-def _hindered(
-    now: TickInputs, rows: NDArray[np.intp], to_goal_m_s: Array, columns: Mapping[str, Ellipse]
-) -> Array:
-    """(m,) how much columns keep those rows (m,) from gaining on their goals: 1 if they gain nothing.
-
-    Several columns may surround a vehicle on three sides, where no tangent leads out. Above them it is free.
-    """
-    outlines, place_m = Outlines.of(columns), now.position_m[rows]
-    way_m = now.tasks.goal_m[rows, :2] - place_m[:, :2]
-    left_m, speed_m_s = np.hypot(way_m[:, 0], way_m[:, 1]), np.hypot(to_goal_m_s[:, 0], to_goal_m_s[:, 1])
-    reach_m = np.full(len(outlines), now.settings.law.avoidance.lookahead_m)
-    lower = -place_m[:, 2:] < outlines.top_height_m
-    met_m = steer_past(outlines, {}, level(place_m), level(to_goal_m_s), speed_m_s, lower, reach_m)[1]
-    gained_m_s = (now.velocity_m_s[rows, :2] * way_m).sum(axis=1) / np.maximum(left_m, TINY)
-    share = 1.0 - gained_m_s / np.maximum(HEADWAY_SHARE * speed_m_s, TINY)
-    hindered: Array = np.where(met_m < left_m, np.clip(share, 0.0, 1.0), 0.0)
-    return hindered
 
 
 def _avoiding(

@@ -91,6 +91,29 @@ class Detour:
     searching: Searching | None = None  # this detour is followed until the search ends
 
 
+CORNERS = 16
+"""Most corners of a route that are kept; after them it is searched again."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GoalRoutes:
+    """Routes to goals past the paths of lost vehicles. Rows as in FleetState. Owns its arrays."""
+
+    goal_m: Array  # (n, 3) to which they lead, NaN: none
+    corner_m: Array  # (n, CORNERS, 3) show frame, in order, NaN after the last
+    next_s: Array  # (n,) when each may be searched again
+    place_m: Array  # (n, 3) that the vehicle has not left
+    since_s: Array  # (n,) since then
+    wary: Mask  # (n,) leads past standing vehicles, too
+
+    @staticmethod
+    def none(count: int) -> "GoalRoutes":
+        """No vehicle has a route."""
+        nowhere, never = np.full((count, 3), np.nan), np.full(count, -np.inf)
+        corner_m, wary = np.full((count, CORNERS, 3), np.nan), np.zeros(count, dtype=np.bool_)
+        return GoalRoutes(nowhere, corner_m, never, nowhere, never, wary)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
     """State that one tick passes to the next. Rows as in FleetState. Owns its arrays."""
@@ -116,6 +139,7 @@ class Memory:
         None  # (n,) how long each vehicle did not move as expected; negative: its slot stays with it
     )
     belief: Belief | None = None  # (n, 3) each vehicle's estimate of the centre; law `neighbours`
+    routes: GoalRoutes | None = None  # to goals of their own, None while no vehicle is lost
 
     @staticmethod
     def fresh(count: int, time_s: float) -> "Memory":
@@ -190,7 +214,7 @@ class TickInputs:
 
     @property
     def columns(self) -> dict[str, Ellipse]:
-        """The columns in which lost vehicles stay or descend; others fly round them to their goals."""
+        """The columns in which lost vehicles stay or descend; the formation flies round them."""
         floor, tasks, uncertainty_m = (
             self.settings.safety.floor,
             self.tasks,

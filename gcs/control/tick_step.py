@@ -8,6 +8,7 @@ import numpy as np
 
 from gcs.control.center import move_center
 from gcs.control.desired_velocity import desired_velocity, spread
+from gcs.control.goal_routes import follow_routes
 from gcs.control.inputs import ControlSettings, Memory, Task, Tasks, TickInputs
 from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
@@ -71,7 +72,8 @@ def tick(
         now = replace(now, traits=limited_traits)
     lead = move_center(now, memory)
     places = spread(now, lead, memory, sight)
-    desired_m_s = _in_traffic(now, desired_velocity(now, lead, places.velocity_m_s))
+    aim_m, routes = follow_routes(now, memory.routes)
+    desired_m_s = _in_traffic(now, aim_m, desired_velocity(now, lead, places.velocity_m_s, aim_m))
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
     )
@@ -109,13 +111,14 @@ def tick(
         detour=lead.detour,
         unfollowed_s=places.unfollowed_s,
         belief=places.belief,
+        routes=routes,
     )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
     return Tick(setpoints, remembered, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
 
 
-def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
-    """(n, 3) desired velocities; vehicles on the way to a goal keep right and give way."""
+def _in_traffic(now: TickInputs, aim_m: Array, desired_m_s: Array) -> Array:
+    """(n, 3) desired velocities; vehicles on the way to a goal keep right of their aims, and give way."""
     if len(now.goers) == 0:
         return desired_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
@@ -129,7 +132,7 @@ def _in_traffic(now: TickInputs, desired_m_s: Array) -> Array:
         desired_m_s,
         now.position_m,
         now.velocity_m_s,
-        goal_m,
+        aim_m,
         to_goal=under_way,
         commanded=now.commanded,
         airborne=now.tasks.airborne,
@@ -228,6 +231,8 @@ def warm_up() -> None:
     memory = replace(Memory.fresh(n, 0.0), center=under_way, radius_m=10.0)
     for obstacles in ((), (tower,)):
         tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings)
+    lost_m = np.array([[[6.0, 4.0, -20.0], [6.0, 4.0, 0.0]]])  # between a vehicle and its goal
+    tick(fleet, replace(tasks, segments_m=lost_m), plan, traits, memory, settings)
     for law in LawName:
         other = replace(plan, formation=replace(plan.formation, law=law))
         tick(fleet, tasks, other, traits, memory, settings)

@@ -6,7 +6,7 @@ one. Where ellipses overlap, the tangents between them are blocked by the other 
 common outline remain, and no vehicle is led into the notch.
 
 An ellipse may move: the velocity relative to it counts, so a tangent leads past where it will be.
-The formation's centre does the same farther ahead: `gcs.formation.way`.
+The formation's centre does the same farther ahead: `gcs.formation.orbit`.
 """
 
 from collections.abc import Mapping

@@ -17,8 +17,7 @@ from gcs.formation.article import (
     formation_force,
 )
 from gcs.formation.obstacles import Ellipse
-from gcs.formation.orbit import Center, advance_center, orbit_velocity
-from gcs.formation.way import Way, steer_center
+from gcs.formation.orbit import Center, Way, advance_center, orbit_velocity, steer_center
 from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
 from gcs.safety.separation import Floor, scaled_distance_m

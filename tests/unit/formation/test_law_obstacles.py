@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
+from gcs.formation.orbit import Way, steer_center
 from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, tangent
-from gcs.formation.way import Way, steer_center
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from tests.support.law_fleets import met_m, tangent_of

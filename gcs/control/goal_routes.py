@@ -1,0 +1,341 @@
+"""Routes of vehicles with goals of their own past the paths that lost vehicles may take (decision 0038).
+
+A tangent sees one obstacle, and no height: walls of columns held vehicles on three sides, and one that
+climbed over them came down again before it was past. A route is searched in space, and remembered.
+All distances are in the floor's metric, in which the filter keeps the same distance in every direction.
+"""
+
+from dataclasses import fields
+from heapq import heappop, heappush
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.control.inputs import CORNERS, GoalRoutes, TickInputs
+from gcs.model.jit import kernel
+from gcs.model.state import TINY, Array, Mask
+
+ROUTE_SPARE_M, SEEN_SPARE_M = 0.6, 0.2
+"""A route keeps this much more than the filter demands; the straight way to a corner, this much."""
+
+BEGUN_SHARE = 0.98
+"""Of the present distance: a vehicle inside the closed space comes no nearer to a path than this."""
+
+BEYOND_M = 2.0
+"""A vehicle aims this far beyond a corner: it does not stop there."""
+
+CELL_M, CELLS_MAX = 1.0, 200_000
+"""Edge of a cell of the search; larger where there would be more cells than that."""
+
+SEARCHED_MAX = 12_000
+"""Cells after which a search ends with the place nearest to the goal: about 20 ms."""
+
+MARGINS = 3.0
+"""The search goes this many kept distances beyond start and goal, and past all paths that are near."""
+
+GREED = 1.3
+"""Factor on the estimated rest of a way: fewer cells are searched, a route is at most so much longer."""
+
+AGAIN_S, FAILED_AGAIN_S = 4.0, 15.0
+"""A vehicle that sees no corner searches again after the first time; where no route led on, the second."""
+
+STALLED_S, STALLED_M, STANDING_M_S = 8.0, 3.0, 0.3
+"""A vehicle is stalled that has not left a place by the second for the first. Then its route also leads past
+vehicles slower than the third; when it stalls once more, no longer.
+"""
+
+
+def _later(
+    before: GoalRoutes, rows: NDArray[np.intp], time_s: float, position_m: Array, goal_m: Array
+) -> GoalRoutes:
+    """Drop the routes of those rows (k,) with another goal (k, 3), and of stalled vehicles."""
+    routes = GoalRoutes(**{each.name: getattr(before, each.name).copy() for each in fields(before)})
+    anew = ~(np.linalg.norm(goal_m - before.goal_m[rows], axis=1) < STALLED_M)
+    left = ~(np.linalg.norm(position_m - before.place_m[rows], axis=1) < STALLED_M) | anew
+    left |= np.linalg.norm(goal_m - position_m, axis=1) < STALLED_M
+    routes.goal_m[rows], routes.wary[rows[anew]] = goal_m, False
+    routes.place_m[rows[left]], routes.since_s[rows[left]] = position_m[left], time_s
+    stalled = time_s - routes.since_s[rows] > STALLED_S
+    routes.since_s[rows[stalled]], routes.wary[rows[stalled]] = time_s, ~routes.wary[rows[stalled]]
+    dropped = rows[anew | stalled]
+    routes.corner_m[dropped], routes.next_s[dropped] = np.nan, -np.inf
+    return routes
+
+
+def follow_routes(now: TickInputs, before: GoalRoutes | None) -> tuple[Array, GoalRoutes | None]:
+    """Where each vehicle aims at, (n, 3), its goal or a corner; and the routes. At most one is searched.
+
+    Vehicles that descend or follow a planned path aim at their goals, and so do all while no vehicle is lost.
+    """
+    tasks, time_s = now.tasks, now.fleet.time_s
+    if len(tasks.segments_m) == tasks.silent_segments or len(now.goers) == 0:
+        return tasks.goal_m, None
+    under_way = ~now.descending[now.goers]
+    if tasks.follows_planned_path is not None:
+        under_way &= ~tasks.follows_planned_path[now.goers]
+    rows, aim_m = now.goers[under_way], np.array(tasks.goal_m)
+    begun = before or GoalRoutes.none(len(now.formed))
+    routes = _later(begun, rows, time_s, now.position_m[rows], aim_m[rows])
+    scale, blocked = now.settings.safety.floor.scale, np.zeros(len(now.formed), dtype=np.bool_)
+    for wary in (False, True):
+        led = rows[routes.wary[rows] == wary]
+        if len(led):
+            place_m, corner_m = now.position_m[led], routes.corner_m[led]
+            led_m, seen = _aims(
+                place_m * scale, aim_m[led] * scale, corner_m * scale, *_closed(now, led, wary=wary)
+            )
+            led_m /= scale
+            away_m = np.maximum(np.linalg.norm(led_m - place_m, axis=1, keepdims=True), TINY)
+            at_corner = np.linalg.norm(led_m - aim_m[led], axis=1, keepdims=True) > TINY
+            aim_m[led] = led_m + at_corner * BEYOND_M * (led_m - place_m) / away_m
+            blocked[led] = ~seen & (routes.next_s[led] <= time_s)
+    waiting = np.flatnonzero(blocked)
+    if len(waiting):
+        row = int(waiting[np.argmin(routes.next_s[waiting])])
+        corner_m, reaches = _searched(now, row, wary=bool(routes.wary[row]))
+        routes.corner_m[row] = np.nan
+        routes.corner_m[row, : len(corner_m)] = corner_m[:CORNERS]
+        routes.next_s[row] = time_s + (AGAIN_S if reaches else FAILED_AGAIN_S)
+    return aim_m, routes
+
+
+def _closed(now: TickInputs, rows: NDArray[np.intp], *, wary: bool) -> tuple[Array, Array]:
+    """Closed paths (m, 2, 3), scaled, and the distance (k, m) that vehicles in `rows` (k,) keep from each.
+
+    `wary`: other vehicles that stand are closed, too.
+    """
+    tasks, floor, uncertainty_m = now.tasks, now.settings.safety.floor, np.array(now.traits.uncertainty_m)
+    path_m = np.array(tasks.segments_m[: len(tasks.segments_m) - tasks.silent_segments])
+    lost_m = np.full(len(path_m), uncertainty_m.max(initial=0.0))
+    if tasks.segments_of is not None:
+        lost_m = uncertainty_m[tasks.segments_of[: len(path_m)]]
+    least_m, own_m = floor.horizontal_m + floor.margin_m, uncertainty_m[rows, None]
+    kept_m = least_m + floor.reserve_m(own_m, lost_m)
+    if wary:
+        slow = np.linalg.norm(now.velocity_m_s, axis=1) < STANDING_M_S
+        stands = np.flatnonzero(slow & tasks.airborne & np.isfinite(now.position_m).all(axis=1))
+        path_m = np.concatenate([path_m, np.repeat(now.position_m[stands, None], 2, axis=1)])
+        from_m = least_m + floor.reserve_m(own_m, uncertainty_m[stands])
+        kept_m = np.concatenate([kept_m, np.where(stands == rows[:, None], 0.0, from_m)], axis=1)
+    return path_m * floor.scale, kept_m
+
+
+def _searched(now: TickInputs, row: int, *, wary: bool) -> tuple[Array, bool]:
+    """Corners (k, 3) of a route of that row to its goal, or near it, and whether it reaches the goal."""
+    settings, (path_m, kept_m) = now.settings, _closed(now, np.array([row]), wary=wary)
+    scale, fence, limits = settings.safety.floor.scale, settings.safety.fence, settings.safety.limits
+    path_m, kept_m = path_m[kept_m[0] > 0.0], kept_m[0, kept_m[0] > 0.0]
+    start_m, goal_m = now.position_m[row] * scale, now.tasks.goal_m[row] * scale
+    low_m = np.minimum(start_m, goal_m) - MARGINS * kept_m.max()
+    high_m = np.maximum(start_m, goal_m) + MARGINS * kept_m.max()
+    path_low_m = path_m.min(axis=1) - kept_m[:, None] - 2.0 * CELL_M
+    path_high_m = path_m.max(axis=1) + kept_m[:, None] + 2.0 * CELL_M
+    near = ((path_high_m > low_m) & (path_low_m < high_m))[:, :2].all(axis=1)
+    if near.any():
+        low_m = np.minimum(low_m, path_low_m[near].min(axis=0))
+        high_m[:2] = np.maximum(high_m[:2], path_high_m[near, :2].max(axis=0))
+    low_m[2] = min(max(low_m[2], -fence.height_max_m * scale[2]), start_m[2])
+    high_m[2] = max(min(high_m[2], -fence.height_min_m * scale[2]), start_m[2])
+    cell_m = CELL_M
+    while np.prod((high_m - low_m) / cell_m + 2.0) > CELLS_MAX:
+        cell_m *= 1.25
+    clear_m = np.minimum(kept_m + ROUTE_SPARE_M, BEGUN_SHARE * _from_paths_m(start_m, path_m))
+    clear_m = np.minimum(clear_m, np.maximum(BEGUN_SHARE * _from_paths_m(goal_m, path_m), kept_m))
+    climb_cost = settings.law.speed_m_s / min(limits.up_m_s, limits.down_m_s) / scale[2]
+    bounds = low_m, high_m, cell_m, climb_cost, fence.distance_max_m
+    corner_m, reaches = find_corners(start_m, goal_m, path_m, clear_m, *bounds)
+    return corner_m / scale, reaches
+
+
+@kernel
+def _from_paths_m(place_m: Array, path_m: Array) -> Array:
+    """(m,) distances of a place (3,) from all paths (m, 2, 3)."""
+    away_m = np.empty(len(path_m))
+    for k in range(len(path_m)):
+        away_m[k] = lines_apart_m(place_m, place_m, path_m[k, 0], path_m[k, 1])
+    return away_m
+
+
+@kernel
+def _aims(place_m: Array, goal_m: Array, corner_m: Array, path_m: Array, kept_m: Array) -> tuple[Array, Mask]:
+    """The farthest of goal and corners that each sees, (k, 3), else the goal; and whether it sees any, (k,).
+
+    Args:
+        place_m: (k, 3).
+        goal_m: (k, 3).
+        corner_m: (k, CORNERS, 3), NaN after the last.
+        path_m: (m, 2, 3) closed.
+        kept_m: (k, m) distances to be kept.
+    """
+    aim_m, seen = goal_m.copy(), np.zeros(len(place_m), np.bool_)
+    for i in range(len(place_m)):
+        seen[i] = _sees(place_m[i], goal_m[i], path_m, kept_m[i], SEEN_SPARE_M)
+        for k in range(CORNERS - 1, -1, -1):
+            if seen[i]:
+                break
+            if np.isfinite(corner_m[i, k, 0]):
+                seen[i] = _sees(place_m[i], corner_m[i, k], path_m, kept_m[i], SEEN_SPARE_M)
+                if seen[i]:
+                    aim_m[i] = corner_m[i, k]
+    return aim_m, seen
+
+
+@kernel
+def _sees(one_m: Array, other_m: Array, path_m: Array, kept_m: Array, spare_m: float) -> bool:
+    """Whether the straight way between two places (3,) is clear of all paths; inside it may only lead out."""
+    for k in range(len(path_m)):
+        least_m, near = kept_m[k] + spare_m, True
+        for axis in range(3):
+            low_m = min(path_m[k, 0, axis], path_m[k, 1, axis]) - least_m
+            high_m = max(path_m[k, 0, axis], path_m[k, 1, axis]) + least_m
+            near &= max(one_m[axis], other_m[axis]) > low_m and min(one_m[axis], other_m[axis]) < high_m
+        if not near or kept_m[k] == 0.0:
+            continue
+        away_m = lines_apart_m(one_m, other_m, path_m[k, 0], path_m[k, 1])
+        if away_m < least_m:
+            begun_m = BEGUN_SHARE * lines_apart_m(one_m, one_m, path_m[k, 0], path_m[k, 1])
+            if away_m < min(least_m, begun_m):
+                return False
+    return True
+
+
+@kernel
+def lines_apart_m(a_m: Array, b_m: Array, c_m: Array, d_m: Array) -> float:
+    """Least distance between the straight line from a to b and the one from c to d, (3,) each.
+
+    Source: C. Ericson, Real-Time Collision Detection, section 5.1.9.
+    """
+    own2, other2, along2, ahead, beside = 0.0, 0.0, 0.0, 0.0, 0.0
+    for axis in range(3):
+        own, other, from_m = b_m[axis] - a_m[axis], d_m[axis] - c_m[axis], a_m[axis] - c_m[axis]
+        own2 += own * own
+        other2 += other * other
+        along2 += own * other
+        ahead += own * from_m
+        beside += other * from_m
+    s = 0.0
+    across = own2 * other2 - along2 * along2
+    if across > TINY:
+        s = min(max((along2 * beside - ahead * other2) / across, 0.0), 1.0)
+    t = min(max((along2 * s + beside) / max(other2, TINY), 0.0), 1.0)
+    s = min(max((along2 * t - ahead) / max(own2, TINY), 0.0), 1.0)
+    away2 = 0.0
+    for axis in range(3):
+        apart_m = a_m[axis] + s * (b_m[axis] - a_m[axis]) - c_m[axis] - t * (d_m[axis] - c_m[axis])
+        away2 += apart_m * apart_m
+    away_m: float = np.sqrt(away2)
+    return away_m
+
+
+@kernel
+def find_corners(
+    start_m: Array,
+    goal_m: Array,
+    path_m: Array,
+    kept_m: Array,
+    low_m: Array,
+    high_m: Array,
+    cell_m: float,
+    climb_cost: float,
+    far_m: float,
+) -> tuple[Array, bool]:
+    """A way from start to goal, (3,) each, past closed paths: A* over cells, then as straight as possible.
+
+    Args:
+        start_m: centre of a cell.
+        goal_m: see above.
+        path_m: (m, 2, 3) closed.
+        kept_m: (m,) distance to be kept from each.
+        low_m: (3,) least coordinates of the cells' centres.
+        high_m: (3,) greatest.
+        cell_m: edge of a cell.
+        climb_cost: of a metre up or down, in metres sideways.
+        far_m: greatest distance over the ground.
+
+    Returns: corners (k, 3), the last is the goal or the nearest place found; and whether it is the goal.
+    """
+    size, at = np.empty(3, np.int64), np.empty(3, np.int64)
+    for axis in range(3):
+        at[axis] = int(np.floor((start_m[axis] - low_m[axis]) / cell_m))
+        size[axis] = at[axis] + 1 + int(np.floor((high_m[axis] - start_m[axis]) / cell_m))
+    origin_m = start_m - at * cell_m
+    cost, came = np.full(size.prod(), np.inf), np.full(size.prod(), -1, np.int64)
+    known, done = np.zeros(size.prod(), np.bool_), np.zeros(size.prod(), np.bool_)
+    nearest = (at[0] * size[1] + at[1]) * size[2] + at[2]
+    cost[nearest], known[nearest], heap = 0.0, True, [(0.0, nearest)]
+    place_m, nearest_m, tried, reaches = np.empty(3), np.inf, 0, False
+    while len(heap) > 0 and tried < SEARCHED_MAX and not reaches:
+        node = heappop(heap)[1]
+        if done[node]:
+            continue
+        done[node], tried = True, tried + 1
+        x, y, z = _go_to(node, size, origin_m, cell_m, place_m)
+        left_m = _way_m(place_m, goal_m, climb_cost)
+        if left_m < nearest_m:
+            nearest, nearest_m = node, left_m
+            close = left_m < 3.0 * cell_m * climb_cost
+            reaches = close and _sees(place_m, goal_m, path_m, kept_m, 0.0)
+        for step in range(27):
+            dx, dy, dz = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
+            u, v, w = x + dx, y + dy, z + dz
+            other = (u * size[1] + v) * size[2] + w
+            if min(u, v, w) < 0 or u >= size[0] or v >= size[1] or w >= size[2] or done[other]:
+                continue
+            _go_to(other, size, origin_m, cell_m, place_m)
+            if not known[other]:
+                far = np.hypot(place_m[0], place_m[1]) > far_m
+                known[other], done[other] = True, far or not _is_clear(place_m, path_m, kept_m)
+            spent = cost[node] + cell_m * np.sqrt(dx * dx + dy * dy + (climb_cost * dz) ** 2)
+            if spent < cost[other] and not done[other]:
+                cost[other], came[other] = spent, node
+                heappush(heap, (spent + GREED * _way_m(place_m, goal_m, climb_cost), other))
+    way_m, node = [goal_m][: int(reaches)], nearest
+    while node >= 0:
+        _go_to(node, size, origin_m, cell_m, place_m)
+        way_m.append(place_m.copy())
+        node = came[node]
+    return _straightened(way_m[::-1], path_m, kept_m), reaches
+
+
+@kernel
+def _go_to(
+    node: int, size: NDArray[np.int64], origin_m: Array, cell_m: float, place_m: Array
+) -> tuple[int, int, int]:
+    """Write the centre of a cell into `place_m` (3,), and return its indices."""
+    x, y, z = node // (size[1] * size[2]), node // size[2] % size[1], node % size[2]
+    place_m[0], place_m[1], place_m[2] = x * cell_m, y * cell_m, z * cell_m
+    place_m += origin_m
+    return x, y, z
+
+
+@kernel
+def _is_clear(place_m: Array, path_m: Array, kept_m: Array) -> bool:
+    """Whether a place (3,) keeps all distances (m,) from the paths (m, 2, 3)."""
+    for k in range(len(path_m)):
+        near = True
+        for axis in range(3):
+            near &= place_m[axis] > min(path_m[k, 0, axis], path_m[k, 1, axis]) - kept_m[k]
+            near &= place_m[axis] < max(path_m[k, 0, axis], path_m[k, 1, axis]) + kept_m[k]
+        if near and lines_apart_m(place_m, place_m, path_m[k, 0], path_m[k, 1]) < kept_m[k]:
+            return False
+    return True
+
+
+@kernel
+def _straightened(way_m: list[Array], path_m: Array, kept_m: Array) -> Array:
+    """Those of the places (3,), without the first, that are needed to go straight between them; (k, 3)."""
+    corner_m, count, here = np.empty((len(way_m), 3)), 0, 0
+    for k in range(1, len(way_m)):
+        if k + 1 < len(way_m) and _sees(way_m[here], way_m[k + 1], path_m, kept_m, 0.0):
+            continue
+        corner_m[count] = way_m[k]
+        count, here = count + 1, k
+    return corner_m[:count]
+
+
+@kernel
+def _way_m(one_m: Array, other_m: Array, climb_cost: float) -> float:
+    """Length of the way between two places (3,), in metres sideways."""
+    x, y, z = other_m[0] - one_m[0], other_m[1] - one_m[1], climb_cost * (other_m[2] - one_m[2])
+    way_m: float = np.sqrt(x * x + y * y + z * z)
+    return way_m

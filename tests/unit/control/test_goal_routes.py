@@ -1,0 +1,110 @@
+"""Routes to goals past the paths of lost vehicles: clear of them, over them, and past vehicles that stand."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from gcs.control import ControlSettings, Memory, Task, Tasks, tick
+from gcs.control.goal_routes import ROUTE_SPARE_M, find_corners, follow_routes, lines_apart_m
+from gcs.control.inputs import GoalRoutes, TickInputs
+from gcs.model.plan import Formation, Plan
+from gcs.model.state import Array, FleetState, Traits
+
+SETTINGS = ControlSettings()
+FLOOR = SETTINGS.safety.floor
+KEPT_M = FLOOR.kept_m(FLOOR.worst_reserve_m())[0]
+TOP_M, DT_S = 30.0, 0.05
+
+
+def column(x_m: float, y_m: float) -> list[list[float]]:
+    """Where a vehicle stays that was lost at `TOP_M`, and comes down."""
+    return [[x_m, y_m, -TOP_M], [x_m, y_m, 0.0]]
+
+
+CAGE = np.array([column(x_m, y_m) for x_m in (-8.0, -4.0, 0.0, 4.0) for y_m in (-6.0, 6.0)])
+CAGE = np.concatenate([CAGE, [column(6.0, y_m) for y_m in (-4.0, 0.0, 4.0)]])
+"""A U of columns about the origin, its bottom at x = 6 m."""
+
+
+def flown(place_m: Array, goal_m: Array, lost_m: Array, seconds: float) -> tuple[Array, Array]:
+    """(ticks, n, 3) positions of vehicles that fly as commanded, and the first one's distance (ticks,)."""
+    n, settings = len(place_m), SETTINGS
+    memory, traits, plan = Memory.fresh(n, 0.0), Traits.alike(n), Plan(Formation(10.0, 20.0))
+    none = np.zeros(n, dtype=bool)
+    tasks = Tasks(np.full(n, Task.GOAL, dtype=np.int8), goal_m, ~none, none, lost_m)
+    velocity_m_s, path_m, least_m = np.zeros((n, 3)), [], []
+    ids = tuple(f"d{k}" for k in range(n))
+    for k in range(1, int(seconds / DT_S)):
+        fleet = FleetState(k * DT_S, ids, place_m.copy(), velocity_m_s.copy(), np.zeros(n), np.zeros(n))
+        memory = tick(fleet, tasks, plan, traits, memory, settings).memory
+        velocity_m_s = np.array(memory.desired_m_s)
+        place_m = place_m + DT_S * velocity_m_s
+        path_m.append(place_m)
+        scaled_m = place_m[0] * FLOOR.scale, np.ascontiguousarray(lost_m * FLOOR.scale)
+        least_m.append(min(lines_apart_m(scaled_m[0], scaled_m[0], one[0], one[1]) for one in scaled_m[1]))
+    return np.array(path_m), np.array(least_m)
+
+
+def test_distance_of_two_lines_is_that_of_their_nearest_points() -> None:
+    random, shares = np.random.default_rng(1), np.linspace(0.0, 1.0, 201)[:, None]
+    for case in range(60):
+        a_m, b_m, c_m, d_m = random.uniform(-5.0, 5.0, (4, 3))
+        b_m = a_m if case % 5 == 0 else b_m  # a place
+        d_m = c_m + 0.5 * (b_m - a_m) if case % 7 == 0 else d_m  # parallel
+        one_m, other_m = a_m + shares * (b_m - a_m), c_m + shares * (d_m - c_m)
+        sampled_m = np.linalg.norm(one_m[:, None] - other_m[None], axis=2).min()
+        assert 0.0 <= sampled_m - lines_apart_m(a_m, b_m, c_m, d_m) < 0.06
+
+
+def test_route_is_clear_of_all_closed_paths() -> None:
+    start_m, goal_m = np.array([0.0, 0.0, -10.0]), np.array([20.0, 0.0, -10.0])
+    kept_m = np.full(len(CAGE), KEPT_M)
+    low_m, high_m = np.array([-25.0, -25.0, -50.0]), np.array([35.0, 25.0, -3.0])
+    corner_m, reaches = find_corners(start_m, goal_m, CAGE, kept_m, low_m, high_m, 1.0, 1.5, 100.0)
+    assert reaches
+    assert (corner_m[-1] == goal_m).all()
+    way_m = np.vstack([start_m, corner_m])
+    for one_m, next_m in pairwise(way_m):
+        away_m = min(lines_apart_m(one_m, next_m, path_m[0], path_m[1]) for path_m in CAGE)
+        assert away_m > KEPT_M - 0.2
+
+
+def test_vehicle_leaves_a_u_of_columns_and_arrives() -> None:
+    goal_m = np.array([[20.0, 0.0, -10.0]])
+    path_m, least_m = flown(np.array([[0.0, 0.0, -10.0]]), goal_m, CAGE, 60.0)
+    assert np.linalg.norm(path_m[-1] - goal_m) < 0.5
+    assert least_m.min() > min(least_m[0], KEPT_M) - 0.3
+
+
+def test_vehicle_climbs_out_of_a_ring_of_columns() -> None:
+    ring = np.array([column(9.0 * np.cos(turn), 9.0 * np.sin(turn)) for turn in np.arange(0.0, 6.28, 0.4)])
+    goal_m = np.array([[30.0, 0.0, -10.0]])
+    path_m, least_m = flown(np.array([[0.0, 0.0, -10.0]]), goal_m, ring, 90.0)
+    assert np.linalg.norm(path_m[-1] - goal_m) < 0.5
+    assert -path_m[:, 0, 2].min() > TOP_M, "over the columns"
+    assert least_m.min() > KEPT_M - 0.3
+
+
+def test_stalled_vehicle_searches_past_one_that_stands() -> None:
+    """Two vehicles; the first has not left its place for longer than it may."""
+    place_m = np.array([[0.0, 0.0, -10.0], [8.0, 0.0, -10.0]])
+    goal_m = np.array([[16.0, 0.0, -10.0], [8.0, 0.0, -10.0]])
+    none, lost_m = np.zeros(2, dtype=bool), np.array([column(8.0, 40.0)])
+    tasks = Tasks(np.full(2, Task.GOAL, dtype=np.int8), goal_m, ~none, none, lost_m)
+    fleet = FleetState(20.0, ("a", "b"), place_m, np.zeros((2, 3)), np.zeros(2), np.zeros(2))
+    now = TickInputs.of(fleet, tasks, Plan(Formation(10.0, 20.0)), Traits.alike(2), SETTINGS, before_s=19.9)
+    begun = GoalRoutes.none(2)
+    calm = replace(begun, goal_m=goal_m.copy(), place_m=place_m.copy(), since_s=np.full(2, 19.0))
+    aim_m, routes = follow_routes(now, calm)
+    assert routes is not None
+    assert not routes.wary.any()
+    assert (aim_m == goal_m).all()
+    stalled = replace(calm, since_s=np.full(2, 5.0))
+    _, routes = follow_routes(now, stalled)
+    assert routes is not None
+    assert routes.wary.tolist() == [True, False], "the second is at its goal"
+    corner_m = routes.corner_m[0][np.isfinite(routes.corner_m[0, :, 0])]
+    assert (corner_m[-1] == goal_m[0]).all()
+    away_m = np.linalg.norm((corner_m - place_m[1]) * FLOOR.scale, axis=1)
+    assert away_m.min() > KEPT_M + ROUTE_SPARE_M - 0.3
