@@ -126,11 +126,12 @@ class CollectiveReturn:
         goal_m: Array = self._progress.goal_m[self._rows[vehicle.id]]
         return goal_m
 
-    def has_path(self, vehicle: Vehicle) -> bool:
-        """Whether the planner found a path without conflicts for it."""
-        return (
-            self._progress is not None and self._rows[vehicle.id] not in self._progress.return_paths.unplanned
-        )
+    def follows_path(self, vehicle: Vehicle) -> bool:
+        """Whether it has a path without conflicts, and is not late at its end."""
+        if self._progress is None:
+            return False
+        row = self._rows[vehicle.id]
+        return row not in self._progress.return_paths.unplanned and not self._progress.late[row]
 
     def has_arrived(self, vehicle: Vehicle) -> bool:
         """Whether its path has led it above its start."""

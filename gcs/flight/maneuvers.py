@@ -211,10 +211,7 @@ class Maneuvers(ManeuverTasks):
             if not collective_return.takes_part(vehicle):
                 await self.come_home(vehicle)
                 return
-            vehicle.follows_planned_path, vehicle.reason = (
-                collective_return.has_path(vehicle),
-                "on its way home",
-            )
+            vehicle.reason = "on its way home"
             await self._until(vehicle, lambda: self._led(vehicle, collective_return), patience_s=WAY_S)
             vehicle.apply(Event.DESCEND, "above its start, comes down")
             await self._descend_slowly(vehicle, home_m)
@@ -225,6 +222,7 @@ class Maneuvers(ManeuverTasks):
     def _led(vehicle: Vehicle, collective_return: CollectiveReturn) -> bool:
         """Move the goal along the path. Returns: whether the path has led the vehicle above its start."""
         vehicle.goal_m = collective_return.goal_m(vehicle)
+        vehicle.follows_planned_path = collective_return.follows_path(vehicle)
         return collective_return.has_arrived(vehicle)
 
     def descend(self, place_m: Array) -> Maneuver:

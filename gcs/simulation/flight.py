@@ -261,7 +261,7 @@ class SimulatedFlight:
         if self._progress is None:
             return None
         follows = np.zeros_like(self.descending)
-        follows[self._returning] = ~self.descending[self._returning]
+        follows[self._returning] = ~self.descending[self._returning] & ~self._progress.late
         follows[self._returning[list(self._progress.return_paths.unplanned)]] = False
         return keeps_to_path(follows, self.world.received_m, self.goal_m)
 

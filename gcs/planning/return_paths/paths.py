@@ -26,6 +26,9 @@ HELD_UP_M = 5.0
 GIVEN_UP_M = 9.0
 """Farther away, a vehicle does not follow the plan any more, and the plan does not wait for it."""
 
+LATE_S = 5.0
+"""A vehicle that is not above its pad so long after its path has ended obeys the rules of the road again."""
+
 PATIENCE_S = 15.0
 """Total time that the plan waits: one blocked vehicle must not delay all others for longer."""
 
@@ -73,6 +76,8 @@ class PathProgress:
         """(n, 3) present goals, show frame."""
         self.arrived: Mask = np.zeros(len(pad_m), dtype=np.bool_)
         """(n,) which vehicles their paths have led above their pads: they descend."""
+        self.late: Mask = np.zeros(len(pad_m), dtype=np.bool_)
+        """(n,) which vehicles are not there although their paths have ended: others may be in their way."""
         self._pad_m = pad_m
         self._waited_s = 0.0
 
@@ -95,6 +100,7 @@ class PathProgress:
         self.goal_m = self.return_paths.goal_m(self.time_s)
         over = self.time_s >= self.return_paths.over_s
         self.arrived = np.asarray(over & is_above(position_m, self._pad_m, WELL_IN_PLACE_M))
+        self.late = (self.time_s >= self.return_paths.over_s + LATE_S) & ~self.arrived
 
 
 def is_above(here_m: Array, place_m: Array, within_m: float = IN_PLACE_M) -> Mask:

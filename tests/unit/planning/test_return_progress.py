@@ -5,7 +5,7 @@ import pytest
 
 from gcs.model.state import Array
 from gcs.planning.return_paths import STEP_S, PathProgress, ReturnPaths
-from gcs.planning.return_paths.paths import PATIENCE_S
+from gcs.planning.return_paths.paths import LATE_S, PATIENCE_S
 
 TICK_S = 0.05
 PADS_M = np.array([[40.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
@@ -79,3 +79,16 @@ def test_goals_follow_the_plan_clock_to_the_pad() -> None:
     flown(progress, 60.0, np.zeros((2, 3)), BOTH)
     assert progress.goal_m[1] == pytest.approx([40.0, 10.0, 0.0])
     assert progress.arrived[1]
+
+
+def test_vehicle_off_its_pad_after_the_end_of_its_path_is_late() -> None:
+    progress = PathProgress(abreast(), PADS_M)
+    ends_s = float(progress.return_paths.over_s[1])
+    off_m = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    while progress.time_s < ends_s + LATE_S - 2.0 * TICK_S:
+        progress.advance(TICK_S, progress.return_paths.expected_m(progress.time_s) + off_m, ~BOTH)
+        assert not progress.late.any()
+    flown(progress, 1.0, off_m, ~BOTH)
+    assert progress.late[1]
+    flown(progress, 1.0, np.zeros((2, 3)), ~BOTH)
+    assert not progress.late.any()
