@@ -109,7 +109,7 @@ def _to_slots(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Sp
     """Move the slots on; each vehicle flies to its own."""
     rows, law = now.rows, now.settings.law
     places, changes = now.of_formed(memory.place), now.of_formed(memory.change)
-    joining = np.flatnonzero(np.isnan(places[:, 0]))
+    joining = np.isnan(places[:, 0]).nonzero()[0]
     if len(joining):
         places[joining] = begun(formed.direction[joining], now.fleet.ids, rows[joining], law)
         changes[joining] = 0.0

@@ -207,7 +207,7 @@ def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
 def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
     """Setpoints of the rows (n, 3) that are commanded and have a yaw."""
     fleet = now.fleet
-    rows = np.flatnonzero(now.commanded & np.isfinite(yaw_rad))
+    rows = (now.commanded & np.isfinite(yaw_rad)).nonzero()[0]
     if len(rows) == len(fleet.ids):
         return Setpoints(fleet.time_s, fleet.ids, setpoint_m_s, yaw_rad.copy())  # frozen
     ids = tuple(fleet.ids[row] for row in rows.tolist())

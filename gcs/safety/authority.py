@@ -100,7 +100,7 @@ class Authority:
     def fleet_wander_m_s(self) -> float:
         """Root mean square of the unexpected velocities of the commanded vehicles, along each axis."""
         of_commanded = self.square_m2_s2[np.isfinite(self.least_m_s[:, 0])]
-        return sqrt(float(of_commanded.mean())) if len(of_commanded) else 0.0
+        return sqrt(float(np.add.reduce(of_commanded)) / len(of_commanded)) if len(of_commanded) else 0.0
 
     @property
     def slow(self) -> Mask:

@@ -44,11 +44,13 @@ ROUNDS = 4
 SHRINKS = 60
 """Most shortenings by the required factors; after that, rows that still approach come to rest."""
 
-VISITS = 4_000_000
-"""Most visits of constraints, by the sweeps and by shortening: a tick must end even with contradictions."""
+VISITS = 1_000_000
+"""Most visits of constraints, by all plain sweeps and by shortening, beyond `FEWEST` of each: a tick must end
+in time even with contradictions.
+"""
 
-FEWEST = 8
-"""Least number of sweeps and shortenings."""
+FEWEST = 4
+"""Least number of sweeps in a round, and of shortenings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +188,7 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
     row, other = np.empty(len(first), np.intp), np.empty(len(first), np.intp)
     along, least_m_s, force_m_s = np.empty((len(first), 3)), np.empty(len(first)), np.zeros(len(first))
     moved_in = np.zeros(len(desired_m_s), np.int64)
-    many, sweep = 0, 0
+    many, sweep, left = 0, 0, VISITS
     for _ in range(ROUNDS):
         before = many
         for k in range(len(first)):
@@ -202,8 +204,8 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
         if many == before:
             break
         in_hand = row[:many], other[:many], along[:many], least_m_s[:many]
-        for _ in range(min(SWEEPS, max(FEWEST, VISITS // many))):
-            sweep += 1
+        for _ in range(min(SWEEPS, max(FEWEST, left // many))):
+            sweep, left = sweep + 1, left - many
             if _sweep(velocity_m_s, force_m_s, moved_in, sweep, in_hand, 1.0) < SETTLED_M_S:
                 break
         else:

@@ -15,7 +15,7 @@ from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
-from gcs.safety.neighbours import Rows
+from gcs.safety.neighbours import FEW, Rows
 from gcs.safety.separation import (
     Floor,
     Pairs,
@@ -28,13 +28,13 @@ from gcs.safety.walls import Fence, fence_constraints, keepout_constraints, obst
 NOTICEABLE_M_S = 0.05
 
 SPARE_M_S = 0.5
-"""Pairs are searched as if every velocity could change by this much from the desired one."""
+"""Pairs are searched as if every velocity could change by this much."""
 
-ATTEMPTS = 3
-"""In the last attempt, pairs are searched as if every vehicle could get any velocity within the limits."""
-
-FEW_STRAYS = 0.05
-"""Up to this share of strays, a check of all pairs of the vehicles that changed more is cheap."""
+SOLUTIONS, ATTEMPTS = 3, 6
+"""That often the nearest velocities are sought, each time with the pairs that the last ones would bring too
+close too, at last with all pairs of up to `FEW` vehicles. After that the velocities are only shortened. If
+they still break a constraint of an overlooked pair then, all vehicles brake.
+"""
 
 
 class Limits(Settings):
@@ -105,35 +105,36 @@ def filter_velocities(
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
     walls = _walls(position_m, here, settings, braking)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
-    spare_m_s = np.full(len(desired_m_s), SPARE_M_S)
+    allowed_m_s, pairs = desired_m_s, _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking)
     for attempt in range(ATTEMPTS):
-        if attempt == ATTEMPTS - 1:  # no velocity within the limits differs by more
-            spare_m_s = limits.fastest_m_s + np.linalg.norm(desired_m_s, axis=1)
-        pairs = _pairs(position_m, desired_m_s, spare_m_s, here, settings, braking)
-        joined = _joined(walls, pairs)
-        allowed_m_s = shortened(cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s), *joined)
-        changed_m_s = _lengths(desired_m_s, allowed_m_s)
-        strays = changed_m_s > spare_m_s
-        if not np.count_nonzero(strays):
+        joined, searched_m_s = _joined(walls, pairs), allowed_m_s
+        if attempt < SOLUTIONS:
+            allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s)
+        allowed_m_s = shortened(allowed_m_s, *joined)
+        if not np.count_nonzero(_lengths(searched_m_s, allowed_m_s) > SPARE_M_S):
             break  # every change is within the searched range
-        spare_m_s = np.maximum(spare_m_s, 1.5 * changed_m_s)
-        if np.count_nonzero(strays) <= FEW_STRAYS * len(strays):
-            overlooked = _pairs(position_m, desired_m_s, spare_m_s, here, settings, braking, strays)
-            if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
-                break  # or no constraint is broken beyond that range
+        every = attempt == SOLUTIONS - 2 and len(position_m) <= FEW
+        spare_m_s = 2.0 * limits.fastest_m_s if every else SPARE_M_S
+        near = _pairs(position_m, allowed_m_s, spare_m_s, here, settings, braking)
+        overlooked = near.not_in(pairs, len(position_m))
+        if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
+            break
+        pairs = pairs.joined(overlooked)
+    else:
+        allowed_m_s = np.zeros_like(allowed_m_s)
+    changed_m_s = _lengths(desired_m_s, allowed_m_s)
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, walls, pairs, joined, here.names)
 
 
 def _pairs(
     position_m: Array,
-    desired_m_s: Array,
-    spare_m_s: Array,
+    course_m_s: Array,
+    spare_m_s: float,
     here: Surroundings,
     settings: SafetySettings,
     braking: Braking,
-    only: Mask | None = None,
 ) -> Pairs:
-    """Pairs of all vehicles, or of those in `only` (n,); see `separation_constraints`."""
+    """Pairs whose constraint breaks when both velocities change by `spare_m_s` from those of (n, 3)."""
     return separation_constraints(
         position_m,
         here.velocity_m_s,
@@ -143,9 +144,8 @@ def _pairs(
         braking=braking,
         uncertainty_m=here.uncertainty_m,
         wander_m=here.wander_m,
-        course_m_s=desired_m_s,
-        spare_m_s=spare_m_s,
-        only=only,
+        course_m_s=course_m_s,
+        spare_m_s=np.full(len(course_m_s), spare_m_s),
     )
 
 
@@ -266,7 +266,7 @@ def _reasons(
 
     A row that broke none was pushed by others: the constraint that it came nearest to breaking.
     """
-    rows = np.flatnonzero(changed_m_s > NOTICEABLE_M_S)
+    rows = (changed_m_s > NOTICEABLE_M_S).nonzero()[0]
     if len(rows) == 0:
         return ("",) * len(desired_m_s)
     reasons = np.full(len(desired_m_s), "", dtype=object)
@@ -305,7 +305,7 @@ def warm_up() -> None:
         zero,
     )
     settings = SafetySettings()
-    pairs = _pairs(position_m, velocity_m_s, zero + 1.0, here, settings, settings.braking, all_rows)
+    pairs = _pairs(position_m, velocity_m_s, SPARE_M_S, here, settings, settings.braking)
     any_broken(velocity_m_s, *_joined(Constraints.none(), pairs))
     columns_m = np.array([[[x_m, 0.0, -20.0], [x_m, 0.0, 0.0]] for x_m in (-1.0, 1.0)])
     keepout_constraints(

@@ -1,4 +1,4 @@
-"""Near pairs of vehicles. For large fleets a grid of cells as wide as the longest reach is used."""
+"""Near pairs of vehicles. For large fleets a grid of cells is used, several to the longest reach."""
 
 from typing import TypeAlias
 
@@ -12,6 +12,12 @@ Rows: TypeAlias = NDArray[np.intp]
 
 SPREAD = 3.0
 """Cells reach this many standard deviations from the mean; the outermost cells hold vehicles beyond."""
+
+CELLS_IN_REACH = 4.0
+"""Smaller cells leave out more vehicles that are too far, but more of them have to be visited."""
+
+WIDER = 1.0 + 1e-9
+"""For the rounding of cell numbers."""
 
 CELLS_MAX = 64
 """Along each axis."""
@@ -33,30 +39,27 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
         radius_m: (n,) radius of each one's search.
     """
     if len(position_m) <= FEW:
-        return near_pairs_of(takes_part, position_m, takes_part, radius_m)
-    rows, start, cells, across = _sorted_into_cells(position_m, takes_part, radius_m)
+        return _all_compared(position_m, takes_part, radius_m)
+    rows, start, low_m, cell_m, across = _sorted_into_cells(position_m, takes_part, radius_m)
     place_m, look_m = position_m[rows], radius_m[rows]  # contiguous in memory, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
-    found = _write_pairs(rows, start, cells, across, place_m, look_m, first, second)
+    found = _write_pairs(rows, start, low_m, cell_m, across, place_m, look_m, first, second)
     if found > len(first):
         first, second = np.empty(found, np.intp), np.empty(found, np.intp)
-        _write_pairs(rows, start, cells, across, place_m, look_m, first, second)
+        _write_pairs(rows, start, low_m, cell_m, across, place_m, look_m, first, second)
     return first[:found], second[:found]
 
 
 @kernel
-def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
-    """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by comparing all pairs."""
+def _all_compared(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
+    """As `near_pairs`, without cells."""
     n, found = len(position_m), 0
-    room = n * some.sum()
-    first, second = np.empty(room, np.intp), np.empty(room, np.intp)
+    first, second = np.empty(n * (n - 1) // 2, np.intp), np.empty(n * (n - 1) // 2, np.intp)
     for i in range(n):
-        if not (some[i] and takes_part[i]):
+        if not takes_part[i]:
             continue
         x_m, y_m, z_m, own_m = position_m[i, 0], position_m[i, 1], position_m[i, 2], radius_m[i]
-        for j in range(n):
-            if j <= i and some[j]:
-                continue  # already found from j
+        for j in range(i + 1, n):
             dx, dy, dz = position_m[j, 0] - x_m, position_m[j, 1] - y_m, position_m[j, 2] - z_m
             reach_m = own_m + radius_m[j]
             if takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m:
@@ -69,7 +72,8 @@ def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Arr
 def _write_pairs(
     rows: Rows,
     start: Rows,
-    cells: NDArray[np.int64],
+    low_m: Array,
+    cell_m: float,
     across: int,
     place_m: Array,
     look_m: Array,
@@ -77,14 +81,18 @@ def _write_pairs(
     second: Rows,
 ) -> int:
     """Write the near pairs into `first` and `second` while there is room. Returns: their number."""
-    found, room = 0, len(first)
+    found, room, from_, to = 0, len(first), np.empty(3, np.int64), np.empty(3, np.int64)
+    longest_m = look_m.max() if len(look_m) else 0.0
     for a in range(len(rows)):
         x_m, y_m, z_m, own_m = place_m[a, 0], place_m[a, 1], place_m[a, 2], look_m[a]
-        low, high = max(cells[a, 2] - 1, 0), min(cells[a, 2] + 2, across)
-        for x in range(max(cells[a, 0] - 1, 0), min(cells[a, 0] + 2, across)):
-            for y in range(max(cells[a, 1] - 1, 0), min(cells[a, 1] + 2, across)):
+        far_m = (own_m + longest_m) * WIDER
+        for axis in range(3):
+            from_[axis] = _cell(place_m[a, axis] - far_m, low_m[axis], cell_m, across)
+            to[axis] = _cell(place_m[a, axis] + far_m, low_m[axis], cell_m, across) + 1
+        for x in range(from_[0], to[0]):
+            for y in range(from_[1], to[1]):
                 column = (x * across + y) * across
-                for b in range(max(start[column + low], a + 1), start[column + high]):
+                for b in range(max(start[column + from_[2]], a + 1), start[column + to[2]]):
                     dx, dy, dz = place_m[b, 0] - x_m, place_m[b, 1] - y_m, place_m[b, 2] - z_m
                     reach_m = own_m + look_m[b]
                     if dx * dx + dy * dy + dz * dz < reach_m * reach_m:
@@ -97,8 +105,8 @@ def _write_pairs(
 @kernel
 def _sorted_into_cells(
     position_m: Array, takes_part: Mask, radius_m: Array
-) -> tuple[Rows, Rows, NDArray[np.int64], int]:
-    """Participating rows, cell by cell; start of each cell; cell of each row (k, 3); cells per axis."""
+) -> tuple[Rows, Rows, Array, float, int]:
+    """Participating rows, cell by cell; start of each cell; low corner (3,), width and number of cells."""
     members = np.flatnonzero(takes_part)
     count = len(members)
     low_m, wide_m = _middle(position_m, members)
@@ -106,26 +114,32 @@ def _sorted_into_cells(
     for i in members:
         reach_m = max(reach_m, 2.0 * radius_m[i])
     most = min(CELLS_MAX, int(np.ceil((8.0 * count + 1.0) ** (1.0 / 3.0))))
-    cell_m = max(reach_m, wide_m / most)
+    cell_m = max(reach_m / CELLS_IN_REACH, wide_m / most)
     across = max(1, min(most, int(np.ceil(wide_m / cell_m))))
-    cells = np.empty((count, 3), np.int64)
     number = np.empty(count, np.intp)
     start = np.zeros(across**3 + 1, np.intp)
     for a in range(count):
+        number[a] = 0
         for axis in range(3):
-            place = (position_m[members[a], axis] - low_m[axis]) / cell_m
-            cells[a, axis] = int(min(max(place, 0.0), across - 1.0))
-        number[a] = (cells[a, 0] * across + cells[a, 1]) * across + cells[a, 2]
+            place_m = position_m[members[a], axis]
+            number[a] = number[a] * across + _cell(place_m, low_m[axis], cell_m, across)
         start[number[a] + 1] += 1
     start = np.cumsum(start)
     free = start.copy()
-    rows, sorted_cells = np.empty(count, np.intp), np.empty((count, 3), np.int64)
+    rows = np.empty(count, np.intp)
     for a in range(count):
-        place_in_order = free[number[a]]
-        rows[place_in_order] = members[a]
-        sorted_cells[place_in_order] = cells[a]
+        rows[free[number[a]]] = members[a]
         free[number[a]] += 1
-    return rows, start, sorted_cells, across
+    return rows, start, low_m, cell_m, across
+
+
+@kernel
+def _cell(place_m: float, low_m: float, cell_m: float, across: int) -> int:
+    """Number of the cell along one axis; the outermost ones hold what is beyond."""
+    cells = (place_m - low_m) / cell_m
+    if not cells > 0.0:
+        return 0
+    return int(min(cells, across - 1.0))
 
 
 @kernel

@@ -9,7 +9,7 @@ from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import NO_ROW, Braking, allowed_speed_m_s
-from gcs.safety.neighbours import Rows, near_pairs, near_pairs_of
+from gcs.safety.neighbours import Rows, near_pairs
 
 
 class Floor(Settings):
@@ -72,6 +72,27 @@ class Pairs:
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def joined(self, others: "Pairs") -> "Pairs":
+        """These, then others."""
+        return Pairs(
+            np.concatenate([self.first, others.first]),
+            np.concatenate([self.second, others.second]),
+            np.concatenate([self.other, others.other]),
+            np.concatenate([self.normal, others.normal]),
+            np.concatenate([self.bound_m_s, others.bound_m_s]),
+        )
+
+    def not_in(self, others: "Pairs", count: int) -> "Pairs":
+        """Those whose two of `count` vehicles are not a pair of `others`."""
+        own, known = (
+            np.minimum(each.first, each.other) * count + np.maximum(each.first, each.other)
+            for each in (self, others)
+        )
+        new = ~np.isin(own, known)
+        return Pairs(
+            self.first[new], self.second[new], self.other[new], self.normal[new], self.bound_m_s[new]
+        )
 
 
 def pairs_that_count(position_m: Array, airborne: Mask, floor: Floor) -> tuple[Rows, Rows]:
@@ -168,7 +189,6 @@ def separation_constraints(
     course_m_s: Array,
     spare_m_s: Array,
     wander_m: Array | None = None,
-    only: Mask | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
@@ -188,7 +208,6 @@ def separation_constraints(
             velocities break are left out.
         wander_m: (n,) standard deviations of where velocities that are not commanded lead, in any direction;
             pairs in the air keep farther apart by them. None: nowhere.
-        only: (n,) pairs without one of these are also left out.
     """
     # numba compiles frozen arrays as another type
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
@@ -204,63 +223,9 @@ def separation_constraints(
             airborne,
             uncertainty_m,
             wander_m,
-            np.zeros(0, np.bool_) if only is None else only,
             _numbers(floor, braking),
         )
     )
-
-
-@kernel
-def _looks(
-    position_m: Array,
-    velocity_m_s: Array,
-    commanded: Mask,
-    uncertainty_m: Array,
-    wander_m: Array,
-    course_m_s: Array,
-    spare_m_s: Array,
-    floor: tuple[float, float, float, float],
-    braking: tuple[float, float, float],
-) -> tuple[Mask, Array, Array, Array, Array]:
-    """Which vehicles are known, their measured and desired velocities, and each one's search radius.
-
-    Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n,) half the distance to search, m.
-    """
-    wide_m, tall_m, taller, deviations = floor
-    reaction_s, lead_s, deceleration_m_s2 = braking
-    n = len(position_m)
-    known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
-    spare, look_m, mean = np.zeros(n), np.empty(n), np.zeros(3)
-    flat = 1.0
-    for i in range(n):
-        known[i] = True
-        for k in range(3):
-            known[i] &= np.isfinite(position_m[i, k])
-            if not np.isfinite(measured[i, k]):
-                measured[i, k] = 0.0  # unknown: others at least keep away
-            if not commanded[i]:
-                course[i, k] = measured[i, k]
-            mean[k] += course[i, k] / n  # the common velocity brings no pair closer
-        spare[i] = spare_m_s[i] if commanded[i] else 0.0
-        reserve_m = 2.0 * deviations * uncertainty_m[i]  # halved and added, two are at least their hypotenuse
-        led_m = 2.0 * deviations * wander_m[i]
-        wider_m, taller_m = wide_m + reserve_m + led_m, tall_m + taller * reserve_m + led_m
-        flat = max(flat, taller_m / wider_m, wider_m / taller_m)
-    # Along the gradient the gap may look shorter than the distance to the ellipsoid: Kantorovich's
-    # inequality.
-    longer = (1.0 + flat**2) / (2.0 * flat)
-    for i in range(n):
-        drift2, stray2 = 0.0, 0.0
-        for k in range(3):
-            drift2 += (measured[i, k] - mean[k]) ** 2
-            stray2 += (course[i, k] - mean[k]) ** 2
-        stray_m_s = np.sqrt(stray2) + spare[i]
-        reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2
-        reserve_m = 2.0 * deviations * uncertainty_m[i]
-        led_m = 2.0 * deviations * wander_m[i]
-        wider_m, taller_m = wide_m + reserve_m + led_m, tall_m + taller * reserve_m + led_m
-        look_m[i] = (max(wider_m, taller_m) / 2.0 + reach_m + lead_s * np.sqrt(drift2)) * longer + TINY
-    return known, measured, course, spare, look_m
 
 
 Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float, float]
@@ -286,20 +251,70 @@ def _numbers(floor: Floor, braking: Braking) -> Numbers:
 
 
 @kernel
-def _bounds(
+def _looks(
     position_m: Array,
-    measured_m_s: Array,
+    velocity_m_s: Array,
+    commanded: Mask,
+    uncertainty_m: Array,
+    wander_m: Array,
+    course_m_s: Array,
+    spare_m_s: Array,
+    numbers: Numbers,
+) -> tuple[Mask, Array, Array, Array, Array, Array]:
+    """Which vehicles are known, their velocities, and where and how far to search for pairs that could bind.
+
+    With the ellipsoid made a sphere by a factor f of heights, the gap is at least the distance to the sphere,
+    divided by f where f is above 1. Every pair's f is between `thin` and `thick`; `thin` makes no distance
+    too long.
+
+    Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n, 3) positions, (n,) half distances, m.
+    """
+    wide_m, tall_m, taller, _, reaction_s, lead_s, deceleration_m_s2 = numbers[:7]
+    deviations, n = numbers[10], len(position_m)
+    known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
+    spare, look_m, place_m, mean = np.zeros(n), np.empty(n), position_m.copy(), np.zeros(3)
+    thin = min(wide_m / tall_m, 1.0 / taller, 1.0)  # of the floor, of uncertainty, and of wander alone
+    thick = max(wide_m / tall_m, 1.0 / taller, 1.0)
+    for i in range(n):
+        known[i] = True
+        for k in range(3):
+            known[i] &= np.isfinite(position_m[i, k])
+            if not np.isfinite(measured[i, k]):
+                measured[i, k] = 0.0  # unknown: others at least keep away
+            if not commanded[i]:
+                course[i, k] = measured[i, k]
+            mean[k] += course[i, k] / n  # the common velocity brings no pair closer
+        spare[i] = spare_m_s[i] if commanded[i] else 0.0
+    for i in range(n):
+        drift2, stray2 = 0.0, 0.0
+        for k in range(3):
+            drift2 += (measured[i, k] - mean[k]) ** 2
+            stray2 += (course[i, k] - mean[k]) ** 2
+        stray_m_s = np.sqrt(stray2) + spare[i]
+        reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2 + lead_s * np.sqrt(drift2)
+        margin_m = deviations * (uncertainty_m[i] + wander_m[i])  # two are at least their hypotenuse
+        look_m[i] = wide_m / 2.0 + margin_m + thick * reach_m + TINY
+        place_m[i, 2] *= thin
+    return known, measured, course, spare, place_m, look_m
+
+
+@kernel
+def _found(
+    position_m: Array,
+    velocity_m_s: Array,
     course_m_s: Array,
     spare_m_s: Array,
     commanded: Mask,
     airborne: Mask,
     uncertainty_m: Array,
     wander_m: Array,
-    first: Rows,
-    second: Rows,
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
-    """Turn near pairs (k,) into the constraints that could bind; see `separation_constraints`."""
+    """As `separation_constraints`."""
+    known, measured_m_s, course_m_s, spare_m_s, place_m, look_m = _looks(
+        position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, numbers
+    )
+    first, second = near_pairs(place_m, known, look_m)
     wide_m, tall_m, taller, pad_height_m, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers[:8]
     own_wide_m, own_tall_m, deviations = numbers[8:]
     count = len(first)
@@ -340,50 +355,6 @@ def _bounds(
         bounds_m_s[kept] = -allowed_m_s if commanded[j] else theirs_m_s - allowed_m_s
         kept += 1
     return rows[:kept], shared[:kept], others[:kept], normals[:kept], bounds_m_s[:kept]
-
-
-@kernel
-def _found(
-    position_m: Array,
-    velocity_m_s: Array,
-    course_m_s: Array,
-    spare_m_s: Array,
-    commanded: Mask,
-    airborne: Mask,
-    uncertainty_m: Array,
-    wander_m: Array,
-    only: Mask,
-    numbers: Numbers,
-) -> tuple[Rows, Rows, Rows, Array, Array]:
-    """As `separation_constraints`; an empty `only` leaves no pair out."""
-    known, measured_m_s, course_m_s, spare_m_s, look_m = _looks(
-        position_m,
-        velocity_m_s,
-        commanded,
-        uncertainty_m,
-        wander_m,
-        course_m_s,
-        spare_m_s,
-        (numbers[0], numbers[1], numbers[2], numbers[10]),
-        numbers[4:7],
-    )
-    if len(only):
-        first, second = near_pairs_of(only, position_m, known, look_m)
-    else:
-        first, second = near_pairs(position_m, known, look_m)
-    return _bounds(
-        position_m,
-        measured_m_s,
-        course_m_s,
-        spare_m_s,
-        commanded,
-        airborne,
-        uncertainty_m,
-        wander_m,
-        first,
-        second,
-        numbers,
-    )
 
 
 @kernel

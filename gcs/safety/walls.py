@@ -51,7 +51,7 @@ def fence_constraints(
     )
     if len(rows) == 0:
         return Constraints.none()
-    return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, FENCE_REASONS[sides])
+    return Constraints(rows, np.zeros_like(rows) + NO_ROW, normal, bound_m_s, FENCE_REASONS[sides])
 
 
 FENCE_REASONS = np.array(["least height", "greatest height", "greatest distance"], dtype=object)

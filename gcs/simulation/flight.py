@@ -221,7 +221,7 @@ class SimulatedFlight:
     def _closest_m(self, seen_m: Sequence[Array]) -> float:
         """Smallest distance of the pairs that count at any of those positions, (n, 3) each."""
         floor, least_m, in_air = self.floor, np.inf, self.world.in_air & self.present
-        limits = floor.scale[2], floor.pad_height_m, floor.horizontal_m
+        limits = floor.horizontal_m / floor.vertical_m, floor.pad_height_m, floor.horizontal_m
         for position_m in seen_m:
             distance_m, inside = closest_m(position_m, in_air, self.present, *limits)
             least_m = min(least_m, distance_m)

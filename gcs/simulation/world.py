@@ -200,10 +200,10 @@ class TrueWorld:
     def send(self, setpoints: Setpoints) -> None:
         """Send setpoints; the world delays all and loses some."""
         n, world = len(self.ids), self._world
-        sent_m_s = np.full((n, 3), np.nan)
         if setpoints.ids == self.ids:
             sent_m_s = np.array(setpoints.velocity_m_s)
         else:
+            sent_m_s = np.full((n, 3), np.nan)
             sent_m_s[[self.row_of[name] for name in setpoints.ids]] = setpoints.velocity_m_s
         if world.loss:
             sent_m_s[self._random.random(n) < world.loss] = np.nan
@@ -248,7 +248,7 @@ class TrueWorld:
         self.wind_field.blow(self.tick_s, self._random)
         wind_m_s = self.wind_field.velocity_m_s
         alone = self.autopilots.alone & self.in_air
-        some_alone, seen = bool(alone.any()), []
+        some_alone, seen = np.count_nonzero(alone) > 0, []
         for index in range(self._steps):
             self._obey(self.time_s + index * self.step_s)
             if some_alone:
@@ -280,7 +280,7 @@ class TrueWorld:
     def _touch_ground(self) -> None:
         """Keep vehicles that reach the ground there, disarmed."""
         touching = (self.bodies.position_m[:, 2] >= self.ground_m) & self.in_air
-        if touching.any():
+        if np.count_nonzero(touching):
             self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]
             self._rest_m[touching, 2] = self.ground_m[touching]
             self.in_air, self._some_rest = self.in_air & ~touching, True

@@ -5,7 +5,7 @@ import pytest
 
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import filter_velocities
-from gcs.safety.neighbours import FEW, near_pairs, near_pairs_of
+from gcs.safety.neighbours import FEW, near_pairs
 from gcs.safety.separation import (
     minimum_separation,
     pairs_that_count,
@@ -27,20 +27,6 @@ def test_the_grid_finds_every_near_pair_once(count: int) -> None:
     near &= takes_part[i] & takes_part[j]
     found = [tuple(sorted(pair)) for pair in zip(first.tolist(), second.tolist(), strict=True)]
     assert sorted(found) == list(zip(i[near].tolist(), j[near].tolist(), strict=True))
-
-
-def test_pairs_of_a_selection_are_all_pairs_that_contain_one() -> None:
-    rng = np.random.default_rng(0)
-    position, radius = rng.normal(0.0, 5.0, (40, 3)), rng.uniform(0.1, 4.0, 40)
-    takes_part, some = rng.random(40) < 0.8, rng.random(40) < 0.3
-    every, of_some = (
-        [tuple(sorted(pair)) for pair in zip(first.tolist(), second.tolist(), strict=True)]
-        for first, second in (
-            near_pairs(position, takes_part, radius),
-            near_pairs_of(some, position, takes_part, radius),
-        )
-    )
-    assert sorted(of_some) == sorted(pair for pair in every if some[list(pair)].any())
 
 
 def test_minimum_is_the_true_distance_and_the_floor_ellipsoidal() -> None:
