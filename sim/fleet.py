@@ -12,9 +12,8 @@ from gcs.sim.protocol.frames import Codec
 from gcs.sim.protocol.receiver import Receiver
 from gcs.sim.protocol.reports import Snapshot
 from gcs.sim.protocol.streams import RECORDED_HZ, Outbox, Schedule
-from gcs.sim.vehicle import dynamics
 from gcs.sim.vehicle.commander import Transitions
-from gcs.sim.vehicle.dynamics import Array
+from gcs.sim.vehicle.dynamics import Array, PointMasses, Response
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks, Value
 from gcs.sim.vehicle.sensors import (
@@ -99,12 +98,11 @@ class Fleet:
         self.step_s = step_s
         self._start_s, self._steps = start_s, 0
         self.unix_ahead_s = unix_at_start_s - start_s  # of time_s; grows where time is dropped
-        self._response = dynamics.Response(drag_per_s=settings.drag_per_s)
         self.wind_m_s = np.tile(np.array(settings.wind_m_s, dtype=np.float64), (settings.count, 1))
         origin = settings.origin
         self.geodetic = Tangent(origin.latitude_deg, origin.longitude_deg, origin.altitude_amsl_m).geodetic
         count, indices = settings.count, range(settings.first, settings.first + settings.count)
-        self.bodies = dynamics.PointMasses.at(_grid_m(settings))
+        self.bodies = PointMasses(_grid_m(settings), step_s, Response(drag_per_s=settings.drag_per_s))
         self._random = np.random.default_rng(
             np.random.SeedSequence(settings.seed, spawn_key=(settings.first, 1))
         )
@@ -158,16 +156,13 @@ class Fleet:
         self._guidance.turn(powered, step_s)
         self._batteries.drain(powered, step_s)
         state.demanded_m_s = np.where(state.armed[:, np.newaxis], demand_m_s, np.nan)
-        bodies = dynamics.step(
-            self.bodies,
+        self.bodies.step(
             demand_m_s,
-            step_s,
-            self._response,
             wind_m_s=self.wind_m_s,
             velocity_error_m_s=self._error.velocity_m_s,
             powered=powered,
         )
-        self.bodies, self._contact = dynamics.rest_on_ground(bodies)
+        self._contact = self.bodies.rest_on_ground()
 
     @property
     def estimate_m(self) -> Array:

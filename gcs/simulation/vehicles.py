@@ -1,6 +1,6 @@
 """The simulated vehicles, compiled, because they take most of a simulation's time.
 
-`fitted` is `sim.vehicle.dynamics.step`, row by row; a test compares the two. `cascade` follows PX4's control
+`fitted` is `sim.vehicle.dynamics`, row by row; a test compares the two. `cascade` follows PX4's control
 structure with PX4's default gains, so that nothing is tuned to the fitted model alone:
 
     u = P e + I - D v',   I' = i e                 velocity controller, sideways and up
@@ -11,6 +11,7 @@ structure with PX4's default gains, so that nothing is tuned to the fitted model
 Frame: show frame (as NED), metres, seconds.
 """
 
+from dataclasses import asdict
 from math import ceil
 from typing import Final
 
@@ -24,7 +25,7 @@ from gcs.simulation.scenario import World
 LIMITS: Final = ("acceleration_limit_m_s2", "vertical_acceleration_limit_m_s2", "jerk_m_s3")
 """Settings in which the vehicles do not differ."""
 
-FITTED: Final = {name: float(np.asarray(getattr(Response(), name))) for name in Response.__dataclass_fields__}
+FITTED: Final[dict[str, float]] = asdict(Response())
 
 CASCADE: Final = {
     "proportional_per_s": 1.8,  # MPC_XY_VEL_P_ACC

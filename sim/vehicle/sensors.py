@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gcs.sim.vehicle.dynamics import Array, Mask, ShapeError
+from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.px4 import Columns
 from gcs.sim.vehicle.state import Charge, Numbers, Rows, State
 
@@ -60,22 +60,11 @@ TARGET_SD_M = POSITION_SD_M * math.sqrt((WANDER_S + FOLLOW_S) / WANDER_S)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimateError:
-    """Estimate minus truth, (n, 3) each, NED, and the position error's target. Owns its arrays."""
+    """Estimate minus truth, (n, 3) each, NED, and the position error's target."""
 
     position_m: Array
     velocity_m_s: Array
     target_m: Array
-
-    def __post_init__(self) -> None:
-        """Check the shapes and make the arrays read-only.
-
-        Raises:
-            ShapeError: an array is not (n, 3).
-        """
-        for array in (self.position_m, self.velocity_m_s, self.target_m):
-            if array.shape != (len(self.position_m), 3):
-                raise ShapeError(f"{array.shape} where (n, 3) is needed")
-            array.setflags(write=False)
 
 
 def accuracy_m(scale: float) -> tuple[float, float]:

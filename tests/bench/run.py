@@ -21,7 +21,7 @@ from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
-from gcs.sim.vehicle.dynamics import PointMasses, Response, step
+from gcs.sim.vehicle.dynamics import PointMasses, Response
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.article import step_virtual
 from gcs.simulation.flight import fly
@@ -196,12 +196,14 @@ def simulated_assembly(
 
 def simulation_step(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
     """One step of the point masses for the whole fleet, and the same vehicle by vehicle."""
-    state, response = PointMasses.at(np.zeros((count, 3))), Response()
-    one, command = PointMasses.at(np.zeros((1, 3))), np.ones((count, 3))
-    return (
-        lambda: step(state, command, 0.01, response),
-        lambda: [step(one, command[:1], 0.01, response) for _ in range(count)],
-    )
+    fleet, one = (PointMasses(np.zeros((n, 3)), 0.01, Response()) for n in (count, 1))
+    command = np.ones((count, 3))
+
+    def each() -> None:
+        for _ in range(count):
+            one.step(command[:1])
+
+    return lambda: fleet.step(command), each
 
 
 def geodesy(count: int) -> tuple[Callable[[], object], Callable[[], object]]:

@@ -1,7 +1,7 @@
 """Flies `gcs.control.tick` over fake dynamics in virtual time and judges the true positions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
@@ -14,7 +14,7 @@ from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.return_paths import is_above, may_hand_over
 from gcs.safety.separation import minimum_separation
-from gcs.sim.vehicle.dynamics import PointMasses, Response, step
+from gcs.sim.vehicle.dynamics import PointMasses, Response
 from gcs.sim.vehicle.sensors import draw_errors, step_errors
 from gcs.simulation.flight import HANDOVER_HEIGHT_M
 from gcs.simulation.world import TOUCHDOWN_M_S
@@ -23,7 +23,6 @@ TICK_S = 0.05
 STEP_S = 0.01
 TAKEOFF_HEIGHT_M = 5.0
 SETTINGS = ControlSettings()
-PX4 = Response()
 
 
 def ground_grid_m(count: int, spacing_m: float = 4.0) -> Array:
@@ -58,7 +57,7 @@ class Flight:
         self.pads_m = ground_grid_m(count)
         self.plan = Plan(formation)
         self.time_s = 0.0
-        self.bodies = PointMasses.at(self.pads_m - (0.0, 0.0, TAKEOFF_HEIGHT_M))
+        self.bodies = PointMasses(self.pads_m - (0.0, 0.0, TAKEOFF_HEIGHT_M), STEP_S, Response())
         self.task = np.full(count, Task.FORMATION, dtype=np.int8)
         self.goal_m = np.full((count, 3), np.nan)
         self.airborne = np.ones(count, dtype=bool)
@@ -136,9 +135,7 @@ class Flight:
         rows = [self._ids.index(name) for name in decided.setpoints.ids]
         command_m_s[rows] = decided.setpoints.velocity_m_s
         for _ in range(round(TICK_S / STEP_S)):
-            self.bodies = step(
-                self.bodies, command_m_s, STEP_S, PX4, velocity_error_m_s=self._error.velocity_m_s
-            )
+            self.bodies.step(command_m_s, velocity_error_m_s=self._error.velocity_m_s)
         self._land()
         if self._noise_scale:
             self._error = step_errors(self._error, TICK_S, self._noise_scale, self._random)
@@ -149,16 +146,12 @@ class Flight:
             return
         self.airborne = self.airborne & ~down
         self.task[down] = Task.NONE
-        rows = down[:, None]
-        position_m = self.bodies.position_m.copy()
-        position_m[down, 2] = self.pads_m[down, 2]
-        self.bodies = replace(
-            self.bodies,
-            position_m=position_m,
-            velocity_m_s=np.where(rows, 0.0, self.bodies.velocity_m_s),
-            acceleration_m_s2=np.where(rows, 0.0, self.bodies.acceleration_m_s2),
-            integral_m_s2=np.where(rows, 0.0, self.bodies.integral_m_s2),
-        )
+        bodies, rows = self.bodies, down[:, None]
+        bodies.position_m = bodies.position_m.copy()
+        bodies.position_m[down, 2] = self.pads_m[down, 2]
+        bodies.velocity_m_s = np.where(rows, 0.0, bodies.velocity_m_s)
+        bodies.acceleration_m_s2 = np.where(rows, 0.0, bodies.acceleration_m_s2)
+        bodies.integral_m_s2 = np.where(rows, 0.0, bodies.integral_m_s2)
 
     # what the maneuvers and the commander do
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from gcs.model.state import Array
-from gcs.sim.vehicle.dynamics import GRAVITY_M_S2, PointMasses, Response, step
+from gcs.sim.vehicle.dynamics import GRAVITY_M_S2, PointMasses, Response
 from gcs.simulation.scenario import Wind, World
 from gcs.simulation.vehicles import CASCADE, Vehicles
 
@@ -89,23 +89,15 @@ def test_velocity_step_response_within_0_25_m_s_rms(
 
 def test_the_fitted_vehicle_is_the_fake_fleets() -> None:
     random = np.random.default_rng(3)
-    bodies = vehicles("fitted", 6, spread=0.2, seed=4, wind_m_s=3.0)
-    settings = dict(zip(CASCADE, bodies.settings.T.copy(), strict=True))
-    response = Response(**{name: settings[name] for name in Response.__dataclass_fields__})
+    bodies = vehicles("fitted", 6, wind_m_s=3.0)
     wind = np.tile([3.0, 0.0, 0.0], (6, 1))
-    hold = bodies.acceleration_m_s2.copy()
-    state = PointMasses(
-        position_m=still(6),
-        velocity_m_s=still(6),
-        acceleration_m_s2=hold,
-        integral_m_s2=hold.copy(),
-        commands_m_s=(still(6),),
-    )
+    state = PointMasses(still(6), DT_S, Response())
+    state.acceleration_m_s2 = state.integral_m_s2 = bodies.acceleration_m_s2.copy()
     for index in range(400):
         if index % 40 == 0:
             command = random.uniform(-12.0, 12.0, (6, 3))
         error = random.normal(0.0, 0.1, (6, 3))
-        state = step(state, command, DT_S, response, wind_m_s=wind, velocity_error_m_s=error)
+        state.step(command, wind_m_s=wind, velocity_error_m_s=error)
         bodies.step(command, wind, error)
     assert bodies.position_m == pytest.approx(state.position_m, abs=1e-9)
     assert bodies.velocity_m_s == pytest.approx(state.velocity_m_s, abs=1e-9)
