@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
+
+from pydantic import TypeAdapter
 
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
@@ -72,22 +74,11 @@ class Interruption:
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Interruption":
-        """The inverse of `to_json`. Raises: KeyError, TypeError or ValueError when `raw` does not fit."""
-        written = raw["written"]
-        return cls(
-            session=raw["session"],
-            unix_s=float(raw["unix_s"]),
-            show=ShowPhase(raw["show"]),
-            reason=raw["reason"],
-            frame=raw["frame"],
-            vehicles={
-                name: Before(one["system_id"], Phase(one["phase"]), one["reason"], triple(one["pad_m"]))
-                for name, one in raw["vehicles"].items()
-            },
-            written=None if written is None else Written(**written),
-            plan=raw["plan"],
-            stalled_s=raw.get("stalled_s"),
-        )
+        """The inverse of `to_json`. Raises: ValueError when `raw` does not fit."""
+        return _INTERRUPTION.validate_python(raw)
+
+
+_INTERRUPTION: Final = TypeAdapter(Interruption)
 
 
 def triple(values: Sequence[float] | None) -> Triple | None:

@@ -1,9 +1,13 @@
 """Phases of a vehicle and of the show, as tables. A transition that no table contains is refused."""
 
+from collections.abc import Mapping
 from enum import StrEnum
-from typing import Final
+from typing import Final, TypeVar
 
 from gcs.model.errors import RefusedError
+
+P = TypeVar("P", bound=StrEnum)
+E = TypeVar("E", bound=StrEnum)
 
 
 class Phase(StrEnum):
@@ -92,12 +96,16 @@ NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
 
 def advance(phase: Phase, event: Event) -> Phase:
     """The phase after `event`. Raises: RefusedError when the table does not contain the pair."""
+    return _next(NEXT, phase, event, "")
+
+
+def _next(table: Mapping[tuple[P, E], P], phase: P, event: E, subject: str) -> P:
     try:
-        return NEXT[phase, event]
+        return table[phase, event]
     except KeyError:
-        possible = sorted({known.value for known, what in NEXT if what is event})
+        possible = ", ".join(sorted({known.value for known, what in table if what is event}))
         raise RefusedError(
-            f"'{event}' is not possible while {phase}; it is from {', '.join(possible)}"
+            f"'{event}' is not possible while {subject}{phase}; it is from {possible}"
         ) from None
 
 
@@ -182,10 +190,4 @@ SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
 
 def advance_show(phase: ShowPhase, event: ShowEvent) -> ShowPhase:
     """The show's phase after `event`. Raises: RefusedError when the table does not contain the pair."""
-    try:
-        return SHOW_NEXT[phase, event]
-    except KeyError:
-        possible = sorted({known.value for known, what in SHOW_NEXT if what is event})
-        raise RefusedError(
-            f"'{event}' is not possible while the show is {phase}; it is from {', '.join(possible)}"
-        ) from None
+    return _next(SHOW_NEXT, phase, event, "the show is ")

@@ -112,12 +112,10 @@ class _Moving:
 
     @property
     def velocity_m_s(self) -> tuple[float, float]:
-        """(x, y), over the ground."""
         return self.velocity_x_m_s, self.velocity_y_m_s
 
     @property
     def speed_m_s(self) -> float:
-        """Over the ground."""
         return hypot(self.velocity_x_m_s, self.velocity_y_m_s)
 
 

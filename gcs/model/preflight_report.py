@@ -67,7 +67,6 @@ class PreflightReport:
 
     @property
     def not_flying(self) -> dict[VehicleId, str]:
-        """Vehicles that would stay on the ground, and why."""
         return {vehicle.id: vehicle.reason for vehicle in self.vehicles if not vehicle.flies}
 
     @property

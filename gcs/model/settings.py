@@ -40,7 +40,6 @@ class _Word:
 
 @cache
 def _is_number(model: type[BaseModel], key: str) -> bool:
-    """Whether a field accepts numbers only."""
     field = model.model_fields.get(key)
     return field is not None and _kinds(field.annotation) - {type(None)} <= {int, float}
 

@@ -5,7 +5,7 @@ show's heading, y to its right, z down; see ``gcs.model.frames``.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum, StrEnum
 from typing import Final, TypeAlias
 
@@ -103,35 +103,12 @@ class Telemetry:
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        freeze(self.velocity_ned_m_s, (n, 3), "velocity_ned_m_s")
-        for name in (
-            "position_time_s",
-            "heartbeat_time_s",
-            "life_time_s",
-            "latitude_deg",
-            "longitude_deg",
-            "altitude_amsl_m",
-            "yaw_deg",
-            "battery_remaining",
-            "horizontal_accuracy_m",
-            "vertical_accuracy_m",
-            "fix_type",
-            "unhealthy_sensors",
-            "clock_base_s",
-        ):
-            freeze(getattr(self, name), (n,), name)
-        for name in (
-            "armed",
-            "mode",
-            "in_failsafe",
-            "landed",
-            "ready",
-            "reboot_count",
-            "position_resets",
-            "texts",
-        ):
-            if len(getattr(self, name)) != n:
-                raise ShapeError(f"{name}: {len(getattr(self, name))} values for {n} vehicles")
+        for field in fields(self):
+            column = getattr(self, field.name)
+            if isinstance(column, np.ndarray):
+                freeze(column, (n, 3) if field.name == "velocity_ned_m_s" else (n,), field.name)
+            elif len(column) != n:
+                raise ShapeError(f"{field.name}: {len(column)} values for {n} vehicles")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,9 +143,8 @@ class Traits:
     uncertainty_m: Array  # (n,) standard deviation of the reported position, sideways; up as the floor has it
 
     def __post_init__(self) -> None:
-        n = len(self.charge)
-        for name in ("charge", "speed_max_m_s", "uncertainty_m"):
-            freeze(getattr(self, name), (n,), name)
+        for field in fields(self):
+            freeze(getattr(self, field.name), self.charge.shape, field.name)
 
     @staticmethod
     def alike(count: int, uncertainty_m: float = 0.0) -> "Traits":
@@ -218,7 +194,6 @@ class Counts:
 
     @property
     def airborne(self) -> int:
-        """In the air, controlled or not."""
         return self.controlled + self.uncontrolled
 
 
