@@ -48,8 +48,6 @@ def _float(text: str) -> float:
 
 
 def triple(form: str) -> Callable[[str], tuple[float, float, float]]:
-    """A parser of three numbers with commas between them."""
-
     def parse(text: str) -> tuple[float, float, float]:
         north, east, down = _numbers(text, form, 3)
         return north, east, down
@@ -58,8 +56,6 @@ def triple(form: str) -> Callable[[str], tuple[float, float, float]]:
 
 
 def pair(form: str) -> Callable[[str], tuple[float, float]]:
-    """A parser of two numbers with a comma between them."""
-
     def parse(text: str) -> tuple[float, float]:
         north, east = _numbers(text, form, 2)
         return north, east
@@ -68,7 +64,6 @@ def pair(form: str) -> Callable[[str], tuple[float, float]]:
 
 
 def _numbers(text: str, form: str, count: int) -> list[float]:
-    """Parse `count` finite numbers. Raises: ArgumentTypeError."""
     values = [_float(part) for part in text.split(",")]
     if len(values) != count or not all(map(math.isfinite, values)):
         words = {2: "two numbers with a comma", 3: "three numbers with commas"}[count]

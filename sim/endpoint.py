@@ -101,7 +101,6 @@ class Endpoint:
         return self._socket.fileno()
 
     def read(self) -> list[tuple[bytes, Address]]:
-        """The datagrams that have arrived, with their senders."""
         arrived: list[tuple[bytes, Address]] = []
         receive, keep = self._socket.recvfrom, arrived.append
         try:
@@ -129,7 +128,6 @@ class Endpoint:
         self._send(_packed(frames), self._peer)
 
     def send_alone(self, datagram: bytes) -> None:
-        """Send to the peer a datagram that must not be combined with others."""
         self._send([datagram], self._peer)
 
     def answered(self) -> None:

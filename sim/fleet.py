@@ -139,7 +139,6 @@ class Fleet:
         self._sensors = self._sense()
 
     def step(self) -> None:
-        """Advance all vehicles by step_s."""
         step_s = self.step_s
         self._steps += 1
         self.time_s = self.state.now_s = self._start_s + self._steps * step_s

@@ -3,17 +3,27 @@
 import heapq
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from itertools import count
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gcs.sim.faults.commands import FIXES, LINK_FAULTS, SENSORS, FaultCommand, FaultCommandError, Value, parse
+from gcs.sim.faults.commands import (
+    FIXES,
+    LINK_FAULTS,
+    SENSORS,
+    VEHICLE_FAULTS,
+    FaultCommand,
+    FaultCommandError,
+    Value,
+    parse,
+)
 from gcs.sim.fleet import Fleet
 from gcs.sim.vehicle.commander import Stuck
-from gcs.sim.vehicle.px4 import Mode
+from gcs.sim.vehicle.px4 import NEEDS_PILOT, Mode
 
 Tag = TypeVar("Tag")
 
@@ -61,7 +71,6 @@ class Way(Generic[Tag]):
             heapq.heappush(self._queue, (due_s, next(self._order), packet, tag))
 
     def take(self, now_s: float) -> list[tuple[bytes, Tag]]:
-        """Packets that have arrived by now, in the order of arrival."""
         if self.faults.silent:
             self._queue.clear()
         arrived = []
@@ -88,7 +97,6 @@ class Jammer:
         self._owed = 0.0
 
     def take(self, now_s: float) -> list[bytes]:
-        """Datagrams of random bytes and lengths: as many as are due by now."""
         passed_s = 0.0 if self._reported_s is None else now_s - self._reported_s
         self._reported_s = now_s
         self._owed += passed_s * self.rate_hz
@@ -115,8 +123,8 @@ Origin: TypeAlias = Any
 """Source of a packet; only the server uses it."""
 
 FAULT_SEED = 2
-REPORTED = ("accuracy", "fix", "sensor", "wrong-time")
-DILUTIONS = {"hdop": 0.7, "vdop": 1.1}
+REPORTED = frozenset({"accuracy", "fix", "sensor", "wrong-time"})
+HDOP, VDOP = 0.7, 1.1
 
 
 class FaultInjector:
@@ -124,7 +132,23 @@ class FaultInjector:
 
     def __init__(self, fleet: Fleet) -> None:
         """Begin without faults. Random numbers follow from the fleet's seed and each vehicle's index."""
-        self._fleet = fleet
+        self._fleet, state = fleet, fleet.state
+        horizontal_m, vertical_m = fleet.accuracy_m
+        self._healthy: Mapping[str, Sequence[tuple[NDArray[Any], object]]] = {
+            "gps-jump": [(state.offset_m, 0.0)],
+            "gps-freeze": [(state.frozen_m, np.nan)],
+            "accuracy": [
+                (state.horizontal_accuracy_m, horizontal_m),
+                (state.vertical_accuracy_m, vertical_m),
+                (state.hdop, HDOP),
+                (state.vdop, VDOP),
+            ],
+            "fix": [(state.fix_type, fleet.fix_type)],
+            "sensor": [(state.unhealthy_sensors, 0)],
+            "wrong-time": [(state.unix_ahead_s, 0.0)],
+            "wind": [(fleet.wind_m_s, fleet.settings.wind_m_s)],
+        }
+        """Columns that a fault changes, in the order of its values, and what they hold without it."""
         self.broken: dict[int, Channel[Origin]] = {}  # the links with faults, by row
         self._ends: dict[tuple[int, str], float] = {}
         self.changes = 0
@@ -194,23 +218,20 @@ class FaultInjector:
             return True
         for way, faults in channel.ways.items():
             if values["way"] in {"both", way}:
-                _degrade(faults, fault, values)
+                _set(faults, fault, values)
         return True
 
     def _break_vehicle(self, row: int, command: FaultCommand) -> bool:
         state, values, fault = self._fleet.state, command.values, command.fault
         if fault in {"gps-jump", "position-reset"}:
-            state.offset_m[row] += [float(values[name]) for name in ("north_m", "east_m", "down_m")]
-            if fault == "position-reset":
-                state.reset_counter[row] += np.uint8(1)
+            state.offset_m[row] += _vector(values, "m")
+            state.reset_counter[row] += np.uint8(fault == "position-reset")
         elif fault == "gps-freeze":
             state.frozen_m[row] = self._fleet.estimate_m[row]
         elif fault in REPORTED:
             self._report(row, fault, values)
         elif fault == "wind":
-            self._fleet.wind_m_s[row] = [
-                float(values[name]) for name in ("north_m_s", "east_m_s", "down_m_s")
-            ]
+            self._fleet.wind_m_s[row] = _vector(values, "m_s")
         elif fault == "clock-jump":
             state.clock_offset_s[row] += float(values["by_s"])
         elif fault == "battery":
@@ -223,31 +244,19 @@ class FaultInjector:
             return self._take_over(row, values)
         return True
 
-    def _report(self, row: int, fault: str, values: Mapping[str, Value] | None) -> None:
-        """Make the vehicle report these values of its receiver, sensors or clock; None: the true ones."""
+    def _report(self, row: int, fault: str, values: Mapping[str, Value]) -> None:
+        """Make the vehicle report these values of its receiver, sensors or clock."""
         state = self._fleet.state
         if fault == "accuracy":
-            truth = dict(zip(("eph_m", "epv_m"), self._fleet.accuracy_m, strict=True)) | DILUTIONS
-            self._blur(row, truth if values is None else values)
+            for (column, _), value in zip(self._healthy[fault], values.values(), strict=True):
+                if not math.isnan(float(value)):
+                    column[row] = float(value)
         elif fault == "fix":
-            state.fix_type[row] = self._fleet.fix_type if values is None else FIXES[str(values["type"])]
+            state.fix_type[row] = FIXES[str(values["type"])]
         elif fault == "sensor":
-            broken = 0 if values is None else SENSORS[str(values["which"])] | state.unhealthy_sensors[row]
-            state.unhealthy_sensors[row] = broken
+            state.unhealthy_sensors[row] |= SENSORS[str(values["which"])]
         else:
-            state.unix_ahead_s[row] = 0.0 if values is None else float(values["ahead_s"])
-
-    def _blur(self, row: int, values: Mapping[str, Value]) -> None:
-        state = self._fleet.state
-        columns = {
-            "eph_m": state.horizontal_accuracy_m,
-            "epv_m": state.vertical_accuracy_m,
-            "hdop": state.hdop,
-            "vdop": state.vdop,
-        }
-        for name, column in columns.items():
-            if not math.isnan(float(values[name])):
-                column[row] = float(values[name])
+            state.unix_ahead_s[row] = float(values["ahead_s"])
 
     def _reboot(self, row: int, values: Mapping[str, Value]) -> None:
         """Silence the link for off_s. In the air PX4's motors stop; with go-on only the flight continues."""
@@ -266,35 +275,28 @@ class FaultInjector:
         if values["by"] == "sticks" and not commander.overridden():
             return False
         state.piloted[row] = True
-        state.stick_m_s[row] = [float(values[name]) for name in ("north_m_s", "east_m_s", "down_m_s")]
+        state.stick_m_s[row] = _vector(values, "m_s")
         commander.intend(Mode[str(values["mode"])])
         return True
 
     def _fix(self, row: int) -> None:
         if self.broken.pop(row, None) is not None:
             self.changes += 1
-        for fault in ("gps-jump", "gps-freeze", *REPORTED, "wind", "stuck-mode", "pilot"):
+        for fault in VEHICLE_FAULTS:
             self._end(row, fault)
         for key in [key for key in self._ends if key[0] == row]:
             del self._ends[key]
 
     def _end(self, row: int, fault: str) -> None:
         self._ends.pop((row, fault), None)
-        state = self._fleet.state
         channel = self.broken.get(row)
         if channel is not None and fault in LINK_FAULTS:
             channel.jammer.rate_hz *= fault != "jam"
             for faults in channel.ways.values():
-                _heal(faults, fault)
-        elif fault == "gps-jump":
-            state.offset_m[row] = 0.0
-        elif fault == "gps-freeze":
-            state.frozen_m[row] = np.nan
-        elif fault in REPORTED:
-            self._report(row, fault, None)
-        elif fault == "wind":
-            self._fleet.wind_m_s[row] = self._fleet.settings.wind_m_s
-        elif fault == "stuck-mode":
+                _set(faults, fault, asdict(DirectionFaults()))
+        for column, healthy in self._healthy.get(fault, ()):
+            column[row] = healthy
+        if fault == "stuck-mode":
             self._fleet.autopilots[row].commander.stuck = Stuck.NO
         elif fault == "pilot":
             self._let_go(row)
@@ -302,29 +304,18 @@ class FaultInjector:
     def _let_go(self, row: int) -> None:
         """End the pilot's control: the vehicle holds, where it was flown by hand."""
         state, commander = self._fleet.state, self._fleet.autopilots[row].commander
-        by_hand = state.piloted[row] and commander.mode in {
-            Mode.POSITION,
-            Mode.ALTITUDE,
-            Mode.MANUAL,
-            Mode.STABILIZED,
-        }
+        by_hand = state.piloted[row] and commander.mode in NEEDS_PILOT
         state.piloted[row] = False
         state.stick_m_s[row] = 0.0
         if by_hand:
             commander.intend(Mode.HOLD)
 
 
-def _degrade(faults: DirectionFaults, fault: str, values: Mapping[str, Value]) -> None:
-    if fault == "silence":
-        faults.silent = True
-    elif fault == "delay":
-        faults.delay_s, faults.jitter_s = float(values["delay_s"]), float(values["jitter_s"])
-    else:
-        setattr(faults, fault, float(values["share"]))
+def _set(faults: DirectionFaults, fault: str, values: Mapping[str, float | str]) -> None:
+    """Set what a fault changes, by the same names in `values`; the share of its packets, if named so."""
+    for name in {"silence": ("silent",), "delay": ("delay_s", "jitter_s"), "jam": ()}.get(fault, (fault,)):
+        setattr(faults, name, values[name] if name in values else values.get("share", True))
 
 
-def _heal(faults: DirectionFaults, fault: str) -> None:
-    healthy = DirectionFaults()
-    for name in {"silence": ("silent",), "delay": ("delay_s", "jitter_s")}.get(fault, (fault,)):
-        if hasattr(faults, name):
-            setattr(faults, name, getattr(healthy, name))
+def _vector(values: Mapping[str, Value], unit: str) -> list[float]:
+    return [float(values[f"{way}_{unit}"]) for way in ("north", "east", "down")]

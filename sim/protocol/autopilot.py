@@ -87,7 +87,6 @@ class Autopilot:
         return bool(sender == (self.system_id, AUTOPILOT_COMPONENT))
 
     def reply(self, item: Item, after_s: float = 0.0) -> None:
-        """Queue an answer: a message, or the id of a report."""
         self._shared.outbox.post(self.row, item, self._state.now_s + after_s)
 
     def arm(self, *, force: bool = False) -> Result:
@@ -106,13 +105,11 @@ class Autopilot:
         return result
 
     def take_off(self, altitude_amsl_m: float | None) -> Result:
-        """Take off, now or at the next arming."""
         result = self.commander.take_off(altitude_amsl_m)
         self._forget_target()
         return result
 
     def forget(self) -> None:
-        """Boot: clear texts and pending answers."""
         self._text_id = 0
         self._shared.outbox.forget(self.row)
 

@@ -107,7 +107,6 @@ class Receiver:
         return bool(messages)
 
     def _addressed(self, circle: int, message: Message) -> list[int]:
-        """Rows that a message is for; messages without a target are for all."""
         system = getattr(message, "target_system", BROADCAST)
         if getattr(message, "target_component", BROADCAST) not in {BROADCAST, AUTOPILOT_COMPONENT}:
             return []

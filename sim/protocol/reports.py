@@ -77,7 +77,6 @@ class Snapshot:
 
     @property
     def heading_cdeg(self) -> Array:
-        """Heading in hundredths of a degree, from 0 to 35999."""
         heading_cdeg: Array = np.round(np.degrees(self.yaw_rad) % 360.0 * 100.0) % 36000
         return heading_cdeg
 
@@ -191,7 +190,6 @@ def system_time(s: Snapshot) -> Fields:
 
 
 def timesync(s: Snapshot) -> Fields:
-    """A request for the other side's clock."""
     return {"ts1": s.boot_us * 1000}
 
 
@@ -292,7 +290,6 @@ def distance_sensor(s: Snapshot) -> Fields:
 
 
 def vfr_hud(s: Snapshot) -> Fields:
-    """Speeds and heading; no airspeed sensor."""
     return {
         "groundspeed": s.ground_speed_m_s,
         "heading": np.floor(np.degrees(s.yaw_rad) % 360.0) % 360,

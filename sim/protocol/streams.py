@@ -88,12 +88,10 @@ class Schedule:
         return self._default_s.get(message_id)
 
     def interval_s(self, row: int, message_id: int) -> float | None:
-        """The interval of a vehicle's stream, or None while it is not sent."""
         interval_s = float(self._interval_s[self._places[message_id], row])
         return None if interval_s == np.inf else interval_s
 
     def set_interval(self, row: int, message_id: int, interval_s: float | None, now_s: float) -> None:
-        """Send at that interval from now on; None stops the stream."""
         place = self._places[message_id]
         self._interval_s[place, row] = np.inf if interval_s is None else max(interval_s, FASTEST_S)
         self._due_s[place, row] = np.inf if interval_s is None else now_s
@@ -139,7 +137,6 @@ class Outbox:
         self._listed[row] = deque(names)
 
     def forget(self, row: int) -> None:
-        """Drop a vehicle's pending answers."""
         self._timed = [entry for entry in self._timed if entry[2] != row]
         heapq.heapify(self._timed)
         self._listed.pop(row, None)
@@ -152,7 +149,6 @@ class Outbox:
         return items
 
     def take_parameters(self) -> list[tuple[int, str]]:
-        """The next few parameters of every list in progress."""
         taken = [
             (row, names.popleft())
             for row, names in self._listed.items()

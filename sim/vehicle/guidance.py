@@ -150,7 +150,6 @@ class Guidance:
         return self._towards(rows, sensors, climb_max_m_s=self.parameters["MPC_TKO_SPEED"][rows])
 
     def _towards(self, rows: Rows, sensors: Sensors, climb_max_m_s: Array | None = None) -> Array:
-        """Fly to the target and stay."""
         p = self.parameters
         climb_m_s = p["MPC_Z_V_AUTO_UP"][rows] if climb_max_m_s is None else climb_max_m_s
         down_m_s = p["MPC_Z_P"][rows] * (self.state.target_m[rows, 2] - sensors.position_m[rows, 2])
@@ -230,7 +229,6 @@ class Guidance:
         return desired_m_s
 
     def _slew(self, rows: Rows, desired_m_s: Array, dt_s: float) -> Array:
-        """The automatic modes accelerate gently."""
         bound_m_s = self.parameters.axes("MPC_ACC_HOR", "MPC_ACC_UP_MAX")[rows] * dt_s
         last_m_s = self.state.last_m_s[rows]
         return last_m_s + _clipped(desired_m_s - last_m_s, -bound_m_s, bound_m_s)
@@ -256,6 +254,5 @@ def _clipped(values: Array, low: Array, high: Array) -> Array:
 
 
 def _wrapped(angle_rad: Array) -> Array:
-    """Into -pi to pi."""
     wrapped: Array = np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi
     return wrapped

@@ -240,7 +240,6 @@ class Columns:
 
 
 def kind(name: str) -> int:
-    """INT32 or REAL32."""
     return INT32 if isinstance(defaults()[name], int) else REAL32
 
 
@@ -249,7 +248,6 @@ def index(name: str) -> int:
 
 
 def name_at(place: int) -> str | None:
-    """The parameter at that place in the list, or None."""
     names = tuple(defaults())
     return names[place] if 0 <= place < len(names) else None
 

@@ -64,7 +64,6 @@ class State:
         self.fix_at_s = np.full(count, np.inf)
 
     def _land(self, count: int) -> None:
-        """Create the commander's columns."""
         self.mode: Numbers = np.full(count, Mode.HOLD.number)  # the one flown
         self.intended: Numbers = np.full(count, Mode.HOLD.number)  # the one requested
         self.after_disarming: Numbers = np.full(count, Mode.HOLD.number)
@@ -88,7 +87,6 @@ class State:
         self.remaining = np.ones(count)  # of the battery
 
     def _stand(self, count: int, yaw_rad: float) -> None:
-        """Create guidance's columns, and home."""
         self.guided_mode: Numbers = np.full(count, NO_MODE)  # mode of the kept target
         self.target_m = np.zeros((count, 3))  # local NED
         self.last_m_s = np.zeros((count, 3))  # velocity that the mode last requested
