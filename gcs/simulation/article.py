@@ -93,18 +93,15 @@ class Course:
 
     @staticmethod
     def of(flight: ArticleFlight, count: int) -> "Course":
-        """Make the course of a scenario."""
         boxes = tuple(
-            Obstacle(f"box {k + 1}", b.x_m, b.y_m, b.half_length_x_m, b.half_length_y_m, b.height_m)
-            for k, b in enumerate(flight.boxes)
+            Obstacle(f"box {number}", **box.model_dump()) for number, box in enumerate(flight.boxes, 1)
         )
         avoidance = flight.avoidance
         ellipses = {
             box.id: Ellipse.around(box, margin_m=avoidance.margin_m, headroom_m=avoidance.headroom_m)
             for box in boxes
         }
-        path = flight.target
-        target = Target(path.x_m, path.y_m, path.velocity_x_m_s, path.velocity_y_m_s)
+        target = Target(**flight.target.model_dump())
         return Course(flight, target, boxes, ellipses, np.full(count, flight.charge))
 
     def near(self, center_m: Array) -> bool:
@@ -112,7 +109,6 @@ class Course:
         return any(ellipse.distance_m(center_m[None])[0] < AWARE_M for ellipse in self.ellipses.values())
 
     def target_m(self, time_s: float) -> Array:
-        """(2,) position of the target."""
         return np.array(self.target.position_m(time_s))
 
     def center_velocity_m_s(self, center_m: Array, time_s: float) -> Array:
@@ -131,7 +127,6 @@ class Course:
 
 
 def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: float) -> None:
-    """Advance centre and vehicles by `dt_s`."""
     flight, before = course.flight, formation.center
     ellipses = course.ellipses if course.near(before.position_m) else {}
     ahead_m = before.position_m + dt_s * before.velocity_m_s  # the field counts where the step ends

@@ -38,7 +38,6 @@ def run_once(run: Run) -> dict[str, object]:
 
 
 def judged_runs(path: Path, scenario: Scenario) -> list[Run]:
-    """Return the runs by which a scenario is judged."""
     judged = scenario.judged
     return [
         Run(path, vehicles, judged.first_seed + offset)
@@ -66,7 +65,6 @@ def passed(reports: Sequence[dict[str, object]]) -> bool:
 
 
 def figure(figures: dict[str, object], name: str) -> object:
-    """Return a figure by its dotted name, including derived figures."""
     group, _, key = name.partition(".")
     section = figures[group]
     if not isinstance(section, dict):
@@ -81,7 +79,6 @@ def figure(figures: dict[str, object], name: str) -> object:
 
 
 def broken(figures: dict[str, object], gates: Mapping[str, Gate]) -> list[str]:
-    """Describe the gates that this run's figures miss."""
     return [
         f"{name} {figure(figures, name)}: {_desired(gate)}"
         for name, gate in gates.items()
@@ -140,7 +137,6 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
 
 
 def summary(reports: Sequence[Figures]) -> str:
-    """Format the table for a terminal, followed by the missed limits."""
     cells = rows(reports)
     widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
@@ -156,7 +152,6 @@ def summary(reports: Sequence[Figures]) -> str:
 
 
 def markdown(reports: Sequence[Figures]) -> str:
-    """Format the same table as Markdown."""
     header, *body = rows(reports)
     ruler = ["---", *("---:" for _ in header[1:])]
     return "\n".join(f"| {' | '.join(row)} |" for row in (header, ruler, *body))

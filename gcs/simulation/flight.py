@@ -14,7 +14,7 @@ from gcs.failsafe.policy import Action
 from gcs.flight.commander import STOPS_WITHIN_S
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
-from gcs.model.plan import Formation, Orbit, Plan
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.landing_sites import distinct_sites_m
@@ -75,7 +75,6 @@ class SimulatedFlight:
 
     @property
     def floor(self) -> Floor:
-        """The minimum-separation ellipsoid."""
         return self.settings.safety.floor
 
     @property
@@ -84,7 +83,6 @@ class SimulatedFlight:
         return self.world.time_s
 
     def fly(self) -> Record:
-        """Fly from engagement to the end."""
         warm_up()
         self._closest_m([self.world.position_m])  # compiles or loads its kernel
         began_s = time.process_time()
@@ -101,7 +99,6 @@ class SimulatedFlight:
         """Do what follows when vehicles are taken for lost."""
 
     def finished(self) -> bool:
-        """Whether the flight is over."""
         return False
 
     def sight(self) -> Sight | None:
@@ -281,7 +278,6 @@ class SimulatedFlight:
         return plan_return_paths(planner)
 
     def vanish(self, rows: Mask) -> None:
-        """Remove vehicles without warning."""
         self.present = self.present & ~rows
         self.task[rows] = Task.NONE
         self.world.remove(rows)
@@ -297,8 +293,10 @@ class FormationRun(SimulatedFlight):
         flight, radius_m = layout.accepted(scenario, flight, total)
         start_m = layout.formation_start_m(flight, radius_m, total, self._random)
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
-        orbit = Orbit(flight.orbit.radius_m, flight.orbit.speed_m_s, flight.orbit.direction)
-        self._boxes = layout.boxes_of(flight)
+        orbit = Orbit(**flight.orbit.model_dump())
+        self._boxes = [  # and when each becomes known
+            (Obstacle(f"box {number}", **box.model_dump()), 0.0) for number, box in enumerate(flight.boxes, 1)
+        ]
         self._target_m = np.array([flight.target.x_m, flight.target.y_m])
         if flight.random_obstacles is not None:
             avoidance = scenario.control.law.avoidance
@@ -334,7 +332,6 @@ class FormationRun(SimulatedFlight):
         self._target_stands = not (flight.target.turns or self._target_m_s.any())
 
     def before_tick(self) -> None:
-        """Move the target, and execute the scenario's events."""
         flight, now_s = self.flight, self.time_s
         self.center_moves = now_s >= flight.center_moves_from_s and not self._ended
         self._move_target()
@@ -351,7 +348,6 @@ class FormationRun(SimulatedFlight):
             self._end()
 
     def return_now(self) -> None:
-        """Return from the next tick on."""
         self._returns = not self._ended
 
     def sight(self) -> Sight | None:
@@ -372,7 +368,8 @@ class FormationRun(SimulatedFlight):
                     acceleration_m_s2 += (turn.acceleration_x_m_s2, turn.acceleration_y_m_s2)
             self._target_m = self._target_m + dt_s * (self._target_m_s + dt_s * acceleration_m_s2 / 2)
             self._target_m_s = self._target_m_s + dt_s * acceleration_m_s2
-        target = layout.target_at(now_s, self._target_m, self._target_m_s)
+        (x_m, y_m), (x_m_s, y_m_s) = self._target_m.tolist(), self._target_m_s.tolist()
+        target = Target(x_m, y_m, x_m_s, y_m_s, now_s)
         self.plan = replace(self.plan, target=target)
 
     def _carry(self, carried: Carried) -> None:
@@ -470,13 +467,11 @@ class GoalRun(SimulatedFlight):
         self._since_s = np.inf
 
     def lost_now(self) -> None:
-        """Expect only the vehicles with clear goals."""
         kept_m = self.floor.widest_m(self.traits.uncertainty_m) + self.flight.arrived_m
         clear = self.losses.apart_m(self.record.goal_m, self.floor) > kept_m
         self.record.expected = ~self.losses.known & clear
 
     def finished(self) -> bool:
-        """Whether `LINGER_S` have passed since the last arrival."""
         expected = self.record.expected
         away_m = np.linalg.norm(self.world.position_m - self.record.goal_m, axis=1)[expected].max(initial=0.0)
         self._since_s = min(self._since_s, self.time_s) if away_m < self.flight.arrived_m else np.inf

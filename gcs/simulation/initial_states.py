@@ -8,7 +8,7 @@ import numpy as np
 from gcs.estimation.fleet_state import Positioning, uncertainty_m
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.errors import ConfigError
-from gcs.model.plan import Obstacle, Target
+from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
 from gcs.sim.vehicle.sensors import accuracy_m, fix_type
@@ -35,14 +35,6 @@ def grid_m(count: int, spacing_m: float, height_m: float) -> Array:
     place_m[:, :2] -= place_m[:, :2].mean(axis=0)
     place_m[:, 2] = -height_m
     return place_m
-
-
-def square_m(count: int, spacing_m: float, height_m: float) -> Array:
-    """(count, 3) positions on a square grid. Raises: ConfigError when `count` is not a square number."""
-    side = round(sqrt(count))
-    if side * side != count:
-        raise ConfigError(f"a square start needs a square number of vehicles, not {count}")
-    return grid_m(count, spacing_m, height_m)
 
 
 def scattered_m(
@@ -76,10 +68,10 @@ def formation_start_m(
     flight: FormationFlight, radius_m: float, count: int, random: np.random.Generator
 ) -> Array:
     """(count, 3) hover positions, show frame, of a formation with that radius."""
-    if flight.start == "grid":
+    if flight.start == "square" and round(sqrt(count)) ** 2 != count:
+        raise ConfigError(f"a square start needs a square number of vehicles, not {count}")
+    if flight.start in {"grid", "square"}:
         return grid_m(count, flight.spacing_m, flight.takeoff_height_m)
-    if flight.start == "square":
-        return square_m(count, flight.spacing_m, flight.takeoff_height_m)
     if flight.start == "sphere":
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
@@ -153,7 +145,6 @@ class ObstacleWorld:
 def draw_world(
     random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
 ) -> ObstacleWorld:
-    """Draw a world for a scenario and a sphere of that radius."""
     if settings.kind == "one":
         return _one_in_the_way(random, settings, avoidance, sphere_m)
     if settings.kind == "on-orbit":
@@ -382,7 +373,6 @@ def _leaves_passage(box: Obstacle, other: Obstacle, passage_m: float) -> bool:
 
 
 def reported_accuracy_m(scenario: Scenario) -> tuple[float, float]:
-    """What the receivers of this world report, sideways and up."""
     world = scenario.world
     horizontal_m, vertical_m = world.reported_share * np.hypot(
         np.multiply(world.noise, accuracy_m(1.0)), world.bias_m
@@ -427,30 +417,3 @@ def accepted(scenario: Scenario, flight: FormationFlight, count: int) -> tuple[F
         text = radius_allowed(count, safety, uncertainty)
         raise ConfigError(f"{scenario.name}: flight.radius_m = {radius_m:g}: {text}")
     return flight, radius_m
-
-
-def boxes_of(flight: FormationFlight) -> list[tuple[Obstacle, float]]:
-    """Return the boxes of the file, known from the beginning."""
-    return [
-        (
-            Obstacle(
-                f"box {index + 1}",
-                box.x_m,
-                box.y_m,
-                box.half_length_x_m,
-                box.half_length_y_m,
-                box.height_m,
-                box.velocity_x_m_s,
-                box.velocity_y_m_s,
-            ),
-            0.0,
-        )
-        for index, box in enumerate(flight.boxes)
-    ]
-
-
-def target_at(time_s: float, place_m: Array, velocity_m_s: Array) -> Target:
-    """Make the target as an operator would set it, with (2,) position and (2,) velocity."""
-    return Target(
-        float(place_m[0]), float(place_m[1]), float(velocity_m_s[0]), float(velocity_m_s[1]), time_s
-    )

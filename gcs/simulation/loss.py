@@ -114,7 +114,6 @@ class ServiceFailsafes:
 
     @property
     def paused(self) -> bool:
-        """Whether a failsafe holds the whole show."""
         return self.show == SEVERITY[Action.PAUSE]
 
     def advance(

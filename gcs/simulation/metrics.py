@@ -73,7 +73,6 @@ def shape_over_time(record: Record) -> Shape:
 
 
 def least_nearest(judged: Judged, count: int) -> float:
-    """The required nearest ratio for this number of vehicles."""
     return judged.nearest_few if count <= judged.few else judged.nearest_many
 
 
@@ -193,53 +192,45 @@ def separation(record: Record) -> dict[str, object]:
     }
 
 
+FORMATION = (
+    *("settled", "settle_time_s", "straight_line_time_s", "radius_error_m", "radius_share"),
+    *("energy_ratio", "nearest_ratio", "shape_error_m", "rest_m_s", "spread_again_s"),
+)
+OBSTACLES = (
+    *("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side", "through"),
+    *("away_m", "path_ratio", "rest_m_s", "noticed_s"),
+)
+"""The figures of a section; all are None where they do not apply."""
+
+
 def formation(record: Record, shape: Shape) -> dict[str, object]:
-    """Settling time, and the steady shape."""
     flight = record.scenario.flight
     ticks = steady_ticks(record)
     if isinstance(flight, GoalFlight) or len(ticks) == 0:
-        return dict.fromkeys(
-            (
-                "settled",
-                "settle_time_s",
-                "straight_line_time_s",
-                "radius_error_m",
-                "radius_share",
-                "energy_ratio",
-                "nearest_ratio",
-                "shape_error_m",
-                "rest_m_s",
-                "spread_again_s",
-            )
-        )
+        return dict.fromkeys(FORMATION)
     stays = isinstance(flight, ArticleFlight) or flight.ending == "none"
     settle_s = settle_time_s(record, shape) if stays else _settled_once_s(record, shape)
     rows = record.formed[ticks[-1]]
     change = int(np.searchsorted(record.time_s, record.changed_s - 1e-9)) if stays else 0
-    limits = record.scenario.control.safety.limits
     straight_s = straight_line_time_s(
         record.position_m[change][rows] - _centered(record, change),
         record.position_m[ticks[-1]][rows] - _centered(record, int(ticks[-1])),
         record.scenario.control.law.speed_m_s,
-        limits,
+        record.scenario.control.safety.limits,
     )
-    steady_radius_m = np.mean(
-        [
-            np.abs(
-                np.linalg.norm(record.position_m[t][record.formed[t]] - record.center_m[t], axis=1)
-                - record.radius_m[t]
-            )
-            for t in ticks
-            if record.formed[t].sum() == rows.sum()
-        ],
-        axis=0,
-    )
+    whole = [t for t in ticks if record.formed[t].sum() == rows.sum()]
+    offset_m = [record.position_m[t][record.formed[t]] - record.center_m[t] for t in whole]
+    off_m = [
+        np.abs(np.linalg.norm(each_m, axis=1) - record.radius_m[t])
+        for t, each_m in zip(whole, offset_m, strict=True)
+    ]
+    radius_error_m = float(np.mean(off_m, axis=0).max())
     return {
         "settled": settle_s is not None,
         "settle_time_s": rounded(settle_s),
         "straight_line_time_s": None if isinstance(flight, ArticleFlight) else rounded(straight_s),
-        "radius_error_m": rounded(float(steady_radius_m.max())),
-        "radius_share": rounded(float(steady_radius_m.max()) / record.radius_m[ticks[-1]], 5),
+        "radius_error_m": rounded(radius_error_m),
+        "radius_share": rounded(radius_error_m / record.radius_m[ticks[-1]], 5),
         "energy_ratio": rounded(float(shape.energy_ratio[ticks].mean()), 6),
         "nearest_ratio": rounded(float(shape.nearest_ratio[ticks].mean()), 4),
         "shape_error_m": rounded(shape_error_m(record, ticks)),
@@ -372,18 +363,7 @@ def _in_slots(record: Record) -> dict[str, object]:
 def obstacles(record: Record, shape: Shape) -> dict[str, object]:
     """Penetrations of boxes, least distance, time until the shape was whole again, and sides of passing."""
     if not any(record.boxes):
-        keys = (
-            "penetrations",
-            "minimum_clearance_m",
-            "reformed_time_s",
-            "same_side",
-            "through",
-            "away_m",
-            "path_ratio",
-            "rest_m_s",
-            "noticed_s",
-        )
-        return dict.fromkeys(keys)
+        return dict.fromkeys(OBSTACLES)
     penetrations, clearance_m = penetrations_and_clearance_m(record)
     return {
         "penetrations": penetrations,
@@ -419,7 +399,6 @@ def _path_ratio(record: Record) -> float | None:
 
 
 def _rest_m_s(record: Record) -> float:
-    """Greatest speed of the commanded centre in the last seconds."""
     ticks = round(STEADY_S * record.scenario.world.tick_rate_hz)
     steps_m = np.diff(np.array(record.center_m[-ticks:]), axis=0)
     return float(np.linalg.norm(steps_m, axis=1).max()) * record.scenario.world.tick_rate_hz
@@ -432,7 +411,6 @@ def _noticed_s(record: Record) -> float | None:
 
 
 def _single_box(record: Record) -> bool:
-    """Whether there is one standing box on a straight path."""
     boxes = record.boxes[-1]
     return len(boxes) == 1 and not boxes[0].speed_m_s and record.orbit_radius_m == 0.0
 

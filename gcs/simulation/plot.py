@@ -1,5 +1,6 @@
 """A flight as a figure: paths, distances, radius, shape; section 5 of the article; a show with its lights."""
 
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.patches import Ellipse as Outline
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
@@ -26,7 +27,7 @@ from gcs.simulation.rehearsal_verdict import Verdict, judge
 from gcs.simulation.scenario import ArticleFlight
 
 SHOWN_PATHS = 60
-COLOURS = "viridis"
+ALL = slice(None)
 
 SNAPSHOTS = 5
 """Times at which moving boxes, or the article's formation, are drawn from above."""
@@ -57,43 +58,54 @@ def _draw_flight(page: Figure, record: Record) -> None:
     split = 1 if boxed else 2
     _paths(page.add_subplot(grid[:split, 0], projection="3d"), record)
     _from_above(page.add_subplot(grid[split:, 0]), record)
-    _separation(page.add_subplot(grid[0, 1]), record)
+    _separation(page.add_subplot(grid[0, 1]), record, record.time_s)
     radius, shape = page.add_subplot(grid[1, 1]), page.add_subplot(grid[2, 1])
     if any(rows.any() for rows in record.formed):
         _radius(radius, record)
         _shape(shape, record)
     else:
-        _way_left(radius, record)
+        left_m = np.linalg.norm(record.path_m - record.goal_m, axis=2)
+        _band(radius, record.time_s, left_m, "Way left to the goal")
         _limited(shape, record)
 
 
-def _shown(record: Record) -> tuple[np.ndarray, list[tuple[int, tuple[float, float, float, float]]]]:
-    path_m = record.path_m
-    rows = np.unique(np.linspace(0, record.count - 1, min(record.count, SHOWN_PATHS)).astype(int))
-    colours = mpl.colormaps[COLOURS](np.linspace(0.0, 0.95, len(rows)))
-    return path_m, [(int(row), tuple(colour)) for row, colour in zip(rows, colours, strict=True)]
+def _rows(record: Record, most: int = SHOWN_PATHS) -> NDArray[np.intp]:
+    """At most so many vehicles, evenly spread."""
+    return np.unique(np.linspace(0, record.count - 1, min(record.count, most)).astype(int))
 
 
-def _paths(axes: Axes3D, record: Record) -> None:
-    path_m, rows = _shown(record)
-    for row, colour in rows:
-        x, y, z = path_m[:, row].T
-        axes.plot(x, y, -z, color=colour, linewidth=0.6, alpha=0.8)
-        axes.scatter(x[-1], y[-1], -z[-1], color=colour, s=12)
+def _colours(count: int, name: str = "viridis") -> list[str]:
+    return [mpl.colors.to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0.0, 0.9, count))]
+
+
+def _paths(axes: Axes3D, record: Record, from_m: Array | float = 0.0) -> None:
+    """Draw the true paths; relative to `from_m` (ticks, 1, 3), if given."""
+    rows = _rows(record)
+    shown_m = (record.path_m - from_m) * (1.0, 1.0, -1.0)
+    for row, colour in zip(rows, _colours(len(rows)), strict=True):
+        axes.plot(*shown_m[:, row].T, color=colour, linewidth=0.6, alpha=0.8)
+        axes.scatter(*shown_m[-1, row], color=colour, s=16)
     axes.set(xlabel="x, m", ylabel="y, m", zlabel="height, m", title="Paths (true positions)")
     axes.set_aspect("equal")
 
 
-def _from_above(axes: Axes, record: Record) -> None:
-    path_m, rows = _shown(record)
-    for row, colour in rows:
-        axes.plot(path_m[:, row, 1], path_m[:, row, 0], color=colour, linewidth=0.6, alpha=0.8)
-    center_m, target_m = np.array(record.center_m), np.array(record.target_m)
-    if np.isfinite(center_m).any():
-        axes.plot(target_m[:, 1], target_m[:, 0], "k*", markersize=7, label="target", zorder=4)
-        axes.plot(center_m[:, 1], center_m[:, 0], "r-", linewidth=1.2, label="centre")
+def _lines_from_above(axes: Axes, record: Record, ticks: slice = ALL, **look: Any) -> None:
+    """Draw the paths in these ticks, x ahead, and the target."""
+    rows, path_m = _rows(record), record.path_m[ticks]
+    for row, colour in zip(rows, _colours(len(rows)), strict=True):
+        axes.plot(path_m[:, row, 1], path_m[:, row, 0], color=colour, **look)
+    target_m = np.array(record.target_m)[ticks]
+    if np.isfinite(record.center_m).any():
+        axes.plot(target_m[:, 1], target_m[:, 0], "k--", linewidth=0.8)
+        axes.plot(target_m[-1, 1], target_m[-1, 0], "k*", markersize=9, label="target", zorder=4)
         axes.legend(loc="best", fontsize=7)
     axes.set(xlabel="y, m", ylabel="x, m", title="From above", aspect="equal")
+
+
+def _from_above(axes: Axes, record: Record) -> None:
+    path_m, center_m = record.path_m, np.array(record.center_m)
+    axes.plot(center_m[:, 1], center_m[:, 0], "r-", linewidth=1.2, label="centre")
+    _lines_from_above(axes, record, linewidth=0.6, alpha=0.8)
     _boxes_over_time(axes, record, path_m)
 
 
@@ -129,27 +141,45 @@ def _rectangle(box: Obstacle, **look: Any) -> Rectangle:
     return Rectangle(corner, 2 * box.half_length_y_m, 2 * box.half_length_x_m, **look)
 
 
-def _separation(axes: Axes, record: Record) -> None:
+def _over_time(
+    axes: Axes,
+    time_s: ArrayLike,
+    lines: Sequence[tuple[str, ArrayLike, str]],
+    title: str,
+    *,
+    limit: tuple[str, float] | None = None,
+) -> None:
+    """Draw lines of a length in m, each with label and colour, and a limit with its label."""
+    for label, values, colour in lines:
+        axes.plot(time_s, values, color=colour, linewidth=1.0, label=label)
+    if limit is not None:
+        axes.axhline(limit[1], color="C3", linewidth=1.0, linestyle="--", label=limit[0])
+        axes.set_ylim(0.0, None)
+    axes.set(ylabel="m", title=title)
+    axes.legend(loc="best", fontsize=7, ncols=1 + len(lines) // 4)
+
+
+def _band(axes: Axes, time_s: ArrayLike, values_m: Array, title: str) -> None:
+    """Draw the median and the extremes of (ticks, n) values, NaN where there is none."""
+    known = np.isfinite(values_m).any(axis=1)
+    low, middle, high = np.full((3, len(values_m)), np.nan)
+    low[known], high[known] = np.nanmin(values_m[known], axis=1), np.nanmax(values_m[known], axis=1)
+    middle[known] = np.nanmedian(values_m[known], axis=1)
+    axes.fill_between(time_s, low, high, color="C0", alpha=0.25, label="all drones")
+    _over_time(axes, time_s, [("median", middle, "C0")], title)
+
+
+def _separation(axes: Axes, record: Record, time_s: ArrayLike) -> None:
     closest_m = np.where(np.array(record.closest_m) < 1e6, record.closest_m, np.nan)
-    axes.plot(record.time_s, closest_m, color="C0", linewidth=1.0, label="closest pair")
-    axes.axhline(record.floor_m, color="C3", linewidth=1.0, linestyle="--", label="floor")
-    top_m = float(np.nanmax(closest_m)) if np.isfinite(closest_m).any() else 1.0
-    axes.set(ylabel="m, floor's metric", title="Separation", ylim=(0.0, 1.1 * max(top_m, record.floor_m)))
-    axes.legend(loc="best", fontsize=7)
+    limit = "floor", record.floor_m
+    _over_time(axes, time_s, [("closest pair", closest_m, "C0")], "Separation (floor's metric)", limit=limit)
 
 
 def _radius(axes: Axes, record: Record) -> None:
-    bands = np.full((len(record.time_s), 3), np.nan)
-    for t, position_m in enumerate(record.position_m):
-        rows = record.formed[t]
-        if rows.any() and np.isfinite(record.center_m[t]).all():
-            distance_m = np.linalg.norm(position_m[rows] - record.center_m[t], axis=1)
-            bands[t] = distance_m.min(), float(np.median(distance_m)), distance_m.max()
-    axes.fill_between(record.time_s, bands[:, 0], bands[:, 2], color="C0", alpha=0.25, label="all drones")
-    axes.plot(record.time_s, bands[:, 1], color="C0", linewidth=1.0, label="median")
+    distance_m = np.linalg.norm(record.path_m - np.array(record.center_m)[:, None], axis=2)
+    distance_m = np.where(np.array(record.formed), distance_m, np.nan)
     axes.plot(record.time_s, record.radius_m, "k--", linewidth=0.8, label="commanded")
-    axes.set(ylabel="m", title="Distance from the commanded centre")
-    axes.legend(loc="best", fontsize=7)
+    _band(axes, record.time_s, distance_m, "Distance from the commanded centre")
 
 
 def _shape(axes: Axes, record: Record) -> None:
@@ -165,15 +195,6 @@ def _shape(axes: Axes, record: Record) -> None:
     axes.set(xlabel="time, s", ylabel="energy ratio - 1", title="Shape against the best known")
 
 
-def _way_left(axes: Axes, record: Record) -> None:
-    left_m = np.linalg.norm(record.path_m - record.goal_m, axis=2)
-    quantiles = np.percentile(left_m, [0, 50, 100], axis=1)
-    axes.fill_between(record.time_s, quantiles[0], quantiles[2], color="C0", alpha=0.25, label="all drones")
-    axes.plot(record.time_s, quantiles[1], color="C0", linewidth=1.0, label="median")
-    axes.set(ylabel="m", title="Way left to the goal")
-    axes.legend(loc="best", fontsize=7)
-
-
 def _limited(axes: Axes, record: Record) -> None:
     axes.plot(record.time_s, record.limited, color="C1", linewidth=1.0)
     axes.set(xlabel="time, s", ylabel="vehicles", title="Held back by the filter")
@@ -184,38 +205,49 @@ SHOWN_S = 12.0
 
 
 def draw_article(page: Figure, record: Record, flight: ArticleFlight) -> None:
-    """Draw all plots of one flight on the page."""
     grid = page.add_gridspec(3, 2, width_ratios=(1.1, 1.0), height_ratios=(1.1, 1.0, 1.0))
     _assembly(page.add_subplot(grid[0, 0], projection="3d"), record)
     _article_from_above(page.add_subplot(grid[1:, 0]), record, flight)
-    edges, radii, orbit = (page.add_subplot(grid[row, 1]) for row in range(3))
-    _edges(edges, record, flight)
-    _radii(radii, record, flight)
-    _orbit(orbit, record, flight)
-    for axes in (edges, radii, orbit):
-        axes.set_xlim(0.0, record.time_s[-1])
+    path_m, time_s, pairs = record.path_m, record.time_s, list(combinations(range(record.count), 2))
+    edges = [
+        (f"{i + 1}-{j + 1}", np.linalg.norm(path_m[:, i] - path_m[:, j], axis=1), colour)
+        for (i, j), colour in zip(pairs, _colours(len(pairs), "plasma"), strict=True)
+    ]
+    away_m = np.linalg.norm(path_m - np.array(record.center_m)[:, None], axis=2)
+    radii = [
+        (f"drone {row + 1}", away_m[:, row], colour) for row, colour in enumerate(_colours(record.count))
+    ]
+    rho_m = np.linalg.norm(path_m[:, :, :2].mean(axis=1) - np.array(record.target_m), axis=1)
+    radius_m = flight.parameters.radius_m
+    for row, (lines, title, limit) in enumerate(
+        (
+            (edges, "Distances between the drones", ("1.633 r_d", TETRAHEDRON_EDGE * radius_m)),
+            (radii, "Distance from the formation's centre", ("r_d", radius_m)),
+            (
+                [("drones' centroid", rho_m, "C0")],
+                "Distance from the target, over the ground",
+                ("r_orbit", flight.orbit.radius_m),
+            ),
+        )
+    ):
+        axes = page.add_subplot(grid[row, 1])
+        _over_time(axes, time_s, lines, title, limit=limit)
+        axes.set_xlim(0.0, time_s[-1])
         axes.grid(alpha=0.25)
-
-
-def _colours(record: Record) -> list[tuple[float, float, float, float]]:
-    return [tuple(colour) for colour in mpl.colormaps["viridis"](np.linspace(0.0, 0.9, record.count))]
+    axes.set_xlabel("time, s")
 
 
 def _assembly(axes: Axes3D, record: Record) -> None:
     """Plot paths relative to the centre, and the final polyhedron."""
-    offset_m = (record.path_m - np.array(record.center_m)[:, None]) * (1.0, 1.0, -1.0)
-    for row, colour in enumerate(_colours(record)):
-        axes.plot(*offset_m[:, row].T, color=colour, linewidth=0.5, alpha=0.7)
-        axes.scatter(*offset_m[0, row], color=colour, s=14, marker="x")
-        axes.scatter(*offset_m[-1, row], color=colour, s=24)
-    last_m = offset_m[-1]
+    center_m = np.array(record.center_m)[:, None]
+    _paths(axes, record, center_m)
+    last_m = (record.path_m[-1] - center_m[-1]) * (1.0, 1.0, -1.0)
     edges = [(last_m[i], last_m[j]) for i, j in combinations(range(record.count), 2)]
     axes.add_collection3d(Line3DCollection(edges, colors="0.25", linewidths=1.0))
-    axes.set(xlabel="x, m", ylabel="y, m", zlabel="up, m", title="Relative to the centre: x start, o end")
-    axes.set_aspect("equal")
+    axes.set(zlabel="up, m", title="Relative to the centre; o: end")
 
 
-def _shown_ticks(record: Record, flight: ArticleFlight) -> NDArray[np.intp]:
+def _shown_ticks(record: Record, flight: ArticleFlight) -> slice:
     """The last `SHOWN_S`; with an obstacle the ticks around the time of the nearest approach to it."""
     rate_hz = record.scenario.world.tick_rate_hz
     half, last = round(SHOWN_S * rate_hz / 2), len(record.time_s)
@@ -224,70 +256,24 @@ def _shown_ticks(record: Record, flight: ArticleFlight) -> NDArray[np.intp]:
         box = flight.boxes[0]
         away_m = np.linalg.norm(record.path_m[:, :, :2] - (box.x_m, box.y_m), axis=2).min(axis=1)
         middle = int(np.argmin(away_m))
-    return np.arange(max(0, middle - half), min(last, middle + half))
+    return slice(max(0, middle - half), min(last, middle + half))
 
 
 def _article_from_above(axes: Axes, record: Record, flight: ArticleFlight) -> None:
     ticks = _shown_ticks(record, flight)
-    path_m = record.path_m[ticks]
-    for row, colour in enumerate(_colours(record)):
-        axes.plot(path_m[:, row, 1], path_m[:, row, 0], color=colour, linewidth=1.0)
-    for tick in np.linspace(0, len(ticks) - 1, SNAPSHOTS).astype(int):
-        place_m = path_m[tick]
-        for i, j in combinations(range(record.count), 2):
-            axes.plot(place_m[[i, j], 1], place_m[[i, j], 0], color="0.4", linewidth=0.6)
-        axes.scatter(place_m[:, 1], place_m[:, 0], color=_colours(record), s=10, zorder=3)
     for box in record.boxes[-1]:
-        _box(axes, box)
-    target_m = np.array(record.target_m)[ticks]
-    axes.plot(target_m[:, 1], target_m[:, 0], "k--", linewidth=0.8)
-    axes.plot(target_m[-1, 1], target_m[-1, 0], "k*", markersize=9, label="target")
-    axes.legend(loc="best", fontsize=7)
-    first_s, last_s = record.time_s[ticks[0]], record.time_s[ticks[-1]]
-    axes.set(
-        xlabel="y, m", ylabel="x, m", title=f"From above, {first_s:.0f} to {last_s:.0f} s", aspect="equal"
-    )
+        axes.add_patch(_rectangle(box, color="0.6"))
+        ellipse = Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
+        size = 2 * ellipse.semi_y_m, 2 * ellipse.semi_x_m
+        axes.add_patch(Outline((ellipse.y_m, ellipse.x_m), *size, fill=False, color="C3", label="ellipse"))
+    _lines_from_above(axes, record, ticks, linewidth=1.0)
+    path_m, shown_s = record.path_m[ticks], record.time_s[ticks]
+    for tick in np.linspace(0, len(path_m) - 1, SNAPSHOTS).astype(int):
+        for i, j in combinations(range(record.count), 2):
+            axes.plot(path_m[tick, [i, j], 1], path_m[tick, [i, j], 0], color="0.4", linewidth=0.6)
+        axes.scatter(path_m[tick, :, 1], path_m[tick, :, 0], color=_colours(record.count), s=10, zorder=3)
+    axes.set_title(f"From above, {shown_s[0]:.0f} to {shown_s[-1]:.0f} s")
     axes.grid(alpha=0.25)
-
-
-def _box(axes: Axes, box: Obstacle) -> None:
-    axes.add_patch(_rectangle(box, color="0.6"))
-    ellipse = Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
-    size = 2 * ellipse.semi_y_m, 2 * ellipse.semi_x_m
-    axes.add_patch(Outline((ellipse.y_m, ellipse.x_m), *size, fill=False, color="C3", label="ellipse"))
-
-
-def _edges(axes: Axes, record: Record, flight: ArticleFlight) -> None:
-    path_m = record.path_m
-    pairs = list(combinations(range(record.count), 2))
-    for (i, j), colour in zip(
-        pairs, mpl.colormaps["plasma"](np.linspace(0.0, 0.85, len(pairs))), strict=True
-    ):
-        away_m = np.linalg.norm(path_m[:, i] - path_m[:, j], axis=1)
-        axes.plot(record.time_s, away_m, color=colour, linewidth=0.8, label=f"{i + 1}-{j + 1}")
-    edge_m = TETRAHEDRON_EDGE * flight.parameters.radius_m
-    axes.axhline(edge_m, color="k", linestyle="--", linewidth=0.8, label="1.633 r_d")
-    axes.set(ylabel="m", title="Distances between the drones", ylim=(0.0, None))
-    axes.legend(loc="lower right", fontsize=6, ncols=4)
-
-
-def _radii(axes: Axes, record: Record, flight: ArticleFlight) -> None:
-    radius_m = np.linalg.norm(record.path_m - np.array(record.center_m)[:, None], axis=2)
-    for row, colour in enumerate(_colours(record)):
-        axes.plot(record.time_s, radius_m[:, row], color=colour, linewidth=0.8, label=f"drone {row + 1}")
-    axes.axhline(flight.parameters.radius_m, color="k", linestyle="--", linewidth=0.8, label="r_d")
-    axes.set(ylabel="m", title="Distance from the formation's centre", ylim=(0.0, None))
-    axes.legend(loc="lower right", fontsize=6, ncols=3)
-
-
-def _orbit(axes: Axes, record: Record, flight: ArticleFlight) -> None:
-    from_target_m = record.path_m[:, :, :2].mean(axis=1) - np.array(record.target_m)
-    axes.plot(record.time_s, np.hypot(*from_target_m.T), color="C0", linewidth=0.9, label="drones' centroid")
-    axes.axhline(flight.orbit.radius_m, color="k", linestyle="--", linewidth=0.8, label="r_orbit")
-    axes.set(
-        xlabel="time, s", ylabel="m", title="Distance from the target, over the ground", ylim=(0.0, None)
-    )
-    axes.legend(loc="lower right", fontsize=7)
 
 
 NIGHT = "#0b0e16"
@@ -309,7 +295,8 @@ def draw_show(flight: Rehearsal, record: Record, file: Path) -> Verdict:
     _ground(page.add_subplot(grid[:2, 1]), flight, record)
     below = [page.add_subplot(grid[row, 1]) for row in (2, 3)]
     _sizes(below[0], flight, record)
-    _show_separation(below[1], flight, record, verdict)
+    _separation(below[1], record, _show_s(flight, record))
+    below[1].set_xlabel("time of the show, s")
     _lights(page.add_subplot(grid[3, 0]), flight)
     for axes in below:
         _cues(axes, flight, named=False)
@@ -331,7 +318,7 @@ def _strokes(flight: Rehearsal, record: Record) -> tuple[Array, Array]:
     """Path segments (k, 2, 3) during the timeline, show frame, and their colours (k, 3) from 0 to 1."""
     show_s = _show_s(flight, record)
     ticks = np.flatnonzero((show_s >= 0.0) & (show_s <= flight.timeline.duration_s))[::STRIDE]
-    rows = np.unique(np.linspace(0, record.count - 1, min(record.count, DRAWN_PATHS)).astype(int))
+    rows = _rows(record, DRAWN_PATHS)
     path_m = record.path_m[ticks][:, rows]
     colour = np.array([flight.timeline.colours_at(float(show_s[tick]))[rows] for tick in ticks[:-1]]) / 255.0
     pieces_m = np.stack([path_m[:-1], path_m[1:]], axis=2)
@@ -385,8 +372,7 @@ def _ground(axes: Axes, flight: Rehearsal, record: Record) -> None:
     axes.plot(show.pads_m[:, 1], show.pads_m[:, 0], ".", color=GREY, markersize=3, label="pads")
     for _, boxes in flight.timeline.obstacles:
         for box in boxes:
-            corner = box.y_m - box.half_length_y_m, box.x_m - box.half_length_x_m
-            axes.add_patch(Rectangle(corner, 2 * box.half_length_y_m, 2 * box.half_length_x_m, color="0.5"))
+            axes.add_patch(_rectangle(box, color="0.5"))
             axes.annotate(box.id, (box.y_m, box.x_m), fontsize=7, ha="center", va="center")
     fence_m = show.fence.distance_max_m
     axes.add_patch(Circle((0.0, 0.0), fence_m, fill=False, color="C3", linestyle=":"))
@@ -410,26 +396,12 @@ def _ground(axes: Axes, flight: Rehearsal, record: Record) -> None:
 def _sizes(axes: Axes, flight: Rehearsal, record: Record) -> None:
     show_s = _show_s(flight, record)
     height_m = -record.path_m[:, :, 2]
-    axes.fill_between(
-        show_s, height_m.min(axis=1), height_m.max(axis=1), color="C0", alpha=0.25, label="heights"
-    )
     running = (show_s >= 0.0) & (show_s <= flight.timeline.duration_s)
-    radius_m = np.where(running, record.radius_m, np.nan)
-    axes.plot(show_s, radius_m, color="C1", linewidth=1.2, label="radius")
     spin = [float(np.degrees(flight.timeline.spin_rad_s.value(float(t))[0])) for t in show_s]
+    axes.plot(show_s, np.where(running, record.radius_m, np.nan), color="C1", linewidth=1.2, label="radius")
     if np.any(spin):
         axes.plot(show_s, np.where(running, spin, np.nan), color="C2", linewidth=1.0, label="spin, deg/s")
-    axes.set(ylabel="m", title="Heights of the vehicles, radius")
-    axes.legend(loc="upper right", fontsize=7)
-
-
-def _show_separation(axes: Axes, flight: Rehearsal, record: Record, verdict: Verdict) -> None:
-    show_s = _show_s(flight, record)
-    closest_m = np.where(np.array(record.closest_m) < 1e6, record.closest_m, np.nan)
-    axes.plot(show_s, closest_m, color="C0", linewidth=1.0, label="closest pair")
-    axes.axhline(verdict.floor_m, color="C3", linestyle="--", linewidth=1.0, label="floor")
-    axes.set(xlabel="time of the show, s", ylabel="m", title="Separation", ylim=(0.0, None))
-    axes.legend(loc="upper right", fontsize=7)
+    _band(axes, show_s, height_m, "Heights of the vehicles, radius")
 
 
 def _lights(axes: Axes, flight: Rehearsal) -> None:

@@ -59,7 +59,6 @@ class Record:
 
     @property
     def count(self) -> int:
-        """Number of vehicles."""
         return len(self.start_m)
 
     def charges(self, rows: Mask) -> tuple[float, ...]:

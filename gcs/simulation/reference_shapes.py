@@ -15,21 +15,9 @@ from gcs.model.jit import kernel
 from gcs.model.state import Array
 
 
-def energy_and_nearest(direction: Array, charge: Array | None = None) -> tuple[float, float]:
-    """Coulomb energy of charges (n,), 1 each unless given, at (n, 3) unit vectors; the smallest distance."""
-    return _energy_and_nearest(direction, np.ones(len(direction)) if charge is None else charge)
-
-
-def energy_and_gradient(flat: Array, charge: Array | None = None) -> tuple[float, Array]:
-    """Energy of charges (n,), 1 each unless given, at the directions of n points, (3 n,) flattened.
-
-    Returns: the energy, and its gradient with respect to the points, (3 n,).
-    """
-    return _energy_and_gradient(flat, np.ones(len(flat) // 3) if charge is None else charge)
-
-
 @kernel
-def _energy_and_nearest(direction: Array, charge: Array) -> tuple[float, float]:
+def energy_and_nearest(direction: Array, charge: Array) -> tuple[float, float]:
+    """Coulomb energy of charges (n,) at (n, 3) unit vectors; the smallest distance."""
     n = len(direction)
     total, least2 = 0.0, 4.0
     for i in range(n):
@@ -43,7 +31,8 @@ def _energy_and_nearest(direction: Array, charge: Array) -> tuple[float, float]:
 
 
 @kernel
-def _energy_and_gradient(flat: Array, charge: Array) -> tuple[float, Array]:
+def energy_and_gradient(flat: Array, charge: Array) -> tuple[float, Array]:
+    """Energy of charges (n,) at the directions of n points, (3 n,) flattened; its gradient, (3 n,)."""
     n = len(flat) // 3
     points = flat.reshape(n, 3)
     length = np.empty(n)
@@ -102,35 +91,30 @@ def search(charge: Array, starts: int, seed: int = 0) -> Array:
     return unit
 
 
+@cache
 def best(charges: int | tuple[float, ...]) -> Array:
     """(n, 3) unit vectors of the best known configuration; searched for if not stored.
 
     `charges` are those of n vehicles, or the number of vehicles with equal charges.
     """
-    if isinstance(charges, int) or len(set(charges)) == 1:
-        return _best_alike(charges if isinstance(charges, int) else len(charges))
-    return _best_unlike(charges)
-
-
-@cache
-def _best_alike(count: int) -> Array:
+    charge = _charge(charges)
+    if len(set(charge.tolist())) > 1:
+        return search(charge, STARTS)
     with resources.as_file(resources.files("gcs.simulation") / "best.npz") as file, np.load(file) as kept:
-        if str(count) in kept:
-            unit = kept[str(count)].astype(np.float64)
+        if str(len(charge)) in kept:
+            unit = kept[str(len(charge))].astype(np.float64)
             return np.asarray(unit / np.linalg.norm(unit, axis=1, keepdims=True))
-    return search(np.ones(count), FEW_STARTS)
+    return search(np.ones(len(charge)), FEW_STARTS)
 
 
-@cache
-def _best_unlike(charges: tuple[float, ...]) -> Array:
-    return search(np.array(charges), STARTS)
+def _charge(charges: int | tuple[float, ...]) -> Array:
+    return np.ones(charges) if isinstance(charges, int) else np.array(charges)
 
 
 @cache
 def best_figures(charges: int | tuple[float, ...]) -> tuple[float, float]:
     """Energy and nearest distance of `best`, on the unit sphere."""
-    charge = np.ones(charges) if isinstance(charges, int) else np.array(charges)
-    energy, nearest = energy_and_nearest(best(charges), charge)
+    energy, nearest = energy_and_nearest(best(charges), _charge(charges))
     return float(energy), float(nearest)
 
 

@@ -69,7 +69,6 @@ class Rehearsal(SimulatedFlight):
         self.task[:] = Task.FORMATION
 
     def before_tick(self) -> None:
-        """Do what the commander would do before this tick."""
         if self._on_progress is not None and self.time_s >= self._report_at_s:
             self._report_at_s = self.time_s + REPORT_S
             self._on_progress(self.share_flown())
@@ -87,7 +86,6 @@ class Rehearsal(SimulatedFlight):
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
 
     def return_now(self) -> None:
-        """End the show: all vehicles return home."""
         if self.ended_s is None:
             self.began_s = self.time_s if self.began_s is None else self.began_s
             self.ended_s, self.center_moves = self.time_s, True
@@ -104,7 +102,6 @@ class Rehearsal(SimulatedFlight):
         return done_s / (ASSEMBLED_IN_S + timeline_s + HOME_IN_S)
 
     def finished(self) -> bool:
-        """Whether all vehicles have landed."""
         return self.ended_s is not None and not self.record.in_air[-1].any()
 
     def _assemble(self) -> None:

@@ -84,12 +84,10 @@ class Verdict:
     cues: tuple[CueFigures, ...]
 
     def describe(self) -> dict[str, object]:
-        """Return the verdict as one JSON object."""
         return asdict(self)
 
 
 def judge(flight: Rehearsal, record: Record) -> Verdict:
-    """Judge a rehearsal by its record."""
     return _Judge(flight, record).verdict()
 
 
@@ -156,7 +154,6 @@ class _Judge:
         return [(one, one.at_s, to_s) for one, to_s in zip(played, nexts, strict=True)]
 
     def _ticks(self, from_s: float, to_s: float) -> NDArray[np.intp]:
-        """Ticks between two times of the show."""
         show_s = self._time_s - self._began_s
         return np.flatnonzero((show_s >= from_s - 1e-6) & (show_s < to_s - 1e-6))
 
@@ -261,7 +258,6 @@ class _Judge:
                 self._found.append(Flaw(("timeline", one.index), words))
 
     def _apart(self) -> None:
-        """Check that all pairs kept the floor."""
         worst = int(self._closest_m.argmin())
         if self._record.violating:
             pairs = len(self._record.violating)
@@ -290,18 +286,15 @@ class _Judge:
 
 
 def _short(value: float) -> float:
-    """Round for output."""
     return round(float(value), 2)
 
 
 def _named(columns: Sequence[VerticalOverlap]) -> str:
-    """Describe the nearest overlapping pairs."""
     words = [f"{pair.upper} above {pair.lower} at '{pair.cue}'" for pair in columns[:COLUMNS_NAMED]]
     return f": {', '.join(words)}{', ...' if len(columns) > COLUMNS_NAMED else ''}" if words else ""
 
 
 def table(verdict: Verdict) -> str:
-    """Format the verdict for a terminal."""
     home = "never" if verdict.home_s is None else f"{verdict.home_s:.0f} s"
     lines = [
         (

@@ -282,7 +282,6 @@ class Scenario(Settings):
     failsafes: FailsafePolicy | None = None  # of the service, for a formation; None: they are off
 
     def in_world_of(self, seed: int) -> "Scenario":
-        """Return the scenario in the world in which it is flown with this seed."""
         return (
             self.model_copy(update={"world": self.worlds[seed % len(self.worlds)]}) if self.worlds else self
         )

@@ -89,7 +89,6 @@ class WindField:
     time_s: float = 0.0
 
     def blow(self, dt_s: float, random: np.random.Generator) -> None:
-        """Advance the gusts by `dt_s`."""
         self.time_s += dt_s
         if self.wind.gust_m_s:
             wander(self.gust_m_s, dt_s / self.wind.gust_time_s, self.wind.gust_m_s, random)
@@ -136,7 +135,7 @@ class TrueWorld:
         self._held_m = np.full((n, 3), np.nan)  # positions of vehicles that something holds
         self._some_rest = False  # whether one of these has been set
         self._command_m_s = np.zeros((n, 3))
-        self._received_m, self._received_m_s = self.estimate()
+        self.received_m, self.received_m_s = self.estimate()  # (n, 3) as last received
         self._received_s = np.zeros(n)
         self._telemetry: deque[tuple[float, Mask, Array, Array]] = deque()
         self._setpoints: deque[tuple[float, Array]] = deque()
@@ -150,16 +149,6 @@ class TrueWorld:
     def velocity_m_s(self) -> Array:
         """(n, 3) true values, show frame."""
         return self.bodies.velocity_m_s
-
-    @property
-    def received_m(self) -> Array:
-        """(n, 3) positions as last received."""
-        return self._received_m
-
-    @property
-    def received_m_s(self) -> Array:
-        """(n, 3) velocities as last received."""
-        return self._received_m_s
 
     def estimate(self) -> tuple[Array, Array]:
         """(n, 3) positions and (n, 3) velocities, as estimated by the vehicles."""
@@ -178,18 +167,18 @@ class TrueWorld:
         while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
             _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
             if not world.loss and not self._cut:
-                self._received_m, self._received_m_s = position_m, velocity_m_s
+                self.received_m, self.received_m_s = position_m, velocity_m_s
                 self._received_s = np.full(n, self.time_s)
                 continue
             rows = arrived[:, None]
-            self._received_m = np.where(rows, position_m, self._received_m)
-            self._received_m_s = np.where(rows, velocity_m_s, self._received_m_s)
+            self.received_m = np.where(rows, position_m, self.received_m)
+            self.received_m_s = np.where(rows, velocity_m_s, self.received_m_s)
             self._received_s = np.where(arrived, self.time_s, self._received_s)
         forward_m, forward_m_s, age_s = brought_forward(
             self.time_s,
-            self._received_m,
+            self.received_m,
             self._received_s,
-            self._received_m_s,
+            self.received_m_s,
             ~self._gone,
             FLIES_ON_S,
             BRAKES_S,
@@ -278,7 +267,6 @@ class TrueWorld:
         return flown_m_s
 
     def _touch_ground(self) -> None:
-        """Keep vehicles that reach the ground there, disarmed."""
         touching = (self.bodies.position_m[:, 2] >= self.ground_m) & self.in_air
         if np.count_nonzero(touching):
             self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]

@@ -104,7 +104,7 @@ def test_rehearsal_and_flight_follow_one_plan_alike() -> None:
     run._return_paths = lambda *_: progress.return_paths  # type: ignore[method-assign]
     descended: list[Mask] = []
     for number, step in enumerate(steps):
-        run.world._received_m = step.position_m
+        run.world.received_m = step.position_m
         run.come_home(5.0, begin=number == 0)
         descended.append(run.descending.copy())
         alike = ~step.descending & ~run.descending

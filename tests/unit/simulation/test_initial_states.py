@@ -8,7 +8,7 @@ from gcs.model.errors import ConfigError
 from gcs.model.state import Array
 from gcs.simulation import initial_states as layout
 from gcs.simulation.initial_states import draw_world
-from gcs.simulation.scenario import GoalFlight, RandomObstacles
+from gcs.simulation.scenario import FormationFlight, GoalFlight, RandomObstacles
 
 
 def nearest(place_m: Array, stretch: float = 1.0) -> float:
@@ -34,9 +34,11 @@ def test_pads_keep_their_spacing_and_hover_at_one_height() -> None:
 
 
 def test_a_square_start_needs_a_square_number() -> None:
-    assert nearest(layout.square_m(4, 4.0, 5.0)) == pytest.approx(4.0)
+    flight = FormationFlight(kind="formation", start="square")
+    random = np.random.default_rng(1)
+    assert nearest(layout.formation_start_m(flight, 10.0, 4, random)) == pytest.approx(4.0)
     with pytest.raises(ConfigError, match="square number"):
-        layout.square_m(5, 4.0, 5.0)
+        layout.formation_start_m(flight, 10.0, 5, random)
 
 
 @pytest.mark.parametrize("count", [12, 212, 812])

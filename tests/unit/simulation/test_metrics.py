@@ -62,19 +62,22 @@ def test_reference_shapes_have_the_best_known_energies(count: int, energy: float
 
 
 def test_tetrahedron_energy_and_gradient_by_hand() -> None:
-    energy, nearest = energy_and_nearest(TETRAHEDRON)
+    energy, nearest = energy_and_nearest(TETRAHEDRON, np.ones(4))
     assert energy == pytest.approx(6.0 / sqrt(8.0 / 3.0))
     assert nearest == pytest.approx(sqrt(8.0 / 3.0))
-    again, gradient = energy_and_gradient(2.0 * TETRAHEDRON.ravel())
+    again, gradient = energy_and_gradient(2.0 * TETRAHEDRON.ravel(), np.ones(4))
     assert again == pytest.approx(energy)
     assert gradient == pytest.approx(np.zeros(12), abs=1e-12)
 
 
 def test_the_gradient_is_that_of_the_energy() -> None:
-    flat = np.random.default_rng(1).normal(size=15)
-    _, gradient = energy_and_gradient(flat)
-    steps = 1e-6 * np.eye(15)
-    slopes = [(energy_and_gradient(flat + h)[0] - energy_and_gradient(flat - h)[0]) / 2e-6 for h in steps]
+    flat, charge = np.random.default_rng(1).normal(size=15), np.ones(5)
+    _, gradient = energy_and_gradient(flat, charge)
+    around = [(flat + h, flat - h) for h in 1e-6 * np.eye(15)]
+    slopes = [
+        (energy_and_gradient(above, charge)[0] - energy_and_gradient(below, charge)[0]) / 2e-6
+        for above, below in around
+    ]
     assert gradient == pytest.approx(np.array(slopes), abs=1e-6)
 
 
