@@ -34,13 +34,12 @@ class SocketChannel:
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for option, value in (
-            ("TCP_KEEPIDLE", 2),
-            ("TCP_KEEPINTVL", 1),
-            ("TCP_KEEPCNT", 3),
-            ("TCP_USER_TIMEOUT", round(_GIVE_UP_S * 1000)),
+            (socket.TCP_KEEPIDLE, 2),
+            (socket.TCP_KEEPINTVL, 1),
+            (socket.TCP_KEEPCNT, 3),
+            (socket.TCP_USER_TIMEOUT, round(_GIVE_UP_S * 1000)),
         ):
-            if hasattr(socket, option):
-                connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+            connected.setsockopt(socket.IPPROTO_TCP, option, value)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
 
     def fileno(self) -> int:
@@ -53,10 +52,10 @@ class SocketChannel:
         return self._socket.send(data)
 
     def delay_s(self) -> float:
-        """Delay of the bytes that have not left yet; 0 where the platform does not report them."""
+        """Delay of the bytes that have not left yet; 0 where the kernel does not report them."""
         try:
             (waiting_bytes,) = _INT.unpack(ioctl(self._socket.fileno(), _SIOCOUTQNSD, bytes(_INT.size)))
-        except OSError:  # not Linux
+        except OSError:  # a kernel without this call
             return 0.0
         delay_s: float = waiting_bytes / _ASSUMED_BYTES_PER_S
         return delay_s
@@ -140,7 +139,6 @@ class SerialChannel:
         return os.write(self.fileno(), data)
 
     def delay_s(self) -> float:
-        """Delay of the bytes that wait in the kernel, at the port's speed."""
         waiting_bytes: int = self._port.out_waiting
         return waiting_bytes * self._byte_s
 

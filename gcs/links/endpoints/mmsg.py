@@ -7,7 +7,6 @@ import ctypes
 import errno
 import os
 import socket
-import sys
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, Final
@@ -32,7 +31,6 @@ _ADDRESS: Final = np.dtype([("family", "=u2"), ("port", ">u2"), ("host", ">u4"),
 
 
 def _aligned(**fields: str | np.dtype[np.void]) -> np.dtype[np.void]:
-    """A structure of C, with its padding."""
     return np.dtype(list(fields.items()), align=True)
 
 
@@ -54,26 +52,11 @@ _SEGMENT: Final = _aligned(length="P", level="i4", kind="i4", bytes="u2")
 """struct cmsghdr with the length of a run's datagrams."""
 
 
-def _library() -> Any:
-    """The C library, or None where it lacks these calls."""
-    if sys.platform != "linux":
-        return None
-    library = ctypes.CDLL(None, use_errno=True)
-    return library if hasattr(library, "recvmmsg") and hasattr(library, "sendmmsg") else None
-
-
-_LIBC: Final = _library()
-
-
-def available() -> bool:
-    """Whether this platform has the calls."""
-    return _LIBC is not None
+_LIBC: Final[Any] = ctypes.CDLL(None, use_errno=True)
 
 
 def sends_runs(source: socket.socket) -> bool:
     """Whether the kernel accepts many datagrams for one destination as one piece, and splits them itself."""
-    if _LIBC is None:
-        return False
     try:
         source.setsockopt(socket.IPPROTO_UDP, _UDP_SEGMENT, 0)  # 0: each run states its own length
     except OSError:

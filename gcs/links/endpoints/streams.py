@@ -111,7 +111,6 @@ class StreamPort:
         self._selector = selector
 
     def close(self) -> None:
-        """Close; it may be opened again."""
         for source in tuple(self.streams):
             self.end(source, "closed", 0.0, level=logging.INFO)
         self._selector = None
@@ -163,7 +162,6 @@ class Redialled(StreamPort):
         self._failed = False
 
     def open(self, selector: BaseSelector, now_s: float) -> None:
-        """Begin to connect; a missing far end shows later."""
         super().open(selector, now_s)
         self._retry_s, self._failed = now_s, False
         self.tend(now_s)
@@ -212,7 +210,6 @@ class TcpServer(StreamPort):
         selector.register(self._listening, EVENT_READ, (self, None))
 
     def close(self) -> None:
-        """Release the port and end every connection."""
         selector = self._selector
         super().close()
         if selector is not None and hasattr(self, "_listening"):

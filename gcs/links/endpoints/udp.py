@@ -1,15 +1,10 @@
-"""UDP ports of a link: datagrams in batches, with the kernel's times of arrival.
-
-Where the platform has no calls for that (see `mmsg`), one datagram at a time, with the same interface.
-"""
+"""UDP ports of a link: datagrams in batches, with the kernel's times of arrival."""
 
 import logging
 import selectors
 import socket
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from math import inf
-from struct import Struct
 from time import time as wall_time_s
 from typing import Final
 
@@ -42,8 +37,7 @@ _ERRORS: Final = 16
 """Errors of earlier sends that a socket may report in one turn."""
 
 _BUFFER_BYTES: Final = 4 << 20
-_TIMESPEC: Final = Struct("@ll")
-_SO_RCVBUFFORCE: Final = 33  # Linux; beyond the system's limit, where permitted
+_SO_RCVBUFFORCE: Final = 33  # beyond the system's limit, where permitted
 
 
 class UdpPorts(Ports):
@@ -61,7 +55,6 @@ class UdpPorts(Ports):
         places: Place | Sequence[Place],
         clock: Callable[[], float],
         *,
-        batched: bool = mmsg.available(),
         replace_busy: bool = False,
     ) -> None:
         """Nothing is opened yet.
@@ -70,14 +63,12 @@ class UdpPorts(Ports):
             name: the link's, for errors and logs.
             places: those without UDP are left to subclasses.
             clock: the loop's.
-            batched: False as on a platform without batches.
             replace_busy: open any free port instead of one in use.
         """
         self.problems: list[str] = []
         self.failures: dict[int, str] = {}
         self._name = name
         self._clock = clock
-        self._batched = batched
         self._replace_busy = replace_busy
         self._bound: list[tuple[str, int]] = []
         far: list[int] = []
@@ -116,7 +107,7 @@ class UdpPorts(Ports):
                 self.problems.append(problem)
                 opened.append(_bound("0.0.0.0", 0))  # noqa: S104  answers come to any address of ours
         self._sockets = tuple(opened)
-        self._in_runs = self._batched and all(map(mmsg.sends_runs, opened))
+        self._in_runs = all(map(mmsg.sends_runs, opened))
         self._drained_s = np.full(len(opened), self._clock())
         self._selector = selectors.DefaultSelector()
         for index, opened_socket in enumerate(opened):
@@ -202,7 +193,8 @@ class UdpPorts(Ports):
         # Check again right before every call: the process may have been suspended since the last check.
         while first < end and self._clock() <= until_s:
             try:
-                count = self._send_some(outbox, through, first, end)
+                send = outbox.send_runs if self._in_runs else outbox.send
+                count = send(through.fileno(), first, end)
             except OSError as error:  # a full buffer, no route: it may come back
                 if self._in_runs and error.errno in mmsg.REFUSALS:
                     self._in_runs = False  # not possible on this route: one by one from now on
@@ -217,7 +209,6 @@ class UdpPorts(Ports):
             first += count
 
     def _note_failure(self, destination: int, error: OSError) -> None:
-        """Count and log a frame that could not be sent."""
         if isinstance(error, BlockingIOError):  # slow: this frame is lost, later ones may leave
             self.no_room += 1
             return
@@ -227,20 +218,11 @@ class UdpPorts(Ports):
             log.warning("send_failed", extra=about)
         self.failures[destination] = error.strerror or str(error)
 
-    def _send_some(self, outbox: mmsg.Batch, through: socket.socket, first: int, end: int) -> int:
-        """Number of these rows that were sent. Raises: OSError when the first could not be."""
-        if not self._batched:
-            return _send_one(through, outbox, first)
-        send = outbox.send_runs if self._in_runs else outbox.send
-        return send(through.fileno(), first, end)
-
     def _read(self, index: int, first: int, most: int) -> int:
         source = self._sockets[index]
         for _ in range(_ERRORS):
             try:
-                if self._batched:
-                    return self._room.receive(source.fileno(), first, most)
-                return _receive_some(source, self._room, first, most)
+                return self._room.receive(source.fileno(), first, most)
             except BlockingIOError:
                 return 0
             except OSError:  # an error of an earlier send, reported here; the socket still works
@@ -266,42 +248,18 @@ class UdpPorts(Ports):
         return Datagrams(arrived.data, *(column[mine] for column in arrived[1:]))
 
 
-def _receive_some(source: socket.socket, room: mmsg.Batch, first: int, most: int) -> int:
-    for row in range(first, first + most):
-        try:
-            count, ancillary, _, sender = source.recvmsg_into([room.data[row]], 64)
-        except BlockingIOError:
-            return row - first
-        room.length[row] = count
-        room.host[row] = int.from_bytes(socket.inet_aton(sender[0]), "big")
-        room.port[row] = sender[1]
-        room.time_s[row] = np.nan
-        for level, kind, value in ancillary:
-            if (level, kind) == (socket.SOL_SOCKET, mmsg.SO_TIMESTAMPNS) and len(value) == _TIMESPEC.size:
-                seconds, nanoseconds = _TIMESPEC.unpack(value)
-                room.time_s[row] = seconds + nanoseconds * 1e-9
-    return most
-
-
-def _send_one(through: socket.socket, outbox: mmsg.Batch, row: int) -> int:
-    host = socket.inet_ntoa(int(outbox.host[row]).to_bytes(4, "big"))
-    through.sendto(outbox.data[row, : outbox.length[row]].tobytes(), (host, int(outbox.port[row])))
-    return 1
-
-
 def _bound(host: str, port: int) -> socket.socket:
-    """A UDP socket that never blocks and, on Linux, reports when the kernel received each datagram."""
+    """A UDP socket that never blocks and reports when the kernel received each datagram."""
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         bound.setblocking(False)
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
-        if sys.platform == "linux":
-            bound.setsockopt(socket.SOL_SOCKET, mmsg.SO_TIMESTAMPNS, 1)
-            try:
-                bound.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
-            except PermissionError:
-                log.debug("receive_buffer_limited", extra={"port": port})
+        bound.setsockopt(socket.SOL_SOCKET, mmsg.SO_TIMESTAMPNS, 1)
+        try:
+            bound.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
+        except PermissionError:
+            log.debug("receive_buffer_limited", extra={"port": port})
         bound.bind((host, port))
     except (OSError, OverflowError):
         bound.close()

@@ -3,7 +3,6 @@
 import logging
 import os
 import socket
-import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -92,22 +91,12 @@ class Loopback:
         most = len(room.length) - first
         for _ in range(_ERRORS):
             try:
-                if mmsg.available():
-                    return room.receive(self._socket.fileno(), first, most)
-                return self._take_singly(room, first, most)
+                return room.receive(self._socket.fileno(), first, most)
             except BlockingIOError:
                 return 0
             except OSError:  # of an earlier send: MAVSDK was not there
                 continue
         return 0
-
-    def _take_singly(self, room: mmsg.Batch, first: int, most: int) -> int:
-        for row in range(first, first + most):
-            try:
-                room.length[row] = self._socket.recv_into(memoryview(room.data[row]))
-            except BlockingIOError:
-                return row - first
-        return most
 
     def close(self) -> None:
         self._socket.close()
@@ -268,9 +257,6 @@ class MavsdkBinding:
 @contextmanager
 def _unhurried() -> Iterator[None]:
     """Keep threads started in the block from preempting ours as they wake: else a hundred times a tick."""
-    if sys.platform != "linux":
-        yield
-        return
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     try:
