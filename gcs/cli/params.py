@@ -12,7 +12,8 @@ from gcs.cli.output import REFUSED, answer, fail
 from gcs.cli.process import set_up_log
 from gcs.cli.serve import load_here, make_link
 from gcs.config.schema import Config
-from gcs.links import Link, ParameterValue
+from gcs.links import ParameterValue
+from gcs.links.batch_link import Link
 from gcs.links.link_set import leaves
 from gcs.model.errors import CommandError, ConfigError, LinkError
 from gcs.model.state import Mode, Setpoints, VehicleId

@@ -31,7 +31,7 @@ from gcs.config.sections import LinkSettings
 from gcs.config.setting_errors import Misfit, explained
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
-from gcs.links import Link
+from gcs.links.batch_link import Link
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import Listen, TcpIn

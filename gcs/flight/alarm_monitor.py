@@ -269,7 +269,6 @@ class AlarmMonitor:
         return next((command for command in kills if vehicle_id in command.outcomes), None)
 
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
-        """Yield the pairs inside the minimum-separation ellipsoid."""
         floor, pairs = tick.floor, self._pairs
         if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
             return
@@ -341,7 +340,6 @@ class AlarmMonitor:
 
 
 def _of_the_centre(tick: Tick) -> Iterator[Condition]:
-    """Yield the obstacle that keeps the formation's centre from its goal."""
     detour = tick.memory.detour
     if detour is not None and detour.held_by:
         waits = "no way leads to the target" if not detour.reaches else "the way round it makes no headway"

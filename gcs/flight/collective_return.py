@@ -61,7 +61,6 @@ class CollectiveReturn:
         return max(float(self._progress.return_paths.down_s.max()) - self._progress.time_s, 0.0)
 
     def give_up(self) -> None:
-        """Stop improving the plan."""
         self._enough = True
         if self._planner is not None:
             self._planner.halt()

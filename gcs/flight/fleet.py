@@ -23,7 +23,8 @@ from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.running_show import ShowRun
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
-from gcs.links import Command, Link, ParameterValue
+from gcs.links import Command, ParameterValue
+from gcs.links.batch_link import Link
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Plan
@@ -334,7 +335,6 @@ class Fleet:
             raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
 
     def need_no_countdown(self) -> None:
-        """Check that no start is scheduled. Raises: RefusedError."""
         if self.show is ShowPhase.COUNTDOWN:
             raise RefusedError("a start is being counted down: stop cancels it")
 

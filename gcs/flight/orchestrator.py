@@ -26,7 +26,7 @@ from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
 from gcs.flight.snapshots import fleet_view
 from gcs.flight.ticker import TickClock, ticks
-from gcs.links import Link
+from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.planning.return_paths import warm_up as warm_up_paths
 from gcs.recording.sample import Sample
@@ -169,7 +169,6 @@ class Orchestrator:
         return result
 
     def _findings(self) -> Findings:
-        """Conditions for the alarms that are found outside the flight state."""
         links = self._flight.links
         recorded = () if self._record is None else self._record.problems
         return Findings(

@@ -103,7 +103,6 @@ class ParameterReader:
         log.warning("parameter_changed", extra={"vehicle": vehicle.id, "reason": text})
 
     def _settle(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
-        """Forget changes of parameters that are right again."""
         changed = self._flight.changed_parameters.get(vehicle.id, {})
         right = [
             name for name in changed if self._requirement(vehicle.id, name).holds(values.get(name, math.nan))

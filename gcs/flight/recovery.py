@@ -315,7 +315,6 @@ class Recovery:
             self._batch.records.append(record)
 
     def _note(self, batch: _Batch, vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
-        """Note that one vehicle of a batch holds, or could not be taken over."""
         batch.awaited.discard(vehicle.id)
         if outcome is Outcome.DONE:
             batch.handed.append(vehicle)

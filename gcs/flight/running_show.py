@@ -59,7 +59,6 @@ class ShowRun:
         return isinstance(self.timeline.leg_at(self._within(now_s)), Live)
 
     def is_over(self, now_s: float) -> bool:
-        """Whether the show has ended, so that all vehicles return."""
         return self.clock.ended(self.timeline, now_s)
 
     def cue(self, now_s: float) -> str:

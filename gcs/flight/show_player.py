@@ -177,14 +177,12 @@ class ShowPlayer:
         return [("", self.flight.plan)] if show_run is None else show_run.timeline.stages()
 
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """All obstacles, at any time of the flight."""
         show_run, plan = self.flight.show_run, self.flight.plan
         if show_run is None:
             return plan.obstacles
         return (*self._own_obstacles(show_run), *show_run.obstacles)
 
     def need_ground(self, what: str) -> None:
-        """Check that all vehicles are on the ground. Raises: RefusedError."""
         flight = self.flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
             raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")
@@ -230,7 +228,6 @@ class ShowPlayer:
         )
 
     def _in_the_way(self, box: Obstacle) -> str:
-        """Why an obstacle of the show cannot appear now; empty when it can."""
         try:
             self.check_obstacle(box, {})
         except RefusedError as error:
@@ -239,7 +236,6 @@ class ShowPlayer:
 
     @property
     def _reported_obstacles(self) -> tuple[Obstacle, ...]:
-        """Obstacles that are not the selected show's."""
         show_run = self.flight.show_run
         return self.flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
 
@@ -251,7 +247,6 @@ class ShowPlayer:
     # changes during a show
 
     def need_free(self, what: str) -> None:
-        """Check that no show decides `what`. Raises: RefusedError."""
         show_run = self.flight.show_run
         if show_run is not None:
             raise RefusedError(
@@ -260,7 +255,6 @@ class ShowPlayer:
             )
 
     def need_own_obstacle(self, obstacle_id: str) -> None:
-        """Check that the obstacle is not one of the show's. Raises: RefusedError."""
         show_run = self.flight.show_run
         if show_run is not None and obstacle_id in show_run.obstacle_ids:
             self.need_free(f"obstacle {obstacle_id}")
@@ -303,7 +297,6 @@ class ShowPlayer:
 
 
 def _refuse(name: str, flaws: Sequence[Flaw]) -> None:
-    """Refuse the show if it has flaws. Raises: RefusedError."""
     if flaws:
         reported = "; ".join(flaw.text for flaw in flaws)
         raise RefusedError(f"show {name!r} does not fit this service: {reported}")

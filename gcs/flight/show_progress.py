@@ -109,7 +109,6 @@ class ShowProgress:
         self.commander.recovery.stalls.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
-        """Continue with the vehicles that are airborne, if any."""
         flight = self.flight
         holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
         if flight.in_phase(Phase.FORMATION):

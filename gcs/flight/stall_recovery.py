@@ -116,7 +116,6 @@ class StallRecovery:
         return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
 
     def expire(self) -> None:
-        """Forget a stall that no longer explains modes; called once a tick."""
         if self.stall is not None and self.flight.fleet.time_s > self.stall.until_s:
             self.stall = None
 

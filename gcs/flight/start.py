@@ -158,7 +158,6 @@ class Starting:
             self.flight.book.close(countdown.record.id, name, Outcome.FAILED, reason)
 
     def call_off(self, action: ShowAction) -> CommandRecord:
-        """Cancel the countdown, if any: no vehicle has taken off."""
         if self.countdown is not None:
             self._end_countdown(self.countdown, "called off")
         self.flight.move_show(ShowEvent(action.value), "the countdown was called off")

@@ -113,7 +113,6 @@ class TelemetryMonitor:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
 
     def _explained(self, vehicle: Vehicle) -> Explanation:
-        """Explain a mode that this station did not command."""
         inputs = self.flight.inputs(vehicle)
         cause = cause_of(inputs)
         return cause, described(vehicle.id, cause, inputs)
@@ -131,7 +130,6 @@ class TelemetryMonitor:
             self._by_itself(vehicle, self.come_back)
 
     def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:
-        """Remember airborne vehicles that send positions and no heartbeats."""
         known = self.flight.without_heartbeat
         if lacks and vehicle.phase in AIRBORNE and vehicle.id not in known:
             known[vehicle.id] = lacks

@@ -52,7 +52,6 @@ class TickClock:
         return now_s - self._began_s if self.count else 0.0
 
     def note(self, began_s: float, duration_s: float, lateness_s: float, missed: int) -> None:
-        """Record one tick, which began at `began_s` of the loop's clock."""
         self.gap_s = began_s - self._began_s if self.count else 0.0
         self._began_s = began_s
         self.late_s = max(lateness_s, self.gap_s - 1.0 / self.rate_hz, 0.0)

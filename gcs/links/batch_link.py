@@ -94,8 +94,12 @@ class LinkParts:
                 part.close()
 
 
-class BatchLink(ABC):
-    """Up to 250 vehicles. Implements `gcs.links.Link`, which documents it. Used on the loop's thread only."""
+class Link(ABC):
+    """Up to 250 vehicles behind one transport. Used on the loop's thread only.
+
+    Attributes:
+        ids: the vehicles configured on this link, whether connected or not; never changes.
+    """
 
     def __init__(
         self,
@@ -238,11 +242,13 @@ class BatchLink(ABC):
 
     @property
     def problems(self) -> Sequence[str]:
+        """Problems that do not end the flight but concern an operator, like a failed recording. In words."""
         problem = "" if self._recorder is None else self._recorder.problem
         return (f"link {self.name}: {problem}",) if problem else ()
 
     @property
     def conflicts(self) -> Mapping[VehicleId, str]:
+        """Vehicles with recent frames of their system id from two addresses; the text names both."""
         return {self.ids[row]: text for row, text in self._addresses.conflicts().items()}
 
     @property
@@ -251,13 +257,16 @@ class BatchLink(ABC):
 
     @property
     def addresses(self) -> Mapping[VehicleId, Address]:
+        """Source of each vehicle's newest frame: all that a kill from another process needs."""
         known = {name: self._addresses.address(row) for row, name in enumerate(self.ids)}
         return {name: address for name, address in known.items() if address is not None}
 
     def watch_parameters(self, names: Collection[str]) -> None:
+        """Keep the values of these parameters that vehicles announce, whichever station set them."""
         self._parameter_updates.watch(names)
 
     def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
+        """Newest values of watched parameters that vehicles announced since the last call."""
         return self._parameter_updates.drain()
 
     def observe(self, observer: Observer) -> Callable[[], None]:
@@ -277,6 +286,7 @@ class BatchLink(ABC):
         return self._sent.times_s(self._row[vehicle_id])
 
     async def run(self) -> None:
+        """Move bytes until cancelled. Raises: LinkError, after which the supervisor calls it again."""
         stop_recording = None if self._recorder is None else self.observe(self._recorder.record)
         try:
             self._ports.open()
@@ -295,6 +305,7 @@ class BatchLink(ABC):
                 stop_recording()
 
     def snapshot(self) -> Telemetry:
+        """The newest telemetry of every vehicle, with arrival times. Never blocks."""
         self._receive_for_tick()
         return self._telemetry.telemetry(may_be_ready=self._protocol is not None)
 
@@ -309,6 +320,8 @@ class BatchLink(ABC):
     def send(self, setpoints: Setpoints) -> None:
         """Send one tick's setpoints, now. Waits some milliseconds at most, for MAVSDK's threads.
 
+        A vehicle of this link that is not listed gets no further setpoint from the moment of the call; one
+        that is listed gets none later than the watchdog's time after the last call that listed it.
         A batch that is already older than the watchdog's time is not sent at all. A row that is not finite,
         and one for a vehicle that is not connected or was killed, is left out, as if it were not listed.
         """
@@ -330,6 +343,12 @@ class BatchLink(ABC):
         self._send_setpoints(SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
 
     async def execute(self, command: Command) -> None:
+        """Send a command, and return when the vehicle's heartbeat confirms it.
+
+        OFFBOARD needs setpoints already flowing for that vehicle. TAKEOFF returns when the climb has begun.
+
+        Raises: CommandError with a reason a person can act on, when it refuses or does not answer in time.
+        """
         otherwise = f"{command.verb} impossible"
         protocol, row = self._protocol_for(command.vehicle_id, otherwise)
         reported = self._telemetry.reported(row)
@@ -347,11 +366,20 @@ class BatchLink(ABC):
     async def read_parameters(
         self, vehicle_id: VehicleId, names: Sequence[str]
     ) -> Mapping[str, ParameterValue]:
+        """The autopilot's present values of `names`. Takes seconds, and delays no other vehicle.
+
+        Raises: UnknownError for a vehicle of another link; CommandError naming the parameter, when it does
+        not exist or the vehicle does not answer (which cannot be distinguished).
+        """
         otherwise = "its parameters cannot be read"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
         return await protocol.read_parameters(vehicle_id, names, self._command_channel(row, otherwise))
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+        """Set one; an int only where the autopilot holds an INT32. To be certain, read it back.
+
+        Raises: UnknownError for a vehicle of another link; CommandError naming the parameter.
+        """
         otherwise = f"{name} cannot be set"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
         await protocol.set_parameter(vehicle_id, name, value, self._command_channel(row, otherwise))

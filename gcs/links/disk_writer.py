@@ -101,7 +101,6 @@ class DiskWriter(ABC, Generic[Item]):
 
     @property
     def waiting(self) -> int:
-        """Number of items that the thread has not begun to write."""
         return len(self._queue)
 
     def open(self) -> None:
@@ -166,7 +165,6 @@ class DiskWriter(ABC, Generic[Item]):
         """Close what `_write` has opened. Raises: OSError."""
 
     def _count(self, items: Sequence[Item]) -> int:
-        """Return how many of the items count as written or dropped."""
         return len(items)
 
     def _run(self) -> None:

@@ -72,7 +72,6 @@ class Forwarder:
         self._waiting_bytes += len(raw)
 
     def flush(self) -> None:
-        """Send the queued frames, or lose them."""
         waiting, self._waiting, self._waiting_bytes = self._waiting, [], 0
         if self._socket is None or not waiting:
             return

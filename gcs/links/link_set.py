@@ -7,7 +7,7 @@ from collections.abc import MutableMapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.link import Link
+from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
 from gcs.model.state import Setpoints, VehicleId
 

@@ -31,7 +31,6 @@ class ParameterUpdates:
         self._updates: dict[VehicleId, dict[str, ParameterValue]] = {}
 
     def watch(self, names: Collection[str]) -> None:
-        """Watch these parameters from now on, and no others."""
         self._names = frozenset(names)
 
     def take(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:

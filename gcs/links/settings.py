@@ -145,7 +145,6 @@ def station_id(vehicles: Collection[int]) -> int:
 
 
 def instances(vehicle_count: int) -> int:
-    """Number of MAVSDK instances for the vehicles of one link."""
     return -(-vehicle_count // VEHICLES_MAX)
 
 

@@ -115,7 +115,6 @@ class Signing:
                     self._failed = False
 
     def _reserve(self, time: int) -> None:
-        """Write a time to the file, whole or not at all."""
         time = min(time, TIME_MAX)
         new = self._file.with_name(f"{self._file.name}.new")
         with new.open("w", encoding="ascii") as file:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.links.settings import StreamSettings
 from gcs.mavlink import framing
-from gcs.mavlink.codec import Records, records
+from gcs.mavlink.codec import Records, addressed
 from gcs.mavlink.kernels import Whole
 from gcs.model.state import Mask
 
@@ -30,7 +30,6 @@ SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it discovers a vehicle; 
 
 _ANSWER_S: Final = 0.5
 _TRIES: Final = 4
-_AUTOPILOT_COMPONENT: Final = 1
 _ANY_COMPONENT: Final = 0
 
 _WINDOW_S: Final = 4.0
@@ -85,7 +84,6 @@ class StreamRequests:
         return settled
 
     def count(self, rows: Whole, messages: Whole) -> None:
-        """Count received messages: (k,) rows and message ids."""
         if len(self._message):
             place = np.searchsorted(self._message, messages, sorter=self._sorter)
             column = self._sorter[np.minimum(place, len(self._message) - 1)]
@@ -115,7 +113,6 @@ class StreamRequests:
         self._go_on(answered[np.isfinite(self._requested_s[answered])])
 
     def _go_on(self, rows: Whole) -> None:
-        """Continue with the next interval of each row."""
         if len(rows):
             self._due[rows, self._due[rows].argmax(axis=1)] = False
             self._tries[rows] = 0
@@ -128,12 +125,14 @@ class StreamRequests:
         if not len(rows):
             return
         column = self._due[rows].argmax(axis=1)
-        messages = records(framing.COMMAND_LONG, len(rows))
-        messages["target_system"] = self.system_ids[rows]
-        messages["target_component"] = _AUTOPILOT_COMPONENT
-        messages["command"] = framing.SET_MESSAGE_INTERVAL
-        messages["confirmation"] = self._tries[rows]
-        messages["param1"], messages["param2"] = self._message[column], self._interval_us[column]
+        messages = addressed(
+            framing.COMMAND_LONG,
+            self.system_ids[rows],
+            command=framing.SET_MESSAGE_INTERVAL,
+            confirmation=self._tries[rows],
+            param1=self._message[column],
+            param2=self._interval_us[column],
+        )
         self.send(framing.COMMAND_LONG, messages, rows)
         self._tries[rows] += 1
         self._requested_s[rows] = now_s

@@ -47,7 +47,6 @@ class Recorder(DiskWriter[bytes]):
         self.path: Path | None = None  # the newest file, once it exists
 
     def open(self) -> None:
-        """Begin a new file, as soon as the disk allows."""
         self._offset_s = wall_time_s() - self._clock()  # once: the file's time never goes back
         super().open()
 

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.mavlink import kernels
@@ -216,26 +216,28 @@ def text_field(value: str, length: int) -> Bytes:
     return np.frombuffer(value.encode()[:length].ljust(length, b"\0"), np.uint8)
 
 
+def addressed(message_id: int, system_ids: Whole, **fields: ArrayLike) -> Records:
+    """Messages to the autopilots of (n,) systems; `fields` by their own names, (n,) or one value for all."""
+    messages = records(message_id, len(system_ids))
+    for name, values in {"target_component": _AUTOPILOT_COMPONENT, **fields}.items():
+        messages[name] = values
+    messages["target_system"] = system_ids
+    return messages
+
+
 def setpoint_messages(
     system_ids: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
 ) -> Records:
-    """Setpoint messages, one for each vehicle.
-
-    Args:
-        system_ids: (n,).
-        velocity_ned_m_s: (n, 3).
-        yaw_rad: (n,) clockwise from north, within [-pi, pi).
-        time_s: of our clock.
-    """
-    messages = records(SET_POSITION_TARGET_LOCAL_NED, len(system_ids))
-    messages["time_boot_ms"] = int(time_s * 1e3) & 0xFFFFFFFF
-    messages["target_system"], messages["target_component"] = system_ids, _AUTOPILOT_COMPONENT
-    messages["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
-    messages["type_mask"] = VELOCITY_AND_YAW
-    for axis, field in enumerate(("vx", "vy", "vz")):
-        messages[field] = velocity_ned_m_s[:, axis]
-    messages["yaw"] = yaw_rad
-    return messages
+    """Setpoints: (n, 3) velocities; (n,) yaw, clockwise from north, in [-pi, pi); `time_s` of our clock."""
+    return addressed(
+        SET_POSITION_TARGET_LOCAL_NED,
+        system_ids,
+        time_boot_ms=int(time_s * 1e3) & 0xFFFFFFFF,
+        coordinate_frame=dialect.MAV_FRAME_LOCAL_NED,
+        type_mask=VELOCITY_AND_YAW,
+        yaw=yaw_rad,
+        **dict(zip(("vx", "vy", "vz"), velocity_ned_m_s.T, strict=True)),
+    )
 
 
 def heartbeats(count: int) -> Records:
@@ -247,11 +249,7 @@ def heartbeats(count: int) -> Records:
 
 def kill_message(system_id: int) -> Records:
     """COMMAND_LONG that stops the motors at once, also in flight."""
-    message = records(COMMAND_LONG, 1)
-    message["target_system"], message["target_component"] = system_id, _AUTOPILOT_COMPONENT
-    message["command"] = ARM_DISARM
-    message["param2"] = _KILL_MAGIC
-    return message
+    return addressed(COMMAND_LONG, np.array([system_id]), command=ARM_DISARM, param2=_KILL_MAGIC)
 
 
 def parameter_values(reported: Records) -> list[tuple[str, int | float]]:
@@ -288,7 +286,6 @@ _SETPOINT: Final = int(SET_POSITION_TARGET_LOCAL_NED)
 
 
 def _begin_of(field: str) -> int:
-    """Offset of a message field in a frame."""
     frame = np.zeros(1, SETPOINT_FRAME)
     return frame["message"][field].ctypes.data - frame.ctypes.data
 

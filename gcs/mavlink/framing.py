@@ -110,7 +110,6 @@ def moves(frame: Frame) -> bool:
 
 
 def _padded(frame: Frame) -> bytes:
-    """The payload with the zeros restored that MAVLink 2 cut off."""
     return frame.payload.ljust(dialect.mavlink_map[frame.message_id].unpacker.size, b"\0")
 
 

@@ -27,7 +27,6 @@ _HASH_BYTES: Final = 6
 
 
 def signing_time(unix_s: float) -> int:
-    """A signature's time; 0 for times before 2015."""
     return min(TIME_MAX, max(0, round((unix_s - EPOCH_S) * UNITS_PER_S)))
 
 

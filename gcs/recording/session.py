@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Self
 
-from gcs.links import Link
+from gcs.links.batch_link import Link
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId

@@ -17,7 +17,6 @@ import yaml
 from gcs.cli.serve import make_link
 from gcs.config.schema import Config, parse
 from gcs.flight.orchestrator import Orchestrator
-from gcs.links.batch_link import BatchLink
 from gcs.links.link import Direction
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.lifecycle import ShowPhase
@@ -109,8 +108,6 @@ async def reached(what: str, holds: Callable[[], bool]) -> None:
 async def measure(config: Config) -> tuple[Passing, TickView]:
     """Fly, and watch for a while."""
     link = make_link(config.links[0], config)
-    if not isinstance(link, BatchLink):
-        raise TypeError(link)
     orchestrator = Orchestrator(config, [link])
     view = orchestrator.view
     control = asyncio.create_task(orchestrator.run())

@@ -14,7 +14,7 @@ from gcs.cli.serve import make_link
 from gcs.config.schema import Config, parse
 from gcs.control import Memory
 from gcs.flight.orchestrator import Orchestrator
-from gcs.links.batch_link import BatchLink
+from gcs.links.batch_link import Link
 from gcs.mavlink.kernels import BEGIN, Bytes, Whole
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mode, Setpoints, Telemetry
@@ -65,16 +65,15 @@ def config_of(count: int, rate_hz: float, transport: str = "native") -> Config:
     return parse(yaml.safe_dump(raw), "bench")
 
 
-def links_of(config: Config) -> list[BatchLink]:
+def links_of(config: Config) -> list[Link]:
     """As the service makes them."""
-    made = [make_link(settings, config) for settings in config.links]
-    return [link for link in made if isinstance(link, BatchLink)]
+    return [make_link(settings, config) for settings in config.links]
 
 
 class Passage:
     """How long it takes from a position's arrival until a setpoint made with it left; and what is lost."""
 
-    def __init__(self, link: BatchLink) -> None:
+    def __init__(self, link: Link) -> None:
         self.waits_s: list[Array] = []
         self.gaps = Gaps(len(link.ids))
         self._link = link
@@ -119,7 +118,7 @@ class Passage:
 class Measurement:
     """From its making until `cost`."""
 
-    def __init__(self, links: Sequence[BatchLink], passages: Sequence[Passage]) -> None:
+    def __init__(self, links: Sequence[Link], passages: Sequence[Passage]) -> None:
         self._links, self._passages = links, passages
         for passage in passages:
             passage.restart()
@@ -178,7 +177,7 @@ async def service(fleet: Fleet, count: int, rate_hz: float, transport: str, miss
     return with_received(cost, links, fleet)
 
 
-async def in_formation(orchestrator: Orchestrator, links: Sequence[BatchLink], count: int) -> None:
+async def in_formation(orchestrator: Orchestrator, links: Sequence[Link], count: int) -> None:
     """Until so many are met; they are then flown, as after a start."""
     flight = orchestrator._flight
     here = await asyncio.wait_for(met(links, count), MEETING_S)
@@ -198,14 +197,14 @@ async def ended(tasks: Sequence[asyncio.Task[None]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-def with_received(cost: Cost, links: Sequence[BatchLink], fleet: Fleet) -> Cost:
+def with_received(cost: Cost, links: Sequence[Link], fleet: Fleet) -> Cost:
     """The cost, with what the fleet did not receive of all that ever left."""
     fleet.end()
     sent = sum(link.setpoints_sent for link in links)
     return replace(cost, lost_out_percent=100 * (sent - fleet.setpoints) / max(sent, 1))
 
 
-async def met(links: Sequence[BatchLink], count: int) -> frozenset[str]:
+async def met(links: Sequence[Link], count: int) -> frozenset[str]:
     """Until so many fly in OFFBOARD with a position. Returns: who."""
     while True:
         reported = [link.snapshot() for link in links]

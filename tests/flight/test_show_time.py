@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gcs.flight.ticker import TickClock, ticks
-from gcs.links import Link
+from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Setpoints

@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gcs.links import Command, Link, Verb
+from gcs.links import Command, Verb
+from gcs.links.batch_link import Link
 from gcs.model.errors import CommandError, LinkError, UnknownError
 from gcs.model.state import Landed, Mode, Setpoints
 from tests.support.link_bench import PERIOD_S, AnyLink, Ticks, a_link, do, ready, repeated, running, until

@@ -15,7 +15,7 @@ import numpy as np
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.formation.obstacles import Ellipse
-from gcs.links import Link
+from gcs.links.batch_link import Link
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId

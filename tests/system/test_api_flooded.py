@@ -14,7 +14,7 @@ from gcs.cli.serve import make_link
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
-from gcs.links.batch_link import BatchLink
+from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from tests.support.machine import Pauses, free_ports
@@ -75,16 +75,14 @@ async def alive(client: Client) -> None:
             await asyncio.sleep(0.1)
 
 
-async def fly_and_flood(folder: Path) -> tuple[dict[str, BatchLink], float, float, int]:
+async def fly_and_flood(folder: Path) -> tuple[dict[str, Link], float, float, int]:
     """In formation. Returns: the links, when the flood began and ended, what was answered."""
     base = free_ports(2)
     config = config_of(base)
-    links: dict[str, BatchLink] = {}
+    links: dict[str, Link] = {}
     with vehicles(2, base, folder, *proper(config)):
         for settings in config.links:
-            link = make_link(settings, config)
-            assert isinstance(link, BatchLink)
-            links[settings.transport] = link
+            links[settings.transport] = make_link(settings, config)
         orchestrator = Orchestrator(config, list(links.values()))
         async with served(orchestrator) as port:
             view = orchestrator.view

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.batch_link import BatchLink, Coroutines
+from gcs.links.batch_link import Coroutines, Link
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.endpoints import mmsg
 from gcs.links.mavsdk.binding import MavsdkVehicle
@@ -77,7 +77,7 @@ class FrameFilter:
         return shown
 
 
-class MavsdkLink(BatchLink):
+class MavsdkLink(Link):
     """Up to 250 vehicles, 64 for each MAVSDK instance. A `gcs.links.Link`."""
 
     def _own_id(self) -> int:
@@ -117,12 +117,11 @@ class MavsdkLink(BatchLink):
                 workers.stop()
 
     def snapshot(self) -> Telemetry:
-        """See `BatchLink`; vehicles not yet discovered by MAVSDK have no position: they take no commands."""
+        """Vehicles not yet discovered by MAVSDK have no position: they take no commands."""
         self._receive_for_tick()
         return self._telemetry.telemetry(may_be_ready=self._healthy, discovered=self._is_discovered)
 
     def _poll_health(self) -> None:
-        """Query MAVSDK for the health of a part of the vehicles."""
         self._polls += 1
         for row in range(self._polls % _HEALTH_SHARES, len(self.ids), _HEALTH_SHARES):
             vehicle = self._discovered.get(row)
@@ -216,7 +215,6 @@ class MavsdkLink(BatchLink):
                     break
 
     async def _discover(self, fleet: MavsdkInstances) -> None:
-        """Look for newly discovered vehicles of MAVSDK, without end."""
         rows = {system_id: row for row, system_id in enumerate(self._system_ids.tolist())}
         while True:
             missing = self._system_ids[self._undiscovered()].tolist()

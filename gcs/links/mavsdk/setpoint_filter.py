@@ -110,5 +110,4 @@ class SetpointFilter:
 
 
 def _encoded(velocity_m_s: Array) -> NDArray[np.uint32]:
-    """(k, 3) bits of the single-precision values."""
     return velocity_m_s.astype(np.float32).view(np.uint32)

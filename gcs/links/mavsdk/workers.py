@@ -54,7 +54,6 @@ class MavsdkCommandChannel:
     closed: Callable[[], bool]
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
-        """Run MAVSDK's call on the vehicle's worker. Raises: CommandError."""
         tries = _OFFBOARD_TRIES if command.verb is Verb.OFFBOARD else 1
         for left in reversed(range(tries)):
             try:
@@ -68,11 +67,9 @@ class MavsdkCommandChannel:
                 return
 
     async def parameter(self, name: str) -> ParameterValue:
-        """The autopilot's value; up to 3 s when it does not answer. Raises: CommandError."""
         return await self._run(partial(self.vehicle.parameter, name))
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Set the value and wait for the answer, up to 3 s. Raises: CommandError."""
         await self._run(partial(self.vehicle.set_parameter, name, value))
 
     async def _run(self, blocking: Callable[[], T]) -> T:

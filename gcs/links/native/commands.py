@@ -1,17 +1,17 @@
 """Commands and parameters as MAVLink for PX4, and the vehicles' answers. Tasks of the loop, no threads."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import nan
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.command_protocol import CLOSED, TIMEOUT
 from gcs.links.link import Command, ParameterValue, Verb
-from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32, Records, parameter_values, records, text_field
+from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32, Records, addressed, parameter_values, text_field
 from gcs.mavlink.framing import COMMAND_LONG
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import CommandError
@@ -24,7 +24,6 @@ TRIES: Final = 4
 LONGEST_S: Final = 10.0
 """Longest time for an answer after IN_PROGRESS."""
 
-_AUTOPILOT_COMPONENT: Final = 1
 _NAME_LENGTH: Final = 16
 _IN_PROGRESS: Final = int(dialect.MAV_RESULT_IN_PROGRESS)
 _FAILURES: Final = {
@@ -98,11 +97,8 @@ class Commands:
 
     async def command(self, row: int, command: int, values: tuple[float, ...], may_leave: Gate) -> None:
         """Send a COMMAND_LONG until answered. Raises: CommandError named after its answer, or TIMEOUT."""
-        message = records(COMMAND_LONG, 1)
-        message["target_system"], message["target_component"] = self.system_ids[row], _AUTOPILOT_COMPONENT
-        message["command"] = command
-        for number, value in enumerate(values, 1):
-            message[f"param{number}"] = value
+        params = {f"param{number}": value for number, value in enumerate(values, 1)}
+        message = addressed(COMMAND_LONG, self.system_ids[[row]], command=command, **params)
 
         def again(attempt: int) -> None:
             message["confirmation"] = attempt
@@ -114,32 +110,29 @@ class Commands:
 
     async def get_parameter(self, row: int, name: str, may_leave: Gate) -> ParameterValue:
         """A parameter's value. Raises: CommandError, TIMEOUT for one that the vehicle does not have."""
-        message = records(PARAM_REQUEST_READ, 1)
-        message["target_system"], message["target_component"] = self.system_ids[row], _AUTOPILOT_COMPONENT
-        message["param_index"] = -1  # by its name
-        message["param_id"] = text_field(name, _NAME_LENGTH)
-        answer = await self._request(
-            (row, name), lambda _attempt: self.send(PARAM_REQUEST_READ, message, np.array([row])), may_leave
-        )
-        return answer.value
+        fields = {"param_index": -1, "param_id": text_field(name, _NAME_LENGTH)}  # by its name
+        return await self._parameter(row, name, PARAM_REQUEST_READ, fields, may_leave)
 
     async def set_parameter(self, row: int, name: str, value: ParameterValue, may_leave: Gate) -> None:
         """Set a parameter: integers stay integers, encoded bytewise, as PX4 requires.
 
         Raises: CommandError when the vehicle answers with another value, or not at all.
         """
-        message = records(PARAM_SET, 1)
-        message["target_system"], message["target_component"] = self.system_ids[row], _AUTOPILOT_COMPONENT
-        message["param_id"] = text_field(name, _NAME_LENGTH)
-        message["param_type"] = INT32 if isinstance(value, int) else FLOAT
-        message["param_value"] = (
-            np.array([value], np.int32).view(np.float32) if isinstance(value, int) else value
-        )
+        bits = np.array([value], np.int32).view(np.float32) if isinstance(value, int) else value
+        fields = {"param_id": text_field(name, _NAME_LENGTH), "param_value": bits}
+        fields["param_type"] = INT32 if isinstance(value, int) else FLOAT
+        reported = await self._parameter(row, name, PARAM_SET, fields, may_leave)
+        if reported != (value if isinstance(value, int) else float(np.float32(value))):
+            raise CommandError(f"the vehicle reports {reported:g}")
+
+    async def _parameter(
+        self, row: int, name: str, message_id: int, fields: Mapping[str, Any], may_leave: Gate
+    ) -> ParameterValue:
+        message = addressed(message_id, self.system_ids[[row]], **fields)
         answer = await self._request(
-            (row, name), lambda _attempt: self.send(PARAM_SET, message, np.array([row])), may_leave
+            (row, name), lambda _attempt: self.send(message_id, message, np.array([row])), may_leave
         )
-        if answer.value != (value if isinstance(value, int) else float(np.float32(value))):
-            raise CommandError(f"the vehicle reports {answer.value:g}")
+        return answer.value
 
     def take_acks(self, rows: Whole, reported: Records) -> None:
         """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""

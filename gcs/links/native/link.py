@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 
-from gcs.links.batch_link import BatchLink, Coroutines
+from gcs.links.batch_link import Coroutines, Link
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.native.commands import Commands, NativeCommandChannel
 from gcs.links.sender import SetpointBatch
@@ -17,7 +17,7 @@ from gcs.mavlink.framing import SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.state import Mask
 
 
-class NativeLink(BatchLink):
+class NativeLink(Link):
     """Up to 250 vehicles, without MAVSDK. A `gcs.links.Link`. Used on the loop's thread only."""
 
     def _own_id(self) -> int:
