@@ -5,6 +5,7 @@ import contextlib
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from gcs.sim.endpoint import HOST, MAX_PORT, Port, PortError, own_ports, shared_ports
 from gcs.sim.fleet import MAX_SYSTEM_ID, Origin, Settings
@@ -47,28 +48,20 @@ def _float(text: str) -> float:
         return math.nan
 
 
-def triple(form: str) -> Callable[[str], tuple[float, float, float]]:
-    def parse(text: str) -> tuple[float, float, float]:
-        north, east, down = _numbers(text, form, 3)
-        return north, east, down
+def numbers(form: str, words: str) -> Callable[[str], tuple[float, ...]]:
+    """A parser of as many finite numbers as `form` has, with commas between them."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        values = tuple(_float(part) for part in text.split(","))
+        if len(values) != len(form.split(",")) or not all(map(math.isfinite, values)):
+            raise argparse.ArgumentTypeError(f"{text!r} is not {form}: {words} between them")
+        return values
 
     return parse
 
 
-def pair(form: str) -> Callable[[str], tuple[float, float]]:
-    def parse(text: str) -> tuple[float, float]:
-        north, east = _numbers(text, form, 2)
-        return north, east
-
-    return parse
-
-
-def _numbers(text: str, form: str, count: int) -> list[float]:
-    values = [_float(part) for part in text.split(",")]
-    if len(values) != count or not all(map(math.isfinite, values)):
-        words = {2: "two numbers with a comma", 3: "three numbers with commas"}[count]
-        raise argparse.ArgumentTypeError(f"{text!r} is not {form}: {words} between them")
-    return values
+triple = partial(numbers, words="three numbers with commas")
+pair = partial(numbers, words="two numbers with a comma")
 
 
 def origin(text: str) -> Origin:

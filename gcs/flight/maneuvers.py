@@ -186,7 +186,7 @@ class Maneuvers(ManeuverTasks):
             return
         # sideways at its own height, but not lower than the take-off height of all
         height_z_m = min(
-            float(self._position_m(vehicle)[2]), float(home_m[2]) - self._settings.takeoff_height_m
+            float(self._flight.position_m(vehicle)[2]), float(home_m[2]) - self._settings.takeoff_height_m
         )
         vehicle.goal_m = np.array([home_m[0], home_m[1], height_z_m])
         await self._until(vehicle, lambda: self._above(vehicle, home_m))
@@ -234,7 +234,7 @@ class Maneuvers(ManeuverTasks):
                 return
             if not await self._under_control(vehicle, Event.DESCEND, "comes down"):
                 return
-            here_m = self._position_m(vehicle)
+            here_m = self._flight.position_m(vehicle)
             vehicle.goal_m = np.array([place_m[0], place_m[1], here_m[2]])
             await self._flight.ticked()  # until then all vehicles commanded together have begun, and count
             await self._until(
@@ -282,12 +282,8 @@ class Maneuvers(ManeuverTasks):
 
     # parts of maneuvers
 
-    def _position_m(self, vehicle: Vehicle) -> Array:
-        position_m: Array = self._flight.fleet.position_m[vehicle.row]
-        return position_m
-
     def _height_m(self, vehicle: Vehicle, place_m: Array) -> float:
-        return float(place_m[2] - self._position_m(vehicle)[2])
+        return float(place_m[2] - self._flight.position_m(vehicle)[2])
 
     def _all_up(self) -> bool:
         """Whether no vehicle climbs any more, or waits on the ground for its turn."""
@@ -310,7 +306,7 @@ class Maneuvers(ManeuverTasks):
         return share > UP_SHARE or (share > ENDED_SHARE and self._flight.mode(vehicle) is Mode.HOLD)
 
     def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
-        return bool(is_above(self._position_m(vehicle)[None], place_m[None])[0])
+        return bool(is_above(self._flight.position_m(vehicle)[None], place_m[None])[0])
 
     async def _until(
         self,
@@ -334,7 +330,7 @@ class Maneuvers(ManeuverTasks):
 
     async def _engage(self, vehicle: Vehicle) -> None:
         """Send setpoints at rest first, then command OFFBOARD: PX4 refuses it without them."""
-        vehicle.hold_m = self._position_m(vehicle).copy()
+        vehicle.hold_m = self._flight.position_m(vehicle).copy()
         vehicle.entering_offboard = True
         await asyncio.sleep(SETPOINTS_FIRST_S)
         for left in reversed(range(ENGAGE_TRIES)):
@@ -363,7 +359,7 @@ class Maneuvers(ManeuverTasks):
                 return False
         if vehicle.phase is Phase.LANDING and event is Event.DESCEND:
             return True
-        vehicle.goal_m = self._position_m(vehicle).copy()
+        vehicle.goal_m = self._flight.position_m(vehicle).copy()
         goal_m = vehicle.goal_m
         vehicle.apply(event, reason)
         vehicle.goal_m = goal_m
@@ -376,7 +372,7 @@ class Maneuvers(ManeuverTasks):
 
         def over_or_down() -> bool:
             """Down: where the filter keeps it off its place, it stands beside it in the end."""
-            here_m = self._position_m(vehicle)[None]
+            here_m = self._flight.position_m(vehicle)[None]
             return vehicle.phase is Phase.STANDBY or bool(may_hand_over(here_m, place_m[None], handover_m)[0])
 
         await self._until(vehicle, over_or_down)

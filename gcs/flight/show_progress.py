@@ -17,7 +17,6 @@ from gcs.flight.vehicle import Vehicle
 from gcs.flight.vehicle_commands import landing_sites_m
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
-from gcs.model.preflight_report import joined
 from gcs.model.state import Whereabouts
 
 log = logging.getLogger(__name__)
@@ -126,7 +125,7 @@ def _follow(flight: Fleet, *, busy: bool) -> None:
     """
     if flight.airborne:
         if flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED} and flight.show is not ShowPhase.COUNTDOWN:
-            names = joined([vehicle.id for vehicle in flight.airborne])
+            names = ", ".join(vehicle.id for vehicle in flight.airborne)
             flight.move_show(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
         return
     if busy or flight.show in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
@@ -144,7 +143,7 @@ def _follow(flight: Fleet, *, busy: bool) -> None:
 def _land(flight: Fleet) -> None:
     """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
     unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
-    named = f"; not confirmed on the ground: {joined(unknown)}" if unknown else ""
+    named = f"; not confirmed on the ground: {', '.join(unknown)}" if unknown else ""
     if flight.show is ShowPhase.UNCONTROLLED and flight.show_before is ShowPhase.IDLE:
         flight.move_show(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
     else:

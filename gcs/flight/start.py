@@ -12,7 +12,6 @@ from gcs.flight.show_player import ShowPlayer
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowEvent, advance_show
-from gcs.model.preflight_report import joined
 from gcs.model.state import VehicleId, Whereabouts
 from gcs.service import CommandRecord, Outcome, ShowAction
 
@@ -48,7 +47,7 @@ def uncontrolled_reason(vehicles: Collection[Vehicle]) -> str:
 
 
 def _named(ids: list[str]) -> str:
-    return joined(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
+    return ", ".join(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
 
 
 @dataclass(frozen=True, slots=True)

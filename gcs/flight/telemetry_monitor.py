@@ -122,9 +122,7 @@ class TelemetryMonitor:
         inputs = self.flight.inputs(vehicle)
         by_command = not inputs.in_failsafe and Mode.HOLD in vehicle.modes
         if not (by_command and lost_on_the_way(vehicle.cause, inputs, hold_commanded=True)):
-            cause = cause_of(inputs)
-            explanation = cause, described(vehicle.id, cause, inputs)
-            vehicle.explain(explanation, inputs.mode, in_failsafe=inputs.in_failsafe)
+            vehicle.explain(self._explained(vehicle), inputs.mode, in_failsafe=inputs.in_failsafe)
         idle = beat_is_fresh and not self.maneuvers.running(vehicle)
         if idle and lost_on_the_way(vehicle.cause, inputs, hold_commanded=by_command):
             self._by_itself(vehicle, self.come_back)

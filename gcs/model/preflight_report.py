@@ -3,7 +3,7 @@
 Plain data for the service port. The checks themselves are in `gcs.preflight`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -107,8 +107,4 @@ def _grouped(lines: Iterable[tuple[VehicleId | None, str]]) -> list[str]:
         names = vehicles_of.setdefault(text, [])
         if vehicle_id is not None and vehicle_id not in names:
             names.append(vehicle_id)
-    return [f"{joined(names)}: {text}" if names else text for text, names in vehicles_of.items()]
-
-
-def joined(names: Sequence[VehicleId]) -> str:
-    return ", ".join(names)
+    return [f"{', '.join(names)}: {text}" if names else text for text, names in vehicles_of.items()]
