@@ -13,20 +13,32 @@ from gcs.sim.fleet import Fleet
 PERIOD_S = 0.05
 
 
+class Period:
+    """Says when something that happens once a period is due; what is late is not made up for."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s, self._next_s = period_s, 0.0
+
+    def is_due(self, time_s: float) -> bool:
+        if time_s < self._next_s:
+            return False
+        late = time_s - self._next_s > self._period_s
+        self._next_s = (time_s if late else self._next_s) + self._period_s
+        return True
+
+
 class GroundTruthFile:
     """Writes one line per sample, and flushes it: killed at any moment, at most one line is lost."""
 
     def __init__(self, file: TextIO) -> None:
         """Write to an open text file, which the caller closes."""
         self._file = file
-        self._next_s = 0.0
+        self._due = Period(PERIOD_S)
 
     def offer(self, fleet: Fleet, time_s: float) -> None:
         """Write a line if one is due at time_s (CLOCK_MONOTONIC)."""
-        if time_s < self._next_s:
+        if not self._due.is_due(time_s):
             return
-        late = time_s - self._next_s > PERIOD_S
-        self._next_s = (time_s if late else self._next_s) + PERIOD_S
         self._file.write(json.dumps(sample(fleet, time_s), separators=(",", ":")) + "\n")
         self._file.flush()
 
@@ -84,17 +96,15 @@ class SimulatorLink:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._encoders = [common.MAVLink(None) for _ in range(count)]
-        self._next_s = 0.0
+        self._due = Period(SIMULATOR_PERIOD_S)
 
     def close(self) -> None:
         self._socket.close()
 
     def offer(self, fleet: Fleet, time_s: float) -> None:
         """Send one message per vehicle when it is due; `time_s` is the fleet's simulated time."""
-        if time_s < self._next_s:
+        if not self._due.is_due(time_s):
             return
-        late = time_s - self._next_s > SIMULATOR_PERIOD_S
-        self._next_s = (time_s if late else self._next_s) + SIMULATOR_PERIOD_S
         bodies = fleet.bodies
         geodetic = np.round(fleet.geodetic(bodies.position_m) * (1e7, 1e7, 1e3)).astype(np.int64).tolist()
         velocity_cm_s = np.round(100.0 * bodies.velocity_m_s).astype(np.int64).tolist()

@@ -191,14 +191,9 @@ class Orchestrator:
     def _control_alive(self) -> bool:
         return self._clock.gap_s <= self._config.setpoint_timeout_s
 
-    @property
-    def _start_unix_s(self) -> float | None:
-        """Time of a scheduled start, in s since 1970; None: there is none."""
-        countdown = self.commands.starting.countdown
-        return None if countdown is None else countdown.at_unix_s
-
     def _promised_view(self, result: Tick) -> Callable[[], FleetView]:
         """Return a function that builds the view of this tick: expensive for large fleets, rarely needed."""
+        countdown = self.commands.starting.countdown
         return partial(
             fleet_view,
             copy(self._flight),  # what commands change later does not belong to this tick
@@ -208,7 +203,7 @@ class Orchestrator:
             interventions=self._interventions,
             estimates=self._estimating.newest,
             unix_time_s=self._flight.unix_s(),
-            start_unix_s=self._start_unix_s,
+            start_unix_s=None if countdown is None else countdown.at_unix_s,
             failsafes=self._progress.failsafe_monitor.active,
             interrupted=self.recovery.view(),
             alarms=self.alarms.alarms,

@@ -127,7 +127,9 @@ class ShowPlayer:
         """Start the show at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
         flight = self.flight
         flight.need_no_countdown()
-        show_run = self._selected("seek")
+        show_run = flight.show_run
+        if show_run is None:
+            raise RefusedError("no show is selected: seek is for one that is")
         grounded = flight.show in ON_THE_GROUND and not flight.airborne
         show_run.clock = show_run.clock.seek(show_run.timeline, cue, grounded=grounded)
         self.lead()
@@ -186,11 +188,6 @@ class ShowPlayer:
         flight = self.flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
             raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")
-
-    def _selected(self, what: str) -> ShowRun:
-        if self.flight.show_run is None:
-            raise RefusedError(f"no show is selected: {what} is for one that is")
-        return self.flight.show_run
 
     # in the air
 

@@ -28,7 +28,7 @@ from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_lea
 from gcs.links.settings import Forward, Place, check_system_ids
 from gcs.links.signing import SignatureFilter, Signing
 from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
-from gcs.links.telemetry import FleetTelemetry
+from gcs.links.telemetry import FleetTelemetry, VehicleReport
 from gcs.links.tlog import Recorder
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
@@ -120,16 +120,11 @@ class Link(ABC):
         """Nothing is opened before `run`. Kernels are compiled here.
 
         Args:
-            name: the name in the configuration.
             vehicles: system id of each vehicle, 1 to 250, each once.
-            places: where the vehicles are.
-            frame: to turn setpoints from the show frame to NED.
             setpoint_timeout_s: no setpoint leaves later than this after the time of its tick.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             rates_hz: rate to request for each message; without it no rates are requested.
-            record: a folder for recordings of every frame.
             signing: signs sent frames, refuses unsigned ones. Of this link alone.
-            forward: further ground stations.
             clock: the loop's, ``loop.time``.
             ports: used instead of ports at `places`, such as datagrams in memory.
 
@@ -163,9 +158,9 @@ class Link(ABC):
         )
         self._telemetry = FleetTelemetry(self.ids)
         self._streams = StreamRequests(self._system_ids, rates_hz or {}, self._request_streams)
-        self._parameter_updates = ParameterUpdates()
+        self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(
-            self._addresses, self._telemetry, self._streams, self.counters, self._note_parameter, signatures
+            self._addresses, self._telemetry, self._streams, self.counters, self._parameters, signatures
         )
         self._latch = KillLatch(system_ids)
         self._forwarding = Forwarding(
@@ -263,11 +258,11 @@ class Link(ABC):
 
     def watch_parameters(self, names: Collection[str]) -> None:
         """Keep the values of these parameters that vehicles announce, whichever station set them."""
-        self._parameter_updates.watch(names)
+        self._parameters.watch(names)
 
     def reported_parameters(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
         """Newest values of watched parameters that vehicles announced since the last call."""
-        return self._parameter_updates.drain()
+        return self._parameters.drain()
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Pass every frame to `observer` from now on; call the result to stop. See `Observer`."""
@@ -351,7 +346,7 @@ class Link(ABC):
         """
         otherwise = f"{command.verb} impossible"
         protocol, row = self._protocol_for(command.vehicle_id, otherwise)
-        reported = self._telemetry.reported(row)
+        reported = VehicleReport(self._telemetry, row)
         if command.verb is Verb.KILL:
             self._killed.add(row)
             killing = protocol.kill(command, reported, lambda: self._send_kill(row))
@@ -425,9 +420,6 @@ class Link(ABC):
     def _send_kill(self, row: int) -> None:
         self._send_message(COMMAND_LONG, codec.kill_message(int(self._system_ids[row])), np.array([row]))
 
-    def _note_parameter(self, row: int, name: str, value: ParameterValue) -> None:
-        self._parameter_updates.take(self.ids[row], name, value)
-
     def _receive(self) -> None:
         self._received_s = self._clock()
         self._ports.receive(self._inbox.take)
@@ -437,7 +429,7 @@ class Link(ABC):
     async def _keep_receiving(self) -> None:
         watched_s = -np.inf
         while True:
-            busy = self._is_awaiting() or self._telemetry.awaited
+            busy = self._is_awaiting() or bool(self._telemetry.waiting)
             now_s = self._clock()
             if busy or now_s - self._received_s >= _IDLE_S:
                 self._receive()

@@ -1,6 +1,6 @@
 """Received datagrams: split into frames, checked, and passed to their readers."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -26,16 +26,17 @@ class ParameterUpdates:
     PX4 answers each PARAM_SET with a PARAM_VALUE to all.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, ids: Sequence[VehicleId]) -> None:
+        self._ids = ids  # by row
         self._names: frozenset[str] = frozenset()
         self._updates: dict[VehicleId, dict[str, ParameterValue]] = {}
 
     def watch(self, names: Collection[str]) -> None:
         self._names = frozenset(names)
 
-    def take(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
+    def take(self, row: int, name: str, value: ParameterValue) -> None:
         if name in self._names:
-            self._updates.setdefault(vehicle_id, {})[name] = value
+            self._updates.setdefault(self._ids[row], {})[name] = value
 
     def drain(self) -> Mapping[VehicleId, Mapping[str, ParameterValue]]:
         updates, self._updates = self._updates, {}
@@ -66,7 +67,7 @@ class Inbox:
     telemetry: FleetTelemetry
     streams: StreamRequests
     counters: Counters
-    note_parameter: Callable[[int, str, ParameterValue], None]
+    parameters: ParameterUpdates
     signatures: SignatureFilter | None = None
 
     def __post_init__(self) -> None:
@@ -108,6 +109,6 @@ class Inbox:
             value_records = codec.decode(PARAM_VALUE, data, frames[values])
             if self.commands is not None:
                 self.commands.take_values(rows[values], value_records)
-            parameters = codec.parameter_values(value_records)
-            for row, (name, value) in zip(rows[values].tolist(), parameters, strict=True):
-                self.note_parameter(row, name, value)
+            named = codec.parameter_values(value_records)
+            for row, (name, value) in zip(rows[values].tolist(), named, strict=True):
+                self.parameters.take(row, name, value)

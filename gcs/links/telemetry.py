@@ -192,13 +192,6 @@ class FleetTelemetry:
                 self.texts[rows[at]].take(text, float(time_s[at]))
             self._texts_reported = tuple(each.texts for each in self.texts)
 
-    def reported(self, row: int) -> "VehicleReport":
-        return VehicleReport(self, row)
-
-    @property
-    def awaited(self) -> bool:
-        return bool(self.waiting)
-
     def telemetry(self, *, may_be_ready: Mask | bool = True, discovered: Mask | None = None) -> Telemetry:
         """A copy of all values.
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 
-from gcs.links.telemetry import FleetTelemetry
+from gcs.links.telemetry import FleetTelemetry, VehicleReport
 from gcs.mavlink import codec
 from gcs.mavlink.framing import PREARM_CHECK
 from gcs.mavlink.kernels import SYSTEM
@@ -87,12 +87,12 @@ def test_onboard_camera_does_not_count_as_the_autopilot() -> None:
 
 def test_only_a_heartbeat_fires_the_event() -> None:
     fleet = FleetTelemetry(IDS)
-    waiting = fleet.reported(ROW).next_heartbeat()
+    waiting = VehicleReport(fleet, ROW).next_heartbeat()
     take(fleet, 1.0, position(0))
     assert not waiting.is_set()
     take(fleet, 1.0, beat())
     assert waiting.is_set()
-    assert not fleet.reported(ROW).next_heartbeat().is_set()
+    assert not VehicleReport(fleet, ROW).next_heartbeat().is_set()
 
 
 @pytest.mark.parametrize(
@@ -123,9 +123,9 @@ def test_ready_is_the_prearm_bit(health: int) -> None:
 def test_long_text_is_joined_from_its_chunks() -> None:
     fleet = FleetTelemetry(IDS)
     take(fleet, 1.0, text(b"a" * 50, 9, 0), text(b"b" * 50, 9, 1), text(b"end", 9, 2))
-    assert fleet.reported(ROW).text == ("a" * 50 + "b" * 50 + "end", 1.0)
+    assert VehicleReport(fleet, ROW).text == ("a" * 50 + "b" * 50 + "end", 1.0)
     reported = take(fleet, 2.0, text(b"next"))
-    assert fleet.reported(ROW).text == ("next", 2.0)
+    assert VehicleReport(fleet, ROW).text == ("next", 2.0)
     assert [each.text[-4:] for each in reported.texts[ROW]] == ["bend", "next"]
     assert reported.texts[0] == ()
 
@@ -134,7 +134,7 @@ def test_endless_chunks_stay_bounded() -> None:
     fleet = FleetTelemetry(IDS)
     for chunk in range(200):
         take(fleet, 1.0, text(b"a" * 50, 9, chunk))
-    assert len(fleet.reported(ROW).text[0]) == 8 * 50
+    assert len(VehicleReport(fleet, ROW).text[0]) == 8 * 50
 
 
 @pytest.mark.parametrize(
