@@ -173,12 +173,8 @@ def lacking(now_s: float, life_s: float, beat_s: float, position_s: float, silen
       mode change on its own. After BEATS_LACK_MAX_S more the vehicle counts as lost: a pilot may have flown
       it for so long that the others must not rely on its giving way.
 
-    Args:
-        now_s: of this tick.
-        life_s: arrival of any message from its autopilot, -inf before the first.
-        beat_s: of its newest heartbeat.
-        position_s: of its newest position.
-        silence_s: `operation.silence_s`.
+    Times of arrival are those of any message from its autopilot, of its newest heartbeat and of its newest
+    position, -inf before the first.
     """
     if not now_s - life_s <= silence_s:
         return f"no telemetry{_since(now_s - life_s)}"

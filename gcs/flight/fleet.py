@@ -97,15 +97,7 @@ class Fleet:
         unix_s: Callable[[], float] = time.time,
         book: CommandLog | None = None,
     ) -> None:
-        """Starts with nothing received and nothing commanded.
-
-        Args:
-            config: checked.
-            links: carry all vehicles of `config`.
-            now_s: the loop's time.
-            unix_s: the wall clock, in s since 1970.
-            book: commands and their outcomes; None: an empty one.
-        """
+        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970."""
         self.config = config
         self.unix_s = unix_s
         self.book = book or CommandLog(None)

@@ -138,15 +138,9 @@ class ShowPlayer:
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
     ) -> None:
-        """Check whether these vehicles may start the selected show.
+        """Check whether `chosen` may start the selected show with the hash and the names of a command.
 
-        Args:
-            chosen: vehicles that would fly.
-            show_hash: hash named by the command.
-            named: whether the command also names the vehicles.
-            taken_out: number of other vehicles that an operator excluded.
-
-        Raises: RefusedError.
+        `taken_out` is the number of vehicles that an operator excluded. Raises: RefusedError.
         """
         show_run = self.flight.show_run
         if show_run is None:

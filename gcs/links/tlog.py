@@ -30,13 +30,7 @@ class Recorder(DiskWriter[bytes]):
     """Writes a new file each time it is opened. `record` is for any thread and takes a microsecond."""
 
     def __init__(self, folder: Path, name: str, clock: Callable[[], float]) -> None:
-        """Nothing is opened yet.
-
-        Args:
-            folder: created when missing.
-            name: becomes part of the file's name.
-            clock: that of the times given to `record`.
-        """
+        """Nothing is opened yet. `clock` is that of the times given to `record`."""
         super().__init__(folder, "frames", _QUEUE_MAX_BYTES)
         self._folder = folder
         self._name = re.sub(r"[^A-Za-z0-9_.-]", "_", name)

@@ -146,12 +146,8 @@ def mismatches(
 def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str, *, in_failsafe: bool) -> bool:
     """Whether the end of this station's control, and not a pilot, explains a vehicle's mode.
 
-    Args:
-        before: its phase when control ended.
-        mode: its present mode.
-        setpoint_loss_action: see `gcs.config.schema.OperationSettings`.
-        in_failsafe: whether its autopilot reports a failsafe. With "descend" it flies in a pilot's mode, or
-            lands where it cannot; only the failsafe distinguishes these from a pilot.
+    `before` is its phase when control ended. With "descend" it flies in a pilot's mode, or lands where it
+    cannot; only the failsafe that its autopilot reports distinguishes these from a pilot.
     """
     ours = {Mode.HOLD, Mode.OFFBOARD}
     if before is Phase.TAKEOFF:
@@ -182,14 +178,8 @@ def remaining(
 ) -> Remaining:
     """The present state of one vehicle of the interrupted flight.
 
-    Args:
-        name: the vehicle's id.
-        before: its state when control ended.
-        phase: its present phase.
-        mode: its present mode.
-        loss_action: `operation.setpoint_loss_action`.
-        in_failsafe: whether its autopilot reports a failsafe.
-        taken_again: this station has controlled it since, and then a pilot or another station took it.
+    `before` is as control ended, the others are as of now. `taken_again`: this station has controlled it
+    since, and then a pilot or another station took it.
     """
     waits, text = False, f"{phase}"
     if phase is Phase.OFFLINE:

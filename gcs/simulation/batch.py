@@ -151,12 +151,6 @@ def summary(reports: Sequence[Figures]) -> str:
     return "\n".join([*lines, *notes[:SHOWN_NOTES], *left_off])
 
 
-def markdown(reports: Sequence[Figures]) -> str:
-    header, *body = rows(reports)
-    ruler = ["---", *("---:" for _ in header[1:])]
-    return "\n".join(f"| {' | '.join(row)} |" for row in (header, ruler, *body))
-
-
 def rows(reports: Sequence[Figures]) -> list[list[str]]:
     """Titles, then one row per scenario and fleet: median / worst of every figure over the seeds.
 

@@ -97,24 +97,20 @@ def best(charges: int | tuple[float, ...]) -> Array:
 
     `charges` are those of n vehicles, or the number of vehicles with equal charges.
     """
-    charge = _charge(charges)
-    if len(set(charge.tolist())) > 1:
-        return search(charge, STARTS)
+    if not isinstance(charges, int):
+        return best(len(charges)) if len(set(charges)) == 1 else search(np.array(charges), STARTS)
     with resources.as_file(resources.files("gcs.simulation") / "best.npz") as file, np.load(file) as kept:
-        if str(len(charge)) in kept:
-            unit = kept[str(len(charge))].astype(np.float64)
+        if str(charges) in kept:
+            unit = kept[str(charges)].astype(np.float64)
             return np.asarray(unit / np.linalg.norm(unit, axis=1, keepdims=True))
-    return search(np.ones(len(charge)), FEW_STARTS)
-
-
-def _charge(charges: int | tuple[float, ...]) -> Array:
-    return np.ones(charges) if isinstance(charges, int) else np.array(charges)
+    return search(np.ones(charges), FEW_STARTS)
 
 
 @cache
 def best_figures(charges: int | tuple[float, ...]) -> tuple[float, float]:
     """Energy and nearest distance of `best`, on the unit sphere."""
-    energy, nearest = energy_and_nearest(best(charges), _charge(charges))
+    charge = np.ones(charges) if isinstance(charges, int) else np.array(charges)
+    energy, nearest = energy_and_nearest(best(charges), charge)
     return float(energy), float(nearest)
 
 

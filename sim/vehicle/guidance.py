@@ -79,12 +79,7 @@ class Guidance:
         return desired_m_s
 
     def turn(self, powered: Mask, dt_s: float) -> None:
-        """Turn the yaw towards the setpoint's, no faster than MPC_YAWRAUTO_MAX.
-
-        Args:
-            powered: (n,), vehicles carried by their motors.
-            dt_s: the step.
-        """
+        """Turn the yaw of (n,) powered vehicles towards the setpoint's, no faster than MPC_YAWRAUTO_MAX."""
         state = self.state
         rows = ((state.mode == OFFBOARD) & powered).nonzero()[0]
         if not len(rows):

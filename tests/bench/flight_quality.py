@@ -13,12 +13,19 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from gcs.simulation import scenario as scenarios
-from gcs.simulation.batch import Figures, markdown
+from gcs.simulation.batch import Figures, rows
 from gcs.simulation.flight import fly
 from gcs.simulation.plot import draw
 
 TABLE = re.compile(r"(<!-- figures: (?P<names>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
 PLOT = re.compile(r"<!-- plot: (?P<name>\S+) (?P<vehicles>\d+) (?P<seed>\d+) -->")
+
+
+def markdown(reports: Sequence[Figures]) -> str:
+    """The table of `gcs simulate` as Markdown."""
+    header, *body = rows(reports)
+    ruler = ["---", *("---:" for _ in header[1:])]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (header, ruler, *body))
 
 
 def with_tables(text: str, reports: Sequence[Figures]) -> str:

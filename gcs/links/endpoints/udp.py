@@ -57,13 +57,9 @@ class UdpPorts(Ports):
         *,
         replace_busy: bool = False,
     ) -> None:
-        """Nothing is opened yet.
+        """Nothing is opened yet. Places without UDP are left to subclasses.
 
-        Args:
-            name: the link's, for errors and logs.
-            places: those without UDP are left to subclasses.
-            clock: the loop's.
-            replace_busy: open any free port instead of one in use.
+        `replace_busy` opens any free port instead of one in use.
         """
         self.problems: list[str] = []
         self.failures: dict[int, str] = {}

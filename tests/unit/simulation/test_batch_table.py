@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from gcs.simulation.batch import markdown, passed, rows, summary
+from gcs.simulation.batch import passed, rows, summary
+from tests.bench.flight_quality import markdown
 
 
 def run(
