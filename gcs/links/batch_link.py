@@ -120,11 +120,16 @@ class Link(ABC):
         """Nothing is opened before `run`. Kernels are compiled here.
 
         Args:
+            name: the name in the configuration.
             vehicles: system id of each vehicle, 1 to 250, each once.
+            places: where the vehicles are.
+            frame: to turn setpoints from the show frame to NED.
             setpoint_timeout_s: no setpoint leaves later than this after the time of its tick.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             rates_hz: rate to request for each message; without it no rates are requested.
+            record: a folder for recordings of every frame.
             signing: signs sent frames, refuses unsigned ones. Of this link alone.
+            forward: further ground stations.
             clock: the loop's, ``loop.time``.
             ports: used instead of ports at `places`, such as datagrams in memory.
 
