@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import copyreg
 import gzip
 import json
 import math
+import struct
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -179,6 +183,25 @@ class Bench:
         for frame in chain.from_iterable(stated.values()):
             assert frame[0] == 0xFD
             self.received.append((self.now_s, self._receivers.decode(bytearray(frame))))
+
+
+copyreg.pickle(struct.Struct, lambda each: (struct.Struct, (each.format,)))  # so that a bench can be copied
+
+
+@cache
+def _led(maneuver: str) -> Bench:
+    bench: Bench = getattr(Bench(), maneuver)()
+    return bench
+
+
+def holding() -> Bench:
+    """`Bench().take_off()`, flown once for all tests."""
+    return copy.deepcopy(_led("take_off"))
+
+
+def offboard() -> Bench:
+    """`Bench().fly_offboard()`, flown once for all tests."""
+    return copy.deepcopy(_led("fly_offboard"))
 
 
 def setpoint(north: float, east: float, down: float, mask: int, **more: Any) -> Any:

@@ -17,6 +17,7 @@ from tests.support.sim_bench import (
     TEMPORARILY_REJECTED,
     UNSUPPORTED,
     Bench,
+    holding,
 )
 
 IN_AIR, ON_GROUND = 2, 1
@@ -49,7 +50,7 @@ def test_each_vehicle_has_a_local_origin_of_its_own() -> None:
 
 
 def test_mode_change_acknowledged_twice_accepted_then_result() -> None:
-    bench = Bench().take_off()
+    bench = holding()
     before = len(bench.received)
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, TEMPORARILY_REJECTED]
     times = [time_s for time_s, m in bench.received[before:] if m.get_type() == "COMMAND_ACK"]
@@ -58,7 +59,7 @@ def test_mode_change_acknowledged_twice_accepted_then_result() -> None:
 
 
 def test_mode_change_shows_in_next_heartbeat_within_a_second() -> None:
-    bench = Bench().take_off()
+    bench = holding()
     assert bench.set_mode(LAND) == [ACCEPTED, ACCEPTED]
     assert 0.0 < bench.until(lambda: bench.mode == LAND, 2.0) <= 1.1
 
@@ -77,13 +78,13 @@ def test_disarmed_offboard_without_setpoints_refuses_arming() -> None:
 
 
 def test_offboard_without_setpoints_is_refused_in_the_air() -> None:
-    bench = Bench().take_off()
+    bench = holding()
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, TEMPORARILY_REJECTED]
     assert bench.run(1.1).mode == HOLD
 
 
 def test_manual_modes_are_refused_in_the_air_without_a_pilot() -> None:
-    bench = Bench().take_off()
+    bench = holding()
     assert bench.set_mode(POSITION) == [ACCEPTED, TEMPORARILY_REJECTED]
     assert bench.run(1.1).mode == HOLD
 
@@ -101,7 +102,7 @@ def test_takeoff_while_disarmed_happens_at_the_next_arming() -> None:
 
 
 def test_disarming_is_refused_in_the_air() -> None:
-    bench = Bench().take_off()
+    bench = holding()
     assert bench.command(400, 0) == [TEMPORARILY_REJECTED]
     assert bench.run(1.1).armed
 

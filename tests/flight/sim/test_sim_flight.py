@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.sim_bench import ACCEPTED, HOLD, LAND, POSITION_ONLY, RETURN, Bench
+from tests.support.sim_bench import ACCEPTED, HOLD, LAND, POSITION_ONLY, RETURN, Bench, holding, offboard
 
 TAKING_OFF, IN_AIR, LANDING, ON_GROUND = 3, 2, 4, 1
 
@@ -36,7 +36,7 @@ def test_mis_takeoff_alt_is_the_default_height() -> None:
 
 
 def test_hold_stops_and_stays() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(5.0, 0.0, 0.0)
     bench.run(5.0)
     assert bench.set_mode(HOLD) == [ACCEPTED, ACCEPTED]
@@ -155,7 +155,7 @@ def test_vehicle_i_starts_at_row_i_over_c_and_column_i_modulo_c() -> None:
 
 
 def test_the_land_mode_can_be_left_again() -> None:
-    bench = Bench().take_off(height_m=10.0)
+    bench = holding()
     bench.set_mode(LAND)
     bench.run(3.0)
     assert bench.set_mode(HOLD) == [ACCEPTED, ACCEPTED]

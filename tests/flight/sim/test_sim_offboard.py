@@ -18,6 +18,8 @@ from tests.support.sim_bench import (
     VELOCITY_AND_YAW,
     VELOCITY_ONLY,
     Bench,
+    holding,
+    offboard,
 )
 
 ON_GROUND = 1
@@ -74,7 +76,7 @@ def test_a_body_frame_velocity_is_turned_by_the_yaw() -> None:
 
 
 def test_position_setpoints_are_flown_to() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(5.0, -3.0, -12.0, POSITION_ONLY)
     assert bench.run(20.0).truth == pytest.approx((5.0, -3.0, -12.0), abs=0.3)
 
@@ -86,7 +88,7 @@ def test_position_setpoints_are_flown_to() -> None:
 def test_velocity_with_one_axis_missing_is_not_followed(
     vector: tuple[float, float, float], mask: int
 ) -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     before = len(bench.texts)
     bench.stream(*vector, mask)
     assert bench.run(6.0).velocity == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
@@ -94,7 +96,7 @@ def test_velocity_with_one_axis_missing_is_not_followed(
 
 
 def test_setpoints_without_axes_are_invalid_and_fail_safe() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(0, 0, 0, 0xDFF)
     bench.run(2.5)
     assert "SET_POSITION_TARGET_LOCAL_NED invalid" in bench.texts
@@ -102,7 +104,7 @@ def test_setpoints_without_axes_are_invalid_and_fail_safe() -> None:
 
 
 def test_setpoint_loss_in_position_mode_descends_and_lands() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(3.0, 0.0, 0.0)
     bench.run(3.0)
     bench.repeated = None
@@ -148,7 +150,7 @@ def test_com_of_loss_t_is_the_time_until_the_failsafe(loss_s: float) -> None:
 
 
 def test_resumed_setpoints_restore_offboard() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.repeated = None
     bench.run(3.0)
     assert bench.mode == POSITION
@@ -159,7 +161,7 @@ def test_resumed_setpoints_restore_offboard() -> None:
 
 
 def test_only_an_explicit_mode_ends_offboard_for_good() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.repeated = None
     bench.run(2.0)
     assert bench.set_mode(HOLD) == [ACCEPTED, ACCEPTED]
@@ -168,7 +170,7 @@ def test_only_an_explicit_mode_ends_offboard_for_good() -> None:
 
 
 def test_two_setpoints_a_second_keep_offboard() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     repeated, bench.repeated = bench.repeated, None
     for _ in range(10):
         bench.send(repeated)
@@ -178,7 +180,7 @@ def test_two_setpoints_a_second_keep_offboard() -> None:
 
 
 def test_setpoints_for_another_vehicle_do_not_count() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(0, 0, 0, target=2)
     assert bench.run(2.5).mode == POSITION
 
@@ -201,7 +203,7 @@ def test_takeoff_and_landing_by_velocity() -> None:
 
 
 def test_five_metre_step_response_of_the_vehicle_as_recorded() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(5.0, 0.0, 0.0)
     bench.run(1.0)
     assert bench.velocity[0] == pytest.approx(3.15, abs=0.35)
@@ -214,7 +216,7 @@ def test_five_metre_step_response_of_the_vehicle_as_recorded() -> None:
 @pytest.mark.parametrize(("action", "mode"), [(0, HOLD), (1, HOLD), (2, RETURN), (3, LAND)])
 def test_data_link_loss_on_the_ground_station_timeout(action: int, mode: tuple[int, int]) -> None:
     """Without a ground station's heartbeat, NAV_DLL_ACT acts after COM_DL_LOSS_T."""
-    bench = Bench().take_off()
+    bench = holding()
     bench.set_parameter("NAV_DLL_ACT", action)
     bench.set_parameter("COM_DL_LOSS_T", 5)
     bench.run(2.0)
@@ -226,7 +228,7 @@ def test_data_link_loss_on_the_ground_station_timeout(action: int, mode: tuple[i
 
 
 def test_data_link_loss_acts_once_and_in_offboard() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.set_parameter("NAV_DLL_ACT", 2)
     bench.set_parameter("COM_DL_LOSS_T", 5)
     bench.heartbeats = False

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.px4 import defaults
-from tests.support.sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench
+from tests.support.sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench, offboard
 
 SET_INTERVAL, GET_INTERVAL, REQUEST = 511, 510, 512
 VERSION_ID, ATTITUDE_ID = 148, 30
@@ -62,7 +62,7 @@ def test_the_version_is_px4_1_16_1() -> None:
 
 
 def test_home_is_where_it_was_armed() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(4.0, 0.0, 0.0)
     bench.run(4.0)
     bench.command(21)

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
-from tests.support.sim_bench import Bench, digest
+from tests.support.sim_bench import Bench, digest, offboard
 
 # What the recorded PX4 sends and the fake does not: see sim/protocol/reports.py.
 LEFT_OUT = {
@@ -126,7 +126,7 @@ def same_kind(ours: Any, theirs: Any) -> bool:
 
 def test_fields_hold_what_the_recorded_ones_hold() -> None:
     streams = digest("session")["streams"]
-    bench = Bench().fly_offboard()
+    bench = offboard()
     # Constants of the recording that are not the vehicle's nature: times, the simulated sensors' own figures.
     free = {
         ("ODOMETRY", "pose_covariance"),
@@ -146,12 +146,12 @@ def test_fields_hold_what_the_recorded_ones_hold() -> None:
 
 
 def test_the_imu_feels_gravity() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     assert bench.last("HIGHRES_IMU").zacc == pytest.approx(-GRAVITY_M_S2, abs=0.3)
 
 
 def test_the_global_position_agrees_with_the_local_one() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     bench.stream(3.0, 4.0, 0.0)
     bench.run(3.0)
     here, home, local = (

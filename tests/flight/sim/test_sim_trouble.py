@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.faults.injector import FaultInjector, Jammer, Way
-from tests.support.sim_bench import HOLD, OFFBOARD, POSITION, Bench
+from tests.support.sim_bench import HOLD, OFFBOARD, POSITION, Bench, holding, offboard
 
 DENIED = 2
 
@@ -94,7 +94,7 @@ def test_link_faults_end_after_their_time_or_on_none() -> None:
 
 
 def test_a_position_that_jumps_is_reported_and_flown_back() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     fault_injector = FaultInjector(bench.fleet)
     before = bench.last("LOCAL_POSITION_NED").x
     counter = bench.last("ODOMETRY").reset_counter
@@ -109,7 +109,7 @@ def test_a_position_that_jumps_is_reported_and_flown_back() -> None:
 
 
 def test_a_frozen_receiver_repeats_its_position() -> None:
-    bench = Bench().fly_offboard()
+    bench = offboard()
     fault_injector = FaultInjector(bench.fleet)
     command(fault_injector, fault="gps-freeze", for_s=3.0)
     bench.stream(3.0, 0.0, 0.0)
@@ -173,7 +173,7 @@ def test_reboot_on_the_ground_resets_clock_arming_and_streams() -> None:
 
 
 def test_reboot_in_the_air_stops_the_motors_unless_survived() -> None:
-    bench = Bench().take_off()
+    bench = holding()
     fault_injector = FaultInjector(bench.fleet)
     command(fault_injector, fault="reboot", off_s=0.0, motors="go-on")
     bench.run(1.0)
@@ -208,7 +208,7 @@ def test_a_battery_can_be_set() -> None:
 
 @pytest.mark.parametrize(("answer", "result"), [("accepted", 0), ("rejected", 1)])
 def test_stuck_mode_stays_whatever_is_acknowledged(answer: str, result: int) -> None:
-    bench = Bench().take_off()
+    bench = holding()
     fault_injector = FaultInjector(bench.fleet)
     command(fault_injector, fault="stuck-mode", answer=answer)
     assert bench.set_mode((4, 6)) == [0, result]
@@ -220,7 +220,7 @@ def test_stuck_mode_stays_whatever_is_acknowledged(answer: str, result: int) -> 
 
 def test_pilot_takes_over_by_switch_or_sticks() -> None:
     """The switch always gives the pilot control; the sticks as COM_RC_OVERRIDE allows."""
-    bench = Bench().fly_offboard()
+    bench = offboard()
     fault_injector = FaultInjector(bench.fleet)
     assert command(fault_injector, fault="pilot", by="sticks")["unmoved"] == [1]
     assert bench.run(1.1).mode == OFFBOARD
