@@ -45,8 +45,9 @@ flown: .venv/ready console
 	$(call twice,-m "realtime and not alone and not soak" $(REALTIME),-n 3 --no-loadscope-reorder)
 	$(call twice,-m "alone and not soak" tests/system,-n 0)
 
-soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo; 15 minutes
+soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo, ten times the examples
 	$(BIN)/pytest -m soak -n 0 --timeout 1800 tests
+	$(BIN)/pytest -m hypothesis --hypothesis-profile=soak -n 0 --timeout 1800 tests
 
 quick: .venv/ready compiled  ## between edits: linters, types, contracts, units, properties, two virtual flights
 	@$(MAKE) --no-print-directory check

@@ -14,9 +14,15 @@ from tests.support.browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_requ
 gc.disable()  # until collection ends: a quarter of its time
 
 # The same examples in every run, and no clock that a busy machine would fail.
-settings.register_profile(
-    "machine", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
-)
+# `make soak` takes ten times as many.
+for profile, examples in (("machine", 100), ("soak", 1000)):
+    settings.register_profile(
+        profile,
+        max_examples=examples,
+        deadline=None,
+        derandomize=True,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
 settings.load_profile("machine")
 
 HERE = Path(__file__).parent

@@ -25,8 +25,8 @@ from tests.support.api_fake_service import FakeService
 from tests.support.virtual_link import VirtualLink
 from tests.support.virtual_show import show_config
 
-EXAMPLES = 20
-"""Of each operation and of each way to make one wrong; so that all of it takes less than a minute."""
+EXAMPLES = settings().max_examples // 10
+"""Of each operation and of each way to make one wrong: 10, in `make soak` 100."""
 
 
 async def serve_fleet(

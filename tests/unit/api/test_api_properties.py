@@ -2,7 +2,7 @@ import json
 from typing import Any
 from urllib.parse import quote
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.api.schemas import requests
@@ -86,7 +86,7 @@ def everything(api: Api) -> tuple[Any, ...]:
     return service.plan.current, service.show, dict(service.phases), service.command_log.newest()
 
 
-@settings(max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=3 * settings().max_examples)
 @given(endpoint=ENDPOINTS, text=BODIES, flying=st.booleans())
 def test_no_body_makes_a_5xx_and_nothing_changes_unless_accepted(
     endpoint: tuple[str, str], text: str, flying: bool
@@ -110,7 +110,6 @@ def test_no_body_makes_a_5xx_and_nothing_changes_unless_accepted(
 SEGMENTS = st.text(st.characters(codec="utf-8", exclude_characters="/?#\\"), max_size=12)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     method=st.sampled_from(["GET", "POST", "PUT", "PATCH", "DELETE"]),
     parts=st.lists(
