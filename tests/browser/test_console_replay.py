@@ -15,7 +15,8 @@ from gcs.service import ShowAction
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, console
 from tests.support.processes import SOON_S, wait_until
 from tests.support.replays import replay
-from tests.support.virtual_show import Show, UnixClock, fly, show_config
+from tests.support.virtual_show import Show, fly, show_config
+from tests.support.virtual_time import UnixClock
 
 CONFIG = show_config(4)
 

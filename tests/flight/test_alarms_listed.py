@@ -15,6 +15,7 @@ from gcs.model.lifecycle import Phase
 from gcs.service import ShowAction, VehicleAction
 from gcs.service.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
 from tests.support.failsafe_flights import failsafe
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 WITHIN_S: Final = 1.0
@@ -171,7 +172,6 @@ def test_twelve_alarms_are_listed_within_a_second_by_severity(seed: int) -> None
 
 def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         assert alarm_texts(show) == []
         show.ports.silence("d3")
         await show.until(lambda: listed(show, AlarmCause.VEHICLE_LOST) is not None, 5.0)
@@ -193,12 +193,11 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
         assert any(text.startswith("acknowledged by service: Vehicle d3 lost") for text in texts)
         assert any(text.startswith("over: Vehicle d3 lost") for text in texts)
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         command = show.service.commands.kill(["d2"])
         await show.until(lambda: listed(show, AlarmCause.KILLED) is not None, WITHIN_S)
         alarm = show.view.alarms[0]
@@ -215,7 +214,7 @@ def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
         await show.command("d2", VehicleAction.CONFIRM_DOWN)
         await show.until(lambda: listed(show, AlarmCause.KILLED) is None, WITHIN_S)
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:

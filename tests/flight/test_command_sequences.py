@@ -10,7 +10,9 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
-from tests.flight.test_show_interrupted import ALL, BOX, COMMANDS, fly_for_a_while, found, four, sessions
+from tests.flight.test_show_interrupted import COMMANDS
+from tests.support.sessions import ALL, BOX, after_interruption, found, four
+from tests.support.show_phases import running
 from tests.support.stalls import stall
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
@@ -22,7 +24,6 @@ NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 )
 def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action: ShowAction) -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.pilot("d1", PilotMode.LAND)
         await show.phase("d1", Phase.PILOT)
         show.service.commands.command_vehicle("d1", VehicleAction.TAKE_CONTROL)
@@ -33,13 +34,12 @@ def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action
         assert {seen.phase for seen in show.view.vehicles} == {Phase.STANDBY}
         await show.reach(ShowPhase.LANDED)
 
-    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.2, 1.0])
 def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> None:
     async def story(show: Show) -> None:
-        await show.start()
         await show.wait(1.0)
         stall(show, 4.0)
         await show.wait(1.0)
@@ -53,12 +53,11 @@ def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> 
         assert show.view.show is ShowPhase.PAUSED
         assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         stall(show, 4.0)
         await show.wait(1.0)
         await show.settled(show.service.commands.command_show(ShowAction.PAUSE))
@@ -70,7 +69,7 @@ def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
         await show.show(ShowAction.RESUME)
         await show.reach(ShowPhase.RUNNING)
 
-    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_plan_set_before_recovery_stands_beside_the_recorded(
@@ -93,8 +92,8 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
         ((box, at_m),) = [(one.id, (one.x_m, one.y_m)) for one in show.view.plan.obstacles]
         assert (box, at_m) == ("box", (80.0, 60.0)), "the newest command counts"
 
-    sessions(tmp_path / "added", (four(), fly_for_a_while), (four(), go_on))
-    sessions(tmp_path / "moved", (four(), fly_for_a_while), (four(), move))
+    after_interruption(tmp_path / "added", (four(), go_on))
+    after_interruption(tmp_path / "moved", (four(), move))
 
 
 @pytest.mark.parametrize("command", ["bring-home", "stop", "abort"])
@@ -108,4 +107,4 @@ def test_recorded_obstacles_stand_on_the_way_down(tmp_path: Path, command: str) 
         await show.wait(0.2)
         assert {box.id for box in show.view.plan.obstacles} == {BOX.id, NEW.id}
 
-    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on))
+    after_interruption(tmp_path, (four(), go_on))

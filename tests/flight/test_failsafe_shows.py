@@ -10,6 +10,7 @@ from gcs.model.plan import Target
 from gcs.service import Outcome, ShowAction
 from tests.support import written_show
 from tests.support.failsafe_flights import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 STORM_M_S = 12.0
@@ -31,7 +32,6 @@ async def home(show: Show) -> None:
 
 def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         storm(show, STORM_M_S)
         reported = await reacts(show, Cause.WIND)
         assert reported.action == "pause"
@@ -49,12 +49,11 @@ def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
         show.service.commands.command_show(ShowAction.STOP)
         await home(show)
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         storm(show, STORM_M_S)
         paused_s = await show.reach(ShowPhase.PAUSED)
         assert paused_s > 5.0, "a gust is none"
@@ -68,7 +67,7 @@ def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
         assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_flyable_wind_triggers_nothing() -> None:
@@ -159,18 +158,16 @@ def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
 
 def test_target_reported_once_without_a_show_goes_on() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.service.plan.set_target(Target(3.0, 1.0, 0.3, 0.0))
-        await show.wait(20.0)
+        await show.wait(10.0)  # in a written show a target counts as stale after 5 s
         assert show.view.failsafes == ()
         assert show.view.plan.target.speed_m_s == 0.3
 
-    fly(story, show_config(2))
+    fly(story, show_config(2), after=running)
 
 
 def test_service_late_pauses_the_show_then_brings_it_home() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.link.takes_s = 0.12
         paused_s = await show.reach(ShowPhase.PAUSED)
         assert 3.0 < paused_s < 6.0
@@ -184,12 +181,11 @@ def test_service_late_pauses_the_show_then_brings_it_home() -> None:
         assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_service_late_once_changes_nothing() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.link.takes_s = 2.0
         await show.wait(0.1)
         show.link.takes_s = 0.0
@@ -197,4 +193,4 @@ def test_service_late_once_changes_nothing() -> None:
         assert Cause.SERVICE_LATE.value not in {each.cause for each in show.view.failsafes}
         assert ShowPhase.PAUSED not in show.track.show_phases()
 
-    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)

@@ -15,6 +15,7 @@ from tests.support.failsafe_flights import (
     off_sphere_m,
     reacts,
 )
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 OTHERS = ("d1", "d2", "d4", "d5")
@@ -74,7 +75,6 @@ def test_vehicle_lost_pauses_the_show_where_that_is_set() -> None:
 
 def test_low_battery_returns_home_while_the_rest_re_form() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         await show.wait(4.0)
         show.befall("d3", "battery", remaining=0.15)
         reported = await reacts(show, Cause.LOW_BATTERY)
@@ -93,12 +93,11 @@ def test_low_battery_returns_home_while_the_rest_re_form() -> None:
         assert failsafe(show, Cause.LOW_BATTERY) is None, "it is down"
         await lands_all(show)
 
-    fly(story, show_config(5))
+    fly(story, show_config(5), after=running)
 
 
 def test_critical_battery_lands_it_where_it_is_safe() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         await show.wait(4.0)
         show.befall("d3", "battery", remaining=0.09)
         reported = await reacts(show, Cause.CRITICAL_BATTERY)
@@ -113,12 +112,11 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
         assert show.view.show is ShowPhase.RUNNING
         await lands_all(show)
 
-    fly(story, show_config(5))
+    fly(story, show_config(5), after=running)
 
 
 def test_low_battery_overruled_acts_again_only_when_critical() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.befall("d2", "battery", remaining=0.18)
         reported = await reacts(show, Cause.LOW_BATTERY)
         await show.phase("d2", Phase.RETURN)
@@ -133,12 +131,11 @@ def test_low_battery_overruled_acts_again_only_when_critical() -> None:
         await show.phase("d2", Phase.STANDBY)
         await lands_all(show)
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_low_battery_of_many_returns_the_fleet() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         for name in ("d1", "d2", "d3"):
             show.befall(name, "battery", remaining=0.19)
         await show.reach(ShowPhase.RETURNING)
@@ -153,12 +150,11 @@ def test_low_battery_of_many_returns_the_fleet() -> None:
         assert max(off_pad_m(show, name) for name in show.config.ids) < 1.5
         assert show.floor_violations() == 0
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.befall("d2", "pilot", mode="POSITION")
         await show.phase("d2", Phase.PILOT)
         commands = len(show.ports.commands["d2"])
@@ -168,7 +164,7 @@ def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
         assert show.view.failsafes == ()
         assert show.view.show is ShowPhase.RUNNING
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_low_battery_during_the_climb_lands_straight_down() -> None:
@@ -201,7 +197,6 @@ def test_low_battery_ignored_is_left_to_the_autopilot() -> None:
 
 def test_bad_position_holds_then_lands() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         await show.wait(4.0)
         show.befall("d3", "accuracy", eph_m=9.0, epv_m=20.0)
         reported = await reacts(show, Cause.BAD_POSITION)
@@ -217,12 +212,11 @@ def test_bad_position_holds_then_lands() -> None:
         assert off_sphere_m(show, *OTHERS) < 1.2
         await lands_all(show)
 
-    fly(story, show_config(5))
+    fly(story, show_config(5), after=running)
 
 
 def test_bad_position_that_recovers_holds_until_commanded() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
         await show.phase("d2", Phase.HOLD)
         show.befall("d2", "accuracy", eph_m=0.1, epv_m=0.2)
@@ -232,12 +226,11 @@ def test_bad_position_that_recovers_holds_until_commanded() -> None:
         assert (await show.command("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
         await lands_all(show)
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_bad_position_by_jumping_again_and_again() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         for east_m in (0.4, -0.4):
             show.befall("d2", "position-reset", east_m=east_m)
             await show.wait(5.0)
@@ -249,12 +242,11 @@ def test_bad_position_by_jumping_again_and_again() -> None:
         await show.phase("d2", Phase.HOLD)
         await lands_all(show)
 
-    fly(story)
+    fly(story, after=running)
 
 
 def test_bad_position_kilometres_away_is_held_then_landed() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.befall("d2", "gps-jump", north_m=5000.0)
         reported = await reacts(show, Cause.BAD_POSITION)
         assert reported.vehicles == ("d2",)
@@ -264,7 +256,7 @@ def test_bad_position_kilometres_away_is_held_then_landed() -> None:
         show.befall("d2", "none")
         await lands_all(show)
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 @pytest.mark.parametrize("action", ["return", "hold"])

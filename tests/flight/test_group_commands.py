@@ -6,12 +6,12 @@ from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 def test_group_command_names_vehicles_it_does_not_reach() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         command = show.service.commands.command_vehicles
         await show.settled(command(VehicleAction.HOLD, ["d1", "d2"]))
         assert [show.vehicle(name).phase for name in show.config.ids] == [
@@ -33,14 +33,13 @@ def test_group_command_names_vehicles_it_does_not_reach() -> None:
         await show.reach(ShowPhase.LANDED)
         assert show.floor_violations() == 0
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_take_control_of_all_skips_pilots_unless_named() -> None:
     """Control of all vehicles leaves those under pilot control, unless they are named."""
 
     async def story(show: Show) -> None:
-        await show.start()
         show.befall("d1", "pilot")
         show.pilot("d2", PilotMode.HOLD)
         await show.phase("d1", Phase.PILOT)
@@ -56,4 +55,4 @@ def test_take_control_of_all_skips_pilots_unless_named() -> None:
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
 
-    fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)

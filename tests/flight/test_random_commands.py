@@ -12,7 +12,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.flight.test_refusals_in_the_air import commands, refusal_of
-from tests.flight.test_show_interrupted import sessions
+from tests.support.sessions import sessions
 from tests.support.show_phases import running
 from tests.support.stalls import stall
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
@@ -107,11 +107,10 @@ async def all_come_down(show: Show, story: list[str]) -> None:
 def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
     async def flight(show: Show) -> None:
         story: list[str] = []
-        await running(show)
         await play(show, random.Random(seed), story)
         await all_come_down(show, story)
 
-    fly(flight, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+    fly(flight, show_config(COUNT, operation=HOLDS_WHEN_LOST), after=running)
 
 
 @pytest.mark.parametrize("seed", [0, in_soak(1)])

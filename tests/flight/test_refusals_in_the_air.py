@@ -1,9 +1,6 @@
 """While anything is airborne, a command that is refused names one that is accepted: checked by sending it."""
 
-import asyncio
-import os
 import re
-import traceback
 from collections.abc import Awaitable, Callable, Iterator
 from functools import partial
 from typing import NamedTuple
@@ -14,7 +11,8 @@ from gcs.model.errors import GcsError, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
-from tests.support.show_phases import aborting, arming, assembling, paused, returning, running
+from tests.support.copies import in_a_copy
+from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import stall
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
@@ -88,28 +86,6 @@ PHASES: tuple[Callable[[Show], Awaitable[None]], ...] = (
 )
 
 
-def in_a_copy(trial: Callable[[], str]) -> str:
-    """Try something in a copy of this process: the flight here stays as it is. Returns: what it tells."""
-    reported_from, tell_to = os.pipe()
-    loop = asyncio.get_running_loop()
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            asyncio._set_running_loop(loop)  # which is remembered by process
-            os.write(tell_to, trial().encode())
-            code = 0
-        finally:
-            if code:
-                os.write(tell_to, traceback.format_exc().encode())
-            os._exit(code)
-    os.close(tell_to)
-    with os.fdopen(reported_from) as reported:
-        text = reported.read()
-    assert os.waitpid(child, 0)[1] == 0, f"it failed: {text}"
-    return text
-
-
 def refusal_of(show: Show, text: str, command: Command) -> str:
     """Send a command, and what its refusal names. Returns: the refusal, empty where it was accepted."""
     try:
@@ -158,7 +134,8 @@ def tried(request: pytest.FixtureRequest) -> Tried:
         refused = list(filter(None, map(in_a_copy, trials)))
         return Tried(refused, {action: in_a_copy(partial(unreached, action)) for action in ALWAYS})
 
-    return fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    after = on_the_pads if request.param in {taking_off, assembling} else running
+    return fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=after)
 
 
 def test_a_command_refused_in_the_air_names_one_that_is_accepted(tried: Tried) -> None:

@@ -10,6 +10,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.state import Array
 from gcs.service import ShowAction
+from tests.support.show_phases import running
 from tests.support.virtual_show import HEIGHT_M, JUMP_M_S, RADIUS_M, Refusal, Show, Track, fly, refused
 
 LARGER_M, HIGHER_M = 8.0, 17.0
@@ -227,7 +228,6 @@ def test_infeasible_changes_are_refused_with_what_fits(
 
 
 async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
-    await show.start()
     refusal = await refused(show, lambda: show.service.plan.set_formation(Formation(1.0, HEIGHT_M)))
     reported_m = float(refusal.text.split("at least ")[1].split(" m")[0])
     show.service.plan.set_formation(Formation(reported_m, HEIGHT_M))
@@ -236,7 +236,7 @@ async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
 
 
 def test_smallest_named_radius_is_accepted_and_keeps_the_floor() -> None:
-    refusal, (reported_m, violations) = fly(smallest)
+    refusal, (reported_m, violations) = fly(smallest, after=running)
     assert refusal.kind is InvalidError
     assert reported_m == 2.8
     assert violations == 0

@@ -11,6 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.show_phases import running
 from tests.support.virtual_show import Show, Track, fly, show_config
 
 NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground
@@ -201,7 +202,6 @@ class Mixed(NamedTuple):
 
 async def stop_while_some_come_down_already(show: Show) -> Mixed:
     """One touches down by its autopilot, one is half-way home by an order of its own; then all shall stop."""
-    await show.start()
     show.service.commands.command_vehicle("d1", VehicleAction.LAND)
     landing = show.service.commands.command_vehicle("d1", VehicleAction.LAND)
     await show.until(lambda: show.autopilot("d1").commander.mode.name == "LAND")
@@ -219,7 +219,7 @@ async def stop_while_some_come_down_already(show: Show) -> Mixed:
 
 
 def test_stop_returns_vehicles_and_lets_landing_ones_land() -> None:
-    mixed = fly(stop_while_some_come_down_already, show_config(3))
+    mixed = fly(stop_while_some_come_down_already, show_config(3), after=running)
     first, last = mixed.track.samples[0], mixed.track.samples[-1]
     assert {part.outcome for part in mixed.stopped.outcomes.values()} == {Outcome.DONE}
     assert last.armed == (False,) * 3

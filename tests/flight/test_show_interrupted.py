@@ -1,134 +1,25 @@
 """The service is cut off in flight; the next one knows from the record what was, and goes on when ordered."""
 
-import asyncio
-import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pytest
 
 from gcs.config.schema import Config
-from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Formation, Obstacle
-from gcs.model.state import Mode, VehicleId
-from gcs.preflight.parameters import settings_of
-from gcs.recording.audit_reader import exclusions, interruption
-from gcs.recording.session import Record
+from gcs.model.plan import Formation
+from gcs.model.state import Mode
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
-from gcs.sim.fleet import Fleet, Settings
-from tests.support.virtual_link import STREAMS_HZ, VirtualLink
-from tests.support.virtual_show import (
-    HOLDS_WHEN_LOST,
-    JUMP_M_S,
-    AtOnce,
-    Show,
-    UnixClock,
-    alarm_texts,
-    refused,
-    run_virtual,
-    show_config,
-)
-from tests.support.written_show import NAME, TEXT, check, keep, on_pads
+from tests.support.sessions import ALL, after_interruption, fly_for_a_while, found, four, sessions
+from tests.support.virtual_show import JUMP_M_S, Show, alarm_texts, refused
+from tests.support.written_show import NAME, TEXT, check, keep
 
-T = TypeVar("T")
-Story = Callable[[Show], Awaitable[T]]
-
-ALL = ("d1", "d2", "d3", "d4")
 LATE = ("d3", "d4")
 AT_REST_M_S = 0.3
-BOX = Obstacle("box", 60.0, -60.0, 1.0, 1.0, 5.0)
-
-
-def four(**sections: dict[str, object]) -> Config:
-    return show_config(4, operation=HOLDS_WHEN_LOST, **sections)
-
-
-def with_shows(folder: Path) -> Config:
-    return four(shows={"folder": str(folder)})
-
-
-async def one_session(
-    config: Config,
-    fleet: Fleet,
-    root: Path,
-    unix: UnixClock,
-    story: Story[T],
-    late: Sequence[VehicleId] = (),
-) -> T:
-    """A service of its own over vehicles that were there before; cut off when the story ends.
-
-    Of those that are `late` nothing arrives before the story restores them.
-    """
-    vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
-    link = VirtualLink(config, fleet)
-    link.ports.silence(*late)
-    record = Record(
-        root,
-        config.model_dump_json(),
-        vehicles,
-        flight=False,
-        found=interruption(root),
-        excluded=exclusions(root),
-    )
-    with record:
-        service = Orchestrator(config, [link], record, unix_s=unix, planning=AtOnce())
-        show = Show(config, fleet, link, service, unix)
-        tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record(record))}
-        await show.wait(0.0)
-        reported = asyncio.ensure_future(story(show))
-        try:
-            await asyncio.wait({*tasks, reported}, return_when=asyncio.FIRST_COMPLETED)
-            return await reported
-        finally:
-            for task in {*tasks, reported}:
-                task.cancel()
-            await asyncio.gather(*tasks, reported, return_exceptions=True)
-
-
-def sessions(
-    root: Path, *parts: tuple[Config, Story[T]], away_s: float = 2.0, late: Sequence[VehicleId] = ()
-) -> list[T]:
-    """One service after the other over the same vehicles, of which some are `late` in the last session.
-
-    Returns: what each story tells.
-    """
-    config = parts[0][0]
-
-    async def main() -> list[T]:
-        loop = asyncio.get_running_loop()
-        proper = settings_of(config)
-        settings = Settings(
-            count=len(config.ids), grid_columns=2, parameters=proper, rates_hz=STREAMS_HZ, **on_pads()
-        )
-        unix = UnixClock()
-        unix.ahead_s = time.time() - loop.time()
-        fleet = Fleet(settings, start_s=loop.time(), unix_at_start_s=unix())
-        reported = []
-        for each, story in parts:
-            last = story is parts[-1][1]
-            reported.append(await one_session(each, fleet, root, unix, story, late if last else ()))
-            await asyncio.sleep(away_s)
-        return reported
-
-    return run_virtual(main)
-
-
-async def fly_for_a_while(show: Show) -> None:
-    show.service.plan.set_formation(Formation(radius_m=7.0, height_m=15.0))
-    show.service.plan.add_obstacle(BOX)
-    await show.start()
-    await show.wait(3.0)
-
-
-async def found(show: Show) -> None:
-    """Every vehicle has reported again."""
-    await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
 
 
 def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
@@ -147,7 +38,7 @@ def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
         assert (show.view.show, show.view.setpoints_sent) == (ShowPhase.UNCONTROLLED, 0)
         assert {phase for name in ALL for phase in show.track.phases(name)} <= {Phase.OFFLINE, Phase.PILOT}
 
-    sessions(tmp_path, (four(), fly_for_a_while), (four(), look), (four(), look), (four(), look))
+    after_interruption(tmp_path, (four(), look), (four(), look), (four(), look))
 
 
 def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
@@ -198,7 +89,7 @@ def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
         await show.reach(ShowPhase.LANDED)
         assert show.floor_violations() == 0
 
-    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on))
+    after_interruption(tmp_path, (four(), go_on))
 
 
 def test_recovered_fleet_returns_to_its_pads_after_two_restarts(tmp_path: Path) -> None:
@@ -264,7 +155,7 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
         await show.until(lambda: show.view.selected is not None and show.view.selected.cue == "turn")
         await show.show(ShowAction.STOP)
 
-    configs = with_shows(shows)
+    configs = four(shows={"folder": str(shows)})
     sessions(root, (configs, into_the_walk), (configs, changed), (configs, flies_on))
 
 
@@ -289,7 +180,7 @@ def test_another_configuration_offers_no_wrong_recovery(
         for offer in Offer:
             assert says in (await refused(show, lambda: show.service.recovery.settle(offer))).text  # noqa: B023
 
-    sessions(tmp_path, (four(), fly_for_a_while), (other, look))
+    after_interruption(tmp_path, (other, look))
 
 
 def _merged(section: dict[str, object]) -> dict[str, object]:
@@ -333,7 +224,7 @@ def test_vehicle_under_taken_control_returns_to_its_start(tmp_path: Path) -> Non
         record = await show.command("d1", VehicleAction.RETURN)
         assert record.outcomes["d1"].outcome is Outcome.DONE
 
-    sessions(tmp_path, (four(), fly_for_a_while), (four(), one_by_one))
+    after_interruption(tmp_path, (four(), one_by_one))
 
 
 async def received_first(show: Show) -> None:
@@ -367,7 +258,7 @@ def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command:
         assert not show.ports.sent["d4"]
         assert show.floor_violations() == 0
 
-    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)
+    after_interruption(tmp_path, (four(), go_on), late=LATE)
 
 
 def test_late_vehicles_are_named_and_newer_changes_stay(
@@ -390,7 +281,7 @@ def test_late_vehicles_are_named_and_newer_changes_stay(
         assert [record.outcomes[name].outcome for name in LATE] == [Outcome.DONE] * 2
         assert show.view.plan.formation == changed
 
-    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)
+    after_interruption(tmp_path, (four(), go_on), late=LATE)
 
 
 def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path) -> None:
@@ -407,4 +298,4 @@ def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path)
         await show.reach(ShowPhase.LANDED)
         assert show.floor_violations() == 0
 
-    sessions(tmp_path, (four(), fly_for_a_while), (four(), go_on), late=LATE)
+    after_interruption(tmp_path, (four(), go_on), late=LATE)

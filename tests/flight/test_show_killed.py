@@ -8,6 +8,7 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.show_phases import running
 from tests.support.virtual_show import Refusal, Show, Track, fly, refused
 
 
@@ -23,7 +24,6 @@ class Killed(NamedTuple):
 
 
 async def killed(show: Show) -> Killed:
-    await show.start()
     await show.wait(3.0)
     kill_s = show.now_s
     record = show.service.commands.kill(["d2"])
@@ -44,7 +44,7 @@ async def killed(show: Show) -> Killed:
 
 @pytest.fixture(scope="module")
 def kill() -> Killed:
-    return fly(killed)
+    return fly(killed, after=running)
 
 
 def test_kill_stops_the_motors_at_once(kill: Killed) -> None:

@@ -11,12 +11,12 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, list[bool]]:
     """HOLD is on its way to d1 when the whole show is ordered home."""
-    await show.start()
     show.service.commands.command_vehicle("d1", VehicleAction.HOLD)
     await show.wait(0.02)
     stopped = await show.settled(show.service.commands.command_show(ShowAction.STOP), 120.0)
@@ -25,14 +25,13 @@ async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, 
 
 
 def test_vehicle_with_hold_overtaken_by_stop_returns_home() -> None:
-    stopped, phase, armed = fly(hold_overtaken_by_stop, show_config(3))
+    stopped, phase, armed = fly(hold_overtaken_by_stop, show_config(3), after=running)
     assert stopped.outcome is Outcome.DONE
     assert (phase, armed) == (ShowPhase.LANDED, [False] * 3)
 
 
 async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
     """An order to hold is refused, and its autopilot holds a while later nevertheless."""
-    await show.start()
     show.ports.refused.add(("d1", Verb.HOLD))
     held = await show.command("d1", VehicleAction.HOLD)
     assert held.outcome is Outcome.FAILED
@@ -44,7 +43,7 @@ async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
 
 
 def test_hold_that_seemed_to_fail_is_noticed_when_it_succeeds() -> None:
-    phases, setpoints_after = fly(hold_that_comes_late, show_config(2))
+    phases, setpoints_after = fly(hold_that_comes_late, show_config(2), after=running)
     assert phases[-2:] == [Phase.FORMATION, Phase.HOLD]
     assert setpoints_after == 0
 
@@ -58,7 +57,6 @@ class Refused(NamedTuple):
 
 async def offboard_refused_on_the_way_down(show: Show) -> Refused:
     """d2 holds; when all are to come down its autopilot refuses OFFBOARD, again and again."""
-    await show.start()
     await show.command("d2", VehicleAction.HOLD)
     show.ports.refused.add(("d2", Verb.OFFBOARD))
     began_s = show.now_s
@@ -69,7 +67,7 @@ async def offboard_refused_on_the_way_down(show: Show) -> Refused:
 
 
 def test_autopilot_land_is_the_last_resort_without_offboard() -> None:
-    flight = fly(offboard_refused_on_the_way_down, show_config(3))
+    flight = fly(offboard_refused_on_the_way_down, show_config(3), after=running)
     assert flight.verbs == [Verb.OFFBOARD] * 3 + [Verb.LAND]
     assert flight.record.outcome is Outcome.DONE
     assert (flight.show, flight.armed) == (ShowPhase.LANDED, [False] * 3)
@@ -102,7 +100,6 @@ class ControlTaken(NamedTuple):
 
 async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     """Pilots take both vehicles, and so the show is over; then one is handed back."""
-    await show.start()
     for name in ("d1", "d2"):
         show.pilot(name, PilotMode.HOLD)
         await show.phase(name, Phase.PILOT)
@@ -120,7 +117,7 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
 
 
 def test_vehicle_taken_after_the_show_can_be_landed() -> None:
-    flight = fly(all_taken_over_then_control_taken, show_config(2))
+    flight = fly(all_taken_over_then_control_taken, show_config(2), after=running)
     assert flight.taken is ShowPhase.UNCONTROLLED, "two are airborne"
     assert flight.given_back is ShowPhase.PAUSED, "one is: the show is not over"
     assert flight.refusal is RefusedError
@@ -129,7 +126,6 @@ def test_vehicle_taken_after_the_show_can_be_landed() -> None:
 
 async def stop_again_and_again(show: Show) -> list[CommandRecord]:
     """Stop, abort, abort and stop while all are on their way down."""
-    await show.start()
     records = []
     for action in (ShowAction.STOP, ShowAction.ABORT, ShowAction.ABORT, ShowAction.STOP):
         records.append(show.service.commands.command_show(action))
@@ -141,14 +137,13 @@ async def stop_again_and_again(show: Show) -> list[CommandRecord]:
 
 
 def test_return_and_landing_can_be_commanded_whenever_airborne() -> None:
-    *replaced, last = fly(stop_again_and_again, show_config(3))
+    *replaced, last = fly(stop_again_and_again, show_config(3), after=running)
     assert [record.outcome for record in replaced] == [Outcome.FAILED] * 3
     assert last.outcome is Outcome.DONE
 
 
 async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
     """A lost vehicle is received again and refuses HOLD for ever; the others come home meanwhile."""
-    await show.start()
     show.ports.refused.add(("d2", Verb.HOLD))
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
@@ -161,7 +156,9 @@ async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
 
 
 def test_one_disobedient_vehicle_does_not_keep_the_show_alive() -> None:
-    phase, attempts, next_command = fly(refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST))
+    phase, attempts, next_command = fly(
+        refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST), after=running
+    )
     assert phase is ShowPhase.LANDED
     assert 3 <= attempts <= 20, "now and then, not without pause"
     assert next_command == "o4", (
@@ -171,7 +168,6 @@ def test_one_disobedient_vehicle_does_not_keep_the_show_alive() -> None:
 
 async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     """The service has no record of where a vehicle started: as after a restart."""
-    await show.start()
     vehicle = show.service._flight.vehicles["d1"]
     show.pilot("d1", PilotMode.HOLD)
     await show.phase("d1", Phase.PILOT)
@@ -187,7 +183,7 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
 
 
 def test_vehicle_with_unknown_start_lands_where_it_is() -> None:
-    text, armed = fly(found_in_the_air, show_config(2))
+    text, armed = fly(found_in_the_air, show_config(2), after=running)
     assert text == "d1 cannot return: where it started is not known; use land; accepted instead: land d1"
     assert armed == [False, False]
 
@@ -212,7 +208,6 @@ def test_vehicle_is_checked_again_at_its_turn_to_take_off() -> None:
 
 async def obstacle_on_a_landing_place(show: Show) -> tuple[str, int]:
     """While all come down where they are, somebody adds a box under one of them."""
-    await show.start()
     record = show.service.commands.command_show(ShowAction.ABORT)
     await show.wait(2.0)
     goal_m = show.service._flight.vehicles["d1"].goal_m
@@ -224,6 +219,6 @@ async def obstacle_on_a_landing_place(show: Show) -> tuple[str, int]:
 
 
 def test_no_obstacle_is_accepted_where_a_vehicle_lands() -> None:
-    text, violations = fly(obstacle_on_a_landing_place, show_config(2))
+    text, violations = fly(obstacle_on_a_landing_place, show_config(2), after=running)
     assert "would stand on the landing place of d1" in text
     assert violations == 0

@@ -11,6 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.show_phases import running
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
@@ -42,7 +43,6 @@ class Silence(NamedTuple):
 
 async def silent_for_a_while(show: Show) -> Silence:
     """All is cut, both ways; the vehicle's own failsafe holds it where it is."""
-    await show.start()
     await show.wait(8.04)  # right after a position
     silent_s = show.now_s
     show.ports.silence("d2")
@@ -82,7 +82,7 @@ async def silent_for_a_while(show: Show) -> Silence:
 
 @pytest.fixture(scope="module")
 def silence() -> Silence:
-    return fly(silent_for_a_while, show_config(4, operation=HOLDS_WHEN_LOST))
+    return fly(silent_for_a_while, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_a_vehicle_silent_in_the_air_is_lost_within_the_limit(silence: Silence) -> None:
@@ -197,7 +197,6 @@ def test_one_lost_heartbeat_changes_nothing() -> None:
 
 async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Phase], int]:
     """Every vehicle is commanded home or down; one is silent for so long that its own failsafe holds it."""
-    await show.start()
     record = show.service.commands.command_show(action)
     on_its_way = Phase.RETURN if action is ShowAction.STOP else Phase.LANDING
     await show.phase("d2", on_its_way)
@@ -217,16 +216,17 @@ async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Pha
 )
 def test_vehicle_lost_during_landing_is_landed_once_it_is_back(action: ShowAction, on_its_way: Phase) -> None:
     config = show_config(4, operation=HOLDS_WHEN_LOST)
-    phases, violations = fly(lambda show: lost_on_its_way_home(show, action), config)
+    phases, violations = fly(lambda show: lost_on_its_way_home(show, action), config, after=running)
     after = phases[phases.index(Phase.LOST) :]
     assert after[:3] == [Phase.LOST, Phase.HOLD, on_its_way]
     assert after[-2:] == [Phase.LANDING, Phase.STANDBY]
     assert violations == 0
 
 
-async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple[Show, float, list[Verb]]:
+async def back_when_all_others_are_down(
+    show: Show, action: ShowAction
+) -> tuple[Track, list[Verb], int, float]:
     """One is lost; the others are brought down, and the show is over; then it is received again."""
-    await show.start()
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
     await show.settled(show.service.commands.command_show(action), 120.0)
@@ -237,7 +237,9 @@ async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple
     show.ports.restore("d2")
     await show.phase("d2", Phase.STANDBY, 120.0)
     await show.reach(ShowPhase.LANDED)
-    return show, back_s, [command.verb for command in show.ports.commands["d2"] if command.time_s > back_s]
+    verbs = [command.verb for command in show.ports.commands["d2"] if command.time_s > back_s]
+    off_pad_m = float(np.hypot(*(show.track.true_m[-1] - show.track.true_m[0])[1, :2]))
+    return show.track.between(back_s), verbs, show.floor_violations(), off_pad_m
 
 
 @pytest.mark.parametrize(
@@ -250,19 +252,19 @@ async def back_when_all_others_are_down(show: Show, action: ShowAction) -> tuple
 def test_landing_command_stands_for_a_lost_vehicle(action: ShowAction, ends: ShowPhase, flown: Phase) -> None:
     """A lost vehicle is landed although it is received again after all others are down."""
     config = show_config(3, operation=HOLDS_WHEN_LOST)
-    show, back_s, verbs = fly(lambda show: back_when_all_others_are_down(show, action), config)
-    after = show.track.between(back_s)
+    after, verbs, violations, off_pad_m = fly(
+        lambda show: back_when_all_others_are_down(show, action), config, after=running
+    )
     assert after.show_phases() == [ShowPhase.LANDED, ends, ShowPhase.LANDED]
     assert after.phases("d2")[:3] == [Phase.LOST, Phase.HOLD, flown]
     assert verbs[:3] == [Verb.HOLD, Verb.OFFBOARD, Verb.LAND]
-    assert show.floor_violations() == 0
+    assert violations == 0
     if action is ShowAction.STOP:
-        assert np.hypot(*(show.track.true_m[-1] - show.track.true_m[0])[1, :2]) < 1.5
+        assert off_pad_m < 1.5
 
 
 async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]:
     """No operator ended the show: the others were landed one by one while d2 was lost."""
-    await show.start()
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
     for name in ("d1", "d3"):
@@ -270,7 +272,7 @@ async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]
     await show.reach(ShowPhase.LANDED)
     show.ports.restore("d2")
     await show.phase("d2", Phase.HOLD)
-    await show.wait(30.0)
+    await show.wait(10.0)
     seen = show.view.show, show.view.reason, show.vehicle("d2").phase
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
@@ -278,13 +280,14 @@ async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]
 
 
 def test_lost_vehicle_back_without_command_holds_show_paused() -> None:
-    show, reason, phase = fly(back_after_each_was_landed, show_config(3, operation=HOLDS_WHEN_LOST))
+    show, reason, phase = fly(
+        back_after_each_was_landed, show_config(3, operation=HOLDS_WHEN_LOST), after=running
+    )
     assert (show, phase) == (ShowPhase.PAUSED, Phase.HOLD)
     assert "d2" in reason
 
 
 async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], CommandRecord]:
-    await show.start()
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
     began_s = show.now_s
@@ -297,6 +300,6 @@ async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], CommandR
 
 
 def test_lost_vehicle_confirmed_down_is_offline_until_seen() -> None:
-    phases, confirmed = fly(confirmed_down_while_silent)
+    phases, confirmed = fly(confirmed_down_while_silent, after=running)
     assert phases == [Phase.LOST, Phase.OFFLINE, Phase.STANDBY]
     assert confirmed.outcome is Outcome.DONE

@@ -7,6 +7,7 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause, AlarmSeverity
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 
@@ -67,7 +68,6 @@ def test_three_that_land_on_empty_batteries_are_named() -> None:
 
 async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowPhase]]:
     """Setpoints leave, and do not reach it; its telemetry arrives all the while."""
-    await show.start()
     began_s = show.now_s
     show.ports.silence("d2", down=False)
     await show.phase("d2", Phase.PILOT)
@@ -81,7 +81,7 @@ async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowP
 
 
 def test_hold_from_missed_setpoints_flies_on() -> None:
-    phases, reason, shows = fly(lambda show: deaf(show, 8.0), config())
+    phases, reason, shows = fly(lambda show: deaf(show, 8.0), config(), after=running)
     assert phases == [Phase.FORMATION, Phase.PILOT, Phase.HOLD, Phase.FORMATION]
     assert reason.startswith(
         "d2 holds by its own setpoint-loss failsafe: its link lost them, or its positions"
@@ -90,7 +90,6 @@ def test_hold_from_missed_setpoints_flies_on() -> None:
 
 
 async def pilot_after_deaf(show: Show) -> tuple[list[Phase], str]:
-    await show.start()
     began_s = show.now_s
     show.ports.silence("d2", down=False)
     await show.phase("d2", Phase.PILOT)
@@ -102,6 +101,6 @@ async def pilot_after_deaf(show: Show) -> tuple[list[Phase], str]:
 
 
 def test_failsafe_ended_by_a_pilot_stays_with_the_pilot() -> None:
-    phases, reason = fly(pilot_after_deaf, config())
+    phases, reason = fly(pilot_after_deaf, config(), after=running)
     assert phases == [Phase.FORMATION, Phase.PILOT]
     assert "when the pilot agrees" in reason

@@ -8,6 +8,7 @@ from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.service import ShowAction
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
@@ -158,13 +159,12 @@ def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
 
 def test_params_apply_never_touches_an_armed_vehicle() -> None:
     async def story(show: Show) -> tuple[Row, float]:
-        await show.start()
         show.autopilot("d1").parameters.set("COM_OBL_RC_ACT", 3)
         rows = await params(show, "d1", apply=True)
         key = "COM_OBL_RC_ACT"
         return rows["d1", key], show.autopilot("d1").parameters[key]
 
-    row, held = fly(story, show_config(2))
+    row, held = fly(story, show_config(2), after=running)
     assert row.verdict == "wrong, and not set: the vehicle is armed"
     assert held == 3
 
@@ -182,7 +182,6 @@ def test_params_of_a_named_vehicle_that_is_not_received() -> None:
 
 def test_jumping_position_lists_first_and_widens_the_margin() -> None:
     async def story(show: Show) -> tuple[list[float], list[float], list[Phase], str]:
-        await show.start()
         await show.wait(10.0)
         show.befall("d2", "gps-jump", north_m=3.0)
         jumped_s = show.now_s
@@ -197,7 +196,7 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
         later_m = [seen.position_uncertainty_m for seen in show.view.vehicles]
         return [max(speeds_m_s), *wide_m], later_m, show.track.phases("d2"), reason
 
-    (fastest_m_s, *wide_m), later_m, phases, reason = fly(story, show_config(3))
+    (fastest_m_s, *wide_m), later_m, phases, reason = fly(story, show_config(3), after=running)
     assert reason.startswith("its position jumped: it stands for 3 s")
     assert fastest_m_s < 1.5
     assert wide_m == pytest.approx([0.05, 0.25, 0.05])
@@ -207,13 +206,12 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
 
 def test_small_jump_reported_by_the_estimator_counts() -> None:
     async def story(show: Show) -> str:
-        await show.start()
         await show.wait(10.0)
         show.befall("d2", "position-reset", east_m=0.5)
         await show.wait(1.5)
         return show.vehicle("d2").reason
 
-    assert fly(story, show_config(3)).startswith("its position jumped: it stands for 3 s")
+    assert fly(story, show_config(3), after=running).startswith("its position jumped: it stands for 3 s")
 
 
 def test_reported_accuracy_widens_the_margin_within_bounds() -> None:

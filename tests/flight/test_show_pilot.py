@@ -10,6 +10,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from tests.support.show_phases import running
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
@@ -36,7 +37,6 @@ class TakenOver(NamedTuple):
 
 async def taken_over(show: Show) -> TakenOver:
     """A person takes d3; d1 receives nothing any more and fails safe, while it still reports."""
-    await show.start()
     change_s: dict[VehicleId, float] = {"d3": show.now_s}
     pilot_s: dict[VehicleId, float] = {}
     show.pilot("d3", PilotMode.HOLD)
@@ -71,7 +71,7 @@ async def taken_over(show: Show) -> TakenOver:
 
 @pytest.fixture(scope="module")
 def recovery() -> TakenOver:
-    return fly(taken_over)
+    return fly(taken_over, after=running)
 
 
 @pytest.mark.parametrize("name", ["d1", "d3"])
@@ -118,7 +118,6 @@ def test_vehicle_that_fails_safe_to_the_ground_is_on_standby(recovery: TakenOver
 
 async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb]]:
     """The pilot reports while setpoints flow already, and OFFBOARD is about to be ordered."""
-    await show.start()
     await show.command("d1", VehicleAction.HOLD)
     await show.until(lambda: 0.9 < (show.vehicle("d1").heartbeat_age_s or 0.0) < 0.98)
     began_s = show.now_s
@@ -129,7 +128,7 @@ async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb
 
 
 def test_pilot_takeover_ends_the_planned_actions() -> None:
-    joined, verbs = fly(taken_over_while_it_joins, show_config(2))
+    joined, verbs = fly(taken_over_while_it_joins, show_config(2), after=running)
     assert joined.outcome is Outcome.FAILED
     assert (
         "d1 is pilot now: d1 is in mode return, which this station did not command"
@@ -149,7 +148,6 @@ class SilentPilot(NamedTuple):
 
 async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> SilentPilot:
     """A person takes d2, it falls silent, is lost, and is received again in HOLD, where its pilot left it."""
-    await show.start()
     show.pilot("d2", PilotMode.HOLD)
     await show.phase("d2", Phase.PILOT)
     taken_s = show.now_s
@@ -163,7 +161,7 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
     show.ports.restore("d2")
     await show.phase("d2", Phase.PILOT, 5.0)
     reason = show.vehicle("d2").reason
-    await show.wait(30.0)
+    await show.wait(30.0 if action in {ShowAction.STOP, ShowAction.ABORT} else 10.0)  # the others land first
     track = show.track.between(back_s)
     sent = sum(setpoint.time_s > taken_s for setpoint in show.ports.sent["d2"])
     sent += sum(command.time_s > taken_s for command in show.ports.commands["d2"])
@@ -178,7 +176,7 @@ def test_piloted_vehicle_received_again_in_hold_stays_piloted(
     action: ShowAction | None,
 ) -> None:
     config = show_config(3, operation=HOLDS_WHEN_LOST)
-    flight = fly(lambda show: silent_while_a_pilot_has_it(show, action), config)
+    flight = fly(lambda show: silent_while_a_pilot_has_it(show, action), config, after=running)
     assert flight.track.phases("d2") == [Phase.LOST, Phase.PILOT]
     assert flight.sent == 0
     assert "no take-control came since" in flight.reason
@@ -190,7 +188,6 @@ def test_piloted_vehicle_received_again_in_hold_stays_piloted(
 
 async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
     """Its own failsafe would have it sink; it is found in HOLD: a person's doing."""
-    await show.start()
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
     show.pilot("d2", PilotMode.HOLD)
@@ -202,5 +199,5 @@ async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
 
 
 def test_hold_after_silence_is_piloted_with_another_failsafe() -> None:
-    phases, verbs = fly(received_again_in_hold, show_config(2))
+    phases, verbs = fly(received_again_in_hold, show_config(2), after=running)
     assert (phases, verbs) == ([Phase.LOST, Phase.PILOT], [])

@@ -11,13 +11,13 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
+from tests.support.show_phases import running
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 COUNT = 20
 
 
 class Poor(NamedTuple):
-    track: Track  # from when the links became poor
     texts: set[str]
     phases: dict[str, list[Phase]]
     joined_by_hand: int
@@ -26,7 +26,6 @@ class Poor(NamedTuple):
 
 async def poor_links(show: Show, loss: float) -> Poor:
     """The review's scene: 30 s of loss, 0.3 s of delay, 0.1 s of jitter on every link; then sound ones."""
-    await show.start()
     began_s = show.now_s
     for name in show.config.ids:
         show.befall(name, "loss", share=loss)
@@ -42,7 +41,7 @@ async def poor_links(show: Show, loss: float) -> Poor:
     if show.view.show is ShowPhase.PAUSED:
         show.service.commands.command_show(ShowAction.RESUME)
         await show.wait(5.0)
-    return Poor(track, texts, phases, joins, show.floor_violations())
+    return Poor(texts, phases, joins, show.floor_violations())
 
 
 def config(**sections: Any) -> Any:
@@ -57,7 +56,7 @@ def config(**sections: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def review() -> Poor:
-    return fly(lambda show: poor_links(show, 0.2), config(), grid_columns=5, seed=5)
+    return fly(lambda show: poor_links(show, 0.2), config(), after=running, grid_columns=5, seed=5)
 
 
 def test_no_vehicle_is_lost_while_a_fifth_of_all_messages_is(review: Poor) -> None:
@@ -73,7 +72,7 @@ def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
 
 
 def test_lost_vehicle_over_poor_links_rejoins_by_itself() -> None:
-    poor = fly(lambda show: poor_links(show, 0.63), config(), grid_columns=5, seed=5)
+    poor = fly(lambda show: poor_links(show, 0.63), config(), after=running, grid_columns=5, seed=5)
     left = {phase for phases in poor.phases.values() for phase in phases}
     assert {Phase.LOST, Phase.PILOT} <= left, "at such a loss some vehicles fall out, some by their failsafe"
     assert {phases[-1] for phases in poor.phases.values()} == {Phase.FORMATION}
@@ -83,7 +82,6 @@ def test_lost_vehicle_over_poor_links_rejoins_by_itself() -> None:
 
 async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phase], set[str], float]:
     """Heartbeats alone are lost, positions come."""
-    await show.start()
     began_s = show.now_s
     show.ports.beatless.add("d2")
     await show.wait(beats_lack_s)
@@ -96,7 +94,7 @@ async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phas
 
 def test_without_heartbeats_it_flies_and_the_operator_is_warned() -> None:
     phases, texts, sent_per_s = fly(
-        lambda show: without_heartbeats(show, 6.0), show_config(4, operation=HOLDS_WHEN_LOST)
+        lambda show: without_heartbeats(show, 6.0), show_config(4, operation=HOLDS_WHEN_LOST), after=running
     )
     assert phases == [Phase.FORMATION]
     assert any(text.startswith("Vehicle d2 without heartbeat: no heartbeat for") for text in texts)
@@ -105,7 +103,7 @@ def test_without_heartbeats_it_flies_and_the_operator_is_warned() -> None:
 
 def test_long_without_heartbeats_it_is_lost_and_recovers() -> None:
     phases, texts, _ = fly(
-        lambda show: without_heartbeats(show, 14.0), show_config(4, operation=HOLDS_WHEN_LOST)
+        lambda show: without_heartbeats(show, 14.0), show_config(4, operation=HOLDS_WHEN_LOST), after=running
     )
     assert phases == [Phase.FORMATION, Phase.LOST, Phase.HOLD, Phase.FORMATION]
     assert any(text.startswith("Vehicle d2 lost: ") for text in texts)
@@ -113,7 +111,6 @@ def test_long_without_heartbeats_it_is_lost_and_recovers() -> None:
 
 async def lost_without_heartbeats(show: Show) -> tuple[float, float, float]:
     """Age of the heartbeat when the vehicle is lost, and when its failsafe and its alarm follow."""
-    await show.start()
     show.ports.beatless.add("d2")
     await show.until(lambda: show.vehicle("d2").phase is Phase.LOST, 20.0)
     age_s, lost_s = show.vehicle("d2").heartbeat_age_s or 0.0, show.now_s
@@ -126,7 +123,7 @@ async def lost_without_heartbeats(show: Show) -> tuple[float, float, float]:
 def test_the_failsafe_sees_a_loss_in_the_tick_of_the_phase() -> None:
     """Before: up to a second later where only heartbeats were missing."""
     config = show_config(4, operation=HOLDS_WHEN_LOST)
-    age_s, failsafe_s, alarm_s = fly(lost_without_heartbeats, config)
+    age_s, failsafe_s, alarm_s = fly(lost_without_heartbeats, config, after=running)
     limit_s = config.operation.silence_s + BEATS_LACK_MAX_S
     assert limit_s < age_s < limit_s + 0.1
     assert failsafe_s < 0.01
@@ -134,7 +131,6 @@ def test_the_failsafe_sees_a_loss_in_the_tick_of_the_phase() -> None:
 
 
 async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
-    await show.start()
     show.ports.beatless.add("d2")
     began_s = show.now_s
     show.pilot("d2", PilotMode.HOLD)
@@ -147,6 +143,6 @@ async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
 
 
 def test_pilot_takes_over_while_heartbeats_are_missing() -> None:
-    phases, commands = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST))
+    phases, commands = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
     assert phases == [Phase.FORMATION, Phase.PILOT]
     assert commands == []

@@ -9,6 +9,7 @@ from gcs.links import Command, Verb
 from gcs.model.errors import CommandError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 
@@ -16,12 +17,13 @@ def test_item_3_acknowledgement_needs_a_matching_heartbeat() -> None:
     """The first of PX4's two acks says ACCEPTED whatever happens; here the mode then does not change."""
 
     async def story(show: Show) -> str:
-        await show.start()
         show.befall("d1", "stuck-mode", answer="accepted")
         record = await show.command("d1", VehicleAction.HOLD)
         return record.outcomes["d1"].reason
 
-    assert "d1: hold sent, but not seen to happen: it reports offboard, armed" in fly(story, show_config(2))
+    assert "d1: hold sent, but not seen to happen: it reports offboard, armed" in fly(
+        story, show_config(2), after=running
+    )
 
 
 def test_item_4_offboard_not_commanded_without_setpoints() -> None:
@@ -42,7 +44,6 @@ def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
     """
 
     async def story(show: Show) -> tuple[list[Phase], int, list[Verb]]:
-        await show.start()
         show.ports.silence("d2", down=False)  # it receives nothing, and its reports still arrive
         await show.phase("d2", Phase.PILOT)
         began_s = show.now_s
@@ -54,7 +55,7 @@ def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
         verbs = [command.verb for command in show.ports.commands["d2"] if command.time_s > began_s]
         return track.phases("d2"), sent, verbs
 
-    phases, sent, verbs = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    phases, sent, verbs = fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
     assert phases == [Phase.PILOT, Phase.HOLD, Phase.FORMATION]
     assert sent == 0
     assert verbs[-2:] == [Verb.HOLD, Verb.OFFBOARD]
@@ -91,7 +92,6 @@ def test_item_11_no_takeoff_disarmed_no_disarming_airborne() -> None:
 
 def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
     async def story(show: Show) -> tuple[list[Phase], float, int]:
-        await show.start()
         await show.wait(3.0)
         jumped_s = show.now_s
         show.befall("d2", "clock-jump", by_s=-10.0)
@@ -99,7 +99,7 @@ def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
         after = show.track.between(jumped_s)
         return after.phases("d2"), after.setpoints_per_s("d2"), show.floor_violations()
 
-    phases, per_s, violations = fly(story, show_config(3))
+    phases, per_s, violations = fly(story, show_config(3), after=running)
     assert phases == [Phase.FORMATION]
     assert per_s == pytest.approx(20.0, abs=0.3)
     assert violations == 0
@@ -107,7 +107,6 @@ def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
 
 def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
     async def story(show: Show) -> list[Phase]:
-        await show.start()
         gap_s = show.now_s
         show.ports.silence("d2", down=False)
         await show.wait(0.4)
@@ -115,7 +114,7 @@ def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
         await show.wait(3.0)
         return show.track.between(gap_s).phases("d2")
 
-    assert fly(story, show_config(2)) == [Phase.FORMATION]
+    assert fly(story, show_config(2), after=running) == [Phase.FORMATION]
 
 
 def test_item_2_early_start_says_the_autopilot_is_not_ready() -> None:

@@ -11,7 +11,9 @@ import pytest
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
-from tests.support.virtual_show import AtOnce, Show, Track, fly, show_config
+from tests.support.show_phases import running
+from tests.support.virtual_show import Show, Track, fly, show_config
+from tests.support.virtual_time import AtOnce
 
 T = TypeVar("T")
 
@@ -70,7 +72,6 @@ def test_vehicles_stop_before_they_return(flight: Return) -> None:
 
 def test_holding_and_stopped_vehicles_during_the_return() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         await show.command("d1", VehicleAction.HOLD)
         record = show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: show.vehicle("d2").reason == "on its way home")
@@ -82,7 +83,7 @@ def test_holding_and_stopped_vehicles_during_the_return() -> None:
         assert {part.outcome for part in (await show.settled(again)).outcomes.values()} == {Outcome.DONE}
         assert show.floor_violations() == 0
 
-    fly(story)
+    fly(story, after=running)
 
 
 PLANNING_S = 4.0
@@ -136,19 +137,13 @@ def test_vehicle_stopped_during_planning_is_not_waited_for() -> None:
 class Fails(AtOnce):
     """An executor whose work fails: the error is in the future, as of a thread."""
 
-    def __init__(self, error: Exception) -> None:
-        self.error = error
-
     def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
         failed = Future[T]()
-        failed.set_exception(self.error)
+        failed.set_exception(MemoryError("Allocation failed"))
         return failed
 
 
-@pytest.mark.parametrize(
-    "error", [MemoryError("Allocation failed"), ValueError("cannot convert"), ZeroDivisionError()]
-)
-def test_a_planner_that_fails_leaves_the_fleet_under_control(error: Exception) -> None:
+def test_a_planner_that_fails_leaves_the_fleet_under_control() -> None:
     """The fleet flies home without a plan, an alarm says why, and no tick is missed."""
 
     async def story(show: Show) -> Track:
@@ -158,7 +153,7 @@ def test_a_planner_that_fails_leaves_the_fleet_under_control(error: Exception) -
         await show.until(lambda: bool(show.view.alarms), STOPPING_S + 2.0)
         (alarm,) = show.view.alarms
         assert alarm.cause is AlarmCause.RETURN_UNPLANNED
-        assert type(error).__name__ in alarm.text
+        assert "MemoryError" in alarm.text
         assert any("without a common plan" in event.text for event in show.service.events.newest())
         await show.reach(ShowPhase.LANDED, 120.0)
         assert (await show.settled(record)).outcome is Outcome.DONE
@@ -166,5 +161,5 @@ def test_a_planner_that_fails_leaves_the_fleet_under_control(error: Exception) -
         assert show.floor_violations() == 0
         return show.track.between(stop_s)
 
-    track = fly(story, planning=Fails(error))
+    track = fly(story, planning=Fails())
     assert np.diff(track.time_s).max() < 0.06

@@ -11,8 +11,10 @@ from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Setpoints
+from tests.support.show_phases import running
 from tests.support.virtual_link import VirtualLink
-from tests.support.virtual_show import Show, fly, run_virtual, show_config
+from tests.support.virtual_show import Show, fly, show_config
+from tests.support.virtual_time import run_virtual
 
 
 async def some_ticks(takes_s: list[float]) -> list[tuple[float, float, int]]:
@@ -68,7 +70,6 @@ def test_clock_counts_ticks_and_reports_percentiles_each_second() -> None:
 
 async def a_second_without_telemetry(show: Show) -> tuple[list[float], list[float], set[Phase]]:
     """Only what comes from d2 is lost, for less than its autopilot's patience; d1's goes on."""
-    await show.start()
     await show.wait(0.04)  # right after a position
     began_s = show.now_s
     show.ports.silence("d2", up=False)
@@ -83,7 +84,7 @@ async def a_second_without_telemetry(show: Show) -> tuple[list[float], list[floa
 
 
 def test_stale_telemetry_sends_no_setpoint_others_unaffected() -> None:
-    others_s, own_s, phases = fly(a_second_without_telemetry, show_config(2))
+    others_s, own_s, phases = fly(a_second_without_telemetry, show_config(2), after=running)
     gap = int(np.argmax(np.diff(own_s)))
     assert 0.4 < own_s[gap] < 0.56
     assert 1.19 < own_s[gap + 1] < 1.3

@@ -10,6 +10,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.state import Array, Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.show_phases import running
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
@@ -166,7 +167,6 @@ def test_command_to_an_unknown_vehicle_names_the_known_ones(flight: Flight, name
 
 async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     """The sphere shrinks while one is out of our hands; then it wants to come back."""
-    await show.start()
     show.ports.silence("d4")
     await show.phase("d4", Phase.LOST)
     show.service.plan.set_formation(Formation(2.6, 14.0))
@@ -178,14 +178,13 @@ async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
 
 
 def test_joining_a_too_small_sphere_names_the_radius_that_fits() -> None:
-    refusal, joined = fly(no_room, show_config(4, operation=HOLDS_WHEN_LOST))
+    refusal, joined = fly(no_room, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
     assert refusal.kind is RefusedError
     assert "at least 2.8 m for 4 vehicles" in refusal.text
     assert joined.outcome is Outcome.DONE
 
 
 async def join_without_a_show(show: Show) -> Refusal:
-    await show.start()
     await show.command("d1", HOLD)
     show.service.commands.command_show(ShowAction.STOP)
     await show.phase("d1", Phase.RETURN)
@@ -194,6 +193,6 @@ async def join_without_a_show(show: Show) -> Refusal:
 
 
 def test_joining_is_refused_while_the_show_returns() -> None:
-    refusal = fly(join_without_a_show, show_config(3))
+    refusal = fly(join_without_a_show, show_config(3), after=running)
     assert refusal.kind is RefusedError
     assert refusal.text == "d1 has no formation to join: the show is returning; accepted instead: land d1"

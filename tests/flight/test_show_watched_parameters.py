@@ -8,6 +8,7 @@ from gcs.links import ParameterValue
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import Alarm, AlarmCause
+from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
@@ -30,7 +31,6 @@ async def another_station_sets(show: Show, name: str, value: ParameterValue) -> 
 
 
 async def changed_in_flight(show: Show) -> Changed:
-    await show.start()
     await another_station_sets(show, "MPC_YAWRAUTO_MAX", 40.0)  # preflight demands nothing of it
     assert of_parameters(show) == ()
     await another_station_sets(show, "COM_OF_LOSS_T", 5.0)
@@ -46,7 +46,7 @@ async def changed_in_flight(show: Show) -> Changed:
 
 
 def test_parameter_changed_in_flight_raises_an_alarm() -> None:
-    changed = fly(changed_in_flight, show_config(3, operation=HOLDS_WHEN_LOST))
+    changed = fly(changed_in_flight, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
     (alarm,) = changed.alarms
     assert alarm.vehicles == ("d2",)
     assert "COM_OF_LOSS_T was changed from 1 to 5 in flight, 0.5 to 1 is needed" in alarm.text

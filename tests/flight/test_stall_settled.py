@@ -1,7 +1,5 @@
 """What can be ordered after a stall: the formation again, home, or only what no pilot has."""
 
-import asyncio
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,30 +8,26 @@ import numpy as np
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.preflight.parameters import settings_of
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from gcs.sim.fleet import Fleet, Settings
-from tests.flight.test_show_interrupted import four, one_session
+from tests.support.sessions import four, sessions
+from tests.support.show_phases import running
 from tests.support.stalls import stall
-from tests.support.virtual_link import STREAMS_HZ
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     Show,
-    UnixClock,
     fly,
     refused,
-    run_virtual,
     show_config,
 )
-from tests.support.written_show import config, on_pads, select
+from tests.support.written_show import config, select
 from tests.support.written_show import fly as fly_written
 
 FIRST = ("d1", "d2", "d3")
 
 
 async def cut_off(show: Show, stalled_s: float = 4.0) -> None:
-    await show.start()
+    await running(show)
     await show.wait(3.0)
     stall(show, stalled_s)
     await show.wait(1.0)
@@ -57,12 +51,11 @@ def test_stall_reports_uncontrolled_vehicles_and_does_nothing() -> None:
         await show.wait(10.0)
         assert (show.view.setpoints_sent, show.view.show) == (sent, ShowPhase.UNCONTROLLED)
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_recovered_vehicles_re_form_and_resume() -> None:
     async def story(show: Show) -> None:
-        await cut_off(show)
         record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         assert show.view.show is ShowPhase.PAUSED
@@ -74,12 +67,11 @@ def test_recovered_vehicles_re_form_and_resume() -> None:
         assert show.track.between(since_s).hardest_change_m_s() < JUMP_M_S
         assert show.floor_violations() == 0
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
 def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.befall("d1", "pilot")
         await show.phase("d1", Phase.PILOT)
         await show.wait(1.0)
@@ -97,12 +89,11 @@ def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
         await show.reach(ShowPhase.UNCONTROLLED)
         assert show.view.reason.startswith("2 vehicles airborne, not under this station's control")
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
     async def story(show: Show) -> None:
-        await cut_off(show)
         await show.command("d1", VehicleAction.TAKE_CONTROL)
         show.befall("d1", "pilot")
         await show.phase("d1", Phase.PILOT)
@@ -110,23 +101,21 @@ def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
         assert record.outcomes["d1"].outcome is Outcome.NOT_INCLUDED
         await show.settled(record, 150.0)
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
 def test_a_short_pause_of_the_service_explains_nothing() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         stall(show, 0.4)
         await show.wait(4.0)
         assert show.view.show is ShowPhase.RUNNING
         assert show.view.interrupted is None
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         show.service.commands.command_show(ShowAction.STOP)
         await show.wait(4.0)
         await show.show(ShowAction.PAUSE)
@@ -139,7 +128,7 @@ def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
         await show.reach(ShowPhase.LANDED)
         assert show.floor_violations() == 0
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
@@ -159,8 +148,6 @@ def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
 
 
 def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None:
-    config = four()
-
     async def goes_on(show: Show) -> None:
         await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
         assert show.view.show is ShowPhase.UNCONTROLLED
@@ -168,23 +155,11 @@ def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         await show.reach(ShowPhase.LANDED)
 
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        proper = settings_of(config)
-        settings = Settings(count=4, grid_columns=2, parameters=proper, rates_hz=STREAMS_HZ, **on_pads())
-        unix = UnixClock()
-        unix.ahead_s = time.time() - loop.time()
-        fleet = Fleet(settings, start_s=loop.time(), unix_at_start_s=unix())
-        await one_session(config, fleet, tmp_path, unix, cut_off)
-        await asyncio.sleep(2.0)
-        await one_session(config, fleet, tmp_path, unix, goes_on)
-
-    run_virtual(main)
+    sessions(tmp_path, (four(), cut_off), (four(), goes_on))
 
 
 def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
     async def story(show: Show) -> None:
-        await cut_off(show)
         show.ports.silence("d4", up=False)
         take_over = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
@@ -198,12 +173,11 @@ def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
             Outcome.FAILED
         }
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
 def test_repeated_recovery_leaves_nothing_pending() -> None:
     async def story(show: Show) -> None:
-        await cut_off(show)
         show.ports.silence("d4", up=False)
         first = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
@@ -212,12 +186,11 @@ def test_repeated_recovery_leaves_nothing_pending() -> None:
         assert {part.outcome for part in second.outcomes.values()} == {Outcome.DONE}
         assert show.service.command_log.get(first.id).outcome is Outcome.FAILED
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
 def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
     async def story(show: Show) -> None:
-        await cut_off(show)
         show.ports.beatless.add("d1")
         await show.wait(1.0)
         show.befall("d1", "pilot")
@@ -239,7 +212,7 @@ def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
         await show.settled(record, 150.0)
         assert len(show.ports.commands["d1"]) == sent
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
 def test_end_of_a_written_show_takes_no_control(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from gcs.model.state import Array, Counts
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
-from tests.support.show_phases import aborting, arming, assembling, paused, returning, running
+from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
@@ -25,10 +25,6 @@ FLIES_M, STANDS_M = 0.6, 0.002
 """Heights above which a vehicle truly flies, and below which it truly stands."""
 
 DOWN = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.LANDED})
-
-
-async def on_the_ground(show: Show) -> None:
-    await show.standby()
 
 
 async def counting_down(show: Show) -> None:
@@ -51,9 +47,16 @@ PHASES: tuple[Into, ...] = (
     paused,
     uncontrolled,
     counting_down,
-    on_the_ground,
+    on_the_pads,
     returning,
 )
+
+
+def begins(into: Into) -> Into:
+    """What phases have in common, which is flown once for all of them."""
+    return on_the_pads if into in {arming, assembling, counting_down, on_the_pads} else running
+
+
 STALLS_S = (4.0, 1.0, 10.0, 2.0)
 CASES = [
     pytest.param(
@@ -86,13 +89,11 @@ def assert_true(show: Show) -> None:
 async def stalls_once(show: Show, turn: int, into: Into, stalled_s: float) -> Array:
     """Lead the show into a phase, and stall at a random moment. Returns: (n, 3) the pads, show frame."""
     chance = random.Random(turn)
-    await show.standby()
-    pads_m = show.true_m.copy()
     await into(show)
     await show.wait(chance.uniform(0.2, 6.0))
     meanwhile_m = stall(show, stalled_s, kept_share=chance.choice([1.0, 0.5]))
     assert floor_violations(show, meanwhile_m) == 0
-    return pads_m
+    return show.track.samples[0].true_m
 
 
 class Landed(NamedTuple):
@@ -136,7 +137,7 @@ def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, 
             show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
 
-    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST), after=begins(into))
 
 
 EARLY: tuple[Into, ...] = (running, returning, assembling, aborting, paused)
@@ -167,7 +168,7 @@ def test_stop_before_modes_are_known_returns_all(
         assert found.off_pads_m < NEAR_PADS_M or into is aborting
         assert found.floor_violations == 0
 
-    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST), after=begins(into))
 
 
 @pytest.mark.parametrize("action", ["descend", "land", "return"])
@@ -194,7 +195,6 @@ def test_stall_explains_the_mode_of_the_configured_failsafe(action: str) -> None
 
 def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
     async def story(show: Show) -> None:
-        await running(show)
         await show.wait(1.0)
         stall(show, 2.5)
         await show.until(lambda: 0.3 < -show.true_m[:, 2].min() < 1.0)
@@ -205,16 +205,15 @@ def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
         await show.reach(ShowPhase.LANDED, 150.0)
         assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)
 
-    fly(story, show_config(COUNT))
+    fly(story, show_config(COUNT), after=running)
 
 
 def test_stall_alarm_names_the_commands_for_recovery() -> None:
     async def story(show: Show) -> None:
-        await running(show)
         stall(show, 4.0)
         await show.wait(TRUE_WITHIN_S)
         alarms = [each for each in show.view.alarms if each.cause is AlarmCause.OWN_FAILSAFE]
         assert [len(each.vehicles) for each in alarms] == [COUNT]
         assert "take-over or bring-home" in alarms[0].advice
 
-    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST))
+    fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST), after=running)

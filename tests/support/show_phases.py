@@ -5,6 +5,10 @@ from gcs.service import ShowAction
 from tests.support.virtual_show import Show
 
 
+async def on_the_pads(show: Show) -> None:
+    await show.standby()
+
+
 async def arming(show: Show) -> None:
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
@@ -16,7 +20,8 @@ async def assembling(show: Show) -> None:
 
 
 async def running(show: Show) -> None:
-    await show.start()
+    if show.view.show is not ShowPhase.RUNNING:
+        await show.start()
 
 
 async def paused(show: Show) -> None:

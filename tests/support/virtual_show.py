@@ -1,24 +1,31 @@
 """Flies a show in virtual time: the real orchestrator and link, the fake fleet, and a recorder."""
 
 import asyncio
+import atexit
+import copyreg
 import json
 import re
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any, Final, NamedTuple, TypeVar
 
-import async_solipsism
 import numpy as np
+from prometheus_client import Histogram
 
+from gcs import control
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.formation.obstacles import Ellipse
 from gcs.links.batch_link import Link
+from gcs.mavlink import codec
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
+from gcs.planning import return_paths
 from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
@@ -27,7 +34,9 @@ from gcs.service.vehicle_table import VehicleView
 from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.protocol.autopilot import Autopilot
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from tests.support.copies import in_a_copy
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink
+from tests.support.virtual_time import AtOnce, Loop, UnixClock
 
 T = TypeVar("T")
 
@@ -64,6 +73,10 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
     for name, section in sections.items():
         raw[name] = {**raw.get(name, {}), **section}
     return Config.model_validate(raw)
+
+
+# The ticks' histograms have locks: from a copy of the process they come back empty.
+copyreg.pickle(Histogram, lambda _: (Histogram, ("ticks", "", (), "", "", "", None)))
 
 
 class Sample(NamedTuple):
@@ -139,25 +152,6 @@ class Track:
         commanded = sum(seen.setpoint_m_s is not None for seen in self.of(vehicle_id))
         period_s = float(self.time_s[-1] - self.time_s[0]) / (len(self.samples) - 1)
         return commanded / (len(self.samples) * period_s)
-
-
-class UnixClock:
-    """The Unix clock, which can be set wrong."""
-
-    def __init__(self) -> None:
-        self.ahead_s = 1_700_000_000.0  # of the loop's
-
-    def __call__(self) -> float:
-        return asyncio.get_running_loop().time() + self.ahead_s
-
-
-class AtOnce(Executor):
-    """Runs each job at once: in virtual time this takes no time and is deterministic."""
-
-    def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
-        done: Future[T] = Future()
-        done.set_result(work(*given, **named))
-        return done
 
 
 class Show:
@@ -338,22 +332,85 @@ Story = Callable[[Show], Awaitable[T]]
 FLEET_STEP_S: Final = 1.0 / 60.0  # three steps a tick, as the simulation takes; half the time of 0.01 s
 
 
-def run_virtual(story: Callable[[], Awaitable[T]]) -> T:
-    """Run on an event loop whose clock jumps to the next event."""
-    reported: list[T] = []
+class Flight:
+    """A running service over its fake fleet, for one story after another. See `fly`."""
 
-    async def main() -> None:
-        reported.append(await story())  # not returned: the runner puts a result into words, for seconds
+    def __init__(
+        self,
+        plan: Config,
+        failures: Sequence[LinkError] = (),
+        record: Record | None = None,
+        planning: Executor | None = None,
+        heart: Heart | None = None,
+        **fleet_settings: Any,
+    ) -> None:
+        proper = settings_of(plan)
+        self._settings = {"count": len(plan.ids), "grid_columns": 2, "rates_hz": STREAMS_HZ, **fleet_settings}
+        self._settings["parameters"] = {**proper, **fleet_settings.get("parameters", {})}
+        self._loop = Loop()
+        self._show, self._services = self._loop.play(self._begin(plan, failures, record, planning, heart))
 
-    with asyncio.Runner(loop_factory=async_solipsism.EventLoop) as runner:
-        runner.run(main())
-    return reported[0]
+    def play(self, story: Story[T]) -> T:
+        """Play the next story."""
+        return self._loop.play(self._play(story))
+
+    def close(self) -> None:
+        """Cancel everything that runs."""
+        self._loop.close()
+
+    async def _begin(
+        self,
+        plan: Config,
+        failures: Sequence[LinkError],
+        record: Record | None,
+        planning: Executor | None,
+        heart: Heart | None,
+    ) -> tuple[Show, set[asyncio.Task[None]]]:
+        unix, now_s = UnixClock(), asyncio.get_running_loop().time()
+        settings = Settings(**self._settings)
+        fleet = Fleet(settings, start_s=now_s, unix_at_start_s=unix(), step_s=FLEET_STEP_S)
+        link = VirtualLink(plan, fleet)
+        for failure in failures:
+            link.failures.put_nowait(failure)
+        links: list[Link] = [link]
+        orchestrator = Orchestrator(
+            plan, links, record, unix_s=unix, heart=heart, planning=planning or AtOnce()
+        )
+        show = Show(plan, fleet, link, orchestrator, unix)
+        services = {
+            asyncio.create_task(show.service.run(), name="service"),
+            asyncio.create_task(show.record(record), name="record"),
+        }
+        await show.wait(0.0)
+        return show, services
+
+    async def _play(self, story: Story[T]) -> T:
+        reported = asyncio.ensure_future(story(self._show))
+        ended, _ = await asyncio.wait({*self._services, reported}, return_when=asyncio.FIRST_COMPLETED)
+        for service in ended & self._services:
+            await service  # raises what ended it
+        result = await reported
+        wrong = badly_written(self._show)
+        assert not wrong, wrong
+        return result
+
+
+@cache
+def load_machine_code() -> None:
+    """Otherwise each copy of the process loads it."""
+    for warm_up in (control.warm_up, return_paths.warm_up, codec.warm_up):
+        warm_up()
+
+
+_led_so_far: dict[str, Flight] = {}
+"""Flights that stand still where they were led to, by what made them."""
 
 
 def fly(
     story: Story[T],
     config: Config | None = None,
     *,
+    after: Story[None] | None = None,
     failures: Sequence[LinkError] = (),
     record: Record | None = None,
     planning: Executor | None = None,
@@ -365,6 +422,8 @@ def fly(
     Args:
         story: the events of the flight, in virtual time.
         config: None: four vehicles.
+        after: leads the flight to where the story begins. This part is flown once for all stories of the same
+            settings. Each continues it in a copy of the process, from which only the result comes back.
         failures: of the link, set before it first runs.
         record: the recording of the flight, already entered.
         planning: planner of return paths; None: planning ends at once.
@@ -372,43 +431,15 @@ def fly(
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
-    proper = settings_of(plan)
-    fleet_settings["parameters"] = {**proper, **fleet_settings.get("parameters", {})}
-
-    async def main() -> T:
-        loop = asyncio.get_running_loop()
-        fleet = Fleet(
-            Settings(**{"count": len(plan.ids), "grid_columns": 2, "rates_hz": STREAMS_HZ, **fleet_settings}),
-            start_s=loop.time(),
-            unix_at_start_s=UnixClock()(),
-            step_s=FLEET_STEP_S,
-        )
-        link = VirtualLink(plan, fleet)
-        for failure in failures:
-            link.failures.put_nowait(failure)
-        links: list[Link] = [link]
-        unix = UnixClock()
-        orchestrator = Orchestrator(
-            plan, links, record, unix_s=unix, heart=heart, planning=planning or AtOnce()
-        )
-        show = Show(plan, fleet, link, orchestrator, unix)
-        services = {
-            asyncio.create_task(show.service.run(), name="service"),
-            asyncio.create_task(show.record(record), name="record"),
-        }
-        await show.wait(0.0)
-        reported = asyncio.ensure_future(story(show))
-        try:
-            ended, _ = await asyncio.wait({*services, reported}, return_when=asyncio.FIRST_COMPLETED)
-            for service in ended & services:
-                await service  # raises what ended it
-            result = await reported
-            wrong = badly_written(show)
-            assert not wrong, wrong
-            return result
-        finally:
-            for task in {*services, reported}:
-                task.cancel()
-            await asyncio.gather(*services, reported, return_exceptions=True)
-
-    return run_virtual(main)
+    if after is not None:
+        assert (failures, record, planning, heart) == ((), None, None, None), "they belong to one story"
+        made_of = f"{after.__module__}.{after.__qualname__} {plan.model_dump_json()} {fleet_settings}"
+        if made_of not in _led_so_far:
+            load_machine_code()
+            flight = Flight(plan, **fleet_settings)
+            atexit.register(flight.close)
+            flight.play(after)
+            _led_so_far[made_of] = flight
+        return in_a_copy(partial(_led_so_far[made_of].play, story))
+    with closing(Flight(plan, failures, record, planning, heart, **fleet_settings)) as flight:
+        return flight.play(story)
