@@ -91,7 +91,7 @@ async def _on_gcs_error(_request: Request, error: Exception) -> Response:
         raise error
     if isinstance(error, InvalidError):
         return invalid_response(
-            [reports.Problem(field=error.field, value=echo(error.value), allowed=error.allowed)]
+            [reports.FieldProblem(field=error.field, value=echo(error.value), allowed=error.allowed)]
         )
     return error_response(status, str(error))
 

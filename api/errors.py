@@ -61,7 +61,7 @@ def _text(value: object) -> str:
     return quoted(value)
 
 
-def error_response(status: int, detail: str, problems: Sequence[reports.Problem] = ()) -> Response:
+def error_response(status: int, detail: str, problems: Sequence[reports.FieldProblem] = ()) -> Response:
     """Make an error response in the common shape, in plain ASCII, so that no received text can break it."""
     body = {
         "detail": detail if len(detail) <= DETAIL_MAX else detail[:DETAIL_MAX] + "…",
@@ -71,12 +71,12 @@ def error_response(status: int, detail: str, problems: Sequence[reports.Problem]
     return Response(text, status_code=status, media_type="application/json", headers=ERROR_HEADERS)
 
 
-def invalid_response(problems: Sequence[reports.Problem]) -> Response:
+def invalid_response(problems: Sequence[reports.FieldProblem]) -> Response:
     detail = "; ".join(f"{problem.field} = {_text(problem.value)}: {problem.allowed}" for problem in problems)
     return error_response(HTTPStatus.UNPROCESSABLE_ENTITY, detail, problems)
 
 
-def from_pydantic(error: dict[str, Any]) -> reports.Problem:
+def from_pydantic(error: dict[str, Any]) -> reports.FieldProblem:
     kind, value = error["type"], error["input"]
     path = [str(part) for part in error["loc"][1:]]
     if len(path) > 1 and path[0] in requests.TARGET_FRAMES:  # the tag of the union, not a field
@@ -91,7 +91,7 @@ def from_pydantic(error: dict[str, Any]) -> reports.Problem:
         allowed = "not a field of this request"
     elif field == "body" and not isinstance(value, dict):
         allowed = "a JSON object, sent as Content-Type: application/json"
-    return reports.Problem(field=cut(field), value=echo(value), allowed=allowed)
+    return reports.FieldProblem(field=cut(field), value=echo(value), allowed=allowed)
 
 
 async def refuse(response: Response, scope: Scope, receive: Receive, send: Send) -> None:

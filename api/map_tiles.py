@@ -10,8 +10,10 @@ import re
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 from urllib.parse import urlsplit
+
+from pydantic import ConfigDict, Field
 
 from gcs.model.errors import ConfigError, InvalidError, UnknownError
 from gcs.service.map_settings import ZOOM_MAX, MapSettings, is_address
@@ -106,13 +108,23 @@ class TileFile:
 
 @dataclass(frozen=True, slots=True)
 class GroundMap:
-    """The map as the page needs it."""
+    """The map of the ground, as tiles in web mercator."""
 
-    tiles: str  # URL template with {z}, {x} and {y}
-    attribution: str
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
+
+    tiles: Annotated[
+        str,
+        Field(
+            description="Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row"
+            " from the north. One that begins with `/` is this service's own, and asks for the token.",
+            examples=["/api/v1/map/{z}/{x}/{y}"],
+        ),
+    ]
+    attribution: Annotated[str, Field(description="Text to show with the map.")]
     zoom_min: int
     zoom_max: int
-    file: TileFile | None = None  # None: the page requests the tiles from another server
+    # None: the page requests the tiles from another server
+    file: Annotated[TileFile | None, Field(exclude=True)] = None
 
     @property
     def origin(self) -> str | None:

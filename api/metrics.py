@@ -66,7 +66,7 @@ class FleetCollector:
         yield _gauge("gcs_state_age_seconds", "Since the newest state was made.", self.age_s)
         yield CounterMetricFamily("gcs_ticks", "Ticks of the control loop.", tick.count)
         yield CounterMetricFamily("gcs_ticks_missed", "Ticks that were dropped, being too late.", tick.missed)
-        for histogram in tick.histograms:
+        for histogram in view.histograms:
             yield from histogram.collect()
         yield CounterMetricFamily("gcs_setpoints_sent", "Velocity setpoints that left.", view.setpoints_sent)
         yield CounterMetricFamily(

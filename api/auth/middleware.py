@@ -259,7 +259,7 @@ class _Long(str):
     __slots__ = ()
 
 
-def find_problem(headers: Headers, body: bytes) -> reports.Problem | None:
+def find_problem(headers: Headers, body: bytes) -> reports.FieldProblem | None:
     """Return the first problem of a body that is declared as JSON; None when it has none.
 
     A body that cannot be parsed as JSON also returns None: its route reports the error.
@@ -270,9 +270,11 @@ def find_problem(headers: Headers, body: bytes) -> reports.Problem | None:
     try:
         text = body.decode()
     except UnicodeDecodeError as error:
-        return reports.Problem(field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not")
+        return reports.FieldProblem(
+            field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not"
+        )
     if text.count("[") + text.count("{") > DEPTH_MAX and _depth(text) > DEPTH_MAX:
-        return reports.Problem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
+        return reports.FieldProblem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
     try:
         value = json.loads(text, object_pairs_hook=_json_object, parse_int=_whole)
     except json.JSONDecodeError:
@@ -300,14 +302,14 @@ def _whole(digits: str) -> int | _Long:
     return int(digits) if len(digits) <= DIGITS_MAX else _Long(digits)
 
 
-def _problems(value: object, path: tuple[str, ...]) -> Iterator[reports.Problem]:
+def _problems(value: object, path: tuple[str, ...]) -> Iterator[reports.FieldProblem]:
     """Yield every problem inside a value, with the dotted name of its field."""
     if isinstance(value, _Twice):
         name = _field((*path, value.name))
-        yield reports.Problem(field=name, value=echo(value[value.name]), allowed="given once, not twice")
+        yield reports.FieldProblem(field=name, value=echo(value[value.name]), allowed="given once, not twice")
     if isinstance(value, _Long):
         allowed = f"a number of at most {DIGITS_MAX} digits"
-        yield reports.Problem(field=_field(path), value=echo(str(value)), allowed=allowed)
+        yield reports.FieldProblem(field=_field(path), value=echo(str(value)), allowed=allowed)
     if isinstance(value, dict):
         for name, part in value.items():
             yield from _problems(part, (*path, name))

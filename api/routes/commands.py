@@ -10,8 +10,8 @@ from fastapi import APIRouter, Response
 from gcs.api.auth.authorization import VALID_S
 from gcs.api.context import ContextDep
 from gcs.api.openapi import READ, TOKEN, CommandId, VehicleId, command, errors
-from gcs.api.schemas import convert, requests
 from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import requests
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
@@ -20,7 +20,7 @@ from gcs.service import CALLER, CommandRecord, ShowAction, VehicleAction
 router = APIRouter(dependencies=TOKEN)
 
 Action = TypeVar("Action", bound=StrEnum)
-Route = Callable[..., Awaitable[schemas.Command]]
+Route = Callable[..., Awaitable[CommandRecord]]
 
 ON_VEHICLE: Final = {
     VehicleAction.HOLD: "Leave the formation and hold position",
@@ -52,9 +52,9 @@ ON_OFFER: Final = {
 }
 
 
-def _accepted(response: Response, record: CommandRecord) -> schemas.Command:
+def _accepted(response: Response, record: CommandRecord) -> CommandRecord:
     response.headers["Location"] = f"/api/v1/commands/{record.id}"
-    return convert.command(record)
+    return record
 
 
 def _add_routes(
@@ -83,7 +83,7 @@ def _add_routes(
 
 
 def _vehicle_command(action: VehicleAction) -> Route:
-    async def command(vehicle_id: VehicleId, context: ContextDep, response: Response) -> schemas.Command:
+    async def command(vehicle_id: VehicleId, context: ContextDep, response: Response) -> CommandRecord:
         return _accepted(response, context.service.commands.command_vehicle(vehicle_id, action))
 
     return command
@@ -92,7 +92,7 @@ def _vehicle_command(action: VehicleAction) -> Route:
 def _fleet_command(action: VehicleAction) -> Route:
     async def command(
         context: ContextDep, response: Response, body: requests.GroupBody | None = None
-    ) -> schemas.Command:
+    ) -> CommandRecord:
         given = None if body is None else body.vehicles
         return _accepted(response, context.service.commands.command_vehicles(action, given))
 
@@ -100,14 +100,14 @@ def _fleet_command(action: VehicleAction) -> Route:
 
 
 def _show_command(action: ShowAction) -> Route:
-    async def command(context: ContextDep, response: Response) -> schemas.Command:
+    async def command(context: ContextDep, response: Response) -> CommandRecord:
         return _accepted(response, context.service.commands.command_show(action))
 
     return command
 
 
 def _offer_command(offer: Offer) -> Route:
-    async def command(context: ContextDep, response: Response) -> schemas.Command:
+    async def command(context: ContextDep, response: Response) -> CommandRecord:
         return _accepted(response, context.service.recovery.settle(offer))
 
     return command
@@ -143,7 +143,7 @@ _add_routes(
 )
 async def start_show(
     context: ContextDep, response: Response, body: requests.StartBody | None = None
-) -> schemas.Command:
+) -> CommandRecord:
     """Starts the named vehicles or all online ones, now or later; a selected show needs its hash."""
     given = body or requests.StartBody()
     record = context.service.commands.command_show(
@@ -171,17 +171,17 @@ _add_routes(
 
 
 @router.get("/commands", tags=["show"], summary="The last commands")
-async def list_commands(context: ContextDep) -> list[schemas.Command]:
+async def list_commands(context: ContextDep) -> list[CommandRecord]:
     """The commands that the service remembers, the newest first."""
-    return [convert.command(record) for record in context.service.command_log.newest()]
+    return list(context.service.command_log.newest())
 
 
 @router.get(
     "/commands/{command_id}", tags=["show"], summary="Outcome of a command", responses=READ | errors(404)
 )
-async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Command:
+async def get_command(command_id: CommandId, context: ContextDep) -> CommandRecord:
     """An accepted command and its outcome for each vehicle."""
-    return convert.command(context.service.command_log.get(command_id))
+    return context.service.command_log.get(command_id)
 
 
 # Before a start
@@ -195,7 +195,7 @@ async def get_command(command_id: CommandId, context: ContextDep) -> schemas.Com
 )
 async def exclude_vehicle(
     vehicle_id: VehicleId, context: ContextDep, response: Response, body: requests.ExcludeBody | None = None
-) -> schemas.Command:
+) -> CommandRecord:
     """Only on the ground. The vehicle takes part in no start until it is included again."""
     reason = "" if body is None else body.reason
     return _accepted(response, context.service.preflight.exclude(vehicle_id, reason))
@@ -207,7 +207,7 @@ async def exclude_vehicle(
     summary="Include an excluded vehicle",
     **command(404, status=HTTPStatus.ACCEPTED, no_body=True),
 )
-async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: Response) -> schemas.Command:
+async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: Response) -> CommandRecord:
     """Only on the ground. The vehicle must then pass every check, as all others."""
     return _accepted(response, context.service.preflight.include(vehicle_id))
 
@@ -242,7 +242,7 @@ async def arm_kill(context: ContextDep, body: requests.GroupBody | None = None) 
 )
 async def confirm_kill(
     body: requests.KillConfirmation, context: ContextDep, response: Response
-) -> schemas.Command:
+) -> CommandRecord:
     """Kills the code's vehicles. A code works once, and for a short time."""
     vehicles = context.kill_switch.confirm(body.code, CALLER.get(), context.now_s())
     return _accepted(response, context.service.commands.kill(vehicles))

@@ -12,10 +12,11 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import READ, TOKEN, AlarmId, VehicleId, command, errors
 from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas.fleet import Alarm, AlarmList, Status
+from gcs.api.schemas.fleet import AlarmList, Status
 from gcs.api.schemas.reports import Access
 from gcs.model.errors import RefusedError, UnknownError
-from gcs.service.alarms import AlarmCause
+from gcs.model.preflight_report import PreflightReport
+from gcs.service.alarms import Alarm, AlarmCause, overall
 
 health = APIRouter(tags=["health"])
 api = APIRouter(dependencies=TOKEN)
@@ -89,15 +90,14 @@ async def get_vehicle(vehicle_id: VehicleId, context: ContextDep) -> schemas.Veh
 @api.get("/alarms", tags=["alarms"], summary="Alarms and the overall severity")
 async def list_alarms(context: ContextDep) -> AlarmList:
     """Every alarm, the most severe first, and the overall severity."""
-    view, problem = context.view, context.health_problem()
-    alarms, severity = convert.alarms(view, problem), convert.severity(view, problem)
-    return AlarmList(severity=severity, alarms=alarms)
+    alarms = convert.current_alarms(context.view, context.health_problem())
+    return AlarmList(severity=overall(alarms), alarms=list(alarms))
 
 
 @api.post("/alarms/acknowledge", tags=["alarms"], summary="Acknowledge every alarm", **command(no_body=True))
 async def acknowledge_all_alarms(context: ContextDep) -> list[Alarm]:
     """Returns the alarms that were not acknowledged before. Ended alarms are removed from the list."""
-    return [convert.as_schema(schemas.Alarm, each) for each in context.service.alarms.acknowledge_all()]
+    return list(context.service.alarms.acknowledge_all())
 
 
 @api.post(
@@ -110,7 +110,7 @@ async def acknowledge_alarm(alarm_id: AlarmId, context: ContextDep) -> Alarm:
     """The alarm stays listed while its cause lasts, with name and time of the first acknowledgement."""
     if alarm_id == AlarmCause.CONTROL_STOPPED.value:
         raise RefusedError("control-stopped is not acknowledged: it stays on top until control runs again")
-    return convert.as_schema(schemas.Alarm, context.service.alarms.acknowledge(alarm_id))
+    return context.service.alarms.acknowledge(alarm_id)
 
 
 # Preflight
@@ -122,9 +122,9 @@ Named = Annotated[
 
 
 @api.get("/preflight", tags=["preflight"], summary="Preflight report", responses=READ | errors(404, 409, 503))
-async def get_preflight(context: ContextDep, vehicles: Named = None) -> reports.Preflight:
+async def get_preflight(context: ContextDep, vehicles: Named = None) -> PreflightReport:
     """Every check of every vehicle and of the fleet, at most once a second, and only on the ground."""
-    return convert.as_schema(reports.Preflight, context.service.preflight.report(vehicles))
+    return context.service.preflight.report(vehicles)
 
 
 # Map

@@ -10,7 +10,7 @@ from gcs.api.openapi import READ, TOKEN, ObstacleId, command, errors
 from gcs.api.schemas import convert, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import InvalidError, UnknownError
-from gcs.model.plan import Obstacle
+from gcs.model.plan import Obstacle, Orbit
 
 router = APIRouter(dependencies=TOKEN)
 
@@ -47,13 +47,13 @@ async def put_target(body: requests.TargetPut, context: ContextDep) -> schemas.T
 
 
 @router.get("/orbit", tags=["target"], summary="Orbit of the formation around the target")
-async def get_orbit(context: ContextDep) -> schemas.Orbit:
+async def get_orbit(context: ContextDep) -> Orbit:
     """Radius, speed and direction of the orbit around the target."""
-    return convert.as_schema(schemas.Orbit, context.plan.orbit)
+    return context.plan.orbit
 
 
 @router.patch("/orbit", tags=["target"], summary="Change the orbit", **command())
-async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> schemas.Orbit:
+async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> Orbit:
     """Changes the given fields. The formation follows continuously."""
     context.service.plan.set_orbit(replace(context.plan.orbit, **body.given()))
     return await get_orbit(context)
@@ -83,7 +83,7 @@ def _box(context: Context, obstacle_id: str) -> Obstacle:
 
 
 @router.get("/obstacles", tags=["obstacles"], summary="Every obstacle")
-async def list_obstacles(context: ContextDep) -> list[schemas.Obstacle]:
+async def list_obstacles(context: ContextDep) -> list[Obstacle]:
     """All boxes that the vehicles avoid."""
     return [convert.obstacle(box, context.now_s()) for box in context.plan.obstacles]
 
@@ -91,7 +91,7 @@ async def list_obstacles(context: ContextDep) -> list[schemas.Obstacle]:
 @router.get(
     "/obstacles/{obstacle_id}", tags=["obstacles"], summary="One obstacle", responses=READ | errors(404)
 )
-async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.Obstacle:
+async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> Obstacle:
     """One box that the vehicles avoid."""
     return convert.obstacle(_box(context, obstacle_id), context.now_s())
 
@@ -99,9 +99,7 @@ async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> schemas.
 @router.post(
     "/obstacles", tags=["obstacles"], summary="Add an obstacle", **command(status=HTTPStatus.CREATED)
 )
-async def add_obstacle(
-    body: requests.ObstaclePost, context: ContextDep, response: Response
-) -> schemas.Obstacle:
+async def add_obstacle(body: requests.ObstaclePost, context: ContextDep, response: Response) -> Obstacle:
     """Refused if its id is taken, or if it would contain an airborne vehicle or be too close ahead of one."""
     box = convert.obstacle_desired(body, body.id or context.new_obstacle_id(), context.now_s())
     context.service.plan.add_obstacle(box)
@@ -114,7 +112,7 @@ async def add_obstacle(
 )
 async def change_obstacle(
     obstacle_id: ObstacleId, body: requests.ObstaclePut, context: ContextDep
-) -> schemas.Obstacle:
+) -> Obstacle:
     """Replaces the box of this id. Refused when it would contain a vehicle or be too close ahead of one."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")

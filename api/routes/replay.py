@@ -4,10 +4,9 @@ from fastapi import APIRouter
 
 from gcs.api.context import Context, ContextDep
 from gcs.api.openapi import READ, TOKEN, command, errors
-from gcs.api.schemas import convert, reports, requests
-from gcs.api.schemas import fleet as schemas
+from gcs.api.schemas import requests
 from gcs.model.errors import RefusedError
-from gcs.service import Replaying, ReplayMarks
+from gcs.service import Playback, Replaying, ReplayMarks, ReportState
 
 router = APIRouter(dependencies=TOKEN, tags=["replay"])
 
@@ -21,15 +20,15 @@ def _replaying(context: Context) -> Replaying:
 
 
 @router.get("/replay", summary="How the record is played", responses=READ | errors(409))
-async def get_replay(context: ContextDep) -> schemas.Replay:
+async def get_replay(context: ContextDep) -> Playback:
     """Position and speed of the replay; `409` when the service controls vehicles."""
-    return convert.as_schema(schemas.Replay, _replaying(context).playback)
+    return _replaying(context).playback
 
 
 @router.post("/replay", summary="Pause, continue, change speed or position", **command())
-async def change_replay(body: requests.ReplayChange, context: ContextDep) -> schemas.Replay:
+async def change_replay(body: requests.ReplayChange, context: ContextDep) -> Playback:
     """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
-    return convert.as_schema(schemas.Replay, _replaying(context).change(**body.given()))
+    return _replaying(context).change(**body.given())
 
 
 @router.get("/replay/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
@@ -39,6 +38,6 @@ async def get_replay_marks(context: ContextDep) -> ReplayMarks:
 
 
 @router.get("/replay/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))
-async def get_flight_report(context: ContextDep) -> reports.FlightReport:
+async def get_flight_report(context: ContextDep) -> ReportState:
     """Answers at once. The first call starts the analysis beside the replay; poll until it is done."""
-    return convert.as_schema(reports.FlightReport, _replaying(context).make_flight_report())
+    return _replaying(context).make_flight_report()

@@ -10,7 +10,7 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
-from gcs.service import StoredShow
+from gcs.service import SelectedShow, ShowCheck, StoredShow
 
 Name = Annotated[str, Path(pattern=requests.NAME_PATTERN, examples=["lighthouse"])]
 
@@ -64,21 +64,21 @@ async def remove_show_file(name: Name, context: ContextDep) -> None:
 
 
 @files.post("/{name}/check", summary="Check a show", **command(404, status=HTTPStatus.ACCEPTED, no_body=True))
-async def check_show(name: Name, context: ContextDep) -> reports.ShowCheck:
+async def check_show(name: Name, context: ContextDep) -> ShowCheck:
     """Flies the show in virtual time, in a process of the lowest priority; GET returns its progress."""
-    return convert.as_schema(reports.ShowCheck, context.service.shows.check(name))
+    return context.service.shows.check(name)
 
 
 @files.get("/{name}/check", summary="Result of a show check", responses=READ | errors(404))
-async def get_show_check(name: Name, context: ContextDep) -> reports.ShowCheck:
+async def get_show_check(name: Name, context: ContextDep) -> ShowCheck:
     """The newest check of this show since the service started."""
-    return convert.as_schema(reports.ShowCheck, context.service.shows.checked(name))
+    return context.service.shows.checked(name)
 
 
 @files.post("/{name}/select", summary="Select a show to fly next", **command(404))
-async def select_show(name: Name, body: requests.SelectBody, context: ContextDep) -> schemas.SelectedShow:
+async def select_show(name: Name, body: requests.SelectBody, context: ContextDep) -> SelectedShow:
     """Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet."""
-    return convert.as_schema(schemas.SelectedShow, context.service.player.select(name, body.hash))
+    return context.service.player.select(name, body.hash)
 
 
 @selected.post(
@@ -92,6 +92,6 @@ async def deselect_show(context: ContextDep) -> None:
 
 
 @selected.post("/seek", summary="Start at a cue", **command(404))
-async def seek_show(body: requests.SeekBody, context: ContextDep) -> schemas.SelectedShow:
+async def seek_show(body: requests.SeekBody, context: ContextDep) -> SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
-    return convert.as_schema(schemas.SelectedShow, context.service.player.seek(body.cue))
+    return context.service.player.seek(body.cue)

@@ -15,10 +15,9 @@ from gcs.api.schemas.binary_frame import FLOATS, fill_floats
 from gcs.model import plan
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.frames import ShowFrame
-from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.model.state import Array
-from gcs.service import CommandRecord, FleetView, ShowAction
+from gcs.service import FleetView, ShowAction
 from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
 from gcs.service.event_log import LogEvent
 from gcs.service.vehicle_table import VehicleTable
@@ -30,13 +29,6 @@ ALWAYS_IN_THE_AIR: Final = frozenset({ShowAction.PAUSE, ShowAction.STOP, ShowAct
 
 VIEW_AGE_MAX_S: Final = 1.0
 """Oldest valid state: PX4 leaves OFFBOARD after 1.0 s without setpoints (COM_OF_LOSS_T)."""
-
-
-def as_schema(model: type[M], value: object) -> M:
-    """Convert an object that has attributes of the schema's names; `_unix_s` is `_unix_time_s` in JSON."""
-    names = {name: name.replace("_unix_time_s", "_unix_s") for name in model.model_fields}
-    given = {name: getattr(value, attribute) for name, attribute in names.items()}
-    return model.model_validate(given, from_attributes=True)
 
 
 # Health
@@ -92,10 +84,6 @@ def current_alarms(view: FleetView, problem: str) -> tuple[Alarm, ...]:
     text = f"{row.headline}: {problem}."
     times = (view.unix_time_s, view.unix_time_s)
     return (Alarm(cause.value, row.severity, cause, text, row.advice, (), *times), *view.alarms)
-
-
-def alarms(view: FleetView, problem: str) -> list[schemas.Alarm]:
-    return [as_schema(schemas.Alarm, each) for each in current_alarms(view, problem)]
 
 
 def severity(view: FleetView, problem: str) -> OverallSeverity:
@@ -188,7 +176,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         minimum_separation_m=view.minimum_separation_m,
         setpoints_sent=view.setpoints_sent,
         filter_interventions=view.interventions,
-        tick=as_schema(schemas.Tick, view.tick),
+        tick=view.tick,
         vehicles=vehicles(view, frame),
     )
 
@@ -213,23 +201,16 @@ def status(
     `problem` is the result of `health_problem`, `access` is `Authorization.text`, and `shows_refused` is
     `why_not_kept` of the shows.
     """
-    timeline = () if view.selected is None else view.selected.timeline
-    envelope = view.flight_envelope
     return schemas.Status(
         **_summary(view, frame, problem, access),
         revision=revision,
         began_unix_time_s=began_unix_s,
-        timeline=[schemas.CueTime(cue=cue, at_s=at_s) for cue, at_s in timeline],
+        timeline=[] if view.selected is None else list(view.selected.timeline),
         shows_refused=shows_refused,
-        map=None if ground is None else as_schema(schemas.Map, ground),
-        fence=as_schema(schemas.Fence, envelope),
-        separation=schemas.Separation(
-            horizontal_m=envelope.floor_horizontal_m,
-            vertical_m=envelope.floor_vertical_m,
-            margin_m=envelope.margin_m,
-        ),
+        map=ground,
+        flight_envelope=view.flight_envelope,
         limits=sorted(set(view.rows.limited_by) - {""}),
-        replay=None if view.playback is None else as_schema(schemas.Replay, view.playback),
+        replay=view.playback,
         events=list(events),
         vehicles=records(view.rows),
     )
@@ -243,16 +224,16 @@ def _summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> di
         "unix_time_s": view.unix_time_s,
         "control_reason": problem,
         "show": show(view),
-        "counts": as_schema(schemas.Counts, view.counts),
-        "origin": as_schema(schemas.Origin, frame),
+        "counts": view.counts,
+        "origin": frame,
         "formation": formation(desired.formation, view),
         "target": target(desired.target, view.target_m, frame),
-        "orbit": as_schema(schemas.Orbit, desired.orbit),
+        "orbit": desired.orbit,
         "yaw": yaw(desired.yaw, frame),
         "obstacles": [obstacle(box, view.time_s) for box in desired.obstacles],
-        "interrupted": None if view.interrupted is None else interrupted(view.interrupted),
+        "interrupted": view.interrupted,
         "severity": severity(view, problem),
-        "alarms": alarms(view, problem),
+        "alarms": list(current_alarms(view, problem)),
         "estimates": estimates(view),
         "access": access,
     }
@@ -285,7 +266,7 @@ def show(view: FleetView) -> schemas.Show:
         phase=view.show,
         reason=view.reason,
         possible=possible,
-        selected=None if view.selected is None else as_schema(schemas.SelectedShow, view.selected),
+        selected=view.selected,
         start_unix_time_s=view.start_unix_time_s,
         countdown_s=view.countdown_s,
     )
@@ -348,34 +329,10 @@ def yaw(desired: plan.Yaw, frame: ShowFrame) -> schemas.Yaw:
     return schemas.Yaw(policy=desired.policy, heading_deg=heading_deg(desired.fixed_rad, frame))
 
 
-def obstacle(box: plan.Obstacle, now_s: float) -> schemas.Obstacle:
-    """Convert an obstacle, at its position at `now_s`."""
+def obstacle(box: plan.Obstacle, now_s: float) -> plan.Obstacle:
+    """Return an obstacle at its position at `now_s`."""
     x_m, y_m = box.position_m(now_s)
-    return as_schema(schemas.Obstacle, replace(box, x_m=x_m, y_m=y_m))
-
-
-def interrupted(found: InterruptedFlight) -> schemas.InterruptedFlight:
-    return schemas.InterruptedFlight(
-        session=found.session,
-        unix_time_s=found.unix_time_s,
-        cause=found.cause,
-        show=found.show,
-        selected=None if found.written is None else as_schema(schemas.WrittenShow, found.written),
-        vehicles={one.id: as_schema(schemas.Remaining, one) for one in found.vehicles},
-        offers=list(found.offers),
-        problems=list(found.problems),
-    )
-
-
-def command(record: CommandRecord) -> schemas.Command:
-    return schemas.Command(
-        id=record.id,
-        action=record.action,
-        by=record.by,
-        accepted_unix_time_s=record.accepted_time_s,
-        outcome=record.outcome,
-        vehicles={name: as_schema(schemas.CommandPart, part) for name, part in record.outcomes.items()},
-    )
+    return replace(box, x_m=x_m, y_m=y_m, time_s=now_s)
 
 
 # Requests

@@ -3,54 +3,26 @@
 Units and frames as in `gcs.api.schemas.requests`. An unknown number is null, never NaN.
 """
 
-from math import isfinite
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
-from gcs.model.interrupted_flight import Offer
+from gcs.api.map_tiles import GroundMap
+from gcs.model.frames import ShowFrame
+from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Direction, LawName, YawPolicy
-from gcs.model.state import Mode
-from gcs.service import Outcome, ShowAction
-from gcs.service.alarms import AlarmSeverity, OverallSeverity
+from gcs.model.plan import LawName, Obstacle, Orbit, YawPolicy
+from gcs.model.settings import Measured
+from gcs.model.state import Counts, Mode
+from gcs.service import CueMark, FlightEnvelope, Playback, SelectedShow, ShowAction, TickView
+from gcs.service.alarms import Alarm, OverallSeverity
 from gcs.service.event_log import LogEvent
-
-
-def _known(value: object) -> object:
-    """Convert NaN and infinities to None (not known)."""
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-Measured = Annotated[float | None, BeforeValidator(_known)]
 
 
 class Outward(BaseModel):
     """Base of response bodies. Clients ignore fields that they do not know."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
-
-
-class CommandPart(Outward):
-    """Outcome of a command for one vehicle."""
-
-    outcome: Outcome
-    reason: str
-
-
-class Command(Outward):
-    """An accepted command and its outcome."""
-
-    id: str
-    action: str
-    by: str = Field(
-        description="Name of the token; `local` without tokens, `service` for the service itself."
-    )
-    accepted_unix_time_s: float
-    outcome: Outcome = Field(
-        description="pending while any vehicle is pending, then failed if any vehicle failed, else done."
-    )
-    vehicles: dict[str, CommandPart]
 
 
 class KillArmed(Outward):
@@ -127,17 +99,6 @@ class Vehicle(VehicleRecord, Motion):
     )
 
 
-class Counts(Outward):
-    """Numbers of vehicles by where they are and what controls them."""
-
-    airborne: int = Field(description="controlled + uncontrolled.")
-    controlled: int = Field(description="Airborne, under this station's control.")
-    uncontrolled: int = Field(description="Airborne, under a pilot's or its own autopilot's control.")
-    unknown: int = Field(description="Lost in flight or killed, and not confirmed on the ground.")
-    on_ground: int
-    offline: int
-
-
 class Estimates(Outward):
     """Energy and times of the fleet, updated once a second. null: not known, or not in progress."""
 
@@ -157,21 +118,6 @@ class Estimates(Outward):
     home_s: Measured = Field(
         description="Time until all vehicles have landed at their pads, if the return began now or has begun."
     )
-
-
-class SelectedShow(Outward):
-    """The written show that is or will be flown, and its progress."""
-
-    name: str
-    hash: str
-    cue: str = Field(description="The newest cue.")
-    cues: list[str]
-    clock_s: float = Field(description="The show's own time; 0 when the first sphere stands.")
-    duration_s: float
-    runs: bool = Field(
-        description="Whether the show's clock runs; false before the show begins and while it is paused."
-    )
-    target_is_live: bool = Field(description="Whether PUT target moves the target now.")
 
 
 class Show(Outward):
@@ -214,88 +160,11 @@ class Target(Outward):
     velocity_east_m_s: float
 
 
-class Orbit(Outward):
-    """The orbit of the formation's centre around the target."""
-
-    radius_m: float
-    speed_m_s: float
-    direction: Direction
-
-
 class Yaw(Outward):
     """Yaw policy and heading of the vehicles."""
 
     policy: YawPolicy
     heading_deg: float = Field(description="Heading of the policy `fixed`.")
-
-
-class Obstacle(Outward):
-    """A box on the ground, at its position now."""
-
-    id: str
-    x_m: float
-    y_m: float
-    half_length_x_m: float
-    half_length_y_m: float
-    height_m: float
-    velocity_x_m_s: float
-    velocity_y_m_s: float
-
-
-class Origin(Outward):
-    """The show frame: its origin, and the heading of its x axis."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_amsl_m: float
-    heading_deg: float
-
-
-class Tick(Outward):
-    """Timing of the control loop."""
-
-    rate_hz: Measured
-    count: int
-    missed: int
-    duration_p50_ms: Measured
-    duration_p99_ms: Measured
-    lateness_p99_ms: Measured
-
-
-class Alarm(Outward):
-    """One condition that an operator should know, with all vehicles that it concerns."""
-
-    id: str = Field(examples=["vehicle-lost-7"])
-    severity: AlarmSeverity = Field(
-        description=(
-            "emergency: act at once; warning: act soon; caution: be ready to act; information: nothing to do."
-        )
-    )
-    cause: str = Field(
-        description="One word for programs; docs/operations.md lists them.", examples=["vehicle-lost"]
-    )
-    text: str = Field(
-        description="The cause first, its consequence after.",
-        examples=["Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."],
-    )
-    advice: str = Field(description="What an operator can do.")
-    vehicles: list[str] = Field(description="All that it concerns; empty: it concerns no vehicle.")
-    since_unix_time_s: float = Field(description="When the cause began.")
-    raised_unix_time_s: float = Field(
-        description=(
-            "When it began, or last concerned a further vehicle or became more severe: it then is no longer"
-            " acknowledged. The newest of a severity is listed first."
-        )
-    )
-    acknowledged_by: str | None = Field(description="Name of the token used; null: not acknowledged.")
-    acknowledged_unix_time_s: float | None
-    ended_unix_time_s: float | None = Field(
-        description=(
-            "null: the cause lasts. Emergencies and warnings stay listed after their cause has ended until"
-            " they are acknowledged; they do not count for the state of the whole."
-        )
-    )
-    command_id: str | None = Field(description="The command that the service gave because of it; null: none.")
 
 
 class AlarmList(Outward):
@@ -307,92 +176,6 @@ class AlarmList(Outward):
     )
 
 
-class Remaining(Outward):
-    """One vehicle that was airborne, and its state now."""
-
-    before: Phase = Field(description="Phase at the end of the record.")
-    pad_known: bool = Field(description="Whether it can be brought home.")
-    waits: bool = Field(description="Waits for a command: take-over or bring-home would reach it.")
-    text: str
-
-
-class WrittenShow(Outward):
-    """The written show that was flown, and its position."""
-
-    name: str
-    hash: str
-    cue: str
-    clock_s: float
-
-
-class InterruptedFlight(Outward):
-    """A flight that was interrupted when the service ended or stalled. An operator must resume or end it."""
-
-    session: str
-    unix_time_s: float = Field(description="When the flight was interrupted.")
-    cause: str = Field(
-        description="What interrupted the flight, in words.", examples=["the service stalled for 4.4 s"]
-    )
-    show: ShowPhase
-    selected: WrittenShow | None
-    vehicles: dict[str, Remaining]
-    offers: list[Offer] = Field(
-        description="Commands that are accepted: POST /api/v1/show/take-over and others."
-    )
-    problems: list[str] = Field(description="Why the other commands are refused.")
-
-
-class Replay(Outward):
-    """A recorded flight that is played back as if live."""
-
-    file: str
-    began_unix_time_s: float = Field(description="Time of the first recorded state.")
-    duration_s: float
-    position_s: float = Field(description="Time from the first recorded state to this one.")
-    speed: float = Field(description="Playback speed as a multiple of the flight's.")
-    paused: bool
-    ended: bool = Field(description="The last recorded state is shown.")
-    skips_idle: bool = Field(description="Time in which nothing flies is jumped over while it plays.")
-
-
-class CueTime(Outward):
-    """A cue as it is played; a cue in a loop occurs several times."""
-
-    cue: str
-    at_s: float = Field(description="Time on the show's clock.")
-
-
-class Fence(Outward):
-    """The volume that no vehicle may leave: heights above the show's origin, horizontal distance from it."""
-
-    height_min_m: float = Field(description="Least height of vehicles in the formation.")
-    height_max_m: float
-    distance_max_m: float
-
-
-class Map(Outward):
-    """The map of the ground, as tiles in web mercator."""
-
-    tiles: str = Field(
-        description=(
-            "Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the"
-            " north. One that begins with `/` is this service's own, and asks for the token."
-        ),
-        examples=["/api/v1/map/{z}/{x}/{y}"],
-    )
-    attribution: str = Field(description="Text to show with the map.")
-    zoom_min: int
-    zoom_max: int
-
-
-class Separation(Outward):
-    """The minimum separation: semi-axes of the ellipsoid around a vehicle that no other may enter."""
-
-    horizontal_m: float
-    vertical_m: float = Field(description="Vertical half-axis; greater, because a vehicle's air goes down.")
-    margin_m: float = Field(description="Margin added sideways, and in proportion up and down.")
-
-
 class FleetSummary(Outward):
     """The state at one instant, without the vehicles."""
 
@@ -401,7 +184,7 @@ class FleetSummary(Outward):
     control_reason: str = Field(description="Why control is not alive, empty when it is.")
     show: Show
     counts: Counts
-    origin: Origin
+    origin: ShowFrame
     formation: Formation
     target: Target = Field(description="Position of the target at `time_s`.")
     orbit: Orbit
@@ -428,7 +211,7 @@ class Fleet(FleetSummary):
     filter_interventions: int = Field(
         description="Setpoints that the safety filter has changed, counted per vehicle and tick."
     )
-    tick: Tick
+    tick: TickView
     vehicles: list[Vehicle]
 
 
@@ -441,16 +224,15 @@ class Status(FleetSummary):
     began_unix_time_s: float = Field(
         description="When this process began to serve; a restarted service has another time."
     )
-    timeline: list[CueTime] = Field(description="Cues of the selected show, loops written out.")
+    timeline: list[CueMark] = Field(description="Cues of the selected show, loops written out.")
     shows_refused: str = Field(
         description="Why show files cannot be uploaded to this service, empty when they can."
     )
-    map: Map | None = Field(description="null: none is configured.")
-    fence: Fence
-    separation: Separation
+    map: GroundMap | None = Field(description="null: none is configured.")
+    flight_envelope: FlightEnvelope
     limits: list[str] = Field(
         description="Reasons for which the safety filter limits vehicles now, each once."
     )
-    replay: Replay | None = Field(description="null: this is no replay.")
+    replay: Playback | None = Field(description="null: this is no replay.")
     events: list[LogEvent] = Field(description="The newest 100, the newest last.")
     vehicles: list[VehicleRecord] = Field(description="In the order of the rows of a frame's columns.")

@@ -6,6 +6,6 @@ from gcs.client import Client
 
 with Client(*sys.argv[1:]) as client:
     order = client.wait_for(client.start().id, timeout_s=120)
-    print(order.action, order.outcome, *order.vehicles)
+    print(order.action, order.outcome, *order.outcomes)
     formation = client.change_formation(radius_m=14)
     print("radius now", formation.radius_now_m, "m, on the way to", formation.radius_m, "m")

@@ -15,14 +15,14 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.cli.output import failed, print_json
-from gcs.cli.remote import add_connection, connected
+from gcs.cli.remote import add_connection, connected, document
 from gcs.model.errors import GcsError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
     from rich.console import RenderableType
 
-    from gcs.api.schemas.fleet import Alarm
+    from gcs.service.alarms import Alarm
 
 
 M = TypeVar("M", bound="BaseModel")
@@ -108,7 +108,7 @@ def show_state(
     if period_s is None:
         state = read()
         if arguments.json:
-            print_json(state.model_dump(mode="json"))
+            print_json(document(state))
         else:
             console.print(render(state))
         return 0
@@ -133,7 +133,7 @@ def newest(read: Callable[[], M], render: Callable[[M], RenderableType]) -> Rend
 
 def _print_newest(read: Callable[[], BaseModel], arguments: argparse.Namespace) -> None:
     try:
-        print_json(read().model_dump(mode="json"), indent=None)
+        print_json(document(read()), indent=None)
     except GcsError as error:
         failed(error, arguments)
 
@@ -149,8 +149,7 @@ def run_acknowledge(arguments: argparse.Namespace) -> int:
     with connected(arguments) as client:
         alarms = client.acknowledge_all() if arguments.all else [client.acknowledge(arguments.alarm)]
     if arguments.json:
-        reported = [alarm.model_dump(mode="json") for alarm in alarms]
-        print_json(reported if arguments.all else reported[0])
+        print_json(document(alarms if arguments.all else alarms[0]))
     for alarm in () if arguments.json else alarms:
         print(f"{alarm.id} acknowledged by {alarm.acknowledged_by}: {alarm.text}")
     return 0

@@ -167,12 +167,15 @@ async def _fly(
                 failure = await _fly_script(script)
             marks = script.marks
             recorder.cancel()
-            tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms
+            tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms or 0.0
             sent = orchestrator.view.value.setpoints_sent
     if failure is not None:
         raise failure
     figures = _judge(truth, history.commanded(), marks, config)
-    return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
+    return figures | {
+        "tick_p99_ms": round(tick_p99_ms, 3),
+        "setpoints_sent": sent,
+    }
 
 
 async def _fly_script(script: DemoScript) -> GcsError | None:

@@ -110,10 +110,10 @@ class DemoScript:
     def _take_off(self) -> None:
         self._until("every vehicle ready", CONNECT_S, lambda: all(v.ready for v in self._client.vehicles()))
         command = self._client.start()
-        self._say(f"start: {len(command.vehicles)} vehicles take off, one after the other, straight up")
+        self._say(f"start: {len(command.outcomes)} vehicles take off, one after the other, straight up")
         self._until(
             "take-off",
-            READY_S + 2.0 * len(command.vehicles),
+            READY_S + 2.0 * len(command.outcomes),
             lambda: self._phase() in {"assembling", "running"},
         )
         self._say("all up; they organise themselves on the sphere")

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
@@ -33,8 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         require_matplotlib("--html")
     with share_of("judging the flight", shown=not arguments.json) as report_share:
         flight_report, source = _judge(arguments, report_share)
-    report = {"source": source, **flight_report.report()}
-    text = json.dumps(report, indent=2)
+    text = json.dumps(asdict(flight_report.report(source)), indent=2)
     if arguments.report:
         _write(Path(arguments.report), text + "\n")
     if arguments.html:

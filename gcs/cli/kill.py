@@ -62,7 +62,7 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
     except GcsError as error:  # the command was accepted: its outcomes are printed below
         note(str(error), as_json=arguments.json)
         command = client.command_record(command.id)
-    return describe({name: (part.outcome, part.reason) for name, part in command.vehicles.items()}, arguments)
+    return describe({name: (part.outcome, part.reason) for name, part in command.outcomes.items()}, arguments)
 
 
 def _without_service(arguments: argparse.Namespace) -> int:

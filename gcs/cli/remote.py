@@ -23,12 +23,12 @@ from gcs.client.http import Deferred
 from gcs.model.errors import GcsError, UnknownError
 
 if TYPE_CHECKING:
-    import pydantic_core
+    import pydantic
 
-    from gcs.api.schemas import fleet as schemas
+    from gcs import service
 else:
-    pydantic_core = Deferred("pydantic_core")
-    schemas = Deferred("gcs.api.schemas.fleet")
+    pydantic = Deferred("pydantic")
+    service = Deferred("gcs.service")
 
 CONFIRM_DOWN: Final = "confirm-down"
 LAND: Final = "land"
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
         parser.description = call.text
         method = _method(call)
         parameters = _add_parameters(parser, call, method)
-        is_command = method.__annotations__.get("return") == "schemas.Command"
+        is_command = method.__annotations__.get("return") == "service.CommandRecord"
         _add_common(parser, is_command=is_command)
         parser.set_defaults(run=partial(_run, call, parameters))
         return
@@ -143,7 +143,7 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
     }
     with connected(arguments) as client:
         answer = attrgetter(call.method)(client)(**given)
-        if isinstance(answer, schemas.Command):
+        if isinstance(answer, service.CommandRecord):
             return _reported(client, [answer], arguments)
     _print(answer, arguments)
     return 0
@@ -171,12 +171,12 @@ def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> in
         command = client.command_vehicles(action, names or None)
     except UnknownError:  # a misspelt name must not stop the command for the others
         return _one_by_one(client, action, arguments)
-    missed = any(command.vehicles[name].outcome == NOT_INCLUDED for name in names)
+    missed = any(command.outcomes[name].outcome == NOT_INCLUDED for name in names)
     return _reported(client, [command], arguments) or (REFUSED if missed else 0)
 
 
 def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> int:
-    commands: list[schemas.Command] = []
+    commands: list[service.CommandRecord] = []
     errors: list[GcsError] = []
     for name in arguments.vehicles:
         try:
@@ -193,7 +193,9 @@ def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> i
     return (_reported(client, commands, arguments) if commands else 0) or code
 
 
-def _reported(client: Client, commands: Sequence[schemas.Command], arguments: argparse.Namespace) -> int:
+def _reported(
+    client: Client, commands: Sequence[service.CommandRecord], arguments: argparse.Namespace
+) -> int:
     """Print commands, with `--wait` after their end. Returns: the exit code."""
     if arguments.wait is not None:
         commands = [client.wait_for(command.id, arguments.wait) for command in commands]
@@ -201,7 +203,7 @@ def _reported(client: Client, commands: Sequence[schemas.Command], arguments: ar
         _print(commands[0] if len(commands) == 1 else commands, arguments)
     for command in () if arguments.json else commands:
         print(f"{command.id} {command.action}: {command.outcome}")
-        for vehicle_id, part in command.vehicles.items():
+        for vehicle_id, part in command.outcomes.items():
             print(f"  {vehicle_id}: {part.outcome}{f', {part.reason}' if part.reason else ''}")
     return REFUSED if any(command.outcome == FAILED for command in commands) else 0
 
@@ -210,4 +212,11 @@ def _print(answer: object, arguments: argparse.Namespace) -> None:
     if isinstance(answer, str) and not arguments.json:
         print(answer, end="")
     elif answer is not None or arguments.json:
-        print_json(pydantic_core.to_jsonable_python(answer))
+        print_json(document(answer))
+
+
+def document(answer: object) -> Any:
+    """Return an answer of the client as JSON values, as the API sent it."""
+    if isinstance(answer, list):
+        return [document(each) for each in answer]
+    return pydantic.TypeAdapter(type(answer)).dump_python(answer, mode="json")

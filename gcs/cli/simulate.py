@@ -104,7 +104,7 @@ def _check(arguments: argparse.Namespace) -> int:
     with share_of(f"flying {path.stem} in virtual time", shown=not arguments.json) as report:
         verdict = judge(*rehearse(loaded, arguments.seed, report))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
-    answer(arguments, verdict.describe() | model, table(verdict), indent=None)
+    answer(arguments, asdict(verdict) | model, table(verdict), indent=None)
     return 0 if verdict.good else 1
 
 

@@ -18,12 +18,12 @@ from rich.text import Text
 
 from gcs.cli.alarms import PERIOD_S, alarm_lines, show_state
 from gcs.cli.output import REFUSED, print_json
-from gcs.cli.remote import add_connection, connected
+from gcs.cli.remote import add_connection, connected, document
 from gcs.model.lifecycle import Phase
 
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
-    from gcs.api.schemas import reports
+    from gcs.model.preflight_report import PreflightReport
 
 
 OLD_S: Final = 1.0
@@ -316,13 +316,13 @@ def run_preflight(arguments: argparse.Namespace) -> int:
     with connected(arguments) as client:
         report = client.preflight.report(arguments.vehicles or None)
     if arguments.json:
-        print_json(report.model_dump(mode="json"))
+        print_json(document(report))
     else:
         Console().print(preflight_board(report, everything=arguments.all))
     return 0 if report.passes else REFUSED
 
 
-def preflight_board(report: reports.Preflight, *, everything: bool) -> RenderableType:
+def preflight_board(report: PreflightReport, *, everything: bool) -> RenderableType:
     """Format the report: failed checks first, what was not checked, and every vehicle that does not fly."""
     table = Table(expand=True)
     for name in ("vehicle", "check", "state", "measured", "limit", "what is wrong, and what to do"):

@@ -46,18 +46,18 @@ CHECK_AGAIN_S: Final = 0.5
 class Preflight(Calls):
     """Checks before a start, and exclusion of vehicles. Raises the errors of `Client`."""
 
-    def report(self, vehicles: list[str] | None = None) -> reports.Preflight:
+    def report(self, vehicles: list[str] | None = None) -> service.PreflightReport:
         """Get every check for a start of `vehicles`, or of all online ones."""
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
-        found: reports.Preflight = self._exchange.call("GET", f"/api/v1/preflight{named}", self.report)
+        found: service.PreflightReport = self._exchange.call("GET", f"/api/v1/preflight{named}", self.report)
         return found
 
     @calls("POST", "/api/v1/vehicles/{vehicle_id}/exclude")
-    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> schemas.Command:
+    def exclude(self, vehicle_id: str, *, reason: str | None = None) -> service.CommandRecord:
         """Exclude a vehicle from the show, on the ground."""
 
     @calls("POST", "/api/v1/vehicles/{vehicle_id}/include")
-    def include(self, vehicle_id: str) -> schemas.Command:
+    def include(self, vehicle_id: str) -> service.CommandRecord:
         """Include a vehicle in the show again."""
 
 
@@ -65,7 +65,7 @@ class Playback(Calls):
     """Playback of a record. Raises the errors of `Client`; RefusedError if the service controls vehicles."""
 
     @calls("GET", "/api/v1/replay")
-    def now(self) -> schemas.Replay:
+    def now(self) -> service.Playback:
         """Get position and speed of the playback."""
 
     @calls("GET", "/api/v1/replay/marks")
@@ -80,11 +80,11 @@ class Playback(Calls):
         speed: float | None = None,
         position_s: float | None = None,
         skips_idle: bool | None = None,
-    ) -> schemas.Replay:
+    ) -> service.Playback:
         """Change the given fields of the playback."""
 
     @calls("GET", "/api/v1/replay/report")
-    def report(self) -> reports.FlightReport:
+    def report(self) -> service.ReportState:
         """Get the flight report; the first call starts its analysis, so poll until it is done."""
 
 
@@ -122,14 +122,14 @@ class Shows(Calls):
         """Delete a show file."""
 
     @calls("POST", "/api/v1/shows/{name}/check")
-    def check(self, name: str) -> reports.ShowCheck:
+    def check(self, name: str) -> service.ShowCheck:
         """Start the check of a show."""
 
     @calls("GET", "/api/v1/shows/{name}/check")
-    def checked(self, name: str) -> reports.ShowCheck:
+    def checked(self, name: str) -> service.ShowCheck:
         """Get the newest check of a show, or its progress."""
 
-    def wait_for_check(self, name: str, timeout_s: float) -> reports.ShowCheck:
+    def wait_for_check(self, name: str, timeout_s: float) -> service.ShowCheck:
         """Wait until a check is done or has failed. Raises: CommandError after `timeout_s`."""
         deadline_s = time.monotonic() + timeout_s
         while (check := self.checked(name)).state in {"waiting", "running"}:
@@ -140,7 +140,7 @@ class Shows(Calls):
         return check
 
     @calls("POST", "/api/v1/shows/{name}/select", show_hash="hash")
-    def select(self, name: str, show_hash: str) -> schemas.SelectedShow:
+    def select(self, name: str, show_hash: str) -> service.SelectedShow:
         """Select a checked show for the next start."""
 
     @calls("POST", "/api/v1/show/deselect")
@@ -148,7 +148,7 @@ class Shows(Calls):
         """Return to manual control: formation, target and orbit follow the operator's commands."""
 
     @calls("POST", "/api/v1/show/seek")
-    def seek(self, cue: str) -> schemas.SelectedShow:
+    def seek(self, cue: str) -> service.SelectedShow:
         """Let the selected show begin at a cue."""
 
 
@@ -228,11 +228,11 @@ class Client(Calls):
         """Get one vehicle."""
 
     @calls("POST", "/api/v1/vehicles/{vehicle_id}/{action}")
-    def command(self, vehicle_id: str, action: str) -> schemas.Command:
+    def command(self, vehicle_id: str, action: str) -> service.CommandRecord:
         """Command one vehicle: hold, join, return, land, take-control or confirm-down."""
 
     @calls("POST", "/api/v1/fleet/{action}")
-    def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> schemas.Command:
+    def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> service.CommandRecord:
         """Command several vehicles at once: hold, join, return, land or take-control.
 
         `vehicles` None: all to which the command can apply. The result lists vehicles that the command does
@@ -244,7 +244,7 @@ class Client(Calls):
         """Do the first step of a kill: get a code and its vehicles. None: all that are not offline."""
 
     @calls("POST", "/api/v1/kill/confirm")
-    def confirm_kill(self, code: str) -> schemas.Command:
+    def confirm_kill(self, code: str) -> service.CommandRecord:
         """Do the second step: the motors of the code's vehicles stop, even in the air."""
 
     @calls("GET", "/api/v1/show")
@@ -258,34 +258,34 @@ class Client(Calls):
         *,
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
-    ) -> schemas.Command:
+    ) -> service.CommandRecord:
         """Start with `vehicles` or all online ones, now or later. A selected show needs its hash."""
 
     @calls("POST", "/api/v1/show/stop")
-    def stop(self) -> schemas.Command:
+    def stop(self) -> service.CommandRecord:
         """Return all vehicles home and land them."""
 
     @calls("POST", "/api/v1/show/pause")
-    def pause(self) -> schemas.Command:
+    def pause(self) -> service.CommandRecord:
         """Stop all vehicles where they are."""
 
     @calls("POST", "/api/v1/show/resume")
-    def resume(self) -> schemas.Command:
+    def resume(self) -> service.CommandRecord:
         """Continue after a pause."""
 
     @calls("POST", "/api/v1/show/abort")
-    def abort(self) -> schemas.Command:
+    def abort(self) -> service.CommandRecord:
         """Descend at once, each vehicle to a landing site of its own."""
 
     @calls("POST", "/api/v1/show/take-over")
-    def take_over(self) -> schemas.Command:
+    def take_over(self) -> service.CommandRecord:
         """Continue an interrupted flight: its vehicles join the formation, which holds until `resume`."""
 
     @calls("POST", "/api/v1/show/bring-home")
-    def bring_home(self) -> schemas.Command:
+    def bring_home(self) -> service.CommandRecord:
         """Return the vehicles of an interrupted flight to their take-off positions."""
 
-    def interrupted(self) -> schemas.InterruptedFlight | None:
+    def interrupted(self) -> service.InterruptedFlight | None:
         """Get an unsettled interrupted flight, and what can be commanded for it; None: there is none."""
         return self.fleet().interrupted
 
@@ -294,22 +294,22 @@ class Client(Calls):
         """Get all alarms and the overall severity."""
 
     @calls("POST", "/api/v1/alarms/{alarm_id}/acknowledge")
-    def acknowledge(self, alarm_id: str) -> schemas.Alarm:
+    def acknowledge(self, alarm_id: str) -> service.Alarm:
         """Acknowledge an alarm. Raises: UnknownError that names the listed alarms."""
 
     @calls("POST", "/api/v1/alarms/acknowledge")
-    def acknowledge_all(self) -> list[schemas.Alarm]:
+    def acknowledge_all(self) -> list[service.Alarm]:
         """Acknowledge all alarms. Returns: those that were not acknowledged before."""
 
     @calls("GET", "/api/v1/commands")
-    def commands(self) -> list[schemas.Command]:
+    def commands(self) -> list[service.CommandRecord]:
         """Get the last commands, the newest first."""
 
     @calls("GET", "/api/v1/commands/{command_id}")
-    def command_record(self, command_id: str) -> schemas.Command:
+    def command_record(self, command_id: str) -> service.CommandRecord:
         """Get a command and its outcomes so far."""
 
-    def wait_for(self, command_id: str, timeout_s: float) -> schemas.Command:
+    def wait_for(self, command_id: str, timeout_s: float) -> service.CommandRecord:
         """Wait until a command is done or has failed; its `outcome` says which.
 
         Raises: CommandError that names the vehicles still pending after `timeout_s`.
@@ -318,7 +318,7 @@ class Client(Calls):
         while (command := self.command_record(command_id)).outcome == PENDING:
             left_s = deadline_s - time.monotonic()
             if left_s <= 0:
-                pending = [name for name, part in command.vehicles.items() if part.outcome == PENDING]
+                pending = [name for name, part in command.outcomes.items() if part.outcome == PENDING]
                 raise CommandError(f"{command.action} not done after {timeout_s:g} s by {', '.join(pending)}")
             time.sleep(min(ASK_AGAIN_S, left_s))
         return command
@@ -355,13 +355,13 @@ class Client(Calls):
         """Set the target's position (WGS84) and velocity."""
 
     @calls("GET", "/api/v1/orbit")
-    def orbit(self) -> schemas.Orbit:
+    def orbit(self) -> service.Orbit:
         """Get the orbit of the formation around the target."""
 
     @calls("PATCH", "/api/v1/orbit")
     def change_orbit(
         self, *, radius_m: float | None = None, speed_m_s: float | None = None, direction: str | None = None
-    ) -> schemas.Orbit:
+    ) -> service.Orbit:
         """Change the given fields."""
 
     @calls("GET", "/api/v1/yaw")
@@ -373,11 +373,11 @@ class Client(Calls):
         """Change the given fields."""
 
     @calls("GET", "/api/v1/obstacles")
-    def obstacles(self) -> list[schemas.Obstacle]:
+    def obstacles(self) -> list[service.Obstacle]:
         """Get every obstacle."""
 
     @calls("GET", "/api/v1/obstacles/{obstacle_id}")
-    def obstacle(self, obstacle_id: str) -> schemas.Obstacle:
+    def obstacle(self, obstacle_id: str) -> service.Obstacle:
         """Get one obstacle."""
 
     @calls("POST", "/api/v1/obstacles", obstacle_id="id")
@@ -392,7 +392,7 @@ class Client(Calls):
         velocity_x_m_s: float = 0.0,
         velocity_y_m_s: float = 0.0,
         obstacle_id: str | None = None,
-    ) -> schemas.Obstacle:
+    ) -> service.Obstacle:
         """Add a box; without an id the service assigns one."""
 
     @calls("PUT", "/api/v1/obstacles/{obstacle_id}")
@@ -407,7 +407,7 @@ class Client(Calls):
         height_m: float,
         velocity_x_m_s: float = 0.0,
         velocity_y_m_s: float = 0.0,
-    ) -> schemas.Obstacle:
+    ) -> service.Obstacle:
         """Replace the box of this id."""
 
     @calls("DELETE", "/api/v1/obstacles/{obstacle_id}")

@@ -380,7 +380,7 @@ def _of_the_service(findings: Findings) -> Iterator[Condition]:
 
 def _of_the_interruption(found: InterruptedFlight) -> Condition:
     what = "" if found.written is None else f" {found.written.name!r} (cue {found.written.cue!r})"
-    absent = [f"{one.id}: {one.text}." for one in found.vehicles if not one.waits]
+    absent = [f"{name}: {one.text}." for name, one in found.vehicles.items() if not one.waits]
     consequence = " ".join([*absent, *(f"{problem}." for problem in found.problems)])
     if found.show is ShowPhase.COUNTDOWN:
         return Condition(

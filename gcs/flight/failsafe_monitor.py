@@ -214,7 +214,7 @@ class FailsafeMonitor:
                     reason,
                     named,
                     request.since_s,
-                    unix_s - (now_s - request.since_s) if before is None else before.since_unix_s,
+                    unix_s - (now_s - request.since_s) if before is None else before.since_unix_time_s,
                     self._commanded.get((request.cause, request.action)),
                 )
             )

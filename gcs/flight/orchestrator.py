@@ -199,6 +199,7 @@ class Orchestrator:
             copy(self._flight),  # what commands change later does not belong to this tick
             result,
             timing=self._clock.summary(),
+            histograms=self._clock.histograms,
             control_alive=self._control_alive,
             interventions=self._interventions,
             estimates=self._estimating.newest,

@@ -230,7 +230,7 @@ class PreflightGate:
     def _inputs(self) -> PreflightInputs:
         flight, operation = self.flight, self.flight.config.operation
         show = flight.show_run
-        needs = None if show is None else show.figures.get("battery_need")
+        found = None if show is None else show.figures
         return PreflightInputs(
             fleet=flight.fleet,
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
@@ -244,8 +244,8 @@ class PreflightGate:
             settings=flight.config.preflight,
             roomy=self._roomy,
             pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
-            battery_need=0.0 if show is None else needs,
-            speed_need_m_s=0.0 if show is None else show.figures.get("speed_max_m_s", 0.0),
+            battery_need=0.0 if show is None else None if found is None else found.battery_need,
+            speed_need_m_s=0.0 if found is None else found.speed_max_m_s,
             speed_max_m_s=flight.traits.speed_max_m_s,
             ahead_s=self.flight.unix_s() - flight.fleet.time_s,
         )
@@ -326,11 +326,8 @@ class PreflightGate:
     def _rehearsed_overlaps(self, chosen: Sequence[VehicleId]) -> list[str]:
         """Stacked pairs in the check of the selected show, by the names of the vehicles that fly now."""
         show_run = self.flight.show_run
-        pairs = () if show_run is None else show_run.figures.get("columns", ())
-        return [
-            f"{chosen[pair['upper'] - 1]} above {chosen[pair['lower'] - 1]} at '{pair['cue']}'"
-            for pair in pairs
-        ]
+        pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
+        return [f"{chosen[one.upper - 1]} above {chosen[one.lower - 1]} at '{one.cue}'" for one in pairs]
 
     # participants
 

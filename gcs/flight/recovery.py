@@ -127,8 +127,8 @@ class Recovery:
     def reclaimable(self) -> list[Vehicle]:
         """Airborne vehicles that the stall or restart took out of control; a command may take it first."""
         shown = self.view()
-        waiting = () if shown is None or self._wrong else (one.id for one in shown.vehicles if one.waits)
-        vehicles = [self.flight.vehicles[name] for name in waiting]
+        left = {} if shown is None or self._wrong else shown.vehicles
+        vehicles = [self.flight.vehicles[name] for name, one in left.items() if one.waits]
         return [one for one in vehicles if one.phase is Phase.PILOT and not self.why_not(one)]
 
     def reclaim(self) -> list[Vehicle]:
@@ -156,7 +156,7 @@ class Recovery:
 
     def _receive(self) -> None:
         shown = self.view()
-        texts = {} if shown is None else {one.id: one.text for one in shown.vehicles}
+        texts = {} if shown is None else {name: one.text for name, one in shown.vehicles.items()}
 
         def why_missed(vehicle: Vehicle) -> str:
             why = self.why_not(vehicle) if vehicle.phase is Phase.PILOT else ""
@@ -214,13 +214,13 @@ class Recovery:
         found = self.found
         if found is None:
             return None
-        vehicles = tuple(self._remaining(name, before) for name, before in found.vehicles.items())
+        vehicles = {name: self._remaining(name, before) for name, before in found.vehicles.items()}
         problems = [*self._wrong, *([self._no_plan] if self._no_plan and found.vehicles else [])]
         offers = []
-        if not self._wrong and any(one.waits for one in vehicles):
+        if not self._wrong and any(one.waits for one in vehicles.values()):
             if not self._no_plan:
                 offers.append(Offer.TAKE_OVER)
-            if any(one.waits and one.pad_known for one in vehicles):
+            if any(one.waits and one.pad_known for one in vehicles.values()):
                 offers.append(Offer.BRING_HOME)
             else:
                 problems.append("bring-home is not offered: where they took off is not known")
@@ -239,10 +239,9 @@ class Recovery:
     def _remaining(self, name: VehicleId, before: Before) -> Remaining:
         vehicle = self.flight.vehicles.get(name)
         if vehicle is None:
-            return Remaining(name, before.phase, before.pad_m is not None, waits=False, text="not configured")
+            return Remaining(before.phase, before.pad_m is not None, waits=False, text="not configured")
         facts, action = self.flight.inputs(vehicle), self.flight.config.operation.setpoint_loss_action
         return remaining(
-            name,
             before,
             vehicle.phase,
             facts.mode,
@@ -261,7 +260,7 @@ class Recovery:
         if offer not in shown.offers:
             raise RefusedError(f"{offer} is not offered: {shown.notice}")
         self._plans.restore(found, offer)
-        waiting = {one.id for one in shown.vehicles if one.waits}
+        waiting = {name for name, one in shown.vehicles.items() if one.waits}
         refused = {
             name: why
             for name in waiting
@@ -273,7 +272,7 @@ class Recovery:
         chosen = [vehicle for name, vehicle in self.flight.vehicles.items() if name in waiting]
         unreceived = self.unreceived
         meant = [vehicle.id for vehicle in (*chosen, *unreceived)]
-        left_out = {one.id: one.text for one in shown.vehicles if one.id not in meant} | refused
+        left_out = {name: one.text for name, one in shown.vehicles.items() if name not in meant} | refused
         record = self.flight.book.open(offer.value, meant, left_out)
         if self._batch is not None:
             self._close(self._batch)

@@ -1,8 +1,7 @@
 """The selected show: its clock, the vehicles' parts, and its live target."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Obstacle, Plan, Target
 from gcs.model.state import VehicleId
-from gcs.service import SelectedShow
+from gcs.service import CueMark, SelectedShow, ShowFigures
 from gcs.shows import ShowClock, Timeline
 from gcs.shows.timeline import Live
 
@@ -27,11 +26,11 @@ class ShowRun:
     live: Target | None = None  # the newest update, since the target became live
     started: bool = False  # by a command that named its hash; False again once all vehicles are down
     parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
-    figures: Mapping[str, Any] = field(default_factory=dict)  # results of its check; empty: not known
-    cue_times: tuple[tuple[str, float], ...] = field(init=False)  # name and time of every cue as played
+    figures: ShowFigures | None = None  # results of its check; None: not known
+    cue_times: tuple[CueMark, ...] = field(init=False)  # of every cue as played
 
     def __post_init__(self) -> None:
-        self.cue_times = tuple((one.cue.cue, one.at_s) for one in self.timeline.played)
+        self.cue_times = tuple(CueMark(one.cue.cue, one.at_s) for one in self.timeline.played)
 
     @property
     def hash(self) -> str:

@@ -48,7 +48,7 @@ class ShowPlayer:
         self.flight.need_no_countdown()
         self.need_ground("select a show")
         timeline = self._fitting(name, self.show_library.cleared(name, show_hash))
-        return self._take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures or {}))
+        return self._take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures))
 
     def find(self, name: str, show_hash: str) -> Timeline:
         """Return a show that was flown before, by its hash, which proves its check. Reads the file.

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from prometheus_client import Histogram
 
 from gcs.control import Tick
 from gcs.estimation.fleet_state import tuple3
@@ -23,6 +24,7 @@ def fleet_view(
     tick: Tick,
     *,
     timing: TickView,
+    histograms: tuple[Histogram, ...] = (),
     control_alive: bool,
     interventions: int,
     unix_time_s: float,
@@ -51,6 +53,7 @@ def fleet_view(
         target_m=flight.plan.target.position_m(fleet.time_s),
         minimum_separation_m=finite(tick.minimum_separation_m),
         tick=timing,
+        histograms=histograms,
         control_alive=control_alive,
         setpoints_sent=flight.setpoints_sent,
         interventions=interventions,

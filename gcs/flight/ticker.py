@@ -62,6 +62,11 @@ class TickClock:
         self._durations.observe(duration_s)
         self._latenesses.observe(lateness_s)
 
+    @property
+    def histograms(self) -> tuple[Histogram, ...]:
+        """Durations and latenesses since the start."""
+        return self._durations, self._latenesses
+
     def summary(self) -> TickView:
         """Percentiles over the last ticks, recomputed once a second for display."""
         if self.count % max(1, round(self.rate_hz)) == 1:
@@ -79,7 +84,6 @@ class TickClock:
             duration_p50_ms=p50_ms,
             duration_p99_ms=p99_ms,
             lateness_p99_ms=late_ms,
-            histograms=(self._durations, self._latenesses),
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pymap3d
 
 from gcs.model.errors import InvalidError
+from gcs.model.settings import PUBLISHED
 from gcs.model.state import Array
 
 
@@ -22,10 +23,12 @@ def wrap_rad(angle_rad: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class ShowFrame:
-    """The show's origin and heading.
+    """The show frame: its origin, and the heading of its x axis.
 
     Raises: InvalidError when a number is not finite or out of its range.
     """
+
+    __pydantic_config__ = PUBLISHED
 
     latitude_deg: float
     longitude_deg: float

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
@@ -42,7 +42,7 @@ class Written:
     hash: str
     cue: str
     clock_s: float
-    parts: Mapping[VehicleId, int]  # rows of the lights
+    parts: Annotated[Mapping[VehicleId, int], Field(exclude=True)]  # rows of the lights
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,28 +91,35 @@ def triple(values: Sequence[float] | None) -> Triple | None:
 
 @dataclass(frozen=True, slots=True)
 class Remaining:
-    """One vehicle that was in the air, and its present state."""
+    """One vehicle that was airborne, and its state now."""
 
-    id: VehicleId
-    before: Phase
-    pad_known: bool
-    waits: bool  # for a command: it can be taken over or brought home
+    before: Annotated[Phase, Field(description="Phase at the end of the record.")]
+    pad_known: Annotated[bool, Field(description="Whether it can be brought home.")]
+    waits: Annotated[bool, Field(description="Waits for a command: take-over or bring-home would reach it.")]
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class InterruptedFlight:
-    """What an operator is shown until every vehicle is accounted for."""
+    """A flight that was interrupted when the service ended or stalled. An operator must resume or end it."""
 
     session: str
-    unix_time_s: float
+    unix_time_s: Annotated[float, Field(description="When the flight was interrupted.")]
     show: ShowPhase
-    written: Written | None
-    vehicles: tuple[Remaining, ...]
-    offers: tuple[Offer, ...]
-    problems: tuple[str, ...]  # why the other offers are not made
-    cause: str = "the service was cut off"
-    stalled: bool = False  # True: the service stalled, it did not end
+    written: Annotated[Written | None, Field(description="The written show that was flown.")]
+    vehicles: Mapping[VehicleId, Remaining]
+    offers: Annotated[
+        tuple[Offer, ...],
+        Field(description="Commands that are accepted: POST /api/v1/show/take-over and others."),
+    ]
+    problems: Annotated[tuple[str, ...], Field(description="Why the other commands are refused.")]
+    cause: Annotated[
+        str,
+        Field(
+            description="What interrupted the flight, in words.", examples=["the service stalled for 4.4 s"]
+        ),
+    ]
+    stalled: Annotated[bool, Field(description="The service stalled, it did not end.")]
 
     @property
     def notice(self) -> str:
@@ -123,7 +130,7 @@ class InterruptedFlight:
             return f"{reported}: it does not start by itself"
         if self.offers:
             reported += f": {' or '.join(self.offers)} can be commanded"
-        absent = [f"{one.id}: {one.text}" for one in self.vehicles if not one.waits]
+        absent = [f"{name}: {one.text}" for name, one in self.vehicles.items() if not one.waits]
         return "; ".join([reported, *absent, *self.problems])
 
 
@@ -167,7 +174,6 @@ def left_by(cause: str, mode: Mode) -> str:
 
 
 def remaining(
-    name: VehicleId,
     before: Before,
     phase: Phase,
     mode: Mode,
@@ -193,4 +199,4 @@ def remaining(
         text = f"was {before.phase}, waits in mode {mode}"
         if not waits:
             text = f"in mode {mode}, a pilot may have it: take-control when the pilot agrees"
-    return Remaining(name, before.phase, before.pad_m is not None, waits, text)
+    return Remaining(before.phase, before.pad_m is not None, waits, text)

@@ -9,9 +9,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from math import hypot, isfinite
-from typing import Any
+from typing import Annotated, Any, Final
+
+from pydantic import Field, TypeAdapter
 
 from gcs.model.errors import InvalidError
+from gcs.model.settings import PUBLISHED
 
 MAX_OBSTACLES = 32
 """Limit, because every tick checks each obstacle, and every landing checks each for every landing site."""
@@ -74,13 +77,12 @@ class Formation:
 
 @dataclass(frozen=True, slots=True)
 class Orbit:
-    """Orbit of the formation's centre around the target; with radius 0 the centre stays above the target.
+    """Orbit of the formation's centre around the target; with radius 0 the centre stays above the target."""
 
-    `speed_m_s` is relative to the target.
-    """
+    __pydantic_config__ = PUBLISHED
 
     radius_m: float = 0.0
-    speed_m_s: float = 2.0
+    speed_m_s: Annotated[float, Field(description="Relative to the target.")] = 2.0
     direction: Direction = Direction.COUNTERCLOCKWISE
 
     def __post_init__(self) -> None:
@@ -135,7 +137,9 @@ class Target(_Moving):
 
 @dataclass(frozen=True, slots=True)
 class Obstacle(_Moving):
-    """A box on the ground, edges along the show frame's axes, as last received; its velocity continues."""
+    """A box on the ground, edges along the show frame's axes, at its position at `time_s`."""
+
+    __pydantic_config__ = PUBLISHED
 
     id: str
     x_m: float  # centre
@@ -145,7 +149,7 @@ class Obstacle(_Moving):
     height_m: float  # of its top, above the show's origin
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
-    time_s: float = 0.0  # loop clock: when it was there
+    time_s: Annotated[float, Field(exclude=True)] = 0.0  # loop clock: when it was there
 
     def __post_init__(self) -> None:
         if not self.id:
@@ -183,23 +187,21 @@ class Plan:
         if len(self.obstacles) > MAX_OBSTACLES:
             raise InvalidError("obstacles", len(self.obstacles), f"at most {MAX_OBSTACLES}")
 
+    def moved(self, shift_s: float) -> "Plan":
+        """Return the same plan with its times moved by `shift_s`: for another clock."""
+        target = replace(self.target, time_s=self.target.time_s + shift_s)
+        boxes = (replace(box, time_s=box.time_s + shift_s) for box in self.obstacles)
+        return replace(self, target=target, obstacles=tuple(boxes))
+
 
 def plan_json(plan: Plan, **more: object) -> str:
     """The plan as JSON, with the fields `more` added; times are those of the loop's clock."""
     return json.dumps({**asdict(plan), **more}, separators=(",", ":"))
 
 
-def plan_of(raw: Mapping[str, Any], shift_s: float) -> Plan:
-    """A recorded plan, its times moved by `shift_s`.
+_PLAN: Final = TypeAdapter(Plan)
 
-    Raises: GcsError, KeyError, TypeError or ValueError when `raw` is not a plan.
-    """
-    target = Target(**raw["target"])
-    boxes = [Obstacle(**box) for box in raw["obstacles"]]
-    return Plan(
-        Formation(**{**raw["formation"], "law": LawName(raw["formation"]["law"])}),
-        Orbit(**{**raw["orbit"], "direction": Direction(raw["orbit"]["direction"])}),
-        replace(target, time_s=target.time_s + shift_s),
-        tuple(replace(box, time_s=box.time_s + shift_s) for box in boxes),
-        Yaw(YawPolicy(raw["yaw"]["policy"]), raw["yaw"]["fixed_rad"]),
-    )
+
+def plan_of(raw: Mapping[str, Any], shift_s: float) -> Plan:
+    """A recorded plan, its times moved by `shift_s`. Raises: GcsError or ValueError when it is no plan."""
+    return _PLAN.validate_python(raw).moved(shift_s)

@@ -6,7 +6,11 @@ Plain data for the service port. The checks themselves are in `gcs.preflight`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
+from pydantic import Field, computed_field
+
+from gcs.model.settings import PUBLISHED, Measured
 from gcs.model.state import VehicleId
 
 
@@ -20,15 +24,17 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check."""
+    """One check before a start."""
+
+    __pydantic_config__ = PUBLISHED
 
     name: str
-    state: State
-    value: float | None = None  # as measured; None: unknown, or not a number
+    state: Annotated[State, Field(description="Result of the check; unknown counts as failed.")]
+    value: Annotated[Measured, Field(description="The measured value; null: not known, or no number.")] = None
     unit: str = ""
-    limit: str = ""  # what passes, in words, with its unit
-    problem: str = ""  # what is wrong, in words; empty when it passes
-    to_do: str = ""  # how to fix it
+    limit: Annotated[str, Field(description="Values that pass.")] = ""
+    problem: Annotated[str, Field(description="What is wrong; empty when it passes.")] = ""
+    to_do: Annotated[str, Field(description="How to correct it.")] = ""
 
     @property
     def passes(self) -> bool:
@@ -37,11 +43,13 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class VehicleChecks:
-    """Checks of one vehicle before take-off."""
+    """All checks of one vehicle before a start."""
 
     id: VehicleId
-    flies: bool
-    reason: str  # why it does not fly; empty when it does
+    flies: Annotated[
+        bool, Field(description="Whether the vehicle takes part in a start when every check passes.")
+    ]
+    reason: Annotated[str, Field(description="Why it does not fly.")]
     checks: tuple[Check, ...]
 
     @property
@@ -49,6 +57,7 @@ class VehicleChecks:
         """The checks that keep it on the ground, if it takes part."""
         return tuple(check for check in self.checks if not check.passes)
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def passes(self) -> bool:
         return not self.failed
@@ -56,22 +65,24 @@ class VehicleChecks:
 
 @dataclass(frozen=True, slots=True)
 class PreflightReport:
-    """All preflight checks of one moment."""
+    """All checks before a start."""
 
-    unix_time_s: float  # of the check
+    unix_time_s: Annotated[float, Field(description="Time of the check; in the air: before take-off.")]
     show: str | None  # the selected one
     show_hash: str | None
     fleet: tuple[Check, ...]
     vehicles: tuple[VehicleChecks, ...]
-    not_checked: tuple[str, ...]  # what is not checked, and why
+    not_checked: Annotated[tuple[str, ...], Field(description="What is not checked, and why.")]
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def not_flying(self) -> dict[VehicleId, str]:
         return {vehicle.id: vehicle.reason for vehicle in self.vehicles if not vehicle.flies}
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def passes(self) -> bool:
-        """Whether a start would be accepted: no check of the fleet or of a participating vehicle fails."""
+        """Whether a start would be accepted now: no check of the fleet or of a vehicle that flies fails."""
         flying = [vehicle for vehicle in self.vehicles if vehicle.flies]
         sound = all(check.passes for check in self.fleet)
         return sound and bool(flying) and not any(vehicle.failed for vehicle in flying)

@@ -1,14 +1,27 @@
-"""Base of all groups of settings: frozen, no unknown keys, finite numbers, a unit in every name."""
+"""Base of all settings (frozen, no unknown keys, finite numbers), and what published dataclasses share."""
 
 from dataclasses import dataclass
 from functools import cache
+from math import isfinite
 from types import UnionType
-from typing import Annotated, TypeAlias, Union, get_args, get_origin
+from typing import Annotated, Final, TypeAlias, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 Positive: TypeAlias = Annotated[float, Field(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Field(ge=0)]
+
+
+def _known(value: object) -> object:
+    """Convert NaN and infinities to None (not known)."""
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+Measured: TypeAlias = Annotated[float | None, BeforeValidator(_known)]
+"""A number that may be unknown: NaN in arrays, null in JSON."""
+
+PUBLISHED: Final = ConfigDict(json_schema_serialization_defaults_required=True)
+"""`__pydantic_config__` of dataclasses that the API returns: fields with a default are in every answer."""
 
 
 class Settings(BaseModel):

@@ -7,10 +7,11 @@ show's heading, y to its right, z down; see ``gcs.model.frames``.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum, StrEnum
-from typing import Final, TypeAlias
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, computed_field
 
 from gcs.model.errors import ShapeError
 from gcs.model.lifecycle import AIRBORNE, Phase
@@ -184,14 +185,17 @@ class Whereabouts(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Number of vehicles in each `Whereabouts`; the five add up to the fleet."""
+    """Numbers of vehicles by where they are and what controls them; the five fields add up to the fleet."""
 
-    controlled: int
-    uncontrolled: int
-    unknown: int
+    controlled: Annotated[int, Field(description="Airborne, under this station's control.")]
+    uncontrolled: Annotated[
+        int, Field(description="Airborne, under a pilot's or its own autopilot's control.")
+    ]
+    unknown: Annotated[int, Field(description="Lost in flight or killed, and not confirmed on the ground.")]
     on_ground: int
     offline: int
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def airborne(self) -> int:
         return self.controlled + self.uncontrolled

@@ -89,7 +89,7 @@ class Audit:
 
     def opened(self, record: CommandRecord, caller: str) -> None:
         """Record an accepted command, and its first outcome for every vehicle."""
-        at_s = record.accepted_time_s
+        at_s = record.accepted_unix_time_s
         values = (self._session, record.id, at_s, caller, record.action)
         command = Row("INSERT INTO commands VALUES (?, ?, ?, ?, ?)", values)
         parts = [

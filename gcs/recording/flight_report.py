@@ -1,10 +1,10 @@
 """Judges a flight by its recorded positions: separation, fence, limits."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from gcs.model.state import Array, Mask
 from gcs.recording.mcap_reader import Standard
 from gcs.recording.trajectories import OnProgress, Single, Trajectories
 from gcs.safety.separation import Floor
+from gcs.service.snapshots import NearestPair, ReportBody, ReportCheck
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
 """Exit codes of `gcs report`, by verdict; 2: no flight, or no limits to judge by."""
@@ -37,10 +38,6 @@ FAR: Final = 8.0
 
 PAIRS_AT_ONCE: Final = 20_000_000
 """Number of pairs times samples between two progress reports, about 0.1 s."""
-
-LEEWAY_REPORTED: Final = 1.01
-"""A smaller ratio is rounding to single precision."""
-
 
 Limit: TypeAlias = Callable[[Standard], float]
 
@@ -71,25 +68,6 @@ class PairDistances:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """Result for one limit: kept or violated, and the worst value."""
-
-    name: str
-    limit: float  # that applied at the worst value
-    tolerated: float  # kept up to here: see `TOLERATED`
-    worst: float | None  # None: nothing to judge
-    unit: str
-    vehicle: str
-    at_s: float | None  # since the beginning
-    kept: bool | None  # None: nothing to judge
-
-    @property
-    def leeway(self) -> str:
-        """The tolerance beyond the limit, in words; empty if it is negligible."""
-        return f" (kept up to {self.tolerated:g})" if self.tolerated > self.limit * LEEWAY_REPORTED else ""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightReport:
     """The results, and the data for plots."""
@@ -98,7 +76,7 @@ class FlightReport:
     standards: tuple[Standard, ...]  # that applied, in order
     pairs: PairDistances
     least_m: Single  # (k,) least distance of all pairs
-    checks: tuple[Check, ...]
+    checks: tuple[ReportCheck, ...]
 
     @property
     def standard(self) -> Standard:
@@ -116,8 +94,8 @@ class FlightReport:
         return self.trajectories.missing
 
     @property
-    def verdict(self) -> str:
-        """One of `EXIT_CODES`; "kept" requires a complete record without violations."""
+    def verdict(self) -> Literal["kept", "broken", "incomplete"]:
+        """A key of `EXIT_CODES`; "kept" requires a complete record without violations."""
         if any(check.kept is False for check in self.checks):
             return "broken"
         return "incomplete" if self.missing else "kept"
@@ -126,29 +104,31 @@ class FlightReport:
     def duration_s(self) -> float:
         return float(self.trajectories.time_s[-1] - self.trajectories.time_s[0])
 
-    def report(self) -> dict[str, Any]:
+    def report(self, source: str) -> ReportBody:
+        """Return the report; `source` names the files that were judged."""
         trajectories, pairs = self.trajectories, self.pairs
-        return {
-            "verdict": self.verdict,
-            "missing": list(self.missing),
-            "based_on": trajectories.based_on,
-            "uncertainty": trajectories.uncertainty,
-            "remarks": list(trajectories.remarks),
-            "vehicles": len(trajectories.ids),
-            "flew": int(trajectories.airborne.any(axis=0).sum()),
-            "duration_s": round(self.duration_s, 2),
-            "checks": [asdict(check) for check in self.checks],
-            "nearest_pairs": [
-                {
-                    "vehicles": [trajectories.ids[i], trajectories.ids[j]],
-                    "distance_m": round(float(pairs.distance_m[i, j]), 3),
-                    "floor_ratio": round(float(pairs.ratio[i, j]), 3),
-                    "floor_ratio_if_off": round(float(pairs.sure_ratio[i, j]), 3),
-                    "at_s": round(float(trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0]), 2),
-                }
+        return ReportBody(
+            source,
+            self.verdict,
+            self.missing,
+            trajectories.based_on,
+            trajectories.uncertainty,
+            trajectories.remarks,
+            len(trajectories.ids),
+            int(trajectories.airborne.any(axis=0).sum()),
+            round(self.duration_s, 2),
+            self.checks,
+            tuple(
+                NearestPair(
+                    (trajectories.ids[i], trajectories.ids[j]),
+                    round(float(pairs.distance_m[i, j]), 3),
+                    round(float(pairs.ratio[i, j]), 3),
+                    round(float(pairs.sure_ratio[i, j]), 3),
+                    round(float(trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0]), 2),
+                )
                 for i, j in pairs.nearest(NEAREST)
-            ],
-        }
+            ),
+        )
 
 
 def make_flight_report(
@@ -217,16 +197,16 @@ def _approaches(
     return found, least_m
 
 
-def _separation(trajectories: Trajectories, pairs: PairDistances) -> Check:
+def _separation(trajectories: Trajectories, pairs: PairDistances) -> ReportCheck:
     nearest = pairs.nearest(1)
     name, unit = "separation, as a share of the floor", "of the floor"
     if not nearest:
-        return Check(name, 1.0, 1.0, None, unit, "", None, kept=None)
+        return ReportCheck(name, 1.0, 1.0, None, unit, "", None, kept=None)
     i, j = nearest[0]
     at_s = float(trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0])
     ratio = float(pairs.ratio[i, j])
     both = f"{trajectories.ids[i]} and {trajectories.ids[j]}"
-    return Check(name, 1.0, 1.0, round(ratio, 3), unit, both, round(at_s, 2), kept=ratio >= 1.0)
+    return ReportCheck(name, 1.0, 1.0, round(ratio, 3), unit, both, round(at_s, 2), kept=ratio >= 1.0)
 
 
 def _over_time(
@@ -239,7 +219,7 @@ def _over_time(
     return np.full(0 if times is None else len(times), each[0]) if at is None else each[at]
 
 
-def _fence(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
+def _fence(trajectories: Trajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
     limit = partial(_over_time, trajectories, standards)
     place_m, airborne = trajectories.position_m, trajectories.airborne
     out_m, height_m = np.hypot(place_m[..., 0], place_m[..., 1]), -place_m[..., 2]
@@ -270,7 +250,7 @@ def _directions(
     yield "down", lambda standard: standard.safety.limits.down_m_s, velocity_m_s[..., 2]
 
 
-def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
+def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
     limit = partial(_over_time, trajectories, standards)
     period_s = float(np.median(np.diff(trajectories.time_s))) if len(trajectories.time_s) > 1 else SMOOTHED_S
     width = max(1, round(SMOOTHED_S / period_s))
@@ -291,8 +271,8 @@ def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[C
     ]
 
 
-def _setpoints(trajectories: Trajectories, standards: Sequence[Standard]) -> list[Check]:
-    """Check the commanded setpoints, tick by tick, where they are known."""
+def _setpoints(trajectories: Trajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
+    """ReportCheck the commanded setpoints, tick by tick, where they are known."""
     desired_m_s = trajectories.setpoint_m_s
     if desired_m_s is None:
         return []
@@ -316,17 +296,17 @@ def _most(
     beyond: float = 0.0,
     *,
     timed: bool = True,
-) -> Check:
+) -> ReportCheck:
     """Return the check of the value of (k, n) that exceeds its limit (k,) most, or is nearest to it."""
     tolerated = limit * factor + beyond
     over = np.where(counts & np.isfinite(value), value - tolerated[:, None], -np.inf)
     at, row = np.unravel_index(int(np.argmax(over)), over.shape)
     if not np.isfinite(over[at, row]):
-        return Check(name, float(limit[-1]), float(tolerated[-1]), None, unit, "", None, kept=None)
+        return ReportCheck(name, float(limit[-1]), float(tolerated[-1]), None, unit, "", None, kept=None)
     worst, most = float(value[at, row]), float(tolerated[at])
     at_s = round(float(trajectories.time_s[at] - trajectories.time_s[0]), 2) if timed else None
     vehicle = trajectories.ids[row]
-    return Check(
+    return ReportCheck(
         name, float(limit[at]), round(most, 3), round(worst, 3), unit, vehicle, at_s, kept=worst <= most
     )
 

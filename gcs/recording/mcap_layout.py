@@ -8,27 +8,27 @@ cost as little as ten. The rest has this project's schemas (`gcs.Tick`, `gcs.Sta
 import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from math import isfinite
+from dataclasses import dataclass
 from typing import Any, Final
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
+from pydantic_core import to_json
 
-from gcs.model.lifecycle import Phase
-from gcs.model.state import Mask, Mode
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Plan
+from gcs.model.state import Mask, Mode, VehicleId
 from gcs.recording.sample import Sample
+from gcs.service import SelectedShow, TickView
+from gcs.service.alarms import Alarm
 from gcs.service.vehicle_table import VehicleTable
 
-VERSION: Final = 2
-UNCHECKED: Final = "1"  # metadata without a checksum, vehicles without lights
+VERSION: Final = 3
 CHECKSUM: Final = "crc32"
 PROFILE: Final = "formation-gcs"
 SHOW, MAP = "show", "map"
-
-TIMING: Final = ("rate_hz", "count", "missed", "duration_p50_ms", "duration_p99_ms", "lateness_p99_ms")
-"""Recorded fields of a `TickView`; counts for metrics are not recorded."""
 
 PHASES: Final = tuple(Phase)
 MODES: Final = tuple(Mode)
@@ -38,32 +38,31 @@ _MODE_NUMBER: Final = {mode: number for number, mode in enumerate(MODES)}
 POSITION: Final = ("x", "y", "z")  # show frame, m
 VELOCITY: Final = ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")
 SETPOINT: Final = ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")  # NaN: none
-_FIRST: Final[list[tuple[str, str]]] = [
-    *((name, "<f4") for name in (*POSITION, *VELOCITY, *SETPOINT)),
-    ("yaw_rad", "<f4"),  # from the show's x axis
-    ("position_age_s", "<f4"),
-    ("position_uncertainty_m", "<f4"),
-    ("heartbeat_age_s", "<f4"),
-    ("battery_remaining", "<f4"),
-    ("phase", "u1"),  # indices of the names in the file's metadata
-    ("mode", "u1"),
-    ("landed", "u1"),  # MAV_LANDED_STATE
-    ("armed", "u1"),
-    ("ready", "u1"),
-]
 LIGHT: Final = ("red", "green", "blue", "alpha")
 """Light that the show sets on a vehicle; alpha 0: none. Foxglove draws fields of these names."""
 
-VEHICLE: Final = np.dtype([*_FIRST, *((name, "u1") for name in LIGHT)])
+VEHICLE: Final = np.dtype(
+    [
+        *((name, "<f4") for name in (*POSITION, *VELOCITY, *SETPOINT)),
+        ("yaw_rad", "<f4"),  # from the show's x axis
+        ("position_age_s", "<f4"),
+        ("position_uncertainty_m", "<f4"),
+        ("heartbeat_age_s", "<f4"),
+        ("battery_remaining", "<f4"),
+        ("phase", "u1"),  # indices of the names in the file's metadata
+        ("mode", "u1"),
+        ("landed", "u1"),  # MAV_LANDED_STATE
+        ("armed", "u1"),
+        ("ready", "u1"),
+        *((name, "u1") for name in LIGHT),
+    ]
+)
 """One vehicle in `/fleet/vehicles`."""
-
-ROWS: Final[dict[str, np.dtype[np.void]]] = {UNCHECKED: np.dtype(_FIRST), str(VERSION): VEHICLE}
-"""The same, by the version of the file."""
 
 _BLOCKS: Final = np.dtype(
     [
         *((name, "<f4", 3) for name in ("position", "velocity", "setpoint")),
-        *((name, kind) for name, kind in _FIRST[9:]),
+        *((name, VEHICLE[name]) for name in (VEHICLE.names or ())[9 : -len(LIGHT)]),
         ("light", "u1", 3),
         ("alpha", "u1"),
     ]
@@ -81,7 +80,6 @@ def _list(item: object) -> dict[str, object]:
 
 _NUMBER, _TEXT, _TRUTH = {"type": "number"}, {"type": "string"}, {"type": "boolean"}
 _WHOLE: Final = {"type": "integer"}
-_MAYBE: Final = {"type": ["number", "null"]}
 _BYTES: Final = {"type": "string", "contentEncoding": "base64"}
 _TIME: Final = {**_object(sec=_WHOLE, nsec=_WHOLE), "title": "time"}
 _DURATION: Final = {**_object(sec=_WHOLE, nsec=_WHOLE), "title": "duration"}
@@ -114,6 +112,49 @@ _ENTITY: Final = _object(
     models=_OTHERS,
 )
 
+
+@dataclass(frozen=True, slots=True)
+class TickMessage:
+    """What changes in every tick, of `/fleet/tick`; the vehicles are in `/fleet/vehicles`."""
+
+    time_s: float  # monotonic clock
+    number: int  # of the samples passed to the record, from 1
+    center_m: tuple[float, float, float] | None
+    center_velocity_m_s: tuple[float, float, float] | None
+    radius_m: float | None
+    target_m: tuple[float, float]
+    minimum_separation_m: float | None
+    control_alive: bool
+    setpoints_sent: int
+    timing: TickView
+    limited_by: dict[VehicleId, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The limits that applied, of `/fleet/status`: the service's, or the selected show's."""
+
+    safety: dict[str, Any]  # as `gcs.safety.filter.SafetySettings.model_validate` takes it
+    acceleration_max_m_s2: float
+
+
+@dataclass(frozen=True, slots=True)
+class StatusMessage:
+    """What changes seldom, of `/fleet/status`."""
+
+    show: ShowPhase
+    reason: str
+    plan: Plan
+    selected: SelectedShow | None
+    start_unix_time_s: float | None
+    reasons: list[str]  # of the vehicles' phases
+    alarms: tuple[Alarm, ...]
+    limits: Limits | None
+
+
+TICK: Final = TypeAdapter(TickMessage)
+STATUS: Final = TypeAdapter(StatusMessage)
+
 SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
     "/fleet/vehicles": (
         "foxglove.PointCloud",
@@ -126,57 +167,8 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
             data=_BYTES,
         ),
     ),
-    "/fleet/tick": (
-        "gcs.Tick",
-        _object(
-            time_s=_NUMBER,
-            number=_WHOLE,
-            center_m=_list(_NUMBER),
-            center_velocity_m_s=_list(_NUMBER),
-            radius_m=_MAYBE,
-            target_m=_list(_NUMBER),
-            minimum_separation_m=_MAYBE,
-            control_alive=_TRUTH,
-            setpoints_sent=_WHOLE,
-            timing=_object(
-                rate_hz=_NUMBER,
-                count=_WHOLE,
-                missed=_WHOLE,
-                duration_p50_ms=_MAYBE,
-                duration_p99_ms=_MAYBE,
-                lateness_p99_ms=_MAYBE,
-            ),
-            limited_by={"type": "object", "additionalProperties": _TEXT},
-        ),
-    ),
-    "/fleet/status": (
-        "gcs.Status",
-        _object(
-            show=_TEXT,
-            reason=_TEXT,
-            plan={"type": "object"},
-            selected={"type": ["object", "null"]},
-            start_unix_time_s=_MAYBE,
-            reasons=_list(_TEXT),
-            alarms=_list(
-                _object(
-                    id=_TEXT,
-                    severity=_TEXT,
-                    cause=_TEXT,
-                    text=_TEXT,
-                    advice=_TEXT,
-                    vehicles=_list(_TEXT),
-                    since_unix_s=_NUMBER,
-                    raised_unix_s=_NUMBER,
-                    command_id={"type": ["string", "null"]},
-                    acknowledged_by={"type": ["string", "null"]},
-                    acknowledged_unix_s=_MAYBE,
-                    ended_unix_s=_MAYBE,
-                )
-            ),
-            limits={"type": ["object", "null"]},
-        ),
-    ),
+    "/fleet/tick": ("gcs.Tick", TICK.json_schema()),
+    "/fleet/status": ("gcs.Status", STATUS.json_schema()),
     "/fleet/scene": (
         "foxglove.SceneUpdate",
         _object(deletions=_list(_object(timestamp=_TIME, type=_WHOLE, id=_TEXT)), entities=_list(_ENTITY)),
@@ -275,41 +267,39 @@ def vehicles_message(sample: Sample) -> bytes:
 def tick_message(sample: Sample, number: int | None = None) -> bytes:
     """Return a message of `/fleet/tick`; `number` replaces the sample's own."""
     view = sample.view
-    return as_json(
-        {
-            "time_s": view.time_s,
-            "number": sample.number if number is None else number,
-            "center_m": view.center_m,
-            "center_velocity_m_s": view.center_velocity_m_s,
-            "radius_m": view.radius_m,
-            "target_m": view.target_m,
-            "minimum_separation_m": view.minimum_separation_m,
-            "control_alive": view.control_alive,
-            "setpoints_sent": view.setpoints_sent,
-            "timing": {name: known(getattr(view.tick, name)) for name in TIMING},
-            "limited_by": {
-                name: why for name, why in zip(view.rows.ids, view.rows.limited_by, strict=True) if why
-            },
-        }
+    limited = zip(view.rows.ids, view.rows.limited_by, strict=True)
+    return to_json(
+        TickMessage(
+            view.time_s,
+            sample.number if number is None else number,
+            view.center_m,
+            view.center_velocity_m_s,
+            view.radius_m,
+            view.target_m,
+            view.minimum_separation_m,
+            view.control_alive,
+            view.setpoints_sent,
+            view.tick,
+            {name: why for name, why in limited if why},
+        )
     )
 
 
 def status_message(sample: Sample) -> bytes:
     view, control, limits = sample.view, sample.control, None
     if control is not None:
-        safety = control.safety.model_dump(mode="json")
-        limits = {"safety": safety, "acceleration_max_m_s2": control.acceleration_max_m_s2}
-    return as_json(
-        {
-            "show": view.show.value,
-            "reason": view.reason,
-            "plan": asdict(view.plan),
-            "selected": None if view.selected is None else asdict(view.selected),
-            "start_unix_time_s": view.start_unix_time_s,
-            "reasons": view.rows.reasons,
-            "alarms": [asdict(alarm) for alarm in view.alarms],
-            "limits": limits,
-        }
+        limits = Limits(control.safety.model_dump(mode="json"), control.acceleration_max_m_s2)
+    return to_json(
+        StatusMessage(
+            view.show,
+            view.reason,
+            view.plan,
+            view.selected,
+            view.start_unix_time_s,
+            list(view.rows.reasons),
+            view.alarms,
+            limits,
+        )
     )
 
 
@@ -342,11 +332,6 @@ def log_message(unix_s: float, level: str, event: str, detail: str) -> bytes:
     )
 
 
-def known(value: float) -> float | None:
-    """Return the value, or None if JSON cannot represent it."""
-    return value if isfinite(value) else None
-
-
 def as_json(value: Any) -> bytes:
     """Encode as compact JSON. Raises: ValueError for NaN, which JSON does not have."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()
@@ -358,9 +343,7 @@ def vectors(table: NDArray[np.void], names: Sequence[str]) -> NDArray[np.float32
 
 
 def lights(table: NDArray[np.void]) -> tuple[NDArray[np.uint8], Mask]:
-    """(n, 3) Red, green, blue, and (n,) whether a light was set; none in files older than these columns."""
-    if LIGHT[0] not in (table.dtype.names or ()):
-        return np.zeros((len(table), 3), np.uint8), np.zeros(len(table), np.bool_)
+    """(n, 3) Red, green, blue, and (n,) whether a light was set."""
     colour = np.stack([table[name] for name in LIGHT[:3]], axis=-1)
     lit: Mask = table[LIGHT[3]] > 0
     return colour, lit

@@ -38,18 +38,14 @@ class About:
     links: tuple[str, ...]
     phases: tuple[Phase, ...]  # by their numbers in the rows
     modes: tuple[Mode, ...]
-    row: np.dtype[np.void]  # of one vehicle
 
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> Self:
         """Parse the metadata. Raises: KeyError or ValueError for another version or invalid data."""
-        row = layout.ROWS.get(metadata["version"])
-        if row is None:
-            known = f"this program knows {' and '.join(layout.ROWS)}"
+        if metadata["version"] != str(layout.VERSION):
+            known = f"this program knows version {layout.VERSION}"
             raise ValueError(f"they are of version {metadata['version']}; {known}")
-        reported = metadata.get(layout.CHECKSUM)
-        is_first = metadata["version"] == layout.UNCHECKED and reported is None
-        if not is_first and reported != layout.checksum(metadata):
+        if metadata.get(layout.CHECKSUM) != layout.checksum(metadata):
             raise ValueError("what it says of itself (configuration, vehicles) is damaged")
         vehicles = json.loads(metadata["vehicles"])
         return cls(
@@ -60,7 +56,6 @@ class About:
             tuple(link for _, _, link in vehicles),
             tuple(Phase(name) for name in json.loads(metadata["phases"])),
             tuple(Mode(name) for name in json.loads(metadata["modes"])),
-            row,
         )
 
 
@@ -70,8 +65,8 @@ class RecordedSample:
 
     unix_s: float
     vehicles: NDArray[np.void]  # (n,) of `layout.VEHICLE`
-    tick: Mapping[str, Any]  # of `/fleet/tick`
-    status: Mapping[str, Any]  # the newest of `/fleet/status`
+    tick: layout.TickMessage
+    status: layout.StatusMessage  # the newest
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +116,7 @@ class FlightData:
         self.path = path
         self.losses: list[Loss] = []  # after `ticks` or `samples`: of the part that was read
         self._began_s: float | None = None
+        self._status: tuple[bytes, layout.StatusMessage] | None = None  # the newest that was decoded
         try:
             metadata = self._metadata()
             if metadata is None:
@@ -199,10 +195,14 @@ class FlightData:
                         yield from newest.ticks(inside)
 
     def decoded(self, sample: Sample) -> RecordedSample:
-        """Decode a tick. Raises: ValueError or KeyError where it has another format."""
-        return RecordedSample(
-            sample.unix_s, self._vehicles(sample.vehicles), json.loads(sample.tick), json.loads(sample.status)
-        )
+        """Decode a tick. Raises: GcsError naming the file, where it has another format."""
+        try:
+            if self._status is None or self._status[0] is not sample.status:
+                self._status = sample.status, layout.STATUS.validate_json(sample.status)
+            vehicles, tick = self._vehicles(sample.vehicles), layout.TICK.validate_json(sample.tick)
+        except (KeyError, ValueError, GcsError) as error:
+            raise GcsError(f"{self.path}: a recorded message cannot be read: {error}") from None
+        return RecordedSample(sample.unix_s, vehicles, tick, self._status[1])
 
     @cached_property
     def index(self) -> Index:
@@ -230,7 +230,7 @@ class FlightData:
 
     def _vehicles(self, data: bytes) -> NDArray[np.void]:
         """Decode vehicle rows. Raises: ValueError when the size does not fit."""
-        table = np.frombuffer(b64decode(json.loads(data)["data"]), self.about.row)
+        table = np.frombuffer(b64decode(json.loads(data)["data"]), layout.VEHICLE)
         if len(table) != len(self.about.ids):
             raise ValueError(f"{len(table)} vehicles where the file names {len(self.about.ids)}")
         return table
@@ -290,15 +290,15 @@ class Standard:
         except (KeyError, TypeError, ValueError, ValidationError, GcsError) as error:
             raise GcsError(f"{source}: its configuration does not say what holds: {error}") from None
 
-    def under(self, limits: Mapping[str, Any] | None) -> "Standard":
+    def under(self, limits: layout.Limits | None) -> "Standard":
         """Return these under recorded limits, such as a written show's. Raises: GcsError if invalid."""
-        if not limits:
-            return self  # an older file: as far as known, the configuration's applied
+        if limits is None:
+            return self
         try:
             return replace(
                 self,
-                safety=SafetySettings.model_validate(limits["safety"]),
-                acceleration_max_m_s2=float(limits["acceleration_max_m_s2"]),
+                safety=SafetySettings.model_validate(limits.safety),
+                acceleration_max_m_s2=limits.acceleration_max_m_s2,
             )
-        except (KeyError, TypeError, ValueError, ValidationError) as error:
+        except ValidationError as error:
             raise GcsError(f"the limits that were recorded are none: {error}") from None

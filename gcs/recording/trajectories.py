@@ -15,6 +15,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Phase
 from gcs.model.state import Array, Landed, Mask, VehicleId
 from gcs.recording import mcap_layout as layout
+from gcs.recording.mcap_layout import Limits
 from gcs.recording.mcap_reader import FlightData, RecordedSample
 
 Single = NDArray[np.float32]
@@ -44,7 +45,7 @@ class Trajectories:
     setpoint_m_s: Single | None  # (k, n, 3) NaN: none; None: not known
     remarks: tuple[str, ...]  # about the file
     missing: tuple[str, ...] = ()  # parts of the flight that are missing, in words
-    held: tuple[Mapping[str, Any] | None, ...] = (None,)  # limits as recorded; None: not recorded
+    held: tuple[Limits | None, ...] = (None,)  # limits as recorded; None: not recorded
     held_at: NDArray[np.intp] | None = None  # (k,) index of the limits; None: always the first
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
 
@@ -68,7 +69,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
     ticks = list(data.ticks() if on_progress is None else _reported(data, on_progress))
     if not ticks:
         raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
-    time_s = np.array([tick.tick["time_s"] for tick in ticks])
+    time_s = np.array([tick.tick.time_s for tick in ticks])
     table = np.stack([tick.vehicles for tick in ticks])
     airborne = _among(data, table, IN_THE_AIR) | ((table["armed"] > 0) & (table["landed"] > Landed.ON_GROUND))
     held, held_at = _held(ticks)
@@ -116,24 +117,21 @@ def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[RecordedSam
         yield tick
 
 
-def _held(ticks: Sequence[RecordedSample]) -> tuple[tuple[Mapping[str, Any] | None, ...], NDArray[np.intp]]:
+def _held(ticks: Sequence[RecordedSample]) -> tuple[tuple[Limits | None, ...], NDArray[np.intp]]:
     """Return the recorded limits, each once, and which of them applied at each tick."""
-    number: dict[str, int] = {}
-    held: list[Mapping[str, Any] | None] = []
+    held: list[Limits | None] = []
     at = []
     for tick in ticks:
-        limits = tick.status.get("limits")
-        key = json.dumps(limits, sort_keys=True)
-        if key not in number:
-            number[key] = len(held)
+        limits = tick.status.limits
+        if limits not in held:
             held.append(limits)
-        at.append(number[key])
+        at.append(held.index(limits))
     return tuple(held), np.array(at, np.intp)
 
 
 def _before(data: FlightData, first: RecordedSample, *, flies: bool) -> list[str]:
     """Describe what was not recorded before the first tick, if a vehicle flies in that."""
-    lost = int(first.tick.get("number", 1)) - 1
+    lost = first.tick.number - 1
     if any(loss.from_s is None for loss in data.losses):
         return []  # it is damaged, and reported as such
     return [f"{lost} ticks before the first were not recorded"] if flies and lost > 0 else []
@@ -143,7 +141,7 @@ def _gaps(
     ticks: Sequence[RecordedSample], time_s: Array, airborne: Mask, reported: set[float | None]
 ) -> list[tuple[int, str]]:
     """Gaps while a vehicle flies: the sample after each, and a description; without those in `reported`."""
-    numbers = [int(tick.tick.get("number", 0)) for tick in ticks]  # an older file has none
+    numbers = [tick.tick.number for tick in ticks]
     found = []
     for at in range(1, len(ticks)):
         away_s, lost = time_s[at] - time_s[at - 1], numbers[at] - numbers[at - 1] - 1

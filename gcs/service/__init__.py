@@ -5,6 +5,10 @@ a process of its own without a change on their side.
 """
 
 from gcs.estimation.time_estimates import Estimates
+from gcs.model.interrupted_flight import InterruptedFlight
+from gcs.model.plan import Obstacle, Orbit
+from gcs.model.preflight_report import PreflightReport
+from gcs.service.alarms import Alarm
 from gcs.service.commands import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.service.interface import Audit, Call, NoAudit, PlaybackChange, Replaying, Service, Shows
 from gcs.service.snapshots import (
@@ -22,6 +26,7 @@ from gcs.service.snapshots import (
     ReportState,
     SelectedShow,
     ShowCheck,
+    ShowFigures,
     StoredShow,
     TickView,
 )
@@ -29,6 +34,7 @@ from gcs.service.snapshots import (
 __all__ = [
     "CALLER",
     "ActiveFailsafe",
+    "Alarm",
     "Audit",
     "Call",
     "CheckState",
@@ -39,12 +45,16 @@ __all__ = [
     "FleetView",
     "FlightEnvelope",
     "IdleSpan",
+    "InterruptedFlight",
     "Latest",
     "NoAudit",
+    "Obstacle",
+    "Orbit",
     "Outcome",
     "PhaseSpan",
     "Playback",
     "PlaybackChange",
+    "PreflightReport",
     "ReplayMarks",
     "Replaying",
     "ReportState",
@@ -52,6 +62,7 @@ __all__ = [
     "Service",
     "ShowAction",
     "ShowCheck",
+    "ShowFigures",
     "Shows",
     "StoredShow",
     "TickView",

@@ -157,7 +157,7 @@ class AlarmBook:
         if not active:
             if before is None:
                 return []
-            ended = replace(before, ended_unix_s=unix_s)
+            ended = replace(before, ended_unix_time_s=unix_s)
             entry.alarm = None
             if before.severity in KEPT_UNTIL_ACKNOWLEDGED and before.acknowledged_by is None:
                 self._ended = [*self._ended, ended][-ENDED_MAX:]
@@ -165,7 +165,9 @@ class AlarmBook:
         alarm = _alarm(entry.row, active)
         if before is None:
             number = next(self._numbers)
-            alarm = replace(alarm, id=f"{alarm.cause}-{number}", since_unix_s=unix_s, raised_unix_s=unix_s)
+            alarm = replace(
+                alarm, id=f"{alarm.cause}-{number}", since_unix_time_s=unix_s, raised_unix_time_s=unix_s
+            )
             entry.alarm, entry.written_s = alarm, now_s
             return [Change(ChangeKind.BEGUN, alarm)]
         alarm = replace(
@@ -182,7 +184,9 @@ class AlarmBook:
             RANK[alarm.severity] < RANK[before.severity]
         )
         if grown:
-            alarm = replace(alarm, raised_unix_s=unix_s, acknowledged_by=None, acknowledged_unix_s=None)
+            alarm = replace(
+                alarm, raised_unix_time_s=unix_s, acknowledged_by=None, acknowledged_unix_time_s=None
+            )
         elif _only_numbers_differ(alarm, before) and now_s < entry.written_s + NUMBERS_S:
             self._due_s = min(self._due_s, entry.written_s + NUMBERS_S)
             return []
@@ -199,7 +203,7 @@ def _rank(condition: Condition) -> int:
 
 
 def _acknowledged(alarm: Alarm, by: str, unix_s: float) -> Alarm:
-    return replace(alarm, acknowledged_by=by, acknowledged_unix_s=unix_s)
+    return replace(alarm, acknowledged_by=by, acknowledged_unix_time_s=unix_s)
 
 
 def _only_numbers_differ(one: Alarm, other: Alarm) -> bool:
@@ -232,8 +236,8 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
         text=f"{first}. {follows}".strip(),
         advice=for_number(worst.advice or row.advice, many=many),
         vehicles=vehicles,
-        since_unix_s=0.0,
-        raised_unix_s=0.0,
+        since_unix_time_s=0.0,
+        raised_unix_time_s=0.0,
         command_id=next((one.command_id for one in conditions if one.command_id is not None), None),
     )
 

@@ -12,10 +12,12 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
+from gcs.model.settings import PUBLISHED
 from gcs.model.state import Array, Mask, VehicleId
 
 
@@ -251,24 +253,59 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One cause, with all vehicles that it concerns."""
+    """One condition that an operator should know, with all vehicles that it concerns."""
 
-    id: str
-    severity: AlarmSeverity
-    cause: AlarmCause
-    text: str  # the cause, then its consequence
-    advice: str
-    vehicles: tuple[VehicleId, ...]
-    since_unix_s: float  # when the cause began
-    raised_unix_s: float  # when it began, last concerned a further vehicle, or became more severe
-    command_id: str | None = None
-    acknowledged_by: str | None = None
-    acknowledged_unix_s: float | None = None
-    ended_unix_s: float | None = None  # the cause has ended, and the alarm is not acknowledged
+    __pydantic_config__ = PUBLISHED
+
+    id: Annotated[str, Field(examples=["vehicle-lost-7"])]
+    severity: Annotated[
+        AlarmSeverity,
+        Field(
+            description="emergency: act at once; warning: act soon; caution: be ready to act; information:"
+            " nothing to do."
+        ),
+    ]
+    cause: Annotated[
+        AlarmCause,
+        Field(description="For programs; docs/operations.md lists them.", examples=["vehicle-lost"]),
+    ]
+    text: Annotated[
+        str,
+        Field(
+            description="The cause first, its consequence after.",
+            examples=["Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap."],
+        ),
+    ]
+    advice: Annotated[str, Field(description="What an operator can do.")]
+    vehicles: Annotated[
+        tuple[VehicleId, ...], Field(description="All that it concerns; empty: it concerns no vehicle.")
+    ]
+    since_unix_time_s: Annotated[float, Field(description="When the cause began.")]
+    raised_unix_time_s: Annotated[
+        float,
+        Field(
+            description="When it began, or last concerned a further vehicle or became more severe: it then is"
+            " no longer acknowledged. The newest of a severity is listed first."
+        ),
+    ]
+    command_id: Annotated[
+        str | None, Field(description="The command that the service gave because of it; null: none.")
+    ] = None
+    acknowledged_by: Annotated[
+        str | None, Field(description="Name of the token used; null: not acknowledged.")
+    ] = None
+    acknowledged_unix_time_s: float | None = None
+    ended_unix_time_s: Annotated[
+        float | None,
+        Field(
+            description="null: the cause lasts. Emergencies and warnings stay listed after their cause has"
+            " ended until they are acknowledged; they do not count for the state of the whole."
+        ),
+    ] = None
 
     @property
     def lasts(self) -> bool:
-        return self.ended_unix_s is None
+        return self.ended_unix_time_s is None
 
 
 def for_number(text: str, *, many: bool) -> str:
@@ -279,7 +316,7 @@ def for_number(text: str, *, many: bool) -> str:
 def ordered(alarms: Iterable[Alarm]) -> tuple[Alarm, ...]:
     """Sort by lasting before ended, then most severe first, then newest first."""
     return tuple(
-        sorted(alarms, key=lambda alarm: (not alarm.lasts, RANK[alarm.severity], -alarm.raised_unix_s))
+        sorted(alarms, key=lambda alarm: (not alarm.lasts, RANK[alarm.severity], -alarm.raised_unix_time_s))
     )
 
 

@@ -7,9 +7,12 @@ from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Annotated, Final, Protocol
+
+from pydantic import Field, computed_field
 
 from gcs.model.errors import UnknownError
+from gcs.model.settings import PUBLISHED
 from gcs.model.state import VehicleId
 
 KEPT: Final = 1000
@@ -53,6 +56,8 @@ class Outcome(StrEnum):
 class VehicleOutcome:
     """One vehicle's part of a command."""
 
+    __pydantic_config__ = PUBLISHED
+
     outcome: Outcome
     reason: str = ""
 
@@ -63,13 +68,17 @@ class CommandRecord:
 
     id: str
     action: str
-    accepted_time_s: float  # Unix time
+    accepted_unix_time_s: float
     outcomes: dict[VehicleId, VehicleOutcome]
-    by: str  # see CALLER
+    by: Annotated[
+        str,
+        Field(description="Name of the token; `local` without tokens, `service` for the service itself."),
+    ]
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def outcome(self) -> Outcome:
-        """PENDING while any vehicle is pending, then FAILED if any failed, otherwise DONE."""
+        """Pending while any vehicle is pending, then failed if any vehicle failed, else done."""
         seen = {part.outcome for part in self.outcomes.values()}
         for worst in (Outcome.PENDING, Outcome.FAILED):
             if worst in seen:

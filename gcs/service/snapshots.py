@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Generic, Literal, TypeVar
 
 from prometheus_client import Histogram
 from pydantic import Field
@@ -15,6 +15,7 @@ from gcs.model.errors import Problem
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
+from gcs.model.settings import PUBLISHED, Measured
 from gcs.model.state import Counts, VehicleId
 from gcs.service.alarms import Alarm
 from gcs.service.event_log import Severity
@@ -86,45 +87,122 @@ class CheckState(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class CueFigures:
+    """One pass through a cue, as flown in virtual time, until the next cue."""
+
+    cue: str
+    line: int
+    at_s: float  # time of the show, loops included
+    radius_m: float  # desired at its end
+    height_m: float
+    separation_m: Annotated[
+        Measured, Field(description="Least separation, in the metric of the separation ellipsoid.")
+    ]
+    speed_m_s: Measured  # greatest horizontal speed of any vehicle
+    radius_error_m: Measured  # median over time of the vehicle that is farthest from the sphere
+    center_off_m: Measured  # at its end, from orbit or target
+    held_back: int  # most vehicles at a time that the safety filter limited
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalOverlap:
+    """Two vehicles, one above the other during the check: they cannot both descend vertically.
+
+    In flight it may be other vehicles, because the law assigns no slots.
+    """
+
+    upper: Annotated[int, Field(description="Vehicle of the show, from 1.")]
+    lower: int
+    sideways_m: Annotated[float, Field(description="Least horizontal distance between the two vehicles.")]
+    cue: Annotated[str, Field(description="Cue at that time.")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShowFigures:
+    """Figures of a show flown in virtual time, from true positions."""
+
+    vehicles: int
+    show_s: float  # duration of the timeline, loops included
+    assembled_s: float  # from hover until the sphere stood
+    home_s: Measured  # from the end of the timeline until the last landing; None: never
+    floor_m: float
+    separation_min_m: float
+    separation_min_at: str  # the cue, "before the show" or "on the way home"
+    pairs_below_floor: int
+    speed_max_m_s: float
+    climb_max_m_s: float
+    sink_max_m_s: float
+    fence_distance_margin_m: float
+    fence_height_margin_m: float  # smaller margin to least or greatest height, during the show
+    battery_need: Annotated[float, Field(description="Share of a full battery, reserve included.")]
+    vertical_overlaps: Annotated[
+        int, Field(description="Pairs whose columns overlap at some time of the show.")
+    ]
+    columns: Annotated[tuple[VerticalOverlap, ...], Field(description="The nearest of these pairs.")]
+    cues: tuple[CueFigures, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ShowCheck:
-    """Result of a show's check. Only a good show may be started."""
+    """A running or finished check of a show; only a show that passed may be selected."""
+
+    __pydantic_config__ = PUBLISHED
 
     name: str
     state: CheckState
-    reason: str = ""  # why it failed
-    hash: str | None = None  # of everything that is flown; a start must name it
-    good: bool = False  # it can be flown, and by this service
-    fits_service: bool = True  # False: some `problems` are due to this service's settings
+    reason: Annotated[
+        str, Field(description="Why the check itself failed; it says nothing of the show then.")
+    ] = ""
+    hash: Annotated[str | None, Field(description="Of everything that is flown; a start must name it.")] = (
+        None
+    )
+    good: Annotated[bool, Field(description="It can be flown, and by this service as it is set now.")] = False
+    fits_service: Annotated[
+        bool,
+        Field(description="false: other settings of the service would remove some of the problems."),
+    ] = True
     problems: tuple[Problem, ...] = ()
-    figures: dict[str, Any] | None = None  # as in `gcs show check --json`; None: not flown
+    figures: Annotated[ShowFigures | None, Field(description="null: not flown.")] = None
+
+
+@dataclass(frozen=True, slots=True)
+class CueMark:
+    """A cue as it is played; a cue in a loop occurs several times."""
+
+    cue: str
+    at_s: Annotated[float, Field(description="Time on the show's clock, or in a record since its beginning.")]
 
 
 @dataclass(frozen=True, slots=True)
 class SelectedShow:
-    """The show that will be, or is, flown, and its progress."""
+    """The written show that is or will be flown, and its progress."""
 
     name: str
     hash: str
-    cue: str  # the newest
+    cue: Annotated[str, Field(description="The newest cue.")]
     cues: tuple[str, ...]
-    clock_s: float  # the show's own time
-    duration_s: float  # loops played
-    runs: bool  # the clock; False: before it begins, and while it is paused
-    target_is_live: bool
-    timeline: tuple[tuple[str, float], ...] = ()  # name and time of every cue as played; loops written out
+    clock_s: Annotated[float, Field(description="The show's own time; 0 when the first sphere stands.")]
+    duration_s: Annotated[float, Field(description="Loops played.")]
+    runs: Annotated[
+        bool,
+        Field(
+            description="Whether the show's clock runs; false before the show begins and while it is paused."
+        ),
+    ]
+    target_is_live: Annotated[bool, Field(description="Whether PUT target moves the target now.")]
+    timeline: Annotated[tuple[CueMark, ...], Field(exclude=True)] = ()  # as played; loops written out
 
 
 @dataclass(frozen=True, slots=True)
 class TickView:
     """Timing of the control loop."""
 
-    rate_hz: float
+    rate_hz: Measured
     count: int
-    missed: int  # dropped, never made up
-    duration_p50_ms: float
-    duration_p99_ms: float
-    lateness_p99_ms: float
-    histograms: tuple[Histogram, ...] = ()  # since the start, for metrics; not a copy: they change
+    missed: Annotated[int, Field(description="Dropped, never made up.")]
+    duration_p50_ms: Measured
+    duration_p99_ms: Measured
+    lateness_p99_ms: Measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,20 +214,24 @@ class ActiveFailsafe:
     reason: str  # in words
     vehicles: tuple[VehicleId, ...]  # concerned; empty: no single vehicle
     since_s: float  # loop clock
-    since_unix_s: float
+    since_unix_time_s: float
     command_id: str | None  # None: no command, because it is done already or must wait
 
 
 @dataclass(frozen=True, slots=True)
 class FlightEnvelope:
-    """Geofence, and minimum separation of two vehicles. Heights above the show's origin."""
+    """The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter."""
 
-    height_min_m: float  # of vehicles in the formation
+    height_min_m: Annotated[
+        float, Field(description="Least height of vehicles in the formation, above the show's origin.")
+    ]
     height_max_m: float
-    distance_max_m: float  # from the show's origin, over the ground
-    floor_horizontal_m: float  # semi-axes of the minimum-separation ellipsoid
-    floor_vertical_m: float
-    margin_m: float  # kept in addition, sideways
+    distance_max_m: Annotated[float, Field(description="Horizontal distance from the show's origin.")]
+    floor_horizontal_m: Annotated[float, Field(description="Horizontal half-axis of the ellipsoid.")]
+    floor_vertical_m: Annotated[
+        float, Field(description="Vertical half-axis; greater, because a vehicle's air goes down.")
+    ]
+    margin_m: Annotated[float, Field(description="Added sideways, and in proportion up and down.")]
 
     @staticmethod
     def of(safety: "SafetySettings") -> "FlightEnvelope":
@@ -166,16 +248,18 @@ class FlightEnvelope:
 
 @dataclass(frozen=True, slots=True)
 class Playback:
-    """State of a recorded flight's playback."""
+    """A recorded flight that is played back as if live."""
 
     file: str
-    began_unix_s: float  # of the first recorded state
+    began_unix_time_s: Annotated[float, Field(description="Time of the first recorded state.")]
     duration_s: float
-    position_s: float  # since the first recorded state
-    speed: float  # 1 is the speed of the flight
+    position_s: Annotated[float, Field(description="Time from the first recorded state to this one.")]
+    speed: Annotated[float, Field(description="Playback speed as a multiple of the flight's.")]
     paused: bool
-    ended: bool  # the last recorded state is shown
-    skips_idle: bool = False  # playback skips time in which no vehicle flies
+    ended: Annotated[bool, Field(description="The last recorded state is shown.")]
+    skips_idle: Annotated[
+        bool, Field(description="Time in which nothing flies is jumped over while it plays.")
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,14 +269,6 @@ class PhaseSpan:
     phase: ShowPhase
     from_s: float
     until_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class CueMark:
-    """The start of a cue of the written show."""
-
-    cue: str
-    at_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,13 +302,79 @@ class ReplayMarks:
     idle: Annotated[tuple[IdleSpan, ...], Field(description="Jumped over while `skips_idle` is true.")]
 
 
+LEEWAY_REPORTED: Final = 1.01
+"""A smaller ratio of what is tolerated to the limit is rounding to single precision."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportCheck:
+    """One limit: whether it was kept, and the worst value."""
+
+    name: Annotated[str, Field(examples=["greatest height"])]
+    limit: Annotated[float, Field(description="The limit that applied then: a written show has its own.")]
+    tolerated: Annotated[
+        float,
+        Field(description="Kept up to here: an autopilot's own answer may pass the limit by a little."),
+    ]
+    worst: Annotated[Measured, Field(description="null: there was nothing to judge.")]
+    unit: Annotated[str, Field(description="Unit of limit, tolerated and worst.", examples=["m"])]
+    vehicle: Annotated[str, Field(description="The vehicle with the worst value.")]
+    at_s: Annotated[Measured, Field(description="Time since the beginning of the record.")]
+    kept: Annotated[bool | None, Field(description="null: there was nothing to judge.")]
+
+    @property
+    def leeway(self) -> str:
+        """The tolerance beyond the limit, in words; empty if it is negligible."""
+        return f" (kept up to {self.tolerated:g})" if self.tolerated > self.limit * LEEWAY_REPORTED else ""
+
+
+@dataclass(frozen=True, slots=True)
+class NearestPair:
+    """Two vehicles at the time when they were nearest, in the metric of the minimum separation."""
+
+    vehicles: tuple[VehicleId, ...]  # two
+    distance_m: Measured
+    floor_ratio: Annotated[
+        Measured, Field(description="Distance as a multiple of the floor: 1 is the floor.")
+    ]
+    floor_ratio_if_off: Annotated[
+        Measured,
+        Field(description="The same if both positions were wrong by their margin, towards each other."),
+    ]
+    at_s: Measured
+
+
+@dataclass(frozen=True, slots=True)
+class ReportBody:
+    """The flight report, as `gcs report --json` prints it."""
+
+    source: str
+    verdict: Annotated[
+        Literal["kept", "broken", "incomplete"],
+        Field(description="incomplete: nothing was found broken, but not all of the flight could be judged."),
+    ]
+    missing: Annotated[
+        tuple[str, ...], Field(description="What could not be judged, and why; with times and bytes.")
+    ]
+    based_on: Annotated[str, Field(examples=["true positions", "estimated positions"])]
+    uncertainty: Annotated[str, Field(description="Uncertainty of the positions, in words.")]
+    remarks: Annotated[tuple[str, ...], Field(description="Remarks about the file.")]
+    vehicles: int
+    flew: int
+    duration_s: float
+    checks: tuple[ReportCheck, ...]
+    nearest_pairs: tuple[NearestPair, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class ReportState:
-    """State and result of a flight report."""
+    """The flight report of the record, or its progress."""
+
+    __pydantic_config__ = PUBLISHED
 
     state: CheckState
-    reason: str = ""  # why it failed
-    report: dict[str, Any] | None = None  # as in `gcs report --json`
+    reason: Annotated[str, Field(description="Why it failed, empty when it did not.")] = ""
+    report: Annotated[ReportBody | None, Field(description="null until it is done.")] = None
 
 
 @dataclass(frozen=True)
@@ -262,6 +404,7 @@ class FleetView:
     failsafes: tuple[ActiveFailsafe, ...] = ()  # those whose causes last, most severe first
     interrupted: InterruptedFlight | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
+    histograms: tuple[Histogram, ...] = ()  # of the ticks since the start; not copies: they change
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 
     @cached_property

@@ -18,10 +18,13 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
+from pydantic import TypeAdapter
+
 from gcs.config.yaml_files import Source
 from gcs.model.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered
+from gcs.service.snapshots import ShowFigures
 from gcs.shows import Flaw, Show, Timeline
 from gcs.shows.loading import parse
 
@@ -257,18 +260,20 @@ def _stored(name: str, text: bytes) -> StoredShow:
     return StoredShow(name, len(text), sha256(text).hexdigest())
 
 
+_FIGURES: Final = TypeAdapter(ShowFigures)
+
+
 def _reported(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
     """Convert the output of a check. Raises: ValueError, TypeError or LookupError when it is invalid."""
     model = answer.get("model")
     show = None if model is None else Show.model_validate_json(json.dumps(model))
-    figures = {key: value for key, value in answer.items() if key not in {"model", "problems", "good"}}
     reported = ShowCheck(
         name,
         CheckState.DONE,
         hash=None if show is None else show.digest,
         good=bool(answer["good"]) and show is not None,
         problems=tuple(Problem(**problem) for problem in answer["problems"]),
-        figures=figures if show is not None else None,
+        figures=None if show is None else _FIGURES.validate_python(answer),
     )
     source = None if show is None else Source(text.decode(), name)
     return _Checked(reported, sha256(text).hexdigest(), show, source)

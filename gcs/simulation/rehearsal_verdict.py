@@ -1,7 +1,7 @@
 """Verdict of a rehearsal: figures for each cue, and problems with line and cue."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import ceil, hypot
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gcs.model.errors import Problem
 from gcs.model.plan import Plan
 from gcs.planning.landing_sites import column_m, overlapping
+from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.simulation.metrics import rounded
 from gcs.simulation.record import Record
@@ -27,64 +28,15 @@ LOOKED_AT = 5
 COLUMNS_REPORTED, COLUMNS_NAMED = 50, 3
 
 
-@dataclass(frozen=True, slots=True)
-class CueFigures:
-    """One pass through a cue, until the next cue."""
-
-    cue: str
-    line: int
-    at_s: float  # time of the show, loops included
-    radius_m: float  # desired at its end
-    height_m: float
-    separation_m: float  # smallest, in the floor's metric
-    speed_m_s: float  # greatest horizontal speed of any vehicle
-    radius_error_m: float  # median over time of the vehicle that is farthest from the sphere
-    center_off_m: float  # at its end, from orbit or target
-    held_back: int  # most vehicles at a time that the safety filter limited
-
-
-@dataclass(frozen=True, slots=True)
-class VerticalOverlap:
-    """Two vehicles, one above the other in the rehearsal: they cannot both descend vertically.
-
-    In flight it may be other vehicles, because the law assigns no slots.
-    """
-
-    upper: int  # vehicles of the show, from 1
-    lower: int
-    sideways_m: float  # least horizontal distance
-    cue: str  # the cue at that time
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """Everything that `gcs show check` reports. Distances in m, speeds in m/s, times in s."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict(ShowFigures):
+    """Everything that `gcs show check` reports."""
 
     show: str
     file: str
     hash: str
     good: bool
     problems: tuple[Problem, ...]
-    vehicles: int
-    show_s: float  # duration of the timeline, loops included
-    assembled_s: float  # from hover until the sphere stood
-    home_s: float | None  # from the end of the timeline until the last landing; None: never
-    floor_m: float
-    separation_min_m: float
-    separation_min_at: str  # the cue, "before the show" or "on the way home"
-    pairs_below_floor: int
-    speed_max_m_s: float
-    climb_max_m_s: float
-    sink_max_m_s: float
-    fence_distance_margin_m: float
-    fence_height_margin_m: float  # smaller margin to least or greatest height, during the show
-    battery_need: float  # share of a full battery, reserve included
-    vertical_overlaps: int  # pairs whose columns overlap at some time of the show
-    columns: tuple[VerticalOverlap, ...]  # the nearest such pairs
-    cues: tuple[CueFigures, ...]
-
-    def describe(self) -> dict[str, object]:
-        return asdict(self)
 
 
 def judge(flight: Rehearsal, record: Record) -> Verdict:

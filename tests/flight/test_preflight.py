@@ -197,7 +197,7 @@ def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path)
         assert show.service.preflight.report().passes, "without a show a quarter is enough"
         show_hash = select(show)
         found = await start_refused(show, show_hash)
-        need = show.service.shows.checked(NAME).figures["battery_need"]  # type: ignore[index]
+        need = show.service.shows.checked(NAME).figures.battery_need  # type: ignore[union-attr]
         check = failing(found.report)["d2 battery"]
         assert check.value == pytest.approx(0.3, abs=0.01)
         assert check.limit == f"at least {need:.0%} for this show"

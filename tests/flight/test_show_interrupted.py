@@ -29,7 +29,7 @@ def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
         shown = show.view.interrupted
         assert shown is not None
         assert (shown.show, shown.offers) == (ShowPhase.RUNNING, (Offer.TAKE_OVER, Offer.BRING_HOME))
-        assert [(one.id, one.before, one.pad_known, one.waits) for one in shown.vehicles] == [
+        assert [(name, one.before, one.pad_known, one.waits) for name, one in shown.vehicles.items()] == [
             (name, Phase.FORMATION, True, True) for name in ALL
         ]
         (cut_off,) = [alarm for alarm in show.view.alarms if alarm.cause is AlarmCause.INTERRUPTED]
@@ -201,9 +201,7 @@ def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> Non
         await found(show)
         shown = show.view.interrupted
         assert shown is not None
-        assert {one.id for one in shown.vehicles} == {"d1", "d3", "d4"}, (
-            "the record knows that d2 is a pilot's"
-        )
+        assert set(shown.vehicles) == {"d1", "d3", "d4"}, "the record knows that d2 is a pilot's"
         show.befall("d3", "pilot")
         await show.until(lambda: show.vehicle("d3").mode is Mode.POSITION)
         await show.wait(0.2)

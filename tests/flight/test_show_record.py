@@ -92,10 +92,10 @@ def test_every_tick_is_recorded_with_its_estimates(flown: tuple[Path, Track]) ->
     assert session is not None
     ticks = list(FlightData(session.folder / "flight.mcap").ticks())
     seen = {sample.time_s: sample.view for sample in track.samples}
-    shared = [tick for tick in ticks if tick.tick["time_s"] in seen]
+    shared = [tick for tick in ticks if tick.tick.time_s in seen]
     assert len(shared) > 0.95 * len(track.samples)
     for tick in shared[:: len(shared) // 50]:
-        view = seen[tick.tick["time_s"]]
+        view = seen[tick.tick.time_s]
         for row, vehicle in enumerate(view.vehicles):
             if vehicle.position_m is not None:
                 np.testing.assert_allclose(

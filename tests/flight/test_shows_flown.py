@@ -208,8 +208,12 @@ def test_record_holds_the_show_and_the_times_of_its_cues(flight: Flight, runs: P
     session = last_known(runs).session
     assert session is not None
     flown = list(FlightData(session.folder / "flight.mcap").ticks())
-    assert {tick.status["selected"]["cue"] for tick in flown if tick.status["selected"]} == set(cues)
-    clocks = [tick.status["selected"]["clock_s"] for tick in flown if tick.status["show"] == "running"]
+    assert {tick.status.selected.cue for tick in flown if tick.status.selected} == set(cues)
+    clocks = [
+        tick.status.selected.clock_s
+        for tick in flown
+        if tick.status.selected and tick.status.show == "running"
+    ]
     assert np.diff(clocks).max() < 1.1  # s; told again that often
 
 

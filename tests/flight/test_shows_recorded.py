@@ -43,10 +43,10 @@ def test_a_show_is_recorded_with_its_fence_and_its_lights(
     assert session is not None
     file = session.folder / "flight.mcap"
     ticks = list(FlightData(file).ticks())
-    fences_m = [tick.status["limits"]["safety"]["fence"]["distance_max_m"] for tick in ticks]
+    fences_m = [tick.status.limits.safety["fence"]["distance_max_m"] for tick in ticks if tick.status.limits]
     assert (fences_m[0], fences_m[-1]) == (service_m, 100.0)
     assert service_m > 100.0
-    running = [tick for tick in ticks if tick.status["show"] == "running"]
+    running = [tick for tick in ticks if tick.status.show == "running"]
     colour, lit = layout.lights(running[20].vehicles)
     assert lit.all()
     np.testing.assert_array_equal(colour, [[255, 0, 0], [0, 0, 255], [255, 0, 0], [0, 0, 255]])

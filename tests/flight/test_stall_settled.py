@@ -79,7 +79,7 @@ def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
         stall(show, 4.0)
         await show.wait(1.0)
         assert show.view.interrupted is not None
-        assert {one.id for one in show.view.interrupted.vehicles} == {"d3", "d4"}
+        assert set(show.view.interrupted.vehicles) == {"d3", "d4"}
         record = await show.settled(show.service.commands.command_show(ShowAction.STOP), 150.0)
         for name in ("d1", "d2"):
             assert record.outcomes[name].outcome is Outcome.NOT_INCLUDED

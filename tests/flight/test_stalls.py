@@ -181,7 +181,12 @@ def test_stall_explains_the_mode_of_the_configured_failsafe(action: str) -> None
         await show.wait(TRUE_WITHIN_S)
         view = show.view
         assert view.interrupted is not None
-        assert {one.id for one in view.interrupted.vehicles if one.waits} == {"d2", "d3", "d4", "d5"}
+        assert {name for name, one in view.interrupted.vehicles.items() if one.waits} == {
+            "d2",
+            "d3",
+            "d4",
+            "d5",
+        }
         assert "by the setpoint-loss failsafe" in show.vehicle("d2").reason
         assert view.interrupted.offers == (Offer.TAKE_OVER, Offer.BRING_HOME)
         record = await show.settled(show.service.commands.command_show(ShowAction.STOP), 150.0)

@@ -110,7 +110,7 @@ def commands_over_the_lane(station: Station) -> None:
         assert client.abort().by == "operate"
         assert client.fleet().access == "tokens"
     with Client(url, token=station.token[Role.EMERGENCY], emergency_url="http://127.0.0.1:9") as client:
-        assert client.confirm_kill(client.arm_kill(["d1"]).code).vehicles.keys() == {"d1"}
+        assert client.confirm_kill(client.arm_kill(["d1"]).code).outcomes.keys() == {"d1"}
     with Client(url, token=station.token[Role.WATCH], emergency_url=lane) as client:
         with pytest.raises(
             AccessError, match="watch may not: this needs a token of role operate or emergency"

@@ -17,6 +17,7 @@ from gcs.service import Outcome
 from gcs.shows import load, shipped
 from tests.support.api_background import in_background
 from tests.support.api_fake_service import FakeService
+from tests.support.show_files import FIGURES
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 
@@ -56,13 +57,13 @@ def test_the_client_calls_everything() -> None:
         assert [each.id for each in client.vehicles()] == ["d1", "d2", "d3"]
         assert client.vehicle("d2").system_id == 2
         assert client.show().phase == "idle"
-        assert list(client.start(["d1", "d2"]).vehicles) == ["d1", "d2"]
+        assert list(client.start(["d1", "d2"]).outcomes) == ["d1", "d2"]
         service.fly()
         assert client.pause().action == "show pause"
         assert client.resume().action == "show resume"
         assert client.stop().action == "show stop"
         assert client.abort().action == "show abort"
-        assert client.command("d1", "hold").vehicles["d1"].outcome == "pending"
+        assert client.command("d1", "hold").outcomes["d1"].outcome == "pending"
         assert client.change_formation(radius_m=12.0, height_m=30.0).radius_m == 12.0
         assert client.formation().height_m == 30.0
         assert client.set_target(3.0, 4.0, velocity_x_m_s=0.5).velocity_east_m_s == pytest.approx(0.5)
@@ -98,7 +99,7 @@ def test_client_uploads_checks_and_selects_shows(tmp_path: Path) -> None:
         shows.remove("short")
         with pytest.raises(UnknownError, match="no show 'short'"):
             shows.text("short")
-        answer = {"good": True, "problems": [], "model": model.model_dump(mode="json")}
+        answer = {**FIGURES, "good": True, "problems": [], "model": model.model_dump(mode="json")}
         service.shows.found("lighthouse", lighthouse.read_bytes(), answer)
         with pytest.raises(RefusedError, match="was checked with the hash"):
             shows.select("lighthouse", "0" * 64)
@@ -123,7 +124,7 @@ def test_client_waits_for_a_command_and_names_late_vehicles() -> None:
         timer.start()
         ended = client.wait_for(command.id, timeout_s=30)
         timer.join()
-        assert (ended.outcome, ended.vehicles["d1"].reason) == ("failed", "no GPS")
+        assert (ended.outcome, ended.outcomes["d1"].reason) == ("failed", "no GPS")
 
 
 def test_the_client_raises_what_the_service_raised() -> None:

@@ -92,7 +92,7 @@ def test_the_status_comes_first_then_frames_that_belong_to_it() -> None:
             assert content(status) == content(answered)
             assert [each["id"] for each in status["vehicles"]] == ["d1", "d2", "d3"]
             assert status["vehicles"][1]["home"] == {"x_m": 0.0, "y_m": 5.0, "height_m": 0.0}
-            assert status["fence"] == {"height_min_m": 3.0, "height_max_m": 100.0, "distance_max_m": 300.0}
+            assert status["flight_envelope"]["height_max_m"] == 100.0
             assert status["limits"] == ["separation from d9"]
             assert [each["text"] for each in status["events"]] == ["formation: offboard"]
             assert status["replay"] is None

@@ -35,6 +35,7 @@ from gcs.shows import load, shipped
 from tests.support.api_background import in_background
 from tests.support.api_fake_service import FakeService
 from tests.support.replays import FakeRecord
+from tests.support.show_files import FIGURES
 
 pytestmark = pytest.mark.usefixtures("patient_api")
 
@@ -164,14 +165,16 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
         return 0
     if word == "cut-off":
         offers = (Offer.TAKE_OVER, Offer.BRING_HOME)
-        service.interrupted = InterruptedFlight("s1", 1.0, ShowPhase.RUNNING, None, (), offers, ())
+        service.interrupted = InterruptedFlight(
+            "s1", 1.0, ShowPhase.RUNNING, None, {}, offers, (), "", stalled=False
+        )
         service.tick()
         return 0
     if word == "recorded":
         service.replaying = FakeRecord()
         return 0
     if word == "good":
-        answer = {"good": True, "problems": [], "model": SHOW.model_dump(mode="json")}
+        answer = {**FIGURES, "good": True, "problems": [], "model": SHOW.model_dump(mode="json")}
         service.shows.found("lighthouse", LIGHTHOUSE.read_bytes(), answer)
         return 0
     if word == "kill":
@@ -231,7 +234,7 @@ def test_refusal_of_one_of_several_is_one_line_and_one_document(
         service.fly()
         assert main(["hold", "d8", "d1", "d9", "--json"]) == 1
         printed = capsys.readouterr()
-        assert json.loads(printed.out)["vehicles"].keys() == {"d1"}
+        assert json.loads(printed.out)["outcomes"].keys() == {"d1"}
         (line,) = printed.err.splitlines()
         detail = json.loads(line)["error"]["detail"]
         assert "'d8'" in detail
@@ -289,7 +292,7 @@ def test_command_prints_its_vehicles_and_reads_print_json(
         assert main(["command", "show", "o1"]) == 1
         assert capsys.readouterr().out.endswith("  d1: failed, no GPS\n  d2: failed, no GPS\n")
         assert main(["command", "show", "o1", "--json"]) == 1
-        assert json.loads(capsys.readouterr().out)["vehicles"]["d1"]["reason"] == "no GPS"
+        assert json.loads(capsys.readouterr().out)["outcomes"]["d1"]["reason"] == "no GPS"
         service.tick()
         assert main(["state"]) == 0
         assert json.loads(capsys.readouterr().out)["show"]["phase"] == "preflight"

@@ -80,7 +80,7 @@ def test_lasting_most_severe_alarm_is_first_and_sets_the_state(
     book = AlarmBook()
     for look, conditions in enumerate(looks):
         book.look(conditions, look * LOOKS_S, look * LOOKS_S)
-        order = [(not alarm.lasts, RANK[alarm.severity], -alarm.raised_unix_s) for alarm in book.alarms]
+        order = [(not alarm.lasts, RANK[alarm.severity], -alarm.raised_unix_time_s) for alarm in book.alarms]
         assert order == sorted(order)
         lasting = [alarm for alarm in book.alarms if alarm.lasts]
         if lasting:

@@ -13,6 +13,7 @@ from gcs.cli.demo_report import Commanded
 from gcs.client import Client
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.plan import Obstacle
+from gcs.service import CommandRecord
 from tests.sitl.sitl_service import Service, ServiceError
 from tests.sitl.sitl_simulators import Simulators
 
@@ -105,7 +106,7 @@ class SitlFlight:
     def _assemble(self) -> None:
         self._until("every vehicle ready", self._pace.ready_s, self._all_ready)
         command = self._client.start()
-        self._say(f"start: {len(command.vehicles)} vehicles")
+        self._say(f"start: {len(command.outcomes)} vehicles")
         self._reach("running", self._pace.up_s + self._pace.formed_s)
         self._judge_steady("assembled")
 
@@ -237,7 +238,7 @@ class SitlFlight:
         self.account.steady[name] = (begin_s, time.monotonic())
         self._say(f"steady: {name}")
 
-    def _accept(self, name: str, command: Callable[[], schemas.Command]) -> None:
+    def _accept(self, name: str, command: Callable[[], CommandRecord]) -> None:
         """Send a command; note a refusal, which the verdict counts."""
         try:
             command()

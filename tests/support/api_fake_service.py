@@ -288,7 +288,7 @@ class FakeService:
             9.0 if flying else None,
             plan.target.position_m(now_s),
             5.0 if flying else None,
-            TickView(20.0, self.ticks, 0, nan, nan, nan, HISTOGRAMS),
+            TickView(20.0, self.ticks, 0, nan, nan, nan),
             self.control_alive,
             self.ticks * len(self.phases),
             7,
@@ -298,6 +298,7 @@ class FakeService:
             start_unix_time_s=self.start_unix_s,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             alarms=self.book.alarms,
+            histograms=HISTOGRAMS,
         )
 
     def _rows(self) -> VehicleTable:

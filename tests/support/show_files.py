@@ -37,3 +37,15 @@ def problems(*cues: dict[str, Any], **changes: Any) -> tuple[Problem, ...]:
     except ShowError as error:
         return error.problems
     return ()
+
+
+FIGURES: dict[str, Any] = {
+    **dict.fromkeys(("vehicles", "pairs_below_floor", "vertical_overlaps"), 0),
+    **dict.fromkeys(("show_s", "assembled_s", "home_s", "floor_m", "separation_min_m"), 1.0),
+    **dict.fromkeys(("speed_max_m_s", "climb_max_m_s", "sink_max_m_s", "battery_need"), 0.5),
+    **dict.fromkeys(("fence_distance_margin_m", "fence_height_margin_m"), 9.0),
+    "separation_min_at": "lamp",
+    "columns": [],
+    "cues": [],
+}
+"""What `gcs show check --json` prints beside its verdict."""

@@ -1,5 +1,6 @@
 """A small show for four vehicles of `virtual_show`, checked as `gcs show check` does."""
 
+from dataclasses import asdict
 from functools import cache
 from math import cos, radians, sin
 from pathlib import Path
@@ -59,7 +60,7 @@ def answer(text: str) -> dict[str, Any]:
     """The answer of `gcs show check --json --model`."""
     loaded = parse(text, NAME)
     verdict = judge(*rehearse(loaded))
-    return verdict.describe() | {"problems": [], "model": loaded.show.model_dump(mode="json")}
+    return asdict(verdict) | {"problems": [], "model": loaded.show.model_dump(mode="json")}
 
 
 def config(folder: Path, **sections: Any) -> Config:

@@ -156,7 +156,7 @@ async def fly_and_flood(folder: Path, machine: Pauses, junk_s: float = JUNK_S) -
                 printed(BUTTON, url, lane, button, junk_s, CALLS),
             )
             ticks, awake_s = view.value.tick.count - ticks, machine.awake_s(began_s, time.monotonic())
-            late_p99_ms = view.value.tick.lateness_p99_ms
+            late_p99_ms = view.value.tick.lateness_p99_ms or 0.0
             down = {ShowPhase.RETURNING, ShowPhase.LANDED}
             assert view.value.show in down
     answered, least = map(int, junk.split())

@@ -19,7 +19,7 @@ def test_twenty_behind_one_radio_are_set_up_flown_and_landed(tmp_path: Path) -> 
         started = client.start()
         wait_until("all up", SOON_S, lambda: client.show().phase in {"assembling", "running"})
         assert phases() == {"formation"}
-        outcomes = client.wait_for(started.id, SOON_S).vehicles
+        outcomes = client.wait_for(started.id, SOON_S).outcomes
         assert [outcome.outcome for outcome in outcomes.values()] == ["done"] * COUNT
         stopped = client.wait_for(client.stop().id, SOON_S)
         assert stopped.outcome == "done"

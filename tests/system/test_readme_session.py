@@ -62,7 +62,7 @@ def test_the_readme_session_flies(tmp_path: Path) -> None:
                 wait_until("running", SOON_S, lambda: phase() == "running")
             if path == "/target":
                 wait_until("12 m", SOON_S, grown)
-        outcomes = api.get("/commands/o1").json()["vehicles"]
+        outcomes = api.get("/commands/o1").json()["outcomes"]
         assert [outcomes[f"d{i}"]["outcome"] for i in range(1, 6)] == ["done"] * 4 + ["not-included"]
         assert any(vehicle["armed"] for vehicle in api.get("/vehicles").json())
         service.send_signal(signal.SIGINT)

@@ -118,7 +118,7 @@ def is_recorded(folder: Path) -> bool:
     if {vehicle.phase for vehicle in known.vehicles.values()} != {"formation"}:
         return False
     ticks = FlightData(known.session.folder / "flight.mcap").ticks()
-    return any(tick.status["show"] in {"assembling", "running"} for tick in ticks)
+    return any(tick.status.show in {"assembling", "running"} for tick in ticks)
 
 
 def the_record_holds_every_vehicle(folder: Path, port_base: int) -> None:
@@ -138,7 +138,7 @@ def the_record_holds_every_vehicle(folder: Path, port_base: int) -> None:
     assert (start.action, start.caller, set(start.outcomes)) == ("start", "local", set(IDS))
     data = FlightData(known.session.folder / "flight.mcap")
     ticks = list(data.ticks())
-    assert ticks[-1].status["show"] in {"assembling", "running"}  # the last second is not there
+    assert ticks[-1].status.show in {"assembling", "running"}  # the last second is not there
     assert "cut off" in data.cut
 
 

@@ -44,7 +44,7 @@ def prepare(client: Client) -> str:
     assert found.hash is not None
     assert found.figures is not None
     assert [cue.cue for cue in found.figures.cues] == ["stand", "turn"]
-    assert client.shows.select("turn", found.hash).cues == ["stand", "turn"]
+    assert client.shows.select("turn", found.hash).cues == ("stand", "turn")
     return found.hash
 
 

@@ -51,7 +51,7 @@ def test_stopped_service_reports_losses_and_one_command_returns(tmp_path: Path) 
         with pytest.raises(RefusedError, match="a start needs all vehicles on the ground"):
             client.start()
         command = client.wait_for(client.stop().id, SOON_S)
-        assert {part.outcome for part in command.vehicles.values()} == {"done"}
+        assert {part.outcome for part in command.outcomes.values()} == {"done"}
         wait_until("landed", SOON_S, lambda: client.show().phase == "landed")
         assert client.fleet().counts.airborne == 0
     assert [(truth["landed"], truth["armed"]) for truth in last_truths(tmp_path / "truth.jsonl")] == [

@@ -93,7 +93,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       dispatch({ kind: "command", command });
     }
     if (command.outcome !== "failed") return;
-    const why = Object.entries(command.vehicles).filter(([, part]) => part.outcome === "failed");
+    const why = Object.entries(command.outcomes).filter(([, part]) => part.outcome === "failed");
     dispatch({ kind: "refused", text: texts.failed(name, why.map(([id, part]) => `${id}: ${part.reason}`).join("; ")) });
   }
 
@@ -137,7 +137,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       const name = texts.commands.fleet(texts.vehicle.actions[command], vehicles);
       const accepted = await asked(name, api.POST(`/api/v1/fleet/${command}`, { body: { vehicles: [...vehicles] } }), null);
       if (accepted === null) return false;
-      const parts = Object.entries(accepted.data.vehicles);
+      const parts = Object.entries(accepted.data.outcomes);
       const reached = parts.filter(([, part]) => part.outcome !== "not-included").map(([id]) => id);
       const missed = parts.filter(([id, part]) => part.outcome === "not-included" && vehicles.includes(id));
       dispatch({ kind: "done", text: texts.commanded(texts.commands.fleet(texts.vehicle.actions[command], reached)) });
@@ -189,7 +189,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     async confirmKill(code) {
       const sent = await asked(texts.flight.kill, api.POST("/api/v1/kill/confirm", { body: { code } }), null);
       if (sent === null) return false;
-      dispatch({ kind: "grave", text: texts.kill.sent(Object.keys(sent.data.vehicles)) });
+      dispatch({ kind: "grave", text: texts.kill.sent(Object.keys(sent.data.outcomes)) });
       void follow(texts.flight.kill, sent.data);
       return true;
     },
@@ -246,7 +246,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     replay: async (change) => (await asked(texts.replay.title, api.POST("/api/v1/replay", { body: change }), null)) !== null,
     async loadReport() {
       for (;;) {
-        const result: Outcome<Schemas["FlightReport"]> = await outcome(api.GET("/api/v1/replay/report"));
+        const result: Outcome<Schemas["ReportState"]> = await outcome(api.GET("/api/v1/replay/report"));
         const found = result.ok ? result.data : null;
         if (found !== null && (found.state === "waiting" || found.state === "running")) {
           await later(POLL_MS);

@@ -193,8 +193,8 @@ describe("commands to the selection", () => {
     const part = { outcome: "done", reason: "" } as const;
     const state = after(
       [
-        { kind: "command", command: { ...command("o1"), action: "hold", vehicles: { d1: part, d2: part } } },
-        { kind: "command", command: { ...command("o2"), action: "join", vehicles: { d2: part } } },
+        { kind: "command", command: { ...command("o1"), action: "hold", outcomes: { d1: part, d2: part } } },
+        { kind: "command", command: { ...command("o2"), action: "join", outcomes: { d2: part } } },
       ],
       selecting("d1", "d2"),
     );

@@ -16,8 +16,9 @@ export function status(change: Partial<Status> = {}): Status {
     },
     orbit: { radius_m: 15, speed_m_s: 2, direction: "counterclockwise" },
     yaw: { policy: "fixed", heading_deg: 0 },
-    obstacles: [], fence: { height_min_m: 3, height_max_m: 100, distance_max_m: 300 },
-    separation: { horizontal_m: 2, vertical_m: 3.2, margin_m: 0.5 },
+    obstacles: [], flight_envelope: {
+      height_min_m: 3, height_max_m: 100, distance_max_m: 300, floor_horizontal_m: 2, floor_vertical_m: 3.2, margin_m: 0.5,
+    },
     interrupted: null, estimates: null, severity: "normal", alarms: [], access: "off", limits: [], replay: null, events: [],
     vehicles: [{ id: "d1", system_id: 1, link: "d1", reason: "", limited_by: "", home: null, fix_type: 3 }],
     ...change,
@@ -28,5 +29,5 @@ export function status(change: Partial<Status> = {}): Status {
 export const GROUNDED: Status["counts"] = { airborne: 0, controlled: 0, uncontrolled: 0, unknown: 0, on_ground: 2, offline: 0 };
 
 export const command = (id: string, outcome: Command["outcome"] = "pending"): Command => ({
-  id, action: "pause", by: "local", accepted_unix_time_s: 1, outcome, vehicles: {},
+  id, action: "pause", by: "local", accepted_unix_time_s: 1, outcome, outcomes: {},
 });

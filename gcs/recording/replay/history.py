@@ -13,7 +13,7 @@ from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
 from gcs.recording.audit_reader import AUDIT, PAD, rows
 from gcs.service import CueMark, EventMark, IdleSpan, PhaseSpan, ReplayMarks
-from gcs.service.alarms import CAUSES, Alarm, AlarmCause, AlarmSeverity
+from gcs.service.alarms import CAUSES, Alarm, AlarmCause
 from gcs.service.event_log import KEPT, LogEvent, Severity, severity, words
 
 PLAN: Final = "plan"
@@ -192,41 +192,6 @@ class EventHistory:
 def replay_alarm(path: Path, began_unix_s: float, *, ended: bool, cut: str) -> Alarm:
     """Return the alarm that what is shown is a replay; `cut` says what is missing at the record's end."""
     over = f" The record has ended. {cut}".rstrip() if ended else ""
-    row = CAUSES[AlarmCause.REPLAY]
+    cause, row = AlarmCause.REPLAY, CAUSES[AlarmCause.REPLAY]
     text = f"{row.headline}: this is a record of {path}. Nothing here flies.{over}"
-    return _reported(AlarmCause.REPLAY, AlarmCause.REPLAY.value, text, began_unix_s)
-
-
-def recorded(status: Mapping[str, Any], path: Path, began_unix_s: float) -> tuple[Alarm, ...]:
-    """Return the alarms of a recorded `/fleet/status`; older files have `problems`, in words.
-
-    Raises: GcsError for invalid data.
-    """
-    try:
-        if "alarms" in status:
-            return tuple(_alarm(raw) for raw in status["alarms"])
-        problems: Sequence[str] = status["problems"]
-        note = AlarmCause.SERVICE_NOTE
-        return tuple(
-            _reported(note, f"{note}-{number}", f"{CAUSES[note].headline}: {text}.", began_unix_s)
-            for number, text in enumerate(problems, start=1)
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise GcsError(f"{path}: its alarms are none: {error!r}") from None
-
-
-def _alarm(raw: Mapping[str, Any]) -> Alarm:
-    """Parse one alarm. Raises: KeyError, TypeError or ValueError."""
-    return Alarm(
-        **{
-            **raw,
-            "severity": AlarmSeverity(raw["severity"]),
-            "cause": AlarmCause(raw["cause"]),
-            "vehicles": tuple(raw["vehicles"]),
-        }
-    )
-
-
-def _reported(cause: AlarmCause, alarm_id: str, text: str, unix_s: float) -> Alarm:
-    row = CAUSES[cause]
-    return Alarm(alarm_id, row.severity, cause, text, row.advice, (), unix_s, unix_s)
+    return Alarm(cause.value, row.severity, cause, text, row.advice, (), began_unix_s, began_unix_s)

@@ -4,21 +4,21 @@ import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
-from math import inf, isfinite, nan
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Final, NoReturn, Unpack
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
-from gcs.model.lifecycle import ShowPhase
-from gcs.model.plan import Plan, plan_of
+from gcs.model.plan import Plan
 from gcs.model.state import Array, Landed
 from gcs.recording import mcap_layout as layout
 from gcs.recording.flight_report import EXIT_CODES
 from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample, Standard
-from gcs.recording.replay.history import EventHistory, recorded, replay_alarm
+from gcs.recording.replay.history import EventHistory, replay_alarm
 from gcs.service import (
     Audit,
     CheckState,
@@ -30,13 +30,12 @@ from gcs.service import (
     Playback,
     PlaybackChange,
     ReportState,
-    SelectedShow,
     StoredShow,
-    TickView,
 )
 from gcs.service.alarms import ordered
 from gcs.service.check_process import LOWER, answered
 from gcs.service.event_log import LogEvent
+from gcs.service.snapshots import ReportBody
 from gcs.service.vehicle_table import VehicleTable
 
 SPEED_MAX: Final = 100.0
@@ -54,12 +53,12 @@ PASSED: Final = 100
 """After this many skipped states other tasks of the loop may run."""
 
 
+REPORT: Final = TypeAdapter(ReportBody)
+
 REPORT_WITHIN_S: Final = 1800.0
 
 REPORT_MEMORY_MAX_BYTES: Final = 16 << 30
 """Limit of the address space: a long flight of a thousand vehicles is held in memory."""
-
-Triple = tuple[float, float, float]
 
 
 class Playhead:
@@ -182,7 +181,7 @@ class ReportTask:
                 codes=tuple(EXIT_CODES.values()),
                 memory_max_bytes=REPORT_MEMORY_MAX_BYTES,
             )
-            self._found = ReportState(CheckState.DONE, report=report)
+            self._found = ReportState(CheckState.DONE, report=REPORT.validate_python(report))
         except TimeoutError:
             self._found = ReportState(CheckState.FAILED, f"not done within {REPORT_WITHIN_S:g} s")
         except (GcsError, OSError, ValueError) as error:
@@ -331,44 +330,27 @@ class Replay:
     def _state(self, sample: Sample, now_s: float, *, ended: bool) -> FleetView:
         flown = self._data.decoded(sample)
         tick, status = flown.tick, flown.status
-        selected, start_unix_s = status["selected"], status["start_unix_time_s"]
-        rows = self._rows(flown)
-        timing: dict[str, Any] = {
-            name: nan if value is None else value for name, value in tick["timing"].items()
-        }
+        start_unix_s, replay = status.start_unix_time_s, (self._data.path, self._began_s)
         return FleetView(
             time_s=now_s,
             unix_time_s=flown.unix_s,
-            show=ShowPhase(status["show"]),
-            reason=status["reason"],
-            rows=rows,
-            plan=plan_of(status["plan"], now_s - tick["time_s"]),
-            flight_envelope=FlightEnvelope.of(self._standard.under(status.get("limits")).safety),
+            show=status.show,
+            reason=status.reason,
+            rows=self._rows(flown),
+            plan=status.plan.moved(now_s - tick.time_s),
+            flight_envelope=FlightEnvelope.of(self._standard.under(status.limits).safety),
             playback=self._playback(flown.unix_s - self._began_s, ended=ended),
-            center_m=_triple(tick["center_m"]),
-            center_velocity_m_s=_triple(tick["center_velocity_m_s"]),
-            radius_m=tick["radius_m"],
-            target_m=(tick["target_m"][0], tick["target_m"][1]),
-            minimum_separation_m=tick["minimum_separation_m"],
-            tick=TickView(**timing),
-            control_alive=tick["control_alive"],
-            setpoints_sent=tick["setpoints_sent"],
+            center_m=tick.center_m,
+            center_velocity_m_s=tick.center_velocity_m_s,
+            radius_m=tick.radius_m,
+            target_m=tick.target_m,
+            minimum_separation_m=tick.minimum_separation_m,
+            tick=tick.timing,
+            control_alive=tick.control_alive,
+            setpoints_sent=tick.setpoints_sent,
             interventions=0,
-            alarms=ordered(
-                [
-                    *recorded(status, self._data.path, self._began_s),
-                    replay_alarm(self._data.path, self._began_s, ended=ended, cut=self._data.cut),
-                ]
-            ),
-            selected=None
-            if selected is None
-            else SelectedShow(
-                **{
-                    **selected,
-                    "cues": tuple(selected["cues"]),
-                    "timeline": tuple((cue, at_s) for cue, at_s in selected.get("timeline", ())),
-                }
-            ),
+            alarms=ordered([*status.alarms, replay_alarm(*replay, ended=ended, cut=self._data.cut)]),
+            selected=status.selected,
             start_unix_time_s=start_unix_s,
             countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )
@@ -378,7 +360,7 @@ class Replay:
         position_m = layout.vectors(table, layout.POSITION).astype(np.float64)
         latitude_deg, longitude_deg, altitude_m = self.frame.geodetic(position_m)
         colour, lit = layout.lights(table)
-        limited_by: dict[str, str] = flown.tick["limited_by"]
+        limited_by = flown.tick.limited_by
 
         def column(name: str) -> Array:
             return table[name].astype(np.float64)
@@ -388,7 +370,7 @@ class Replay:
             system_ids=about.system_ids,
             links=about.links,
             phases=[about.phases[number] for number in table["phase"].tolist()],
-            reasons=flown.status["reasons"],
+            reasons=flown.status.reasons,
             modes=[about.modes[number] for number in table["mode"].tolist()],
             armed=table["armed"].astype(np.bool_).tolist(),
             landed=[Landed(number) for number in table["landed"].tolist()],
@@ -411,9 +393,3 @@ class Replay:
             lit=lit,
             homes_m=[self._event_history.home_m(name, flown.unix_s) for name in about.ids],
         )
-
-
-def _triple(values: Sequence[float] | None) -> Triple | None:
-    if values is None or not isfinite(values[0]):
-        return None
-    return values[0], values[1], values[2]

@@ -29,7 +29,7 @@ def api(made_once: Api) -> Api:
     return made_once
 
 
-def problems(answer: httpx.Response) -> list[reports.Problem]:
+def problems(answer: httpx.Response) -> list[reports.FieldProblem]:
     """The problems of a 422, whose body must have the one shape and be JSON without NaN."""
     assert answer.status_code == 422, answer.text
     body = reports.ErrorBody.model_validate(json.loads(answer.text, parse_constant=pytest.fail))

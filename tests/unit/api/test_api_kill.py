@@ -21,7 +21,7 @@ def test_kill_needs_its_code_and_reaches_only_those_named(api: Api) -> None:
     answer = api("POST", "/api/v1/kill/confirm", json={"code": armed.json()["code"]})
     assert answer.status_code == 202
     assert answer.headers["location"] == f"/api/v1/commands/{answer.json()['id']}"
-    assert set(answer.json()["vehicles"]) == {"d2"}
+    assert set(answer.json()["outcomes"]) == {"d2"}
     assert api.service.phases == {"d1": Phase.FORMATION, "d2": Phase.KILLED, "d3": Phase.FORMATION}
     again = api("POST", "/api/v1/kill/confirm", json={"code": armed.json()["code"]})
     assert (again.status_code, "a code works once" in again.json()["detail"]) == (409, True)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from pydantic import TypeAdapter
 
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import (
@@ -16,6 +17,7 @@ from gcs.service import (
     ReportState,
 )
 from gcs.service.event_log import Severity
+from gcs.service.snapshots import ReportBody
 from tests.support.api_harness import Api
 from tests.support.replays import FakeRecord
 
@@ -100,7 +102,7 @@ def test_flight_report_is_shown_once_it_is_made() -> None:
         "checks": [{**check, "kept": None}],
         "nearest_pairs": [],
     }
-    record.report_state = ReportState(CheckState.DONE, report=report)
+    record.report_state = ReportState(CheckState.DONE, report=TypeAdapter(ReportBody).validate_python(report))
     reported = api("GET", "/api/v1/replay/report").json()
     assert (reported["state"], reported["report"]) == ("done", report)
     record.report_state = ReportState(CheckState.FAILED, "the disk is gone")

@@ -116,7 +116,7 @@ def test_vehicle_command_is_accepted_with_an_id(
     answer = api("POST", f"/api/v1/vehicles/d2/{action}")
     assert answer.status_code == 202
     assert answer.headers["location"] == f"/api/v1/commands/{answer.json()['id']}"
-    assert answer.json()["vehicles"] == {"d2": {"outcome": "pending", "reason": ""}}
+    assert answer.json()["outcomes"] == {"d2": {"outcome": "pending", "reason": ""}}
     assert api.service.phases["d2"] is after
 
 
@@ -127,7 +127,7 @@ def test_command_to_a_selection_names_those_not_reached(api: Api, action: Vehicl
     answer = api("POST", f"/api/v1/fleet/{action}", json={"vehicles": ["d1", "d2"]})
     assert answer.status_code == 202
     assert answer.headers["location"] == f"/api/v1/commands/{answer.json()['id']}"
-    parts = answer.json()["vehicles"]
+    parts = answer.json()["outcomes"]
     assert parts["d2"] == {"outcome": "pending", "reason": ""}
     assert parts["d1"]["outcome"] == "not-included"
     assert "standby" in parts["d1"]["reason"]
@@ -182,12 +182,12 @@ def test_show_commands_repeat_only_if_they_reduce_the_flight(
 @pytest.mark.parametrize("body", [b"", b"{}", b"null"])
 def test_start_without_names_takes_every_vehicle(api: Api, body: bytes) -> None:
     answer = api("POST", "/api/v1/show/start", content=body, headers={"Content-Type": "application/json"})
-    assert (answer.status_code, list(answer.json()["vehicles"])) == (202, ["d1", "d2", "d3"])
+    assert (answer.status_code, list(answer.json()["outcomes"])) == (202, ["d1", "d2", "d3"])
 
 
 def test_start_takes_the_vehicles_named(api: Api) -> None:
     answer = api("POST", "/api/v1/show/start", json={"vehicles": ["d1", "d3"]})
-    assert list(answer.json()["vehicles"]) == ["d1", "d3"]
+    assert list(answer.json()["outcomes"]) == ["d1", "d3"]
 
 
 def test_start_with_an_unknown_vehicle_is_404_and_starts_nothing(api: Api) -> None:
@@ -201,7 +201,7 @@ def test_command_reports_its_outcome_per_vehicle(api: Api) -> None:
     api.service.finish(command_id, Outcome.FAILED, "no GPS")
     command = api("GET", f"/api/v1/commands/{command_id}").json()
     assert command["outcome"] == "failed"
-    assert command["vehicles"]["d1"] == {"outcome": "failed", "reason": "no GPS"}
+    assert command["outcomes"]["d1"] == {"outcome": "failed", "reason": "no GPS"}
     assert api("GET", "/api/v1/commands/o99").status_code == 404
 
 

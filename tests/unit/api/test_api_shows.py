@@ -11,6 +11,7 @@ from gcs.shows import load, shipped
 from gcs.shows.library import FILES_MAX, SIZE_MAX_BYTES
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
+from tests.support.show_files import FIGURES
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse").read_text()
 SHOW = load(next(path for path in shipped() if path.stem == "lighthouse")).show
@@ -30,6 +31,7 @@ def kept(api: Api) -> dict[str, str]:
 def pass_check(api: Api, text: str = LIGHTHOUSE, *, good: bool = True) -> str:
     """As a check that found nothing wrong, or something. Returns: the hash."""
     answer: dict[str, Any] = {
+        **FIGURES,
         "good": good,
         "problems": [] if good else [{"line": 3, "cue": "lamp", "text": "too fast"}],
         "model": SHOW.model_dump(mode="json"),

@@ -50,7 +50,7 @@ def test_command_is_read_back_with_operator_and_outcomes(tmp_path: Path) -> None
     assert (first.caller, first.action, first.session) == ("service", "start", record.session)
     assert first.outcomes["d3"] == ("not-included", "offline: not received yet")
     assert (second.caller, second.action) == ("anna", "pause")
-    assert second.accepted_unix_s == command.accepted_time_s
+    assert second.accepted_unix_s == command.accepted_unix_time_s
     assert second.outcomes == {"d1": ("done", ""), "d2": ("failed", "it did not answer")}
 
 

@@ -138,7 +138,7 @@ def test_severe_alarm_that_ended_unseen_stays_listed(story: Story, condition: Co
     after = story.holds(for_s=3.0)
     assert len(after) == stays
     if stays:
-        assert after[0].ended_unix_s is not None
+        assert after[0].ended_unix_time_s is not None
         story.book.acknowledge(after[0].id, "anna", UNIX_S)
         assert story.book.alarms == ()
 
@@ -149,7 +149,7 @@ def test_a_further_vehicle_raises_an_acknowledged_alarm_again(story: Story) -> N
     (alarm,) = story.holds(lost("d3"), lost("d4"))
     assert alarm.id == first.id
     assert alarm.acknowledged_by is None
-    assert alarm.since_unix_s == first.since_unix_s < alarm.raised_unix_s
+    assert alarm.since_unix_time_s == first.since_unix_time_s < alarm.raised_unix_time_s
     assert story.count(ChangeKind.GROWN) == 1
 
 

@@ -18,7 +18,7 @@ def test_command_begins_pending_and_names_excluded_vehicles() -> None:
         "d2": VehicleOutcome(Outcome.PENDING),
         "d3": VehicleOutcome(Outcome.NOT_INCLUDED, "offline: not received yet"),
     }
-    assert began_s <= record.accepted_time_s <= time.time()
+    assert began_s <= record.accepted_unix_time_s <= time.time()
 
 
 def test_command_keeps_its_operator_to_the_end() -> None:
@@ -45,7 +45,7 @@ def test_record_is_a_snapshot_and_the_log_has_the_newest() -> None:
     book.close(before.id, "d1", Outcome.DONE)
     assert before.outcomes["d1"].outcome is Outcome.PENDING
     assert book.get(before.id).outcomes["d1"].outcome is Outcome.DONE
-    assert book.get(before.id).accepted_time_s == before.accepted_time_s
+    assert book.get(before.id).accepted_unix_time_s == before.accepted_unix_time_s
 
 
 def test_outcome_is_recorded_once() -> None:

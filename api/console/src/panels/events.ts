@@ -24,13 +24,13 @@ export function outcome(value: Command["outcome"]): TemplateResult {
 /** "3 done, 1 failed" */
 function sum(command: Command): string {
   const counts = new Map<string, number>();
-  for (const part of Object.values(command.vehicles)) counts.set(part.outcome, (counts.get(part.outcome) ?? 0) + 1);
+  for (const part of Object.values(command.outcomes)) counts.set(part.outcome, (counts.get(part.outcome) ?? 0) + 1);
   return [...counts].map(([what, count]) => t.count(count, t.outcomes[what] ?? what)).join(", ");
 }
 
 function command(state: State, actions: PanelActions, one: Command): TemplateResult {
   const open = state.panels.openCommand === one.id;
-  const parts = Object.entries(one.vehicles);
+  const parts = Object.entries(one.outcomes);
   const telling = open ? parts : parts.filter(([, part]) => part.outcome === "failed");
   return html`<li class="event" data-testid="order-${one.id}">
     <button

@@ -40,7 +40,7 @@ export function whyNotSelection(state: State, command: FleetCommand): string {
 
 /** The newest command that named this vehicle. Pure. */
 export function lastOrder(state: State, id: string): Command | undefined {
-  return state.commands.find((each) => id in each.vehicles);
+  return state.commands.find((each) => id in each.outcomes);
 }
 
 function commands(state: State, actions: PanelActions, hasIcons: boolean): TemplateResult {
@@ -77,7 +77,7 @@ function line(state: State, actions: PanelActions, id: string): TemplateResult {
   const index = indexOf(state, id);
   const phase = phaseOf(state, id);
   const command = lastOrder(state, id);
-  const part = command?.vehicles[id];
+  const part = command?.outcomes[id];
   return html`<li class="selected-vehicle" data-testid="selected-${id}">
     <button type="button" class="link" @click=${() => actions.select(id)}>${id}</button>
     <span class="phase phase-${phase} value">${icon(PHASE_ICON[phase])}<span>${texts.fleet.phases[phase]}</span></span>

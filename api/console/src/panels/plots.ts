@@ -24,7 +24,7 @@ interface Curve {
 const NONE = (): number => NaN;
 
 const CURVES: readonly Curve[] = [
-  { id: "separation", title: t.separation, unit: "m", digits: 1, fromZero: true, values: (h) => h.minimumSeparation_m, floor: (s) => s.status?.separation.horizontal_m ?? NaN },
+  { id: "separation", title: t.separation, unit: "m", digits: 1, fromZero: true, values: (h) => h.minimumSeparation_m, floor: (s) => s.status?.flight_envelope.floor_horizontal_m ?? NaN },
   { id: "radius", title: t.radius, unit: "m", digits: 2, fromZero: true, values: (h) => h.radiusError_m, floor: NONE },
   { id: "energy", title: t.energy, unit: "", digits: 3, fromZero: false, values: (h) => h.energy, floor: NONE },
   { id: "tick", title: t.tick, unit: "ms", digits: 1, fromZero: true, values: (h) => h.tick_p99_ms, floor: NONE },

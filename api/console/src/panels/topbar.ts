@@ -80,7 +80,7 @@ function gauges(state: State): TemplateResult {
   const { frame, status } = state;
   const countdown_s = frame?.countdown_s ?? NaN;
   const counts = status?.counts;
-  const floor_m = status?.separation.horizontal_m;
+  const floor_m = status?.flight_envelope.floor_horizontal_m;
   return html`<div class="gauges">
     ${Number.isFinite(countdown_s)
       ? html`<div class="gauge countdown" data-testid="countdown">

@@ -39,7 +39,7 @@ function facts(state: State, row: Row): TemplateResult {
   const asked = Math.hypot(frame.setpoint_x_m_s[i]!, frame.setpoint_y_m_s[i]!);
   const isCommanded = (frame.flags[i]! & FLAG.commanded) !== 0;
   const last = lastOrder(state, row.id);
-  const part = last?.vehicles[row.id];
+  const part = last?.outcomes[row.id];
   const moving = (sideways: number, up: number): string =>
     Number.isFinite(sideways) ? `${fixed(sideways)}, ${fixed(up)} m/s` : UNKNOWN;
   return html`<dl class="facts">

@@ -14,7 +14,7 @@ const TINY = 0.45; // of the visible region: what takes less is fitted again
 
 /** Vehicles with a known and plausible position. */
 export function believed({ status }: State, poses: Poses): number[] {
-  const limit_m = Math.max(FAR_M, 3 * (status?.fence.distance_max_m ?? 0));
+  const limit_m = Math.max(FAR_M, 3 * (status?.flight_envelope.distance_max_m ?? 0));
   return Array.from({ length: poses.n }, (_, i) => i).filter((i) => poses.known(i) && Math.hypot(...placeOf(poses, i)) < limit_m);
 }
 

@@ -213,7 +213,8 @@ class LiveScene implements Scene {
     this.#shell.place(this.#poses.center, frame.radius_m, this.#eye);
     this.#scenery.draw(status, frame, this.#poses.time_s, palette, this.#eye);
     this.#scenery.words(status, frame, this.#poses.time_s, this.#eye, this.#overlay);
-    const floor: Floor = { ...status.separation, pad_height_m: PAD_HEIGHT_M };
+    const { floor_horizontal_m: horizontal_m, floor_vertical_m: vertical_m } = status.flight_envelope;
+    const floor: Floor = { horizontal_m, vertical_m, pad_height_m: PAD_HEIGHT_M };
     const pairs = this.#pairsOf(frame, floor);
     const picture: Picture = { state, frame, poses: this.#poses, pairs, floor, tints, selected, palette, eye: this.#eye };
     this.#dynamicLayer.draw(picture, this.#overlay);

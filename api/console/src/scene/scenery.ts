@@ -25,7 +25,7 @@ const FENCE_NEAR_M = 10; // and so near it is seen best
 const SEEN_FROM_ABOVE = 1.2; // rad: there the fence lies around the formation, and its name is not in the way
 
 /** How much the fence matters now, 0 to 1: by the vehicle that is nearest to it, sideways or below its top. Pure. */
-export function fenceNearness({ x_m, y_m, height_m, n }: Frame, { distance_max_m, height_max_m }: Status["fence"]): number {
+export function fenceNearness({ x_m, y_m, height_m, n }: Frame, { distance_max_m, height_max_m }: Pick<Status["flight_envelope"], "distance_max_m" | "height_max_m">): number {
   let nearest_m = Infinity;
   for (let i = 0; i < n; i += 1) {
     const left_m = Math.min(distance_max_m - Math.hypot(x_m[i]!, y_m[i]!), height_max_m - height_m[i]!);
@@ -63,7 +63,7 @@ export class Scenery {
     const pixel_m = Math.hypot(...toScene(x_m, y_m, 0).map((at, k) => at - eye.basis.eye[k]!)) * eye.shared.uPerPixel.value;
     const size_m = Math.max(TARGET_M, TARGET_PX * pixel_m);
     const isMoving = status.obstacles.some((each) => each.velocity_x_m_s !== 0 || each.velocity_y_m_s !== 0);
-    this.#fenceNearness = Math.round(10 * fenceNearness(frame, status.fence)) / 10;
+    this.#fenceNearness = Math.round(10 * fenceNearness(frame, status.flight_envelope)) / 10;
     const key = [this.#fenceNearness, x_m.toFixed(2), y_m.toFixed(2), size_m.toFixed(2), isMoving ? time_s.toFixed(2) : ""].join();
     if (status === this.#status && palette === this.#palette && key === this.#key) {
       return;
@@ -90,7 +90,7 @@ export class Scenery {
     this.#boxes.commit();
   }
 
-  #fence({ fence }: Status, palette: Palette): void {
+  #fence({ flight_envelope: fence }: Status, palette: Palette): void {
     const strength = 0.15 + 0.85 * this.#fenceNearness;
     const low: Style = { color: palette.fence, alpha: 0.6 * strength, width_px: 1.6 };
     const high: Style = { ...low, alpha: 0.3 * strength, width_px: 1.2 };
@@ -146,7 +146,7 @@ export class Scenery {
     if (this.#fenceNearness === 0 && eye.pose.elevation < SEEN_FROM_ABOVE) {
       return;
     }
-    const { distance_max_m, height_max_m } = status.fence;
+    const { distance_max_m, height_max_m } = status.flight_envelope;
     const [s, c] = [Math.sin(eye.pose.azimuth), Math.cos(eye.pose.azimuth)];
     overlay.put(eye, [distance_max_m * s, 0, -distance_max_m * c], texts.scene.fence(distance_max_m), "grid", 12);
     overlay.put(eye, [distance_max_m * s, height_max_m, -distance_max_m * c], texts.scene.ceiling(height_max_m), "grid", -12);

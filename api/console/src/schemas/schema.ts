@@ -1129,11 +1129,10 @@ export interface components {
              */
             advice: string;
             /**
-             * Cause
-             * @description One word for programs; docs/operations.md lists them.
+             * @description For programs; docs/operations.md lists them.
              * @example vehicle-lost
              */
-            cause: string;
+            cause: components["schemas"]["AlarmCause"];
             /**
              * Command Id
              * @description The command that the service gave because of it; null: none.
@@ -1173,6 +1172,12 @@ export interface components {
              */
             vehicles: string[];
         };
+        /**
+         * AlarmCause
+         * @description Cause of an alarm.
+         * @enum {string}
+         */
+        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "radius-small" | "little-authority" | "slow-vehicle" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
@@ -1224,6 +1229,7 @@ export interface components {
             /**
              * Limit
              * @description Values that pass.
+             * @default
              */
             limit: string;
             /** Name */
@@ -1231,6 +1237,7 @@ export interface components {
             /**
              * Problem
              * @description What is wrong; empty when it passes.
+             * @default
              */
             problem: string;
             /** @description Result of the check; unknown counts as failed. */
@@ -1238,9 +1245,13 @@ export interface components {
             /**
              * To Do
              * @description How to correct it.
+             * @default
              */
             to_do: string;
-            /** Unit */
+            /**
+             * Unit
+             * @default
+             */
             unit: string;
             /**
              * Value
@@ -1255,10 +1266,10 @@ export interface components {
          */
         CheckState: "waiting" | "running" | "done" | "failed";
         /**
-         * Command
-         * @description An accepted command and its outcome.
+         * CommandRecord
+         * @description An accepted command and its outcome for each vehicle.
          */
-        Command: {
+        CommandRecord: {
             /** Accepted Unix Time S */
             accepted_unix_time_s: number;
             /** Action */
@@ -1270,32 +1281,23 @@ export interface components {
             by: string;
             /** Id */
             id: string;
-            /** @description pending while any vehicle is pending, then failed if any vehicle failed, else done. */
-            outcome: components["schemas"]["Outcome"];
-            /** Vehicles */
-            vehicles: {
-                [key: string]: components["schemas"]["CommandPart"];
+            /** @description Pending while any vehicle is pending, then failed if any vehicle failed, else done. */
+            readonly outcome: components["schemas"]["Outcome"];
+            /** Outcomes */
+            outcomes: {
+                [key: string]: components["schemas"]["VehicleOutcome"];
             };
         };
         /**
-         * CommandPart
-         * @description Outcome of a command for one vehicle.
-         */
-        CommandPart: {
-            outcome: components["schemas"]["Outcome"];
-            /** Reason */
-            reason: string;
-        };
-        /**
          * Counts
-         * @description Numbers of vehicles by where they are and what controls them.
+         * @description Numbers of vehicles by where they are and what controls them; the five fields add up to the fleet.
          */
         Counts: {
             /**
              * Airborne
-             * @description controlled + uncontrolled.
+             * @description In the air, controlled or not.
              */
-            airborne: number;
+            readonly airborne: number;
             /**
              * Controlled
              * @description Airborne, under this station's control.
@@ -1318,7 +1320,7 @@ export interface components {
         };
         /**
          * CueFigures
-         * @description One pass through a cue, as flown in virtual time.
+         * @description One pass through a cue, as flown in virtual time, until the next cue.
          */
         CueFigures: {
             /** At S */
@@ -1347,22 +1349,12 @@ export interface components {
         };
         /**
          * CueMark
-         * @description The start of a cue of the written show.
-         */
-        CueMark: {
-            /** At S */
-            at_s: number;
-            /** Cue */
-            cue: string;
-        };
-        /**
-         * CueTime
          * @description A cue as it is played; a cue in a loop occurs several times.
          */
-        CueTime: {
+        CueMark: {
             /**
              * At S
-             * @description Time on the show's clock.
+             * @description Time on the show's clock, or in a record since its beginning.
              */
             at_s: number;
             /** Cue */
@@ -1389,7 +1381,7 @@ export interface components {
              * Problems
              * @description The fields that are wrong, for a program; empty: no field is.
              */
-            problems: components["schemas"]["Problem"][];
+            problems: components["schemas"]["FieldProblem"][];
         };
         /**
          * Estimates
@@ -1462,19 +1454,28 @@ export interface components {
             reason: string;
         };
         /**
-         * Fence
-         * @description The volume that no vehicle may leave: heights above the show's origin, horizontal distance from it.
+         * FieldProblem
+         * @description One invalid field.
          */
-        Fence: {
-            /** Distance Max M */
-            distance_max_m: number;
-            /** Height Max M */
-            height_max_m: number;
+        FieldProblem: {
             /**
-             * Height Min M
-             * @description Least height of vehicles in the formation.
+             * Allowed
+             * @description What is allowed.
+             * @example at least 6.2 m for 12 vehicles
              */
-            height_min_m: number;
+            allowed: string;
+            /**
+             * Field
+             * @description Dotted name; `body` for the whole.
+             * @example radius_m
+             */
+            field: string;
+            /**
+             * Value
+             * @description The value received; text where JSON cannot hold it ("NaN").
+             * @example 1
+             */
+            value: string | number | boolean | null;
         };
         /**
          * Fleet
@@ -1522,7 +1523,7 @@ export interface components {
              */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
-            origin: components["schemas"]["Origin"];
+            origin: components["schemas"]["ShowFrame"];
             /** Setpoints Sent */
             setpoints_sent: number;
             /** @description The worst severity of the alarms that last. */
@@ -1530,7 +1531,7 @@ export interface components {
             show: components["schemas"]["Show"];
             /** @description Position of the target at `time_s`. */
             target: components["schemas"]["Target"];
-            tick: components["schemas"]["Tick"];
+            tick: components["schemas"]["TickView"];
             /**
              * Time S
              * @description The service's monotonic clock.
@@ -1543,18 +1544,37 @@ export interface components {
             yaw: components["schemas"]["Yaw"];
         };
         /**
-         * FlightReport
-         * @description The flight report of the record, or its progress.
+         * FlightEnvelope
+         * @description The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter.
          */
-        FlightReport: {
+        FlightEnvelope: {
             /**
-             * Reason
-             * @description Why it failed, empty when it did not.
+             * Distance Max M
+             * @description Horizontal distance from the show's origin.
              */
-            reason: string;
-            /** @description null until it is done. */
-            report: components["schemas"]["ReportBody"] | null;
-            state: components["schemas"]["CheckState"];
+            distance_max_m: number;
+            /**
+             * Floor Horizontal M
+             * @description Horizontal half-axis of the ellipsoid.
+             */
+            floor_horizontal_m: number;
+            /**
+             * Floor Vertical M
+             * @description Vertical half-axis; greater, because a vehicle's air goes down.
+             */
+            floor_vertical_m: number;
+            /** Height Max M */
+            height_max_m: number;
+            /**
+             * Height Min M
+             * @description Least height of vehicles in the formation, above the show's origin.
+             */
+            height_min_m: number;
+            /**
+             * Margin M
+             * @description Added sideways, and in proportion up and down.
+             */
+            margin_m: number;
         };
         /**
          * Formation
@@ -1618,6 +1638,27 @@ export interface components {
              * @example 0.5
              */
             velocity_north_m_s: number;
+        };
+        /**
+         * GroundMap
+         * @description The map of the ground, as tiles in web mercator.
+         */
+        GroundMap: {
+            /**
+             * Attribution
+             * @description Text to show with the map.
+             */
+            attribution: string;
+            /**
+             * Tiles
+             * @description Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the north. One that begins with `/` is this service's own, and asks for the token.
+             * @example /api/v1/map/{z}/{x}/{y}
+             */
+            tiles: string;
+            /** Zoom Max */
+            zoom_max: number;
+            /** Zoom Min */
+            zoom_min: number;
         };
         /**
          * GroupBody
@@ -1703,10 +1744,14 @@ export interface components {
              * @description Why the other commands are refused.
              */
             problems: string[];
-            selected: components["schemas"]["WrittenShow"] | null;
             /** Session */
             session: string;
             show: components["schemas"]["ShowPhase"];
+            /**
+             * Stalled
+             * @description The service stalled, it did not end.
+             */
+            stalled: boolean;
             /**
              * Unix Time S
              * @description When the flight was interrupted.
@@ -1716,6 +1761,8 @@ export interface components {
             vehicles: {
                 [key: string]: components["schemas"]["Remaining"];
             };
+            /** @description The written show that was flown. */
+            written: components["schemas"]["Written"] | null;
         };
         /**
          * KillArmed
@@ -1772,27 +1819,6 @@ export interface components {
             vehicle: string | null;
         };
         /**
-         * Map
-         * @description The map of the ground, as tiles in web mercator.
-         */
-        Map: {
-            /**
-             * Attribution
-             * @description Text to show with the map.
-             */
-            attribution: string;
-            /**
-             * Tiles
-             * @description Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the north. One that begins with `/` is this service's own, and asks for the token.
-             * @example /api/v1/map/{z}/{x}/{y}
-             */
-            tiles: string;
-            /** Zoom Max */
-            zoom_max: number;
-            /** Zoom Min */
-            zoom_min: number;
-        };
-        /**
          * Mode
          * @description Flight mode as the autopilot's heartbeat reports it; OTHER is any mode this station never commands.
          * @enum {string}
@@ -1822,7 +1848,7 @@ export interface components {
         };
         /**
          * Obstacle
-         * @description A box on the ground, at its position now.
+         * @description A box on the ground, edges along the show frame's axes, at its position at `time_s`.
          */
         Obstacle: {
             /** Half Length X M */
@@ -1833,9 +1859,15 @@ export interface components {
             height_m: number;
             /** Id */
             id: string;
-            /** Velocity X M S */
+            /**
+             * Velocity X M S
+             * @default 0
+             */
             velocity_x_m_s: number;
-            /** Velocity Y M S */
+            /**
+             * Velocity Y M S
+             * @default 0
+             */
             velocity_y_m_s: number;
             /** X M */
             x_m: number;
@@ -1948,13 +1980,21 @@ export interface components {
         Offer: "take-over" | "bring-home";
         /**
          * Orbit
-         * @description The orbit of the formation's centre around the target.
+         * @description Orbit of the formation's centre around the target; with radius 0 the centre stays above the target.
          */
         Orbit: {
+            /** @default counterclockwise */
             direction: components["schemas"]["Direction"];
-            /** Radius M */
+            /**
+             * Radius M
+             * @default 0
+             */
             radius_m: number;
-            /** Speed M S */
+            /**
+             * Speed M S
+             * @description Relative to the target.
+             * @default 2
+             */
             speed_m_s: number;
         };
         /**
@@ -1976,20 +2016,6 @@ export interface components {
              * @example 2
              */
             speed_m_s?: number;
-        };
-        /**
-         * Origin
-         * @description The show frame: its origin, and the heading of its x axis.
-         */
-        Origin: {
-            /** Altitude Amsl M */
-            altitude_amsl_m: number;
-            /** Heading Deg */
-            heading_deg: number;
-            /** Latitude Deg */
-            latitude_deg: number;
-            /** Longitude Deg */
-            longitude_deg: number;
         };
         /**
          * Outcome
@@ -2021,10 +2047,47 @@ export interface components {
             until_s: number;
         };
         /**
-         * Preflight
+         * Playback
+         * @description A recorded flight that is played back as if live.
+         */
+        Playback: {
+            /**
+             * Began Unix Time S
+             * @description Time of the first recorded state.
+             */
+            began_unix_time_s: number;
+            /** Duration S */
+            duration_s: number;
+            /**
+             * Ended
+             * @description The last recorded state is shown.
+             */
+            ended: boolean;
+            /** File */
+            file: string;
+            /** Paused */
+            paused: boolean;
+            /**
+             * Position S
+             * @description Time from the first recorded state to this one.
+             */
+            position_s: number;
+            /**
+             * Skips Idle
+             * @description Time in which nothing flies is jumped over while it plays.
+             */
+            skips_idle: boolean;
+            /**
+             * Speed
+             * @description Playback speed as a multiple of the flight's.
+             */
+            speed: number;
+        };
+        /**
+         * PreflightReport
          * @description All checks before a start.
          */
-        Preflight: {
+        PreflightReport: {
             /** Fleet */
             fleet: components["schemas"]["Check"][];
             /**
@@ -2036,14 +2099,14 @@ export interface components {
              * Not Flying
              * @description Vehicles that would stay on the ground, and why.
              */
-            not_flying: {
+            readonly not_flying: {
                 [key: string]: string;
             };
             /**
              * Passes
-             * @description Whether a start would be accepted now.
+             * @description Whether a start would be accepted now: no check of the fleet or of a vehicle that flies fails.
              */
-            passes: boolean;
+            readonly passes: boolean;
             /** Show */
             show: string | null;
             /** Show Hash */
@@ -2058,27 +2121,15 @@ export interface components {
         };
         /**
          * Problem
-         * @description One invalid field.
+         * @description One problem of a file, and where to fix it.
          */
         Problem: {
-            /**
-             * Allowed
-             * @description What is allowed.
-             * @example at least 6.2 m for 12 vehicles
-             */
-            allowed: string;
-            /**
-             * Field
-             * @description Dotted name; `body` for the whole.
-             * @example radius_m
-             */
-            field: string;
-            /**
-             * Value
-             * @description The value received; text where JSON cannot hold it ("NaN").
-             * @example 1
-             */
-            value: string | number | boolean | null;
+            /** Cue */
+            cue: string | null;
+            /** Line */
+            line: number;
+            /** Text */
+            text: string;
         };
         /**
          * Readiness
@@ -2119,43 +2170,6 @@ export interface components {
              * @description Waits for a command: take-over or bring-home would reach it.
              */
             waits: boolean;
-        };
-        /**
-         * Replay
-         * @description A recorded flight that is played back as if live.
-         */
-        Replay: {
-            /**
-             * Began Unix Time S
-             * @description Time of the first recorded state.
-             */
-            began_unix_time_s: number;
-            /** Duration S */
-            duration_s: number;
-            /**
-             * Ended
-             * @description The last recorded state is shown.
-             */
-            ended: boolean;
-            /** File */
-            file: string;
-            /** Paused */
-            paused: boolean;
-            /**
-             * Position S
-             * @description Time from the first recorded state to this one.
-             */
-            position_s: number;
-            /**
-             * Skips Idle
-             * @description Time in which nothing flies is jumped over while it plays.
-             */
-            skips_idle: boolean;
-            /**
-             * Speed
-             * @description Playback speed as a multiple of the flight's.
-             */
-            speed: number;
         };
         /**
          * ReplayChange
@@ -2266,7 +2280,7 @@ export interface components {
              * Limit
              * @description The limit that applied then: a written show has its own.
              */
-            limit: number | null;
+            limit: number;
             /**
              * Name
              * @example greatest height
@@ -2276,7 +2290,7 @@ export interface components {
              * Tolerated
              * @description Kept up to here: an autopilot's own answer may pass the limit by a little.
              */
-            tolerated: number | null;
+            tolerated: number;
             /**
              * Unit
              * @description Unit of limit, tolerated and worst.
@@ -2293,6 +2307,21 @@ export interface components {
              * @description null: there was nothing to judge.
              */
             worst: number | null;
+        };
+        /**
+         * ReportState
+         * @description The flight report of the record, or its progress.
+         */
+        ReportState: {
+            /**
+             * Reason
+             * @description Why it failed, empty when it did not.
+             * @default
+             */
+            reason: string;
+            /** @description null until it is done. */
+            report: components["schemas"]["ReportBody"] | null;
+            state: components["schemas"]["CheckState"];
         };
         /**
          * Right
@@ -2340,7 +2369,10 @@ export interface components {
             cue: string;
             /** Cues */
             cues: string[];
-            /** Duration S */
+            /**
+             * Duration S
+             * @description Loops played.
+             */
             duration_s: number;
             /** Hash */
             hash: string;
@@ -2356,24 +2388,6 @@ export interface components {
              * @description Whether PUT target moves the target now.
              */
             target_is_live: boolean;
-        };
-        /**
-         * Separation
-         * @description The minimum separation: semi-axes of the ellipsoid around a vehicle that no other may enter.
-         */
-        Separation: {
-            /** Horizontal M */
-            horizontal_m: number;
-            /**
-             * Margin M
-             * @description Margin added sideways, and in proportion up and down.
-             */
-            margin_m: number;
-            /**
-             * Vertical M
-             * @description Vertical half-axis; greater, because a vehicle's air goes down.
-             */
-            vertical_m: number;
         };
         /**
          * Severity
@@ -2417,22 +2431,31 @@ export interface components {
             /**
              * Fits Service
              * @description false: other settings of the service would remove some of the problems.
+             * @default true
              */
             fits_service: boolean;
             /**
              * Good
              * @description It can be flown, and by this service as it is set now.
+             * @default false
              */
             good: boolean;
-            /** Hash */
+            /**
+             * Hash
+             * @description Of everything that is flown; a start must name it.
+             */
             hash: string | null;
             /** Name */
             name: string;
-            /** Problems */
-            problems: components["schemas"]["ShowProblem"][];
+            /**
+             * Problems
+             * @default []
+             */
+            problems: components["schemas"]["Problem"][];
             /**
              * Reason
              * @description Why the check itself failed; it says nothing of the show then.
+             * @default
              */
             reason: string;
             state: components["schemas"]["CheckState"];
@@ -2487,23 +2510,30 @@ export interface components {
             vertical_overlaps: number;
         };
         /**
+         * ShowFrame
+         * @description The show frame: its origin, and the heading of its x axis.
+         *
+         *     Raises: InvalidError when a number is not finite or out of its range.
+         */
+        ShowFrame: {
+            /** Altitude Amsl M */
+            altitude_amsl_m: number;
+            /**
+             * Heading Deg
+             * @default 0
+             */
+            heading_deg: number;
+            /** Latitude Deg */
+            latitude_deg: number;
+            /** Longitude Deg */
+            longitude_deg: number;
+        };
+        /**
          * ShowPhase
          * @description Phase of the show.
          * @enum {string}
          */
         ShowPhase: "idle" | "countdown" | "preflight" | "arming" | "assembling" | "running" | "paused" | "returning" | "aborting" | "landed" | "uncontrolled";
-        /**
-         * ShowProblem
-         * @description One problem of a show, and where to fix it.
-         */
-        ShowProblem: {
-            /** Cue */
-            cue: string | null;
-            /** Line */
-            line: number;
-            /** Text */
-            text: string;
-        };
         /**
          * ShowTarget
          * @description The target's position and velocity in the show frame.
@@ -2611,7 +2641,7 @@ export interface components {
              * @description The newest 100, the newest last.
              */
             events: components["schemas"]["LogEvent"][];
-            fence: components["schemas"]["Fence"];
+            flight_envelope: components["schemas"]["FlightEnvelope"];
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
@@ -2621,22 +2651,21 @@ export interface components {
              */
             limits: string[];
             /** @description null: none is configured. */
-            map: components["schemas"]["Map"] | null;
+            map: components["schemas"]["GroundMap"] | null;
             /**
              * Obstacles
              * @description Positions of the obstacles at `time_s`.
              */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
-            origin: components["schemas"]["Origin"];
+            origin: components["schemas"]["ShowFrame"];
             /** @description null: this is no replay. */
-            replay: components["schemas"]["Replay"] | null;
+            replay: components["schemas"]["Playback"] | null;
             /**
              * Revision
              * @description Increases with every change; a frame names the revision it belongs to.
              */
             revision: number;
-            separation: components["schemas"]["Separation"];
             /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
@@ -2656,7 +2685,7 @@ export interface components {
              * Timeline
              * @description Cues of the selected show, loops written out.
              */
-            timeline: components["schemas"]["CueTime"][];
+            timeline: components["schemas"]["CueMark"][];
             /** Unix Time S */
             unix_time_s: number;
             /**
@@ -2704,10 +2733,10 @@ export interface components {
             y_m: number | null;
         };
         /**
-         * Tick
+         * TickView
          * @description Timing of the control loop.
          */
-        Tick: {
+        TickView: {
             /** Count */
             count: number;
             /** Duration P50 Ms */
@@ -2716,7 +2745,10 @@ export interface components {
             duration_p99_ms: number | null;
             /** Lateness P99 Ms */
             lateness_p99_ms: number | null;
-            /** Missed */
+            /**
+             * Missed
+             * @description Dropped, never made up.
+             */
             missed: number;
             /** Rate Hz */
             rate_hz: number | null;
@@ -2844,10 +2876,22 @@ export interface components {
             /** Id */
             id: string;
             /** Passes */
-            passes: boolean;
+            readonly passes: boolean;
             /**
              * Reason
              * @description Why it does not fly.
+             */
+            reason: string;
+        };
+        /**
+         * VehicleOutcome
+         * @description One vehicle's part of a command.
+         */
+        VehicleOutcome: {
+            outcome: components["schemas"]["Outcome"];
+            /**
+             * Reason
+             * @default
              */
             reason: string;
         };
@@ -2883,6 +2927,8 @@ export interface components {
         /**
          * VerticalOverlap
          * @description Two vehicles, one above the other during the check: they cannot both descend vertically.
+         *
+         *     In flight it may be other vehicles, because the law assigns no slots.
          */
         VerticalOverlap: {
             /**
@@ -2904,10 +2950,10 @@ export interface components {
             upper: number;
         };
         /**
-         * WrittenShow
-         * @description The written show that was flown, and its position.
+         * Written
+         * @description The written show that was flown, and the position in it.
          */
-        WrittenShow: {
+        Written: {
             /** Clock S */
             clock_s: number;
             /** Cue */
@@ -3351,7 +3397,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"][];
+                    "application/json": components["schemas"]["CommandRecord"][];
                 };
             };
             /** @description No token, or one that is not known. */
@@ -3418,7 +3464,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description No token, or one that is not known. */
@@ -3570,7 +3616,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -3702,7 +3748,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -3834,7 +3880,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -3966,7 +4012,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -4098,7 +4144,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -4550,7 +4596,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -5395,7 +5441,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Preflight"];
+                    "application/json": components["schemas"]["PreflightReport"];
                 };
             };
             /** @description No token, or one that is not known. */
@@ -5487,7 +5533,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Replay"];
+                    "application/json": components["schemas"]["Playback"];
                 };
             };
             /** @description No token, or one that is not known. */
@@ -5574,7 +5620,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Replay"];
+                    "application/json": components["schemas"]["Playback"];
                 };
             };
             /** @description The body cannot be read. */
@@ -5776,7 +5822,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["FlightReport"];
+                    "application/json": components["schemas"]["ReportState"];
                 };
             };
             /** @description No token, or one that is not known. */
@@ -5924,7 +5970,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6043,7 +6089,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6279,7 +6325,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6398,7 +6444,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6653,7 +6699,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6781,7 +6827,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -6900,7 +6946,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8199,7 +8245,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8333,7 +8379,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8463,7 +8509,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8593,7 +8639,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8723,7 +8769,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8853,7 +8899,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -8983,7 +9029,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
@@ -9113,7 +9159,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Command"];
+                    "application/json": components["schemas"]["CommandRecord"];
                 };
             };
             /** @description The body cannot be read. */
