@@ -73,7 +73,7 @@ class Config(Settings):
 
     @property
     def frame(self) -> ShowFrame:
-        return ShowFrame(**self.show_frame.model_dump())
+        return self.show_frame.frame
 
     @property
     def plan(self) -> Plan:

@@ -13,6 +13,7 @@ from gcs.config.setting_errors import located
 from gcs.links.settings import SYSTEM_ID_MAX, Forward, Place, SigningSettings, StreamSettings, occupied
 from gcs.links.settings import parse as place_at
 from gcs.model.errors import ConfigError
+from gcs.model.frames import ShowFrame
 from gcs.model.plan import Direction, LawName, YawPolicy
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
@@ -96,6 +97,10 @@ class ShowFrameSettings(Settings):
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
     altitude_amsl_m: float
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+
+    @property
+    def frame(self) -> ShowFrame:
+        return ShowFrame(**self.model_dump())
 
 
 class VehicleSettings(Settings):

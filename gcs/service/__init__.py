@@ -4,68 +4,39 @@ The API, the console and the command line know the service by this package only,
 a process of its own without a change on their side.
 """
 
-from gcs.estimation.time_estimates import Estimates
-from gcs.model.interrupted_flight import InterruptedFlight
-from gcs.model.plan import Obstacle, Orbit
-from gcs.model.preflight_report import PreflightReport
-from gcs.service.alarms import Alarm
-from gcs.service.commands import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction, VehicleOutcome
-from gcs.service.interface import Audit, Call, NoAudit, PlaybackChange, Replaying, Service, Shows
-from gcs.service.snapshots import (
-    ActiveFailsafe,
-    CheckState,
-    CueMark,
-    EventMark,
-    FleetView,
-    FlightEnvelope,
-    IdleSpan,
-    Latest,
-    PhaseSpan,
-    Playback,
-    ReplayMarks,
-    ReportState,
-    SelectedShow,
-    ShowCheck,
-    ShowFigures,
-    StoredShow,
-    TickView,
-)
-
-__all__ = [
-    "CALLER",
-    "ActiveFailsafe",
-    "Alarm",
-    "Audit",
-    "Call",
-    "CheckState",
-    "CommandRecord",
-    "CueMark",
-    "Estimates",
-    "EventMark",
-    "FleetView",
-    "FlightEnvelope",
-    "IdleSpan",
-    "InterruptedFlight",
-    "Latest",
-    "NoAudit",
-    "Obstacle",
-    "Orbit",
-    "Outcome",
-    "PhaseSpan",
-    "Playback",
-    "PlaybackChange",
-    "PreflightReport",
-    "ReplayMarks",
-    "Replaying",
-    "ReportState",
-    "SelectedShow",
-    "Service",
-    "ShowAction",
-    "ShowCheck",
-    "ShowFigures",
-    "Shows",
-    "StoredShow",
-    "TickView",
-    "VehicleAction",
-    "VehicleOutcome",
-]
+from gcs.estimation.time_estimates import Estimates as Estimates
+from gcs.model.interrupted_flight import InterruptedFlight as InterruptedFlight
+from gcs.model.plan import Obstacle as Obstacle
+from gcs.model.plan import Orbit as Orbit
+from gcs.model.preflight_report import PreflightReport as PreflightReport
+from gcs.service.alarms import Alarm as Alarm
+from gcs.service.commands import CALLER as CALLER
+from gcs.service.commands import CommandRecord as CommandRecord
+from gcs.service.commands import Outcome as Outcome
+from gcs.service.commands import ShowAction as ShowAction
+from gcs.service.commands import VehicleAction as VehicleAction
+from gcs.service.commands import VehicleOutcome as VehicleOutcome
+from gcs.service.interface import Audit as Audit
+from gcs.service.interface import Call as Call
+from gcs.service.interface import NoAudit as NoAudit
+from gcs.service.interface import PlaybackChange as PlaybackChange
+from gcs.service.interface import Replaying as Replaying
+from gcs.service.interface import Service as Service
+from gcs.service.interface import Shows as Shows
+from gcs.service.snapshots import ActiveFailsafe as ActiveFailsafe
+from gcs.service.snapshots import CheckState as CheckState
+from gcs.service.snapshots import CueMark as CueMark
+from gcs.service.snapshots import EventMark as EventMark
+from gcs.service.snapshots import FleetView as FleetView
+from gcs.service.snapshots import FlightEnvelope as FlightEnvelope
+from gcs.service.snapshots import IdleSpan as IdleSpan
+from gcs.service.snapshots import Latest as Latest
+from gcs.service.snapshots import PhaseSpan as PhaseSpan
+from gcs.service.snapshots import Playback as Playback
+from gcs.service.snapshots import ReplayMarks as ReplayMarks
+from gcs.service.snapshots import ReportState as ReportState
+from gcs.service.snapshots import SelectedShow as SelectedShow
+from gcs.service.snapshots import ShowCheck as ShowCheck
+from gcs.service.snapshots import ShowFigures as ShowFigures
+from gcs.service.snapshots import StoredShow as StoredShow
+from gcs.service.snapshots import TickView as TickView

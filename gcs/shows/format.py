@@ -8,8 +8,8 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr, Tag
 
+from gcs.config.sections import ShowFrameSettings
 from gcs.control import ControlSettings
-from gcs.model.frames import ShowFrame
 from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
@@ -24,17 +24,10 @@ MAX_CUES = 500
 """After expansion: a loop counts as often as it is played."""
 
 
-class Origin(Settings):
-    """Position of the show frame's origin, and heading of its x axis: clockwise from north."""
+class Origin(ShowFrameSettings):
+    """Origin of the show frame, and heading of its x axis clockwise from north, which is never left out."""
 
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
-    altitude_amsl_m: float
     heading_deg: Annotated[float, Field(ge=-360, le=360)]
-
-    @property
-    def frame(self) -> ShowFrame:
-        return ShowFrame(**self.model_dump())
 
 
 class Pads(Settings):
