@@ -277,12 +277,15 @@ def silent_segments_m(
     top_m, bottom_m = stops_m.copy(), stops_m.copy()
     top_m[:, 2], bottom_m[:, 2] = stops_m[:, 2].min() - up_m, stops_m[:, 2].max() + down_m
     pieces = [np.stack([top_m, bottom_m], axis=1), np.stack([stops_m[:-1], stops_m[1:]], axis=1)]
-    if action == "return" and home_m is not None and up_m == to_climb_m:
-        way_m = home_m[:2] - top_m[:, :2]
+    if action == "return" and home_m is not None:
+        level_m = np.vstack([last_m, stops_m])  # near home it may return without a climb
+        level_m = level_m[np.hypot(*(home_m - level_m)[:, :2].T) <= NEAR_HOME_M]
+        begun_m = np.concatenate([level_m, top_m[: len(top_m) if up_m == to_climb_m else 0]])
+        way_m = home_m[:2] - begun_m[:, :2]
         share = np.minimum(AUTO_CRUISE_M_S * acts_s / np.maximum(np.hypot(*way_m.T), TINY), 1.0)
-        reached_m = top_m.copy()
+        reached_m = begun_m.copy()
         reached_m[:, :2] += share[:, None] * way_m
-        pieces.append(np.stack([top_m, reached_m], axis=1))
+        pieces.append(np.stack([begun_m, reached_m], axis=1))
     return np.concatenate(pieces)
 
 

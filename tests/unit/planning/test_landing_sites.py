@@ -178,6 +178,13 @@ def test_silent_vehicle_that_is_high_may_begin_to_fly_home() -> None:
     assert (way[1] - way[0]) @ (HOME - high) > 0.0
 
 
+def test_silent_vehicle_near_home_may_fly_there_without_a_climb() -> None:
+    near = HOME - np.array([6.0, 0.0, 20.0])
+    swept = silent("return", 1.0, near)
+    assert distance_m(near + np.array([6.0, 0.0, 0.0]), swept) < 1e-9
+    assert distance_m(near + np.array([6.0, 0.0, 0.0]), silent("hold", 1.0, near)) > 5.0
+
+
 def test_silent_vehicle_may_drift() -> None:
     swept = silent_segments_m(
         LAST, np.array([4.0, 0.0, 0.0]), HOME, "hold", 30.0, silent_s=0.6, noticed_s=1.0
