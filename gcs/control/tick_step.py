@@ -176,8 +176,11 @@ def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
     safety = now.settings.safety
     wander_m = authority.wander_m(safety.authority, safety.link_delay_s)
     wander_m[now.descending] = 0.0
+    position_m = now.position_m.copy()
+    if now.tasks.segments_of is not None:
+        position_m[now.tasks.segments_of] = np.nan  # their paths are closed; where they are is not known
     return Surroundings(
-        now.position_m,
+        position_m,
         now.velocity_m_s,
         now.commanded,
         now.tasks.airborne,
