@@ -32,7 +32,7 @@ from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.initial_states import draw_world
-from gcs.simulation.loss import Losses, ServiceFailsafes
+from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
 from gcs.simulation.scenario import ArticleFlight, Carried, FormationFlight, GoalFlight, Loss, Scenario
 from gcs.simulation.world import TOUCHDOWN_M_S, Neighbourhood, TrueWorld
@@ -60,6 +60,7 @@ class SimulatedFlight:
         self.present = np.ones(n, dtype=bool)
         loss = Loss() if isinstance(scenario.flight, ArticleFlight) else scenario.flight.loss
         self.losses = Losses(loss, n, seed)
+        self.record.lost_rows = frozenset(np.flatnonzero(self.losses.rows).tolist())
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
         policy = scenario.failsafes
@@ -192,10 +193,10 @@ class SimulatedFlight:
         record, memory = self.record, decided.memory
         if len(self.losses.segments_m) and memory.center is not None and self._progress is None:
             slot_m = memory.center.position_m + memory.radius_m * memory.place
-            clear_m = self.floor.widest_m(self.traits.uncertainty_m) + THROUGH_M
-            clear = self.losses.apart_m(slot_m, self.floor) > clear_m  # False for NaN
             off_m = np.linalg.norm(self.world.position_m - slot_m, axis=1)
-            record.off_slot_m.append(np.where(clear, off_m, np.nan))
+            if memory.unfollowed_s is not None:
+                off_m[memory.unfollowed_s < 0.0] += FAR_M  # held: its slot has come to it
+            record.off_slot_m.append(off_m)
         record.tick_s.append(took_s)
         record.time_s.append(self.time_s)
         record.position_m.append(self.world.position_m.astype(np.float32))

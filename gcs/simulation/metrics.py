@@ -184,11 +184,15 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
 
 
 def separation(record: Record) -> dict[str, object]:
-    """The floor, the smallest distance in its metric, and the number of pairs below it."""
+    """The floor, the smallest distance in its metric, and the number of pairs below it.
+
+    `lost_pairs`: of these, pairs of two lost vehicles, which no station can part.
+    """
     return {
         "floor_m": record.floor_m,
         "minimum_m": rounded(min(record.closest_m)),
         "violations": len(record.violating),
+        "lost_pairs": len([pair for pair in record.violating if record.lost_rows.issuperset(pair)]),
     }
 
 
@@ -351,12 +355,17 @@ def arrival(record: Record) -> dict[str, object]:
 
 
 def _in_slots(record: Record) -> dict[str, object]:
-    """Vehicles with slots clear of lost vehicles for the last seconds, and those that were there."""
-    off_m = np.array(record.off_slot_m[-round(STEADY_S * record.scenario.world.tick_rate_hz) :])
-    record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
+    """Vehicles still in formation, and the most of them that were at their slots at one moment.
+
+    The last seconds count. On an orbit the last lap counts: in part of it the sphere passes lost vehicles.
+    """
+    flight, lasts_s = record.scenario.flight, STEADY_S
+    if isinstance(flight, FormationFlight) and flight.orbit.radius_m:
+        lasts_s = 2.0 * np.pi * flight.orbit.radius_m / flight.orbit.speed_m_s
+    off_m = np.array(record.off_slot_m[-round(lasts_s * record.scenario.world.tick_rate_hz) :])
+    record.expected = np.asarray(np.isfinite(off_m[-1]))
     figures = dict.fromkeys(("arrived", "expected", "median_ratio", "worst_ratio", "total_s", "late_s"))
-    least_m = off_m[:, record.expected].min(axis=0)
-    arrived, expected = int((least_m < THROUGH_M).sum()), int(record.expected.sum())
+    arrived, expected = int((off_m < THROUGH_M).sum(axis=1).max()), int(record.expected.sum())
     return figures | {"arrived": arrived, "expected": expected}
 
 

@@ -43,11 +43,12 @@ class Record:
     held_by: list[str] = field(default_factory=list)  # obstacle that keeps the centre from its target, or ""
     tick_s: list[float] = field(default_factory=list)  # processor time of each decision
     violating: set[tuple[int, int]] = field(default_factory=set)  # pairs
+    lost_rows: frozenset[int] = frozenset()  # vehicles that lose their links
     charge: Array | None = None  # (n,), None: all alike
     expected: Mask = field(init=False)  # (n,) vehicles that must arrive: not lost, and with a clear goal
     off_slot_m: list[Array] = field(
         default_factory=list
-    )  # (n,) distance of each vehicle from its slot, with losses only; NaN: no clear slot
+    )  # (n,) distance of each vehicle from its slot, with losses only; NaN: not in formation
     failsafes: list[tuple[float, str, str]] = field(default_factory=list)  # time, cause, action
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight

@@ -61,7 +61,7 @@ def test_a_run_is_one_json_object_with_every_section(trial: Path, capsys: pytest
     _, (figures,) = flown(capsys, trial)
     assert figures["vehicles"] == 4
     assert figures["duration_s"] == 3.0
-    assert set(figures["separation"]) == {"floor_m", "minimum_m", "violations"}
+    assert set(figures["separation"]) == {"floor_m", "minimum_m", "violations", "lost_pairs"}
     assert set(figures["formation"]) >= {"settled", "settle_time_s", "straight_line_time_s", "energy_ratio"}
     assert figures["separation"]["floor_m"] == 2.0
     assert figures["separation"]["minimum_m"] > 2.0

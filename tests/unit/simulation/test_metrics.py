@@ -198,3 +198,23 @@ def test_a_report_names_every_section_of_every_kind_of_flight() -> None:
     ]
     assert figures["duration_s"] == 2.0
     assert figures["realtime_factor"] == 4.0
+
+
+def test_all_vehicles_count_as_there_only_at_one_moment() -> None:
+    record = record_of([10.0 * TETRAHEDRON + CENTER] * 400)
+    for tick in range(400):
+        off_m = np.array([0.5, 0.5, np.nan, 0.5])  # the third is lost
+        off_m[0] += 5.0 * (tick % 2)
+        off_m[1] += 5.0 * ((tick + 1) % 2)
+        record.off_slot_m.append(off_m)
+    figures = measure.arrival(record)
+    assert (figures["arrived"], figures["expected"]) == (2, 3)
+    record.off_slot_m[-1] = np.array([0.5, 0.5, np.nan, 0.5])
+    assert measure.arrival(record)["arrived"] == 3
+
+
+def test_two_lost_vehicles_that_meet_are_counted_apart() -> None:
+    record = record_of([10.0 * TETRAHEDRON + CENTER] * 4)
+    record.violating, record.lost_rows = {(0, 1), (1, 2)}, frozenset({1, 2})
+    figures = measure.separation(record)
+    assert (figures["violations"], figures["lost_pairs"]) == (2, 1)
