@@ -28,7 +28,8 @@ from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.steering import avoid_all
 from gcs.model.jit import kernel
 from gcs.model.plan import LawName
-from gcs.model.state import Array
+from gcs.model.state import TINY, Array
+from gcs.safety.walls import from_path_m
 
 HELD_S, SLOT_STAYS_S = 1.0, 3.0
 """A vehicle that does not follow for the first time is held; its slot then stays with it for the second."""
@@ -116,7 +117,12 @@ def _to_slots(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Sp
     if formed.spin_rad_s:
         places, changes = (turned(each, formed.spin_rad_s * now.dt_s) for each in (places, changes))
     sweeps = sweeps_for(len(rows), law.sweeps)
+    paths, before = _lost_paths(now, formed.center), places
     places, changes = sweep(places, changes, formed.direction, formed.charge, sweeps, law.pull)
+    if paths and _move_out(places, lead.radius_m, *paths):  # again, gently: each sweep leads them back in
+        pull, changes = max(law.pull, PULL_BESIDE_PATHS), np.zeros_like(changes)
+        places, changes = sweep(before, changes, formed.direction, formed.charge, 1, pull)
+        _move_out(places, lead.radius_m, *paths)
     unfollowed_s = np.zeros(len(now.formed)) if memory.unfollowed_s is None else memory.unfollowed_s.copy()
     _keep_with_vehicles(
         unfollowed_s,
@@ -140,6 +146,93 @@ def _to_slots(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> Sp
         unfollowed_s,
         spin_rad_s=formed.spin_rad_s,
     )
+
+
+SLOT_SPARE_M = 0.5
+"""A slot is farther from the paths of lost vehicles than the filter keeps its vehicle, by this much."""
+
+AHEAD_S = np.array([0.0, 0.6, 1.2])
+"""Slots are clear of these paths now and where the centre takes them in these times."""
+
+PULL_BESIDE_PATHS = 0.05
+"""`LawSettings.pull` while slots would lie in these paths: they come to rest only with their vehicles."""
+
+LOOK_M, LOOK_STEP_M, DIRECTIONS = 15.0, 0.25, 12
+"""How far along the sphere a slot's way out is searched, how finely, and in how many directions."""
+
+
+def _lost_paths(now: TickInputs, center: Center) -> tuple[Array, Array, Array, Array] | None:
+    """The paths of lost vehicles as `_move_out` needs them, from `centers_m` on; None: there is none."""
+    tasks, floor = now.tasks, now.settings.safety.floor
+    known = len(tasks.segments_m) - tasks.silent_segments
+    if known == 0:
+        return None
+    uncertainty_m = np.array(now.traits.uncertainty_m)
+    own_m = float(np.max(uncertainty_m, where=now.formed, initial=0.0))
+    lost_m = uncertainty_m.max(initial=0.0) if tasks.segments_of is None else uncertainty_m[tasks.segments_of]
+    kept_m = floor.horizontal_m + floor.margin_m + floor.reserve_m(own_m, lost_m) + SLOT_SPARE_M
+    return (
+        center.position_m + AHEAD_S[:, None] * center.velocity_m_s,
+        np.ascontiguousarray(tasks.segments_m[:known] * floor.scale),
+        np.broadcast_to(kept_m, len(tasks.segments_m))[:known].copy(),
+        floor.scale,
+    )
+
+
+@kernel
+def _move_out(
+    places: Array,
+    radius_m: float,
+    centers_m: Array,
+    segments_m: Array,
+    kept_m: Array,
+    scale: Array,
+) -> bool:
+    """Move slots out of the space of lost vehicles by the shortest way along the sphere.
+
+    Args:
+        places: (m, 3) slots, unit vectors, changed.
+        radius_m: of the sphere.
+        centers_m: (a, 3) of the sphere, now and later.
+        segments_m: (k, 2, 3) paths, times `scale`.
+        kept_m: (k,) distances to be kept from each, times `scale`.
+        scale: (3,) as `Floor.scale`.
+
+    Returns: whether one was not clear of it.
+    """
+    found, moved = np.empty(3), False
+    for i in range(len(places)):
+        if _is_clear(places[i], radius_m, centers_m, segments_m, kept_m, scale):
+            continue
+        best_m, found[:], moved = LOOK_M, places[i], True
+        level = max(np.hypot(places[i, 0], places[i, 1]), TINY)
+        sideways = np.array([-places[i, 1] / level, places[i, 0] / level, 0.0])
+        upwards = np.cross(places[i], sideways)
+        for d in range(DIRECTIONS):
+            turn_rad = 2.0 * np.pi * d / DIRECTIONS
+            along = np.cos(turn_rad) * sideways + np.sin(turn_rad) * upwards
+            gone_m = LOOK_STEP_M
+            while gone_m < best_m:
+                there = np.cos(gone_m / radius_m) * places[i] + np.sin(gone_m / radius_m) * along
+                if _is_clear(there, radius_m, centers_m, segments_m, kept_m, scale):
+                    best_m, found[:] = gone_m, there
+                gone_m += LOOK_STEP_M
+        places[i] = found
+    return moved
+
+
+@kernel
+def _is_clear(
+    place: Array, radius_m: float, centers_m: Array, segments_m: Array, kept_m: Array, scale: Array
+) -> bool:
+    """Whether the slot (3,) is clear of all paths with every centre; arguments as of `_move_out`."""
+    off_m = np.empty(3)
+    for a in range(len(centers_m)):
+        at_m = (centers_m[a] + radius_m * place) * scale
+        for k in range(len(segments_m)):
+            if from_path_m(at_m, segments_m[k], off_m) < kept_m[k]:
+                return False
+    return True
 
 
 @kernel

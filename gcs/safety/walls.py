@@ -332,10 +332,10 @@ def _one_way_out(
 @kernel
 def _shortest_ways_out(place_m: Array, segments_m: Array, kept_m: Array, outward: Array) -> Array:
     """(r, 3) of `outward` (d, 3), the direction that leads out of all paths soonest; zero: none does."""
-    ways, near = np.zeros_like(place_m), np.empty(len(segments_m), np.bool_)
+    ways, near, off_m = np.zeros_like(place_m), np.empty(len(segments_m), np.bool_), np.empty(3)
     for i in range(len(place_m)):
         for k in range(len(segments_m)):
-            near[k] = _from_path_m(place_m[i], segments_m[k]) < kept_m[i, k] + LOOK_M
+            near[k] = from_path_m(place_m[i], segments_m[k], off_m) < kept_m[i, k] + LOOK_M
         best_m = LOOK_M
         for d in range(len(outward)):
             gone_m, free = LOOK_STEP_M, False
@@ -343,7 +343,7 @@ def _shortest_ways_out(place_m: Array, segments_m: Array, kept_m: Array, outward
                 there_m = place_m[i] + gone_m * outward[d]
                 free = True
                 for k in range(len(segments_m)):
-                    if near[k] and _from_path_m(there_m, segments_m[k]) < kept_m[i, k]:
+                    if near[k] and from_path_m(there_m, segments_m[k], off_m) < kept_m[i, k]:
                         free = False
                         break
                 if free:
@@ -354,8 +354,8 @@ def _shortest_ways_out(place_m: Array, segments_m: Array, kept_m: Array, outward
 
 
 @kernel
-def _from_path_m(place_m: Array, segment_m: Array) -> float:
-    """Distance of a place (3,) from a straight path (2, 3)."""
+def from_path_m(place_m: Array, segment_m: Array, off_m: Array) -> float:
+    """Distance of a place (3,) from a straight path (2, 3); `off_m` (3,) is set to the way from the path."""
     along2, share, away2 = 0.0, 0.0, 0.0
     for axis in range(3):
         step_m = segment_m[1, axis] - segment_m[0, axis]
@@ -364,7 +364,8 @@ def _from_path_m(place_m: Array, segment_m: Array) -> float:
     share = min(max(share / max(along2, TINY), 0.0), 1.0)
     for axis in range(3):
         on_m = segment_m[0, axis] + share * (segment_m[1, axis] - segment_m[0, axis])
-        away2 += (place_m[axis] - on_m) ** 2
+        off_m[axis] = place_m[axis] - on_m
+        away2 += off_m[axis] ** 2
     away_m: float = np.sqrt(away2)
     return away_m
 
