@@ -105,17 +105,22 @@ def filter_velocities(
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
     walls = _walls(position_m, here, settings, braking)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
-    allowed_m_s, pairs = desired_m_s, _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking)
+    allowed_m_s = searched_m_s = desired_m_s
+    pairs = _pairs(position_m, searched_m_s, SPARE_M_S, here, settings, braking)
     for attempt in range(ATTEMPTS):
-        joined, searched_m_s = _joined(walls, pairs), allowed_m_s
+        joined = _joined(walls, pairs)
         if attempt < SOLUTIONS:
             allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s)
         allowed_m_s = shortened(allowed_m_s, *joined)
-        if not np.count_nonzero(_lengths(searched_m_s, allowed_m_s) > SPARE_M_S):
+        strays = _lengths(searched_m_s, allowed_m_s) > SPARE_M_S
+        if not np.count_nonzero(strays):
             break  # every change is within the searched range
+        searched_m_s = np.where(strays[:, None], allowed_m_s, searched_m_s)
         every = attempt == SOLUTIONS - 2 and len(position_m) <= FEW
-        spare_m_s = 2.0 * limits.fastest_m_s if every else SPARE_M_S
-        near = _pairs(position_m, allowed_m_s, spare_m_s, here, settings, braking)
+        if every:
+            near = _pairs(position_m, searched_m_s, 2.0 * limits.fastest_m_s, here, settings, braking)
+        else:
+            near = _pairs(position_m, searched_m_s, SPARE_M_S, here, settings, braking, strays)
         overlooked = near.not_in(pairs, len(position_m))
         if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
             break
@@ -133,8 +138,9 @@ def _pairs(
     here: Surroundings,
     settings: SafetySettings,
     braking: Braking,
+    only: Mask | None = None,
 ) -> Pairs:
-    """Pairs whose constraint breaks when both velocities change by `spare_m_s` from those of (n, 3)."""
+    """Pairs, of `only` (n,), whose constraint breaks if both velocities change by `spare_m_s` from (n, 3)."""
     return separation_constraints(
         position_m,
         here.velocity_m_s,
@@ -146,6 +152,7 @@ def _pairs(
         wander_m=here.wander_m,
         course_m_s=course_m_s,
         spare_m_s=np.full(len(course_m_s), spare_m_s),
+        only=only,
     )
 
 

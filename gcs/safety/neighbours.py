@@ -39,7 +39,7 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
         radius_m: (n,) radius of each one's search.
     """
     if len(position_m) <= FEW:
-        return _all_compared(position_m, takes_part, radius_m)
+        return near_pairs_of(takes_part, position_m, takes_part, radius_m)
     rows, start, low_m, cell_m, across = _sorted_into_cells(position_m, takes_part, radius_m)
     place_m, look_m = position_m[rows], radius_m[rows]  # contiguous in memory, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
@@ -51,15 +51,18 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
 
 
 @kernel
-def _all_compared(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
-    """As `near_pairs`, without cells."""
+def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
+    """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by comparing all pairs."""
     n, found = len(position_m), 0
-    first, second = np.empty(n * (n - 1) // 2, np.intp), np.empty(n * (n - 1) // 2, np.intp)
+    room = n * some.sum()
+    first, second = np.empty(room, np.intp), np.empty(room, np.intp)
     for i in range(n):
-        if not takes_part[i]:
+        if not (some[i] and takes_part[i]):
             continue
         x_m, y_m, z_m, own_m = position_m[i, 0], position_m[i, 1], position_m[i, 2], radius_m[i]
-        for j in range(i + 1, n):
+        for j in range(n):
+            if j <= i and some[j]:
+                continue  # already found from j
             dx, dy, dz = position_m[j, 0] - x_m, position_m[j, 1] - y_m, position_m[j, 2] - z_m
             reach_m = own_m + radius_m[j]
             if takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m:

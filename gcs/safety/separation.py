@@ -9,7 +9,7 @@ from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import NO_ROW, Braking, allowed_speed_m_s
-from gcs.safety.neighbours import Rows, near_pairs
+from gcs.safety.neighbours import FEW, Rows, near_pairs, near_pairs_of
 
 
 class Floor(Settings):
@@ -189,6 +189,7 @@ def separation_constraints(
     course_m_s: Array,
     spare_m_s: Array,
     wander_m: Array | None = None,
+    only: Mask | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
@@ -208,6 +209,7 @@ def separation_constraints(
             velocities break are left out.
         wander_m: (n,) standard deviations of where velocities that are not commanded lead, in any direction;
             pairs in the air keep farther apart by them. None: nowhere.
+        only: (n,) pairs without one of these may also be left out.
     """
     # numba compiles frozen arrays as another type
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
@@ -223,6 +225,7 @@ def separation_constraints(
             airborne,
             uncertainty_m,
             wander_m,
+            np.ones(len(position_m), np.bool_) if only is None else only,
             _numbers(floor, braking),
         )
     )
@@ -308,13 +311,17 @@ def _found(
     airborne: Mask,
     uncertainty_m: Array,
     wander_m: Array,
+    only: Mask,
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
     """As `separation_constraints`."""
     known, measured_m_s, course_m_s, spare_m_s, place_m, look_m = _looks(
         position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, numbers
     )
-    first, second = near_pairs(place_m, known, look_m)
+    if only.sum() <= FEW:
+        first, second = near_pairs_of(only, place_m, known, look_m)
+    else:
+        first, second = near_pairs(place_m, known, look_m)
     wide_m, tall_m, taller, pad_height_m, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers[:8]
     own_wide_m, own_tall_m, deviations = numbers[8:]
     count = len(first)

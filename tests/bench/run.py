@@ -4,6 +4,7 @@ The ratios are what to compare, as machines differ. One core; the first calls, w
 counted. With names as arguments only the rows that contain one of them are measured.
 """
 
+import gc
 import sys
 import time
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import numpy as np
 import pyrvo
 from numpy.typing import NDArray
 
-from gcs.control import ControlSettings, Memory, Task, Tasks, tick
+from gcs.control import ControlSettings, Memory, Task, Tasks, tick, warm_up
 from gcs.formation.article import ArticleParameters, formation_force
 from gcs.formation.law import goal_velocity
 from gcs.model.frames import ShowFrame
@@ -232,7 +233,9 @@ ROWS: tuple[tuple[str, str, Callable[[int], tuple[Callable[[], object], Callable
 
 
 def main(desired: list[str]) -> None:
-    """Print the table."""
+    """Print the table. As in the service, kernels are loaded before, and the collector skips all modules."""
+    warm_up()
+    gc.freeze()
     print(f"{'what':<22}{'N':>7}{'p50 ms':>10}{'p99 ms':>10}   {'alternative':<48}{'p50 ms':>10}{'ratio':>9}")
     ticks: dict[int, Timing] = {}
     for what, alternative, make, count in ROWS:
