@@ -9,7 +9,7 @@ from gcs.control.inputs import Memory, TickInputs
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
 from gcs.model.state import Array, Mask
-from gcs.safety.filter import cap
+from gcs.safety.filter import Limits, cap
 
 PRESSED = 0.65
 """Share of the speed limit from which a setpoint has little reserve left."""
@@ -68,8 +68,7 @@ def shape_setpoints(
         base_m_s,
         now.commanded,
         yields,
-        requested_m_s,
-        setpoint_m_s,
+        _at_limit(requested_m_s, np.array(now.traits.speed_max_m_s), limits),
         now.dt_s,
         settings.response_s,
         settings.trim_rate_per_s,
@@ -82,6 +81,17 @@ def shape_setpoints(
         expected_m_s,
         _pace(now, center, base_m_s, expected_m_s, requested_m_s, memory),
     )
+
+
+def _at_limit(requested_m_s: Array, own_m_s: Array, limits: Limits) -> Mask:
+    """(n, 2) whether the setpoints (n, 3) ask for more than a limit, sideways and up or down.
+
+    Apart, so that a vehicle that climbs as fast as it may still learns the wind.
+    """
+    level_m_s, up_m_s = np.hypot(requested_m_s[:, 0], requested_m_s[:, 1]), -requested_m_s[:, 2]
+    beyond = np.hypot(level_m_s, up_m_s) > own_m_s
+    climbs = (up_m_s > limits.up_m_s) | (up_m_s < -limits.down_m_s)
+    return np.column_stack([beyond | (level_m_s > limits.horizontal_m_s), beyond | climbs])
 
 
 def _known_beforehand(now: TickInputs, center: Center | None) -> tuple[Array, Array]:

@@ -158,8 +158,7 @@ def correct_trim(
     base_m_s: Array,
     commanded: Mask,
     yields: Mask,
-    requested_m_s: Array,
-    setpoint_m_s: Array,
+    at_limit: Mask,
     dt_s: float,
     response_s: float,
     rate_per_s: float,
@@ -177,8 +176,7 @@ def correct_trim(
         base_m_s: (n, 3) part of the commanded velocity that has a lead, and so is expected without lag.
         commanded: (n,) the trim of all others is reset.
         yields: (n,) the trim of these does not grow.
-        requested_m_s: (n, 3) setpoints before limits.
-        setpoint_m_s: (n, 3) setpoints after limits: where the two differ, the trim does not grow.
+        at_limit: (n, 2) the setpoint meets a limit, sideways and up or down: there the trim does not grow.
         dt_s: since the last tick.
         response_s: time constant of the response.
         rate_per_s: of the correction, sideways.
@@ -192,7 +190,7 @@ def correct_trim(
     for i in range(len(trim)):
         if not commanded[i]:
             continue
-        before, after, held = 0.0, 0.0, yields[i]
+        before, after = np.zeros(2), np.zeros(2)  # squares, sideways and up or down
         for k in range(3):
             was = expected_m_s[i, k]
             if np.isnan(was):
@@ -200,14 +198,14 @@ def correct_trim(
             expected[i, k] = was + blend * (allowed_m_s[i, k] - base_m_s[i, k] - was)
             rate = vertical_rate_per_s if k == 2 else rate_per_s
             trim[i, k] = trim_m_s[i, k] + dt_s * rate * (base_m_s[i, k] + expected[i, k] - measured_m_s[i, k])
-            held = held or abs(requested_m_s[i, k] - setpoint_m_s[i, k]) > TINY
-            before += trim_m_s[i, k] ** 2
-            after += trim[i, k] ** 2
-        if held and after > before:
-            trim[i] = trim_m_s[i]
-            after = before
-        if after > trim_max_m_s**2:
-            trim[i] *= trim_max_m_s / np.sqrt(after)
+            before[k // 2] += trim_m_s[i, k] ** 2
+            after[k // 2] += trim[i, k] ** 2
+        for k in range(3):
+            if (yields[i] or at_limit[i, k // 2]) and after[k // 2] > before[k // 2]:
+                trim[i, k] = trim_m_s[i, k]
+        trim[i] *= min(
+            1.0, trim_max_m_s / max(np.sqrt(trim[i, 0] ** 2 + trim[i, 1] ** 2 + trim[i, 2] ** 2), TINY)
+        )
     return trim, expected
 
 

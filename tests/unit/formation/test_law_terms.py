@@ -215,7 +215,7 @@ def test_formation_above_the_limit_leaves_no_relative_part() -> None:
 
 
 def trimmed(
-    measured: Array, *, requested: float = 0.0, trim: float = 0.0, ticks: int = 1, yields: bool = False
+    measured: Array, *, at_limit: bool = False, trim: float = 0.0, ticks: int = 1, yields: bool = False
 ) -> Array:
     """After being told to fly at (2, 0, 0), of which 1 is the formation's."""
     one = np.array([[1.0, 0.0, 0.0]])
@@ -229,8 +229,7 @@ def trimmed(
             one,
             np.ones(1, dtype=bool),
             np.full(1, yields),
-            requested * one,
-            0.0 * one,
+            np.array([[at_limit, not at_limit]]),
             0.05,
             0.4,
             1.0,
@@ -247,8 +246,8 @@ def test_slow_vehicle_is_trimmed_faster_up_to_the_limit() -> None:
 
 
 def test_at_a_limit_the_trim_does_not_grow_but_may_shrink() -> None:
-    assert trimmed(np.array([[0.5, 0.0, 0.0]]), requested=12.0, trim=1.0, ticks=50)[0, 0] == 1.0
-    assert trimmed(np.array([[3.5, 0.0, 0.0]]), requested=12.0, trim=1.0, ticks=50)[0, 0] < 1.0
+    assert trimmed(np.array([[0.5, 0.0, 0.0]]), at_limit=True, trim=1.0, ticks=50)[0, 0] == 1.0
+    assert trimmed(np.array([[3.5, 0.0, 0.0]]), at_limit=True, trim=1.0, ticks=50)[0, 0] < 1.0
 
 
 def test_trim_of_a_yielding_vehicle_may_only_shrink() -> None:
@@ -263,7 +262,19 @@ def test_vehicle_that_responds_as_expected_is_not_trimmed() -> None:
 def test_trim_of_an_uncommanded_vehicle_is_forgotten() -> None:
     here, no_vehicle = np.ones((1, 3)), np.zeros(1, dtype=bool)
     trim, expected = correct_trim(
-        here, here, here, here, here, no_vehicle, no_vehicle, here, here, 0.05, 0.4, 1.0, 0.5, 4.0
+        here,
+        here,
+        here,
+        here,
+        here,
+        no_vehicle,
+        no_vehicle,
+        np.zeros((1, 2), dtype=bool),
+        0.05,
+        0.4,
+        1.0,
+        0.5,
+        4.0,
     )
     assert (trim == 0.0).all()
     assert np.isnan(expected).all()
