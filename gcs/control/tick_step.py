@@ -82,7 +82,7 @@ def tick(
         possible_m_s,
         now.velocity_m_s,
         authority.lack_m_s,
-        least.threshold_m_s(settings.safety.link_delay_s),
+        least.lack_m_s,
         least.reserve_m_s,
     )
     allowed_m_s, limited_by = filter_velocities(reached_m_s, _surroundings(now, authority), settings.safety)
@@ -174,7 +174,7 @@ def _of_commanded(
 
 def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
     safety = now.settings.safety
-    wander_m = authority.wander_m(safety.authority, safety.link_delay_s)
+    wander_m = authority.wander_m(safety.authority)
     wander_m[now.descending] = 0.0
     position_m = now.position_m.copy()
     if now.tasks.segments_of is not None:

@@ -294,7 +294,7 @@ class AlarmMonitor:
     def _of_authority(self, tick: Tick) -> Iterator[Condition]:
         """Yield that vehicles do not reach their velocities, and those with a lowered speed limit."""
         authority, safety = tick.memory.authority, self.flight.control_now.safety
-        wider_m = safety.floor.worst_reserve_m(authority.wander_m(safety.authority, safety.link_delay_s))
+        wider_m = safety.floor.worst_reserve_m(authority.wander_m(safety.authority))
         self._wide = beyond(self._wide, np.array([wider_m]), WIDE_M)
         if self._wide[0]:
             off_m_s = authority.fleet_wander_m_s

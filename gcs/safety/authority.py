@@ -44,30 +44,18 @@ LOWEST_M_S = 0.5
 WALL_SHARE = 0.2
 """Cosine between a wall's normal and a lack from which the wall counts as one that demands the lack."""
 
-SWING_M_S2 = 1.5
-"""By so much for every second of delay, one way, the control loop itself swings."""
-
-
-def swing_m_s(link_delay_s: float) -> float:
-    """Unexpected velocity that only the delay of the links explains."""
-    return SWING_M_S2 * link_delay_s
-
 
 class AuthoritySettings(Settings):
     """When vehicles count as short of authority, and what follows."""
 
     answer_s: Positive = 1.0  # for about this time a vehicle in order may still fly what was allowed before
     free_m_s: NotNegative = 0.3  # wander that the margins cover anyway
-    horizon_s: NotNegative = 1.5  # wander times this is a standard deviation of a position; 0: none
+    horizon_s: NotNegative = 1.0  # wander times this is a standard deviation of a position; 0: none
     wander_max_m: NotNegative = 1.5  # most of that
     lack_s: Positive = 0.7  # averaging time
     lack_m_s: Positive = 0.5  # a greater lack is yielded to
     reserve_m_s: NotNegative = 0.5  # as much more than what it reaches is still asked of such a vehicle
     slow_s: Positive = 3.0  # a lack along its own way for this time: a lower speed limit
-
-    def threshold_m_s(self, link_delay_s: float) -> float:
-        """Least lack that counts over links with this delay, one way."""
-        return self.lack_m_s + swing_m_s(link_delay_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,13 +76,11 @@ class Authority:
         nothing = np.full((count, 3), np.nan)
         return Authority(nothing, nothing, still, np.zeros(count), np.zeros(count), np.full(count, np.inf))
 
-    def wander_m(self, settings: AuthoritySettings, link_delay_s: float = 0.0) -> Array:
+    def wander_m(self, settings: AuthoritySettings) -> Array:
         """(n,) standard deviations of where unexpected velocities lead, the fleet's common one at least."""
-        free_m_s = settings.free_m_s + swing_m_s(link_delay_s)
-        horizon_s, most_m = settings.horizon_s, settings.wander_max_m
-        return _wander_m(
-            self.lack_m_s, self.square_m2_s2, self.fleet_wander_m_s**2, free_m_s, horizon_s, most_m
-        )
+        together_m2_s2 = self.fleet_wander_m_s**2
+        numbers = settings.free_m_s, settings.horizon_s, settings.wander_max_m
+        return _wander_m(self.lack_m_s, self.square_m2_s2, together_m2_s2, *numbers)
 
     @property
     def fleet_wander_m_s(self) -> float:
@@ -129,8 +115,8 @@ def _wander_m(
         lost = 0.0
         for k in range(3):
             lost += lack_m_s[i, k] ** 2
-        gust_m_s = np.sqrt(max(square_m2_s2[i], together_m2_s2) + lost / 3.0)
-        wander_m[i] = min(horizon_s * max(gust_m_s - free_m_s, 0.0), most_m)
+        gust_m2_s2 = max(square_m2_s2[i], together_m2_s2) + lost / 3.0 - free_m_s**2
+        wander_m[i] = min(horizon_s * np.sqrt(max(gust_m2_s2, 0.0)), most_m)
     return wander_m
 
 

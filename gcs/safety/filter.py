@@ -231,7 +231,7 @@ def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> 
         here.commanded,
         here.lack_m_s,
         walls,
-        least.threshold_m_s(settings.link_delay_s),
+        least.lack_m_s,
         least.reserve_m_s,
     )
 
