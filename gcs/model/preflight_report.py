@@ -77,6 +77,7 @@ class PreflightReport:
     @computed_field  # type: ignore[prop-decorator]
     @property
     def not_flying(self) -> dict[VehicleId, str]:
+        """Vehicles that would stay on the ground, and why."""
         return {vehicle.id: vehicle.reason for vehicle in self.vehicles if not vehicle.flies}
 
     @computed_field  # type: ignore[prop-decorator]

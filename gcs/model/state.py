@@ -198,6 +198,7 @@ class Counts:
     @computed_field  # type: ignore[prop-decorator]
     @property
     def airborne(self) -> int:
+        """In the air, controlled or not."""
         return self.controlled + self.uncontrolled
 
 
