@@ -196,6 +196,10 @@ class SimulatedFlight:
             off_m = np.linalg.norm(self.world.position_m - slot_m, axis=1)
             if memory.unfollowed_s is not None:
                 off_m[memory.unfollowed_s < 0.0] += FAR_M  # held: its slot has come to it
+            if not record.orbit_radius_m:  # a formation that stands cannot leave closed space behind
+                kept_m = self.floor.widest_m(self.traits.uncertainty_m)
+                closed = self.losses.apart_m(slot_m, self.floor) <= kept_m
+                off_m[closed & (off_m > THROUGH_M)] = np.nan
             record.off_slot_m.append(off_m)
         record.tick_s.append(took_s)
         record.time_s.append(self.time_s)

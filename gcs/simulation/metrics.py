@@ -355,18 +355,19 @@ def arrival(record: Record) -> dict[str, object]:
 
 
 def _in_slots(record: Record) -> dict[str, object]:
-    """Vehicles still in formation, and the most of them that were at their slots at one moment.
+    """Vehicles in formation, and the most of them at their slots at one moment of the last seconds.
 
-    The last seconds count. On an orbit the last lap counts: in part of it the sphere passes lost vehicles.
+    A formation that stands: not those off slots in closed space. On an orbit the last lap counts; in part of
+    it the sphere passes lost vehicles.
     """
     flight, lasts_s = record.scenario.flight, STEADY_S
     if isinstance(flight, FormationFlight) and flight.orbit.radius_m:
         lasts_s = 2.0 * np.pi * flight.orbit.radius_m / flight.orbit.speed_m_s
     off_m = np.array(record.off_slot_m[-round(lasts_s * record.scenario.world.tick_rate_hz) :])
-    record.expected = np.asarray(np.isfinite(off_m[-1]))
+    record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
     figures = dict.fromkeys(("arrived", "expected", "median_ratio", "worst_ratio", "total_s", "late_s"))
-    arrived, expected = int((off_m < THROUGH_M).sum(axis=1).max()), int(record.expected.sum())
-    return figures | {"arrived": arrived, "expected": expected}
+    at_once = (off_m < THROUGH_M)[:, record.expected].sum(axis=1)
+    return figures | {"arrived": int(at_once.max()), "expected": int(record.expected.sum())}
 
 
 def obstacles(record: Record, shape: Shape) -> dict[str, object]:

@@ -48,7 +48,7 @@ class Record:
     expected: Mask = field(init=False)  # (n,) vehicles that must arrive: not lost, and with a clear goal
     off_slot_m: list[Array] = field(
         default_factory=list
-    )  # (n,) distance of each vehicle from its slot, with losses only; NaN: not in formation
+    )  # (n,) distance of each vehicle from its slot, with losses only; NaN: none, or closed to it
     failsafes: list[tuple[float, str, str]] = field(default_factory=list)  # time, cause, action
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight
