@@ -55,6 +55,7 @@ async def whole_show(show: Show) -> Flight:
     service.plan.set_target(Target(*GUEST_M))
     await show.until(lambda: selected(show).cue == "tower")
     await show.reach(ShowPhase.LANDED, 120.0)
+    await show.wait(0.1)  # the track has this tick, too
     return Flight(
         Timeline.of(parse(TEXT, NAME).show),
         show.track,

@@ -224,7 +224,6 @@ class Show:
         began_s = self.now_s
         async for _ in self.service.view.values():
             if holds():
-                await asyncio.sleep(0)  # this tick is noted, too
                 break
             if self.now_s - began_s > limit_s:
                 states = ", ".join(f"{seen.id} {seen.phase} ({seen.reason})" for seen in self.view.vehicles)
