@@ -84,7 +84,7 @@ class Pairs:
         )
 
     def not_in(self, others: "Pairs", count: int) -> "Pairs":
-        """Those whose two of `count` vehicles are not a pair of `others`."""
+        """Return the pairs, of `count` vehicles, that are not among `others`."""
         own, known = (
             np.minimum(each.first, each.other) * count + np.maximum(each.first, each.other)
             for each in (self, others)

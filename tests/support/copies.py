@@ -29,7 +29,7 @@ def in_a_copy(work: Callable[[], T]) -> T:
             asyncio._set_running_loop(loop)  # which asyncio knows by process
             try:
                 answer = pickle.dumps((work(), ""))
-            except BaseException:  # noqa: BLE001
+            except BaseException:  # noqa: BLE001  what ends a test is raised in this process, below
                 answer = pickle.dumps((None, traceback.format_exc()))
             with os.fdopen(writer, "wb") as stream:
                 stream.write(answer)
@@ -39,10 +39,8 @@ def in_a_copy(work: Callable[[], T]) -> T:
     try:
         with os.fdopen(reader, "rb") as stream:
             answer = stream.read()
-    except BaseException:  # a timeout of the test
-        os.kill(child, signal.SIGKILL)
-        raise
     finally:
+        os.kill(child, signal.SIGKILL)  # after a timeout of the test it still runs
         os.waitpid(child, 0)
     assert answer, "the copy of this process ended without a result"
     result, problem = pickle.loads(answer)  # noqa: S301

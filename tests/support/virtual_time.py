@@ -1,4 +1,4 @@
-"""An event loop whose time takes none, and what else a virtual flight has instead of the real thing."""
+"""Virtual time: an event loop, a Unix clock, and an executor that works at once."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
