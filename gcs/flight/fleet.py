@@ -41,7 +41,7 @@ from gcs.model.state import (
     whereabouts,
 )
 from gcs.planning.landing_sites import STOP_S, silent_segments_m, swept_segments_m
-from gcs.planning.return_paths import keeps_to_path
+from gcs.planning.return_paths import keeps_to_path, lowest_beside_m
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
@@ -298,17 +298,14 @@ class Fleet:
     def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
         if self._may_descend is None or self._may_descend[0] is not self.fleet:
-            self._may_descend = self.fleet, self._lowest_beside()
+            self._may_descend = self.fleet, self._lowest_beside_m()
         return not self._may_descend[1] > self.position_m(vehicle)[2]
 
-    def _lowest_beside(self) -> float:
-        """Return z of the lowest landing vehicle outside its landing column, -inf if there is none."""
-        lowest_z_m = -np.inf
-        for vehicle in self.in_phase(Phase.LANDING):
-            here_m, goal_m = self.position_m(vehicle), vehicle.goal_m
-            if goal_m is not None and np.hypot(here_m[0] - goal_m[0], here_m[1] - goal_m[1]) > 1.0:
-                lowest_z_m = max(lowest_z_m, float(here_m[2]))
-        return lowest_z_m
+    def _lowest_beside_m(self) -> float:
+        goals_m = {vehicle.row: vehicle.goal_m for vehicle in self.in_phase(Phase.LANDING)}
+        rows = [row for row, goal_m in goals_m.items() if goal_m is not None]
+        goal_m = np.array([goals_m[row] for row in rows], dtype=float).reshape(-1, 3)
+        return lowest_beside_m(self.fleet.position_m[rows], goal_m)
 
     def assembled(self) -> bool:
         """Whether the formation's vehicles are on the sphere and spread over all of it."""

@@ -18,7 +18,7 @@ from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Mode
-from gcs.planning.return_paths import is_above, may_hand_over
+from gcs.planning.return_paths import above_place_m, is_above, may_hand_over
 from gcs.service import Outcome
 
 log = logging.getLogger(__name__)
@@ -185,10 +185,8 @@ class Maneuvers(ManeuverTasks):
         if not await self._under_control(vehicle, Event.COME_HOME, "on its way home"):
             return
         # sideways at its own height, but not lower than the take-off height of all
-        height_z_m = min(
-            float(self._flight.position_m(vehicle)[2]), float(home_m[2]) - self._settings.takeoff_height_m
-        )
-        vehicle.goal_m = np.array([home_m[0], home_m[1], height_z_m])
+        here_m, least_m = self._flight.position_m(vehicle), self._settings.takeoff_height_m
+        vehicle.goal_m = above_place_m(here_m[None], home_m[None], least_m)[0]
         await self._until(vehicle, lambda: self._above(vehicle, home_m))
         vehicle.apply(Event.DESCEND, "above its start, comes down")
         await self._descend_slowly(vehicle, home_m)
@@ -234,8 +232,7 @@ class Maneuvers(ManeuverTasks):
                 return
             if not await self._under_control(vehicle, Event.DESCEND, "comes down"):
                 return
-            here_m = self._flight.position_m(vehicle)
-            vehicle.goal_m = np.array([place_m[0], place_m[1], here_m[2]])
+            vehicle.goal_m = np.array([place_m[0], place_m[1], self._flight.position_m(vehicle)[2]])
             await self._flight.ticked()  # until then all vehicles commanded together have begun, and count
             await self._until(
                 vehicle, lambda: self._above(vehicle, place_m) and self._flight.may_descend(vehicle)

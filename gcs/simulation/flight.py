@@ -19,11 +19,12 @@ from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.landing_sites import distinct_sites_m
 from gcs.planning.return_paths import (
-    WELL_IN_PLACE_M,
     PathProgress,
     ReturnPaths,
+    above_place_m,
     is_above,
     keeps_to_path,
+    lowest_beside_m,
     may_hand_over,
     plan_return_paths,
 )
@@ -68,6 +69,7 @@ class SimulatedFlight:
             None if policy is None else ServiceFailsafes(policy, n, layout.reported_accuracy_m(scenario))
         )
         self._site_m = np.full((n, 3), np.nan)  # where vehicles come down that a failsafe lands or returns
+        self._lands = np.zeros(n, dtype=bool)  # of these, the ones that land: the lowest descends first
         self._some_led = False  # whether one has been led there
         self._progress: PathProgress | None = None
         self._returning = np.arange(0)  # (k,) rows of the return's plan
@@ -153,7 +155,7 @@ class SimulatedFlight:
             elif request.action is Action.RETURN and request.whole_show:
                 self.return_now()
             elif request.action is Action.RETURN:
-                self._lead_down(rows, self.world.home_m if self.pads_m is None else self.pads_m)
+                self._lead_down(rows, self.world.home_m if self.pads_m is None else self.pads_m, returns=True)
 
     def return_now(self) -> None:
         """Begin the collective return on a failsafe."""
@@ -168,16 +170,22 @@ class SimulatedFlight:
         sites_m[rows, :2] = distinct_sites_m(here_m[rows, :2], taken_m, spacing_m, ellipses)
         return sites_m
 
-    def _lead_down(self, rows: Mask, site_m: Array) -> None:
-        """Lead vehicles at their heights above their places (n, 3), and down."""
+    def _lead_down(self, rows: Mask, site_m: Array, *, returns: bool = False) -> None:
+        """Lead vehicles above their places (n, 3) and down, as `gcs.flight.maneuvers` does."""
+        flight, least_m = self.scenario.flight, -np.inf
+        if returns and isinstance(flight, FormationFlight):
+            least_m = flight.takeoff_height_m
         self.task[rows], self._site_m[rows], self._some_led = Task.GOAL, site_m[rows], True
-        self.goal_m[rows] = np.column_stack([site_m[rows, :2], self.world.received_m[rows, 2]])
+        self._lands[rows] = not returns
+        self.goal_m[rows] = above_place_m(self.world.received_m[rows], site_m[rows], least_m)
 
     def _come_down(self) -> None:
         if not self._some_led:
             return
         here_m, led = self.world.received_m, (self.task == Task.GOAL) & np.isfinite(self._site_m[:, 0])
-        self._descend(led & ~self.descending & is_above(here_m, self._site_m, WELL_IN_PLACE_M), self._site_m)
+        lands = led & self._lands
+        waits = lands & (here_m[:, 2] < lowest_beside_m(here_m[lands], self._site_m[lands]))
+        self._descend(led & ~waits & ~self.descending & is_above(here_m, self._site_m), self._site_m)
         self._hand_over(led & self.descending, self._site_m)
 
     def _descend(self, arrived: Mask, place_m: Array) -> None:

@@ -8,11 +8,12 @@ from gcs.planning.return_paths.candidates import AreFree
 from gcs.planning.return_paths.paths import (
     IN_PLACE_M,
     STEP_S,
-    WELL_IN_PLACE_M,
     PathProgress,
     ReturnPaths,
+    above_place_m,
     is_above,
     keeps_to_path,
+    lowest_beside_m,
     may_hand_over,
 )
 from gcs.planning.return_paths.planner import (
@@ -26,14 +27,15 @@ from gcs.planning.return_paths.planner import (
 __all__ = [
     "IN_PLACE_M",
     "STEP_S",
-    "WELL_IN_PLACE_M",
     "AreFree",
     "PathProgress",
     "Planner",
     "ReturnPaths",
     "ReturnSettings",
+    "above_place_m",
     "is_above",
     "keeps_to_path",
+    "lowest_beside_m",
     "may_hand_over",
     "plan_return_paths",
     "return_planner",

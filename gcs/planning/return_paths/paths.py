@@ -26,6 +26,9 @@ HELD_UP_M = 5.0
 GIVEN_UP_M = 9.0
 """Farther away, a vehicle does not follow the plan any more, and the plan does not wait for it."""
 
+COLUMN_M = 1.0
+"""A landing vehicle within this distance of its place, over the ground, is in its landing column."""
+
 LATE_S = 5.0
 """A vehicle that is not above its pad so long after its path has ended obeys the rules of the road again."""
 
@@ -106,6 +109,20 @@ class PathProgress:
 def is_above(here_m: Array, place_m: Array, within_m: float = IN_PLACE_M) -> Mask:
     """(n,) Whether each vehicle (n, 3) is within `within_m` of its place (n, 3) over the ground."""
     return np.asarray(np.hypot(here_m[:, 0] - place_m[:, 0], here_m[:, 1] - place_m[:, 1]) < within_m)
+
+
+def above_place_m(here_m: Array, place_m: Array, least_m: float) -> Array:
+    """(n, 3) Goals above the places (n, 3): at its own height (n, 3), but at least `least_m` up."""
+    return np.column_stack([place_m[:, :2], np.minimum(here_m[:, 2], place_m[:, 2] - least_m)])
+
+
+def lowest_beside_m(here_m: Array, goal_m: Array) -> float:
+    """Z of the lowest landing vehicle (k, 3) outside its landing column (k, 3), show frame; -inf without one.
+
+    A higher vehicle does not descend before it: each one descends past vehicles that are in their columns.
+    """
+    beside = ~is_above(here_m, goal_m, COLUMN_M)
+    return float(here_m[beside, 2].max(initial=-np.inf))
 
 
 def may_hand_over(here_m: Array, place_m: Array, handover_m: float) -> Mask:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.model.state import Array
-from gcs.planning.return_paths import STEP_S, PathProgress, ReturnPaths
+from gcs.planning.return_paths import STEP_S, PathProgress, ReturnPaths, above_place_m, lowest_beside_m
 from gcs.planning.return_paths.paths import LATE_S, PATIENCE_S
 
 TICK_S = 0.05
@@ -92,3 +92,16 @@ def test_vehicle_off_its_pad_after_the_end_of_its_path_is_late() -> None:
     assert progress.late[1]
     flown(progress, 1.0, np.zeros((2, 3)), ~BOTH)
     assert not progress.late.any()
+
+
+def test_way_home_is_level_but_not_below_the_takeoff_height() -> None:
+    here_m = np.array([[9.0, 0.0, -3.0], [9.0, 4.0, -20.0]])
+    home_m = np.array([[0.0, 0.0, 1.0], [0.0, 4.0, 1.0]])
+    assert above_place_m(here_m, home_m, 5.0).tolist() == [[0.0, 0.0, -4.0], [0.0, 4.0, -20.0]]
+
+
+def test_lowest_landing_vehicle_beside_its_column_descends_first() -> None:
+    goal_m = np.zeros((3, 3))
+    here_m = np.array([[0.5, 0.0, -2.0], [3.0, 0.0, -6.0], [0.0, 3.0, -9.0]])
+    assert lowest_beside_m(here_m, goal_m) == -6.0
+    assert lowest_beside_m(here_m[:1], goal_m[:1]) == -np.inf
