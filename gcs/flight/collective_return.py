@@ -11,7 +11,8 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import ShapeError, cut
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.return_paths import PathProgress, Planner, ReturnPaths, plan_return_paths, return_planner
+from gcs.planning.return_paths.paths import PathProgress, ReturnPaths
+from gcs.planning.return_paths.planner import Planner, plan_return_paths, return_planner
 
 log = logging.getLogger(__name__)
 

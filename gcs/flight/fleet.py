@@ -41,7 +41,7 @@ from gcs.model.state import (
     whereabouts,
 )
 from gcs.planning.landing_sites import STOP_S, silent_segments_m, swept_segments_m
-from gcs.planning.return_paths import keeps_to_path, lowest_beside_m
+from gcs.planning.return_paths.paths import keeps_to_path, lowest_beside_m
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)

@@ -18,7 +18,7 @@ from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Mode
-from gcs.planning.return_paths import above_place_m, is_above, may_hand_over
+from gcs.planning.return_paths.paths import above_place_m, is_above, may_hand_over
 from gcs.service import Outcome
 
 log = logging.getLogger(__name__)

@@ -28,7 +28,7 @@ from gcs.flight.snapshots import fleet_view
 from gcs.flight.ticker import TickClock, ticks
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
-from gcs.planning.return_paths import warm_up as warm_up_paths
+from gcs.planning.return_paths.planner import warm_up as warm_up_paths
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit

@@ -18,7 +18,7 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.landing_sites import distinct_sites_m
-from gcs.planning.return_paths import (
+from gcs.planning.return_paths.paths import (
     PathProgress,
     ReturnPaths,
     above_place_m,
@@ -26,9 +26,8 @@ from gcs.planning.return_paths import (
     keeps_to_path,
     lowest_beside_m,
     may_hand_over,
-    plan_return_paths,
 )
-from gcs.planning.return_paths.planner import return_planner
+from gcs.planning.return_paths.planner import plan_return_paths, return_planner
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article

@@ -7,8 +7,7 @@ import numpy as np
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
-from gcs.planning.return_paths import PathProgress
-from gcs.planning.return_paths.paths import WELL_IN_PLACE_M
+from gcs.planning.return_paths.paths import WELL_IN_PLACE_M, PathProgress
 from gcs.service import ShowAction
 from gcs.simulation.flight import FormationRun
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario

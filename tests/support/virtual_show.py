@@ -25,7 +25,7 @@ from gcs.mavlink import codec
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
-from gcs.planning import return_paths
+from gcs.planning.return_paths import planner
 from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
@@ -398,7 +398,7 @@ class Flight:
 @cache
 def load_machine_code() -> None:
     """Otherwise each copy of the process loads it."""
-    for warm_up in (control.warm_up, return_paths.warm_up, codec.warm_up):
+    for warm_up in (control.warm_up, planner.warm_up, codec.warm_up):
         warm_up()
 
 

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from gcs.model.errors import ShapeError
 from gcs.model.state import Array, Mask
-from gcs.planning.return_paths import STEP_S, Planner, ReturnPaths, plan_return_paths
 from gcs.planning.return_paths.candidates import Closed
+from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
+from gcs.planning.return_paths.planner import Planner, plan_return_paths
 from gcs.safety.filter import Limits
 from gcs.safety.separation import Floor
 

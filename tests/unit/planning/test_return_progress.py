@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from gcs.model.state import Array
-from gcs.planning.return_paths import STEP_S, PathProgress, ReturnPaths, above_place_m, lowest_beside_m
-from gcs.planning.return_paths.paths import LATE_S, PATIENCE_S
+from gcs.planning.return_paths.paths import (
+    LATE_S,
+    PATIENCE_S,
+    STEP_S,
+    PathProgress,
+    ReturnPaths,
+    above_place_m,
+    lowest_beside_m,
+)
 
 TICK_S = 0.05
 PADS_M = np.array([[40.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
