@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr, Tag
 
-from gcs.config.sections import ShowFrameSettings
+from gcs.config.sections import OrbitSettings, ShowFrameSettings
 from gcs.control import ControlSettings
 from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
@@ -90,12 +90,10 @@ class Path(Settings):
     path: Annotated[tuple[Waypoint, ...], Field(min_length=1, max_length=200)]
 
 
-class CueOrbit(Settings):
+class CueOrbit(OrbitSettings):
     """How the formation's centre circles the target; radius 0: it stays above the target."""
 
     radius_m: NotNegative
-    speed_m_s: Positive = 2.0
-    direction: Direction = Direction.COUNTERCLOCKWISE
 
 
 class Spin(Settings):
@@ -105,15 +103,20 @@ class Spin(Settings):
     direction: Direction = Direction.CLOCKWISE
 
 
-class Box(Settings):
-    """A static obstacle, edges along the show frame's axes."""
+class StandingBox(Settings):
+    """An obstacle at rest, edges along the show frame's axes."""
 
-    id: Name
     x_m: float  # centre
     y_m: float
     half_length_x_m: Positive
     half_length_y_m: Positive
     height_m: Positive  # of its top
+
+
+class Box(StandingBox):
+    """An obstacle of a show, with the name under which it goes again."""
+
+    id: Name
 
 
 class Obstacles(Settings):

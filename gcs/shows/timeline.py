@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
-from gcs.shows.format import Box, Cue, CueOrbit, Loop, Path, Place, Show, Spin
+from gcs.shows.format import Box, Cue, Loop, Path, Place, Show, Spin
 
 RATE = 15.0 / 8.0
 """Greatest rate of the transition, times time over change: of 10 u^3 - 15 u^4 + 6 u^5 at u = 1/2."""
@@ -284,7 +284,7 @@ class _Writer:
         self._set("height_m", one, np.array([cue.height_m or 0.0]))
         self._set("spin", one, np.array([_rate_rad_s(cue.spin)]))
         self._set("lights", one, _colours(cue.lights or ("#000000",), count))
-        self._orbits.append((0.0, _orbit(cue.orbit or CueOrbit(radius_m=0.0))))
+        self._orbits.append((0.0, Orbit() if cue.orbit is None else Orbit(**cue.orbit.model_dump())))
         self._obstacles.append((0.0, tuple(map(obstacle_of, cue.obstacles.appear))))
         place = cue.target if isinstance(cue.target, Place) else Place(x_m=0.0, y_m=0.0)
         if isinstance(cue.target, Path) and cue.target.path[0].after_s == 0.0:
@@ -301,7 +301,7 @@ class _Writer:
         """Lay out a later cue: its values change over its time, or the shortest."""
         cue, limits = one.cue, self._limits
         if cue.orbit is not None:
-            self._orbits.append((one.at_s, _orbit(cue.orbit)))
+            self._orbits.append((one.at_s, Orbit(**cue.orbit.model_dump())))
         if cue.obstacles.appear or cue.obstacles.go:
             stays = [box for box in self._obstacles[-1][1] if box.id not in cue.obstacles.go]
             self._obstacles.append((one.at_s, (*stays, *map(obstacle_of, cue.obstacles.appear))))
@@ -375,10 +375,6 @@ def turning(orbit: Orbit) -> tuple[float, float]:
     if not orbit.radius_m:
         return 0.0, 0.0
     return orbit.speed_m_s, orbit.speed_m_s**2 / orbit.radius_m
-
-
-def _orbit(orbit: CueOrbit) -> Orbit:
-    return Orbit(orbit.radius_m, orbit.speed_m_s, orbit.direction)
 
 
 def obstacle_of(box: Box) -> Obstacle:

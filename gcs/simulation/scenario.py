@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal, TypeAlias, get_args
 from pydantic import Field, ValidationError, model_validator
 
 from gcs.config import yaml_files as documents
+from gcs.config.sections import OrbitSettings, TargetSettings
 from gcs.config.setting_errors import explained
 from gcs.config.yaml_files import Source
 from gcs.control import ControlSettings
@@ -14,8 +15,9 @@ from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.article import ArticleParameters
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import ConfigError, quoted
-from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
+from gcs.model.plan import MAX_OBSTACLES, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.shows.format import StandingBox
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
@@ -77,11 +79,9 @@ class World(Settings):
     tick_rate_hz: Annotated[float, Field(ge=1.0, le=50.0)] = 20.0
 
 
-class SteadyTarget(Settings):
+class SteadyTarget(TargetSettings):
     """A ground target with constant velocity."""
 
-    x_m: float = 0.0
-    y_m: float = 0.0
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
 
@@ -101,29 +101,11 @@ class Turn(Settings):
     acceleration_y_m_s2: float = 0.0
 
 
-class Circle(Settings):
-    """The orbit of the formation's centre; radius 0: the centre stays above the target."""
-
-    radius_m: NotNegative = 0.0
-    speed_m_s: Positive = 2.0
-    direction: Direction = Direction.COUNTERCLOCKWISE
-
-
 class Spin(Settings):
     """The formation's spin from a time on."""
 
     from_s: NotNegative
     rate_rad_s: float  # positive: clockwise seen from above
-
-
-class StandingBox(Settings):
-    """An obstacle at rest."""
-
-    x_m: float
-    y_m: float
-    half_length_x_m: Positive
-    half_length_y_m: Positive
-    height_m: Positive
 
 
 class Box(StandingBox):
@@ -194,7 +176,7 @@ class FormationFlight(Settings):
     takeoff_height_m: Positive = 5.0
     radius_m: Positive | Literal["least"] | None = None  # None: max(10, 1.4 sqrt(N)), or the least if more
     height_m: Positive | None = None  # None: the lowest point 5 m above the take-off height
-    orbit: Circle = Circle()
+    orbit: OrbitSettings = OrbitSettings()  # of the centre; radius 0: it stays above the target
     center_moves_from_s: NotNegative = 0.0
     target: TargetPath = TargetPath()
     spins: tuple[Spin, ...] = ()
@@ -236,7 +218,7 @@ class ArticleFlight(Settings):
     start_half_m: Positive = 2.0  # vehicles start at random in a cube with this half edge about the target
     spacing_m: Positive = 1.0
     height_m: Positive = 10.0
-    orbit: Circle = Circle(radius_m=15.0, speed_m_s=12.0)
+    orbit: OrbitSettings = OrbitSettings(radius_m=15.0, speed_m_s=12.0)
     center_moves_from_s: NotNegative = 0.0
     center_acceleration_max_m_s2: Positive = 20.0  # the article's centre has no limit
     target: SteadyTarget = SteadyTarget()
