@@ -5,8 +5,10 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from math import isfinite
 from typing import Final
 
+import numpy as np
 from fastapi import APIRouter
 from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
@@ -19,11 +21,8 @@ from gcs.api.schemas.convert import current_alarms as current
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView
 from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
-from gcs.service.vehicle_table import VehicleView
 
 router = APIRouter()
-
-Row = Mapping[str, float | None]
 
 VEHICLE_GAUGES: Final = {
     "gcs_vehicle_link_quality": "Share of the requested positions that arrive, 0 to 1.",
@@ -34,19 +33,6 @@ VEHICLE_GAUGES: Final = {
     "gcs_vehicle_ready": "1: could be started now.",
     "gcs_vehicle_limited": "1: the safety filter held it back in the newest tick.",
 }
-
-
-def _of_vehicle(each: VehicleView) -> Row:
-    values = (
-        each.link_quality,
-        each.position_age_s,
-        each.heartbeat_age_s,
-        each.battery_remaining,
-        each.position_uncertainty_m,
-        float(each.ready),
-        float(each.limited_by != ""),
-    )
-    return dict(zip(VEHICLE_GAUGES, values, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +73,23 @@ class FleetCollector:
 
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:
-    rows = [(each.id, _of_vehicle(each)) for each in view.vehicles]
-    for name, text in VEHICLE_GAUGES.items():
-        yield _labelled(name, text, "vehicle", {vehicle_id: row[name] for vehicle_id, row in rows})
+    rows = view.rows
+    columns = (
+        *(rows.link_quality, rows.position_age_s, rows.heartbeat_age_s, rows.battery_remaining),
+        *(
+            rows.uncertainty_m,
+            np.array(rows.ready, float),
+            np.array([why != "" for why in rows.limited_by], float),
+        ),
+    )
+    for (name, text), column in zip(VEHICLE_GAUGES.items(), columns, strict=True):
+        values = zip(rows.ids, column.tolist(), strict=True)
+        yield _labelled(name, text, "vehicle", {key: value for key, value in values if isfinite(value)})
     counts = {"airborne": view.counts.airborne, **asdict(view.counts)}
     yield _labelled(
         "gcs_vehicles_counted", "How many are airborne, on the ground and so on.", "where", counts
     )
-    phases = Counter(each.phase for each in view.vehicles)
+    phases = Counter(rows.phases)
     counted = {phase.value: phases[phase] for phase in Phase}
     yield _labelled("gcs_vehicles", "How many are in each phase.", "phase", counted)
 
@@ -106,12 +101,11 @@ def _gauge(name: str, text: str, value: float | None) -> Metric:
     return family
 
 
-def _labelled(name: str, text: str, label: str, values: Mapping[str, float | None]) -> Metric:
-    """Make a gauge with one value for each value of a label; None: it has none now."""
+def _labelled(name: str, text: str, label: str, values: Mapping[str, float]) -> Metric:
+    """Make a gauge with one value for each value of a label."""
     family = GaugeMetricFamily(name, text, labels=[label])
     for key, value in values.items():
-        if value is not None:
-            family.add_metric([key], value)
+        family.add_metric([key], value)
     return family
 
 

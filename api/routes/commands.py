@@ -218,7 +218,7 @@ async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: 
 @router.post("/kill", tags=["fleet"], summary="Arm a kill: the first of two steps", **command(404))
 async def arm_kill(context: ContextDep, body: requests.GroupBody | None = None) -> schemas.KillArmed:
     """Returns a code and its vehicles: the named ones, else all that are not offline. Nothing is sent yet."""
-    phases = {each.id: each.phase for each in context.view.vehicles}
+    phases = dict(zip(context.view.rows.ids, context.view.rows.phases, strict=True))
     named = None if body is None else body.vehicles
     for name in named or ():
         if name not in phases:

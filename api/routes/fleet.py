@@ -80,7 +80,7 @@ async def get_vehicle(vehicle_id: VehicleId, context: ContextDep) -> schemas.Veh
     for each in convert.vehicles(context.view, context.frame):
         if each.id == vehicle_id:
             return each
-    known = ", ".join(each.id for each in context.view.vehicles)
+    known = ", ".join(context.view.rows.ids)
     raise UnknownError(f"there is no vehicle {vehicle_id!r}; there are {known}")
 
 

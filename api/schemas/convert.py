@@ -54,18 +54,19 @@ def readiness_problem(view: FleetView, now_s: float) -> str:
     problem = health_problem(view, now_s)
     if problem:
         return problem
-    if not any(each.ready or each.phase in AIRBORNE for each in view.vehicles):
-        count, first = len(view.vehicles), view.vehicles[0]
-        return f"no vehicle of {count} is ready or flies; {first.id} is {first.phase}: {first.reason}"
+    rows = view.rows
+    if not (any(rows.ready) or AIRBORNE.intersection(rows.phases)):
+        first = f"{rows.ids[0]} is {rows.phases[0]}: {rows.reasons[0]}"
+        return f"no vehicle of {len(rows.ids)} is ready or flies; {first}"
     return ""
 
 
 def readiness(view: FleetView) -> reports.Readiness:
     return reports.Readiness(
         ready=True,
-        vehicles_ready=sum(each.ready for each in view.vehicles),
+        vehicles_ready=sum(map(bool, view.rows.ready)),
         vehicles_airborne=view.counts.airborne,
-        vehicles=len(view.vehicles),
+        vehicles=len(view.rows.ids),
     )
 
 

@@ -246,7 +246,7 @@ def _any_airborne(view: FleetView) -> bool:
         return True
     if view.interrupted is not None and Offer.BRING_HOME in view.interrupted.offers:
         return True  # a stall or restart left vehicles hovering
-    return any(vehicle.phase in AIRBORNE for vehicle in view.vehicles)
+    return not AIRBORNE.isdisjoint(view.rows.phases)
 
 
 def run_serve(arguments: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ from gcs.model.settings import PUBLISHED, Measured
 from gcs.model.state import Counts, VehicleId
 from gcs.service.alarms import Alarm
 from gcs.service.event_log import Severity
-from gcs.service.vehicle_table import VehicleTable, VehicleView
+from gcs.service.vehicle_table import VehicleTable
 
 if TYPE_CHECKING:
     from gcs.safety.filter import SafetySettings
@@ -410,7 +410,3 @@ class FleetView:
     @cached_property
     def counts(self) -> Counts:
         return self.rows.counts()
-
-    @cached_property
-    def vehicles(self) -> tuple[VehicleView, ...]:
-        return self.rows.one_by_one()

@@ -23,6 +23,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction, TickView
 from gcs.sim.cli import parameter_options
+from tests.support.views import vehicles_of
 
 FIRST_PORT = 15900
 MEASURED_S = 20.0
@@ -111,7 +112,7 @@ async def measure(config: Config) -> tuple[Passing, TickView]:
     orchestrator = Orchestrator(config, [link])
     view = orchestrator.view
     control = asyncio.create_task(orchestrator.run())
-    await reached("ready", lambda: all(vehicle.ready for vehicle in view.value.vehicles))
+    await reached("ready", lambda: all(vehicle.ready for vehicle in vehicles_of(view.value)))
     orchestrator.commands.command_show(ShowAction.START)
     await reached("running", lambda: view.value.show is ShowPhase.RUNNING)
     passing = Passing()

@@ -14,6 +14,7 @@ from tests.flight.test_show_interrupted import COMMANDS
 from tests.support.sessions import ALL, BOX, after_interruption, found, four
 from tests.support.show_phases import running
 from tests.support.stalls import stall
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
@@ -31,7 +32,7 @@ def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action
             await show.wait(after_s)
         record = await show.settled(show.service.commands.command_show(action), 150.0)
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}, record.outcomes
-        assert {seen.phase for seen in show.view.vehicles} == {Phase.STANDBY}
+        assert {seen.phase for seen in vehicles_of(show.view)} == {Phase.STANDBY}
         await show.reach(ShowPhase.LANDED)
 
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
@@ -51,7 +52,7 @@ def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> 
         assert {part.outcome for part in take_over.outcomes.values()} == {Outcome.DONE}
         assert Outcome.FAILED not in {part.outcome for part in pause.outcomes.values()}
         assert show.view.show is ShowPhase.PAUSED
-        assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
+        assert {seen.phase for seen in vehicles_of(show.view)} == {Phase.FORMATION}
 
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
@@ -61,7 +62,7 @@ def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
         stall(show, 4.0)
         await show.wait(1.0)
         await show.settled(show.service.commands.command_show(ShowAction.PAUSE))
-        assert {seen.phase for seen in show.view.vehicles} == {Phase.HOLD}
+        assert {seen.phase for seen in vehicles_of(show.view)} == {Phase.HOLD}
         turned_down = await refused(show, lambda: show.service.commands.command_show(ShowAction.RESUME))
         assert "no vehicle is in formation: use take-over" in turned_down.text
         assert turned_down.text.endswith("accepted instead: stop")

@@ -15,6 +15,7 @@ from tests.flight.test_refusals_in_the_air import commands, refusal_of
 from tests.support.sessions import sessions
 from tests.support.show_phases import running
 from tests.support.stalls import stall
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 COUNT, STEPS = 3, 7
@@ -46,7 +47,7 @@ def events(show: Show, chance: random.Random) -> Iterator[Step]:
 def assert_true(show: Show, story: list[str]) -> None:
     """Nothing that flies is shown on the ground, and no start is offered below it."""
     heights_m = -show.true_m[:, 2]
-    for seen, height_m in zip(show.view.vehicles, heights_m, strict=True):
+    for seen, height_m in zip(vehicles_of(show.view), heights_m, strict=True):
         if height_m > FLIES_M and seen.phase not in UNKNOWN and not show.ports.is_silent(seen.id):
             assert seen.phase is not Phase.STANDBY, (seen.id, story)
             assert show.view.show not in STARTABLE, (show.view.show, show.view.reason, story)
@@ -88,7 +89,7 @@ async def all_come_down(show: Show, story: list[str]) -> None:
     """Pilots agree, links are mended: a command that names the pilots' vehicles, and one stop."""
     show.ports.restore(*show.config.ids)
     await show.wait(8.0)
-    taken = [seen.id for seen in show.view.vehicles if seen.phase is Phase.PILOT]
+    taken = [seen.id for seen in vehicles_of(show.view) if seen.phase is Phase.PILOT]
     for name in taken:
         if show.vehicle(name).mode in A_PERSON_FLIES:
             show.befall(name, "none")

@@ -14,6 +14,7 @@ from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
 from tests.support.copies import in_a_copy
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import stall
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 Command = Callable[[Show], object]
@@ -123,7 +124,7 @@ def tried(request: pytest.FixtureRequest) -> Tried:
         await request.param(show)
         await show.wait(0.5)
         assert show.view.counts.airborne > 0
-        flying = {seen.id for seen in show.view.vehicles if seen.phase is not Phase.STANDBY}
+        flying = {seen.id for seen in vehicles_of(show.view) if seen.phase is not Phase.STANDBY}
 
         def unreached(action: ShowAction) -> str:
             outcomes = show.service.commands.command_show(action).outcomes

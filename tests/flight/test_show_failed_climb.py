@@ -10,6 +10,7 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import Show, Track, fly, show_config
 
 TIMEOUT_S = 8.0
@@ -93,7 +94,7 @@ async def stuck_in_the_air(show: Show) -> tuple[list[Phase], str, bool]:
     show.ports.refused.add(("d2", Verb.LAND))
     await show.reach(ShowPhase.RUNNING)
     reason = show.vehicle("d2").reason
-    phases = [vehicle.phase for vehicle in show.view.vehicles]
+    phases = [vehicle.phase for vehicle in vehicles_of(show.view)]
     show.ports.refused.clear()
     await show.phase("d2", Phase.STANDBY)
     return phases, reason, show.view.show is ShowPhase.RUNNING

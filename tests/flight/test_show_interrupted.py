@@ -15,6 +15,7 @@ from gcs.model.state import Mode
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from tests.support.sessions import ALL, after_interruption, fly_for_a_while, found, four, sessions
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import JUMP_M_S, Show, alarm_texts, refused
 from tests.support.written_show import NAME, TEXT, check, keep
 
@@ -74,7 +75,7 @@ def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
         record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         assert show.view.show is ShowPhase.PAUSED
-        assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
+        assert {seen.phase for seen in vehicles_of(show.view)} == {Phase.FORMATION}
         assert show.view.plan.formation == Formation(radius_m=7.0, height_m=15.0)
         assert [box.id for box in show.view.plan.obstacles] == ["box"]
         await show.until(lambda: show.view.interrupted is None)

@@ -12,6 +12,7 @@ from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.show_phases import running
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
@@ -21,7 +22,7 @@ async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, 
     await show.wait(0.02)
     stopped = await show.settled(show.service.commands.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
-    return stopped, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
+    return stopped, show.view.show, [vehicle.armed for vehicle in vehicles_of(show.view)]
 
 
 def test_vehicle_with_hold_overtaken_by_stop_returns_home() -> None:
@@ -63,7 +64,7 @@ async def offboard_refused_on_the_way_down(show: Show) -> Refused:
     record = await show.settled(show.service.commands.command_show(ShowAction.ABORT), 120.0)
     await show.reach(ShowPhase.LANDED)
     verbs = [command.verb for command in show.ports.commands["d2"] if command.time_s > began_s]
-    return Refused(record, verbs, show.view.show, [vehicle.armed for vehicle in show.view.vehicles])
+    return Refused(record, verbs, show.view.show, [vehicle.armed for vehicle in vehicles_of(show.view)])
 
 
 def test_autopilot_land_is_the_last_resort_without_offboard() -> None:
@@ -112,7 +113,11 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     await show.settled(show.service.commands.command_show(ShowAction.ABORT), 120.0)
     await show.reach(ShowPhase.UNCONTROLLED)
     return ControlTaken(
-        taken, given_back, turned_down.kind, show.view.show, [vehicle.armed for vehicle in show.view.vehicles]
+        taken,
+        given_back,
+        turned_down.kind,
+        show.view.show,
+        [vehicle.armed for vehicle in vehicles_of(show.view)],
     )
 
 
@@ -178,8 +183,8 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     )
     await show.settled(show.service.commands.command_show(ShowAction.STOP), 120.0)
     await show.reach(ShowPhase.LANDED)
-    assert not any(seen.phase in AIRBORNE for seen in show.view.vehicles)
-    return turned_down.text, [seen.armed for seen in show.view.vehicles]
+    assert not any(seen.phase in AIRBORNE for seen in vehicles_of(show.view))
+    return turned_down.text, [seen.armed for seen in vehicles_of(show.view)]
 
 
 def test_vehicle_with_unknown_start_lands_where_it_is() -> None:

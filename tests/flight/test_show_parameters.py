@@ -9,6 +9,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.service import ShowAction
 from tests.support.show_phases import running
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
@@ -191,9 +192,9 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
             float(np.linalg.norm(seen.setpoint_m_s or (0.0, 0.0, 0.0)))
             for seen in show.track.between(jumped_s + 1.5).of("d2")
         ]
-        wide_m = [seen.position_uncertainty_m for seen in show.view.vehicles]
+        wide_m = [seen.position_uncertainty_m for seen in vehicles_of(show.view)]
         await show.wait(40.0)
-        later_m = [seen.position_uncertainty_m for seen in show.view.vehicles]
+        later_m = [seen.position_uncertainty_m for seen in vehicles_of(show.view)]
         return [max(speeds_m_s), *wide_m], later_m, show.track.phases("d2"), reason
 
     (fastest_m_s, *wide_m), later_m, phases, reason = fly(story, show_config(3), after=running)
@@ -224,7 +225,7 @@ def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
         smaller = await refused(show, lambda: show.service.plan.set_formation(Formation(6.0, 14.0)))
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
         await show.wait(0.6)
-        return [seen.position_uncertainty_m for seen in show.view.vehicles], smaller, await start(show)
+        return [seen.position_uncertainty_m for seen in vehicles_of(show.view)], smaller, await start(show)
 
     wide_m, smaller, refusal = fly(story, show_config(3), spacing_m=16.0)
     assert wide_m == pytest.approx([1.0, 2.0, 0.05])

@@ -10,6 +10,7 @@ from gcs.model.errors import CommandError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
 from tests.support.show_phases import running
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 
@@ -119,7 +120,7 @@ def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
 
 def test_item_2_early_start_says_the_autopilot_is_not_ready() -> None:
     async def story(show: Show) -> Refusal:
-        await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in show.view.vehicles))
+        await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in vehicles_of(show.view)))
         return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 
     assert "does not yet pass its own arming checks" in fly(story, show_config(2)).text

@@ -13,6 +13,7 @@ from gcs.recording.audit_reader import commands, events, last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import Show, Track, fly, show_config
 
 CONFIG = show_config(4)
@@ -96,7 +97,7 @@ def test_every_tick_is_recorded_with_its_estimates(flown: tuple[Path, Track]) ->
     assert len(shared) > 0.95 * len(track.samples)
     for tick in shared[:: len(shared) // 50]:
         view = seen[tick.tick.time_s]
-        for row, vehicle in enumerate(view.vehicles):
+        for row, vehicle in enumerate(vehicles_of(view)):
             if vehicle.position_m is not None:
                 np.testing.assert_allclose(
                     layout.vectors(tick.vehicles, layout.POSITION)[row], vehicle.position_m, atol=1e-4

@@ -12,6 +12,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from tests.support.show_phases import running
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import Show, Track, fly, show_config
 from tests.support.virtual_time import AtOnce
 
@@ -64,9 +65,9 @@ def test_return_takes_little_longer_than_the_longest_line(flight: Return) -> Non
 
 def test_vehicles_stop_before_they_return(flight: Return) -> None:
     stopping = flight.track.between(flight.stop_s)
-    first = next(m for m in stopping.samples if m.view.vehicles[0].reason == "on its way home")
-    assert {seen.phase for seen in first.view.vehicles} == {Phase.RETURN}
-    speeds_m_s = [np.linalg.norm(seen.velocity_m_s) for seen in first.view.vehicles if seen.velocity_m_s]
+    first = next(m for m in stopping.samples if vehicles_of(m.view)[0].reason == "on its way home")
+    assert {seen.phase for seen in vehicles_of(first.view)} == {Phase.RETURN}
+    speeds_m_s = [np.linalg.norm(seen.velocity_m_s) for seen in vehicles_of(first.view) if seen.velocity_m_s]
     assert max(speeds_m_s) < 0.5
 
 
@@ -102,7 +103,7 @@ def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
     async def story(show: Show) -> tuple[Track, Track, int]:
         await show.start()
         show.service.commands.command_show(ShowAction.STOP)
-        await show.until(lambda: all(seen.phase is Phase.RETURN for seen in show.view.vehicles))
+        await show.until(lambda: all(seen.phase is Phase.RETURN for seen in vehicles_of(show.view)))
         await show.wait(STOPPING_S)
         began_s = show.now_s
         await show.until(lambda: show.vehicle("d1").reason == "on its way home")

@@ -12,6 +12,7 @@ from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode
 from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import (
     TAKEOFF_HEIGHT_M,
     Refusal,
@@ -31,9 +32,11 @@ def start_of(*names: str) -> Callable[[Show], Callable[[], CommandRecord]]:
 
 async def too_early(show: Show) -> tuple[Refusal, Refusal, Refusal]:
     """Without a position; then with one, but still starting up; then with an old one."""
-    await show.until(lambda: all(np.isfinite(seen.heartbeat_age_s or np.nan) for seen in show.view.vehicles))
+    await show.until(
+        lambda: all(np.isfinite(seen.heartbeat_age_s or np.nan) for seen in vehicles_of(show.view))
+    )
     no_position = await refused(show, start_of()(show))
-    await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in show.view.vehicles))
+    await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in vehicles_of(show.view)))
     not_ready = await refused(show, start_of()(show))
     await show.standby()
     show.ports.silence("d2")
@@ -87,7 +90,7 @@ async def odd_choices(show: Show) -> dict[str, Refusal]:
     show.service.plan.add_obstacle(tower)
     found["pad"] = await refused(show, start_of()(show))
     show.ports.silence(*show.config.ids)
-    await show.until(lambda: all(seen.phase is Phase.OFFLINE for seen in show.view.vehicles))
+    await show.until(lambda: all(seen.phase is Phase.OFFLINE for seen in vehicles_of(show.view)))
     found["none"] = await refused(show, start_of()(show))
     return found
 
@@ -177,7 +180,7 @@ def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any
     assert outcomes["d2"].outcome is Outcome.FAILED
     assert says in outcomes["d2"].reason
     assert start.track.of("d2")[-1].phase in {Phase.STANDBY, Phase.OFFLINE}
-    assert [seen.phase for seen in start.track.samples[-1].view.vehicles][::2] == [Phase.FORMATION] * 2
+    assert [seen.phase for seen in vehicles_of(start.track.samples[-1].view)][::2] == [Phase.FORMATION] * 2
 
 
 async def holds_below(show: Show) -> Start:

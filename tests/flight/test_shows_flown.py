@@ -14,6 +14,7 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import CommandRecord, Outcome, SelectedShow, ShowAction
 from gcs.shows import Timeline, parse
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import JUMP_M_S, Show, Track, refused
 from tests.support.written_show import NAME, TEXT, config, fly, select
 
@@ -135,8 +136,8 @@ def test_true_formation_turns_as_the_show_says(flight: Flight) -> None:
 
 def test_the_lights_are_the_vehicles_in_turn(flight: Flight) -> None:
     samples = running(flight).samples
-    assert [seen.light for seen in samples[0].view.vehicles] == ["#ff0000", "#0000ff"] * 2
-    assert [seen.light for seen in samples[-1].view.vehicles] == ["#00ff00"] * 4
+    assert [seen.light for seen in vehicles_of(samples[0].view)] == ["#ff0000", "#0000ff"] * 2
+    assert [seen.light for seen in vehicles_of(samples[-1].view)] == ["#00ff00"] * 4
 
 
 def test_pause_stops_show_clock_and_vehicles_setpoints_continue(flight: Flight) -> None:

@@ -12,6 +12,7 @@ from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from tests.support.sessions import four, sessions
 from tests.support.show_phases import running
 from tests.support.stalls import stall
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
@@ -59,7 +60,7 @@ def test_recovered_vehicles_re_form_and_resume() -> None:
         record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         assert show.view.show is ShowPhase.PAUSED
-        assert {seen.phase for seen in show.view.vehicles} == {Phase.FORMATION}
+        assert {seen.phase for seen in vehicles_of(show.view)} == {Phase.FORMATION}
         await show.until(lambda: show.view.interrupted is None)
         since_s = show.now_s
         await show.show(ShowAction.RESUME)
@@ -137,7 +138,7 @@ def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
         show.service.commands.command_show(ShowAction.START)
         await show.wait(0.5)
         stall(show, 4.0)
-        await show.until(lambda: all(seen.armed for seen in show.view.vehicles), 30.0)
+        await show.until(lambda: all(seen.armed for seen in vehicles_of(show.view)), 30.0)
         return sorted(
             next(command.time_s for command in show.ports.commands[name] if command.verb == "arm")
             for name in show.config.ids
@@ -149,7 +150,7 @@ def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
 
 def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None:
     async def goes_on(show: Show) -> None:
-        await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
+        await show.until(lambda: {seen.phase for seen in vehicles_of(show.view)} == {Phase.PILOT})
         assert show.view.show is ShowPhase.UNCONTROLLED
         record = await show.settled(show.service.recovery.settle(Offer.BRING_HOME), 150.0)
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}

@@ -15,6 +15,7 @@ from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 Into = Callable[[Show], Awaitable[None]]
@@ -78,7 +79,7 @@ def assert_true(show: Show) -> None:
     assert counts.unknown == 0
     if counts.airborne:
         assert view.show not in DOWN
-    for seen, pilot in zip(view.vehicles, show.fleet.autopilots, strict=True):
+    for seen, pilot in zip(vehicles_of(view), show.fleet.autopilots, strict=True):
         if seen.phase in FLOWN and seen.setpoint_m_s is not None:
             assert pilot.commander.mode is PilotMode.OFFBOARD, f"{seen.id} is believed to be flown"
     if counts.airborne and not counts.controlled:

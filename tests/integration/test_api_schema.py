@@ -22,6 +22,7 @@ from gcs.preflight.parameters import settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet, Settings
 from tests.support.api_fake_service import FakeService
+from tests.support.views import vehicles_of
 from tests.support.virtual_link import VirtualLink
 from tests.support.virtual_show import show_config
 
@@ -47,7 +48,7 @@ async def serve_fleet(
         asyncio.create_task(serve(app, port=0, listening=listening)),
     ]
     async for view in service.view.values():
-        if all(vehicle.ready for vehicle in view.vehicles):
+        if all(vehicle.ready for vehicle in vehicles_of(view)):
             break
     up.append((loop, enough, await listening))
     ended = asyncio.create_task(enough.wait())

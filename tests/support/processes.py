@@ -28,6 +28,7 @@ from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction
 from gcs.sim.cli import parameter_options
 from tests.support.machine import free_ports
+from tests.support.views import vehicles_of
 
 ORIGIN = "47.397742,8.545594,488.0"
 
@@ -187,7 +188,7 @@ async def served(orchestrator: Orchestrator) -> AsyncIterator[int]:
     ]
     view = orchestrator.view
     try:
-        await until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in view.value.vehicles))
+        await until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in vehicles_of(view.value)))
         orchestrator.commands.command_show(ShowAction.START)
         yield await listening
     finally:

@@ -20,6 +20,7 @@ from gcs.recording.audit_reader import exclusions, interruption
 from gcs.recording.session import Record
 from gcs.sim.fleet import Fleet, Settings
 from tests.support.copies import in_a_copy
+from tests.support.views import vehicles_of
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink
 from tests.support.virtual_show import (
     FLEET_STEP_S,
@@ -50,7 +51,7 @@ async def fly_for_a_while(show: Show) -> None:
 
 async def found(show: Show) -> None:
     """Every vehicle has reported again."""
-    await show.until(lambda: {seen.phase for seen in show.view.vehicles} == {Phase.PILOT})
+    await show.until(lambda: {seen.phase for seen in vehicles_of(show.view)} == {Phase.PILOT})
 
 
 class Vehicles:

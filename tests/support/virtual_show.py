@@ -30,11 +30,11 @@ from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
-from gcs.service.vehicle_table import VehicleView
 from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.protocol.autopilot import Autopilot
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.copies import in_a_copy
+from tests.support.views import VehicleView, vehicles_of
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink
 from tests.support.virtual_time import AtOnce, Loop, UnixClock
 
@@ -107,7 +107,7 @@ class Track:
     def of(self, vehicle_id: VehicleId) -> list[VehicleView]:
         """The service's view of one vehicle."""
         row = self.ids.index(vehicle_id)
-        return [sample.view.vehicles[row] for sample in self.samples]
+        return [vehicles_of(sample.view)[row] for sample in self.samples]
 
     @property
     def time_s(self) -> Array:
@@ -124,7 +124,7 @@ class Track:
         """(k, n, 3) setpoints; NaN where none was sent."""
         nothing = (np.nan, np.nan, np.nan)
         return np.array(
-            [[seen.setpoint_m_s or nothing for seen in sample.view.vehicles] for sample in self.samples]
+            [[seen.setpoint_m_s or nothing for seen in vehicles_of(sample.view)] for sample in self.samples]
         )
 
     def phases(self, vehicle_id: VehicleId) -> list[Phase]:
@@ -140,7 +140,7 @@ class Track:
     def since(self, vehicle_id: VehicleId, phase: Phase) -> float:
         """When the vehicle was first in `phase`."""
         row = self.ids.index(vehicle_id)
-        return next(sample.time_s for sample in self.samples if sample.view.vehicles[row].phase is phase)
+        return next(sample.time_s for sample in self.samples if vehicles_of(sample.view)[row].phase is phase)
 
     def hardest_change_m_s(self) -> float:
         """The largest step between two setpoints of one vehicle in successive ticks."""
@@ -191,7 +191,7 @@ class Show:
 
     def vehicle(self, vehicle_id: VehicleId) -> VehicleView:
         """The service's view of one vehicle."""
-        return self.view.vehicles[self.config.ids.index(vehicle_id)]
+        return vehicles_of(self.view)[self.config.ids.index(vehicle_id)]
 
     def autopilot(self, vehicle_id: VehicleId) -> Autopilot:
         """The fake autopilot of a vehicle."""
@@ -226,7 +226,9 @@ class Show:
             if holds():
                 break
             if self.now_s - began_s > limit_s:
-                states = ", ".join(f"{seen.id} {seen.phase} ({seen.reason})" for seen in self.view.vehicles)
+                states = ", ".join(
+                    f"{seen.id} {seen.phase} ({seen.reason})" for seen in vehicles_of(self.view)
+                )
                 raise TimeoutError(f"not within {limit_s} s: show {self.view.show}; {states}")
         return self.now_s - began_s
 
@@ -248,7 +250,7 @@ class Show:
     async def standby(self) -> None:
         """Wait until every vehicle that is not cut off can be armed."""
         await self.until(
-            lambda: all(seen.ready or self.ports.is_silent(seen.id) for seen in self.view.vehicles), 12.0
+            lambda: all(seen.ready or self.ports.is_silent(seen.id) for seen in vehicles_of(self.view)), 12.0
         )
 
     async def start(self) -> CommandRecord:
@@ -299,7 +301,7 @@ def badly_written(show: Show) -> list[str]:
     texts = set(show.refusals)
     for view in (sample.view for sample in show.track.samples[::10]):
         texts.update(text for alarm in view.alarms for text in (alarm.text, alarm.advice))
-        texts.update(vehicle.reason for vehicle in view.vehicles)
+        texts.update(vehicle.reason for vehicle in vehicles_of(view))
         texts.add(view.reason)
     for command in show.service.command_log.newest():
         texts.update(outcome.reason for outcome in command.outcomes.values())

@@ -19,6 +19,7 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
+from tests.support.views import vehicles_of
 
 IDS = {"mavsdk": "mavsdk1", "native": "native2"}
 """Who is flown over which transport."""
@@ -92,7 +93,7 @@ async def fly_and_flood(folder: Path) -> tuple[dict[str, Link], float, float, in
             began_s = time.monotonic()
             answered = int(await asyncio.to_thread(subprocess.check_output, flood))
             ended_s = time.monotonic()
-            assert [vehicle.phase for vehicle in view.value.vehicles] == [Phase.FORMATION] * 2
+            assert [vehicle.phase for vehicle in vehicles_of(view.value)] == [Phase.FORMATION] * 2
             with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:
                 await alive(client)
     return links, began_s, ended_s, answered

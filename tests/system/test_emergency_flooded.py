@@ -20,6 +20,7 @@ from gcs.service import ShowAction
 from gcs.service.access import Role
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, until
+from tests.support.views import vehicles_of
 
 COUNT = 20
 JUNK_PER_S = 200.0
@@ -142,10 +143,10 @@ async def fly_and_flood(folder: Path, machine: Pauses, junk_s: float = JUNK_S) -
     with fake_fleet(base, *proper(config)):
         async with running(config) as (orchestrator, port):
             view = orchestrator.view
-            await until("ready", SOON_S, lambda: all(each.ready for each in view.value.vehicles))
+            await until("ready", SOON_S, lambda: all(each.ready for each in vehicles_of(view.value)))
             orchestrator.commands.command_show(ShowAction.START)
             formed = {Phase.FORMATION}
-            await until("flying", SOON_S, lambda: {each.phase for each in view.value.vehicles} == formed)
+            await until("flying", SOON_S, lambda: {each.phase for each in vehicles_of(view.value)} == formed)
             url = f"http://127.0.0.1:{port}"
             with Client(url, token=crew, timeout_s=30.0) as client:
                 lane_port = await lane_of(client)

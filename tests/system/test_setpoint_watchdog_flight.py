@@ -14,6 +14,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
+from tests.support.views import vehicles_of
 
 SETPOINT_TIMEOUT_S = 0.2
 STOPPED_S = 3.0
@@ -63,7 +64,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, lis
         orchestrator = Orchestrator(config, [link])
         view = orchestrator.view
         control = asyncio.create_task(orchestrator.run())
-        await until("ready", SOON_S, lambda: all(v.ready for v in view.value.vehicles))
+        await until("ready", SOON_S, lambda: all(v.ready for v in vehicles_of(view.value)))
         orchestrator.commands.command_show(ShowAction.START)
         flying = {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}
         await until("flying", SOON_S, lambda: view.value.show in flying)
@@ -84,9 +85,9 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, lis
         if stop is block_the_loop:
             pilot = [Phase.PILOT, Phase.PILOT]
             # a tick that runs again sees the failsafe
-            await until("hands off", SOON_S, lambda: [v.phase for v in view.value.vehicles] == pilot)
+            await until("hands off", SOON_S, lambda: [v.phase for v in vehicles_of(view.value)] == pilot)
             await asyncio.sleep(0.5)
-        phases = [vehicle.phase for vehicle in view.value.vehicles]
+        phases = [vehicle.phase for vehicle in vehicles_of(view.value)]
         control.cancel()
         await asyncio.wait([control])
     return link, last_tick_s, phases

@@ -15,6 +15,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, until, vehicles
+from tests.support.views import vehicles_of
 
 SHOW = """
 about: Three vehicles stand above their pads and turn.
@@ -67,7 +68,7 @@ async def fly(config: Config) -> None:
     try:
         with Client(f"http://127.0.0.1:{await listening}", timeout_s=30.0) as client:
             show_hash = await asyncio.to_thread(prepare, client)
-            await until("ready", SOON_S, lambda: all(each.ready for each in view.value.vehicles))
+            await until("ready", SOON_S, lambda: all(each.ready for each in vehicles_of(view.value)))
             await asyncio.to_thread(begin, client, show_hash)
             await until("running", SOON_S, lambda: view.value.show is ShowPhase.RUNNING)
             await asyncio.sleep(3.0)

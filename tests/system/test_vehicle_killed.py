@@ -20,6 +20,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
+from tests.support.views import vehicles_of
 
 SURVIVORS = ("d1", "d2", "d3", "d4", "d6", "d7", "d8")
 
@@ -49,7 +50,7 @@ class Seen:
 
 def energy_ratio(view: FleetView, best: float) -> float:
     """Of the believed shape of seven to the best; infinite while there are not seven."""
-    rows = [vehicle.position_m for vehicle in view.vehicles if vehicle.phase is Phase.FORMATION]
+    rows = [vehicle.position_m for vehicle in vehicles_of(view) if vehicle.phase is Phase.FORMATION]
     if len(rows) != 7:
         return np.inf
     offset_m = np.array(rows, dtype=float) - np.array(view.center_m, dtype=float)
@@ -84,7 +85,7 @@ async def fly_and_kill(folder: Path, machine: Pauses) -> Seen:
             await asyncio.sleep(STEADY_S)
             fifth.kill()
             killed_s = time.monotonic()
-            await until("lost", SOON_S, lambda: view.value.vehicles[4].phase is Phase.LOST)
+            await until("lost", SOON_S, lambda: vehicles_of(view.value)[4].phase is Phase.LOST)
             ratio = await re_formed(orchestrator, best, killed_s, machine)
             await until("watched", SOON_S, lambda: time.monotonic() > killed_s + WATCHED_S)
             with Client(f"http://127.0.0.1:{port}", timeout_s=30.0) as client:

@@ -16,6 +16,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import SelectedShow
 from tests.support.api_fake_service import FRAME, FakeService
+from tests.support.views import vehicles_of
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "stream.md").read_text(encoding="utf-8")
 
@@ -49,7 +50,7 @@ def test_frame_encodes_the_snapshot() -> None:
     assert (header["radius_m"], header["minimum_separation_m"], header["countdown_s"]) == (9.0, 5.0, 3.5)
     assert np.isnan(header["clock_s"])
     assert (header["tick_count"], header["interventions"]) == (view.tick.count, 7)
-    for row, vehicle in enumerate(view.vehicles):
+    for row, vehicle in enumerate(vehicles_of(view)):
         assert list(Phase)[columns["phase"][row]] is vehicle.phase
         assert list(Mode)[columns["mode"][row]] is vehicle.mode
         assert columns["landed"][row] == vehicle.landed
