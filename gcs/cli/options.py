@@ -4,15 +4,9 @@ import argparse
 from typing import Final
 
 from gcs.cli import supervisor
+from gcs.simulation import ROWS
 
 TRANSPORTS: Final = ("native", "mavsdk")
-ROWS: Final = (
-    *("shape", "saddle", "article", "tracking", "separation", "uncertainty", "obstacles"),
-    *("moving-boxes", "concave", "wind", "authority", "changes", "neighbours"),
-    *("laws", "landing", "loss", "return"),
-)
-"""Rows of docs/flight-quality.md, as in `gcs.simulation.scenario.ROWS`."""
-
 RECEIVED_S: Final = 8.0
 """Default time to wait for the vehicles' first messages."""
 

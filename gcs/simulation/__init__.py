@@ -1,1 +1,10 @@
 """Virtual time: scenarios, metrics, show rehearsal; imports the control tick and sim's vehicle model."""
+
+from typing import Final
+
+ROWS: Final = (
+    *("shape", "saddle", "article", "tracking", "separation", "uncertainty", "obstacles"),
+    *("moving-boxes", "concave", "wind", "authority", "changes", "neighbours"),
+    *("laws", "landing", "loss", "return"),
+)
+"""The rows of docs/flight-quality.md: scenarios that answer the same question."""

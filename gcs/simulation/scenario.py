@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias, get_args
+from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -18,32 +18,10 @@ from gcs.model.errors import ConfigError, quoted
 from gcs.model.plan import MAX_OBSTACLES, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.shows.format import StandingBox
+from gcs.simulation import ROWS
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
 VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
-
-Row: TypeAlias = Literal[
-    "shape",
-    "saddle",
-    "article",
-    "tracking",
-    "separation",
-    "uncertainty",
-    "obstacles",
-    "moving-boxes",
-    "concave",
-    "wind",
-    "authority",
-    "changes",
-    "neighbours",
-    "laws",
-    "landing",
-    "loss",
-    "return",
-]
-"""The rows of docs/flight-quality.md: scenarios that answer the same question."""
-
-ROWS: tuple[str, ...] = get_args(Row)
 
 MOST_PARENTS = 3
 """Longest chain of `like`; a longer one is a loop, or too hard to follow."""
@@ -254,7 +232,7 @@ class Scenario(Settings):
 
     name: str
     about: str
-    row: Row | None = None
+    row: Literal[ROWS] | None = None  # type: ignore[valid-type]  # one of a tuple
     duration_s: Positive
     flight: Flight
     judged: Judged

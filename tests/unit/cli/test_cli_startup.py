@@ -16,7 +16,6 @@ from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, names
 from gcs.cli.demo import VEHICLES_MAX
 from gcs.cli.main import load, main, whole_parser
 from gcs.cli.progress import part_of, share_of, working
-from gcs.simulation.scenario import ROWS
 
 NO_SERVICE = "http://127.0.0.1:9"
 
@@ -91,9 +90,8 @@ def test_every_listed_command_exists_and_has_help() -> None:
     assert "completion" in help_of_all
 
 
-def test_copied_option_tables_agree_with_their_originals() -> None:
+def test_transports_of_the_demo_are_the_options() -> None:
     assert sorted(VEHICLES_MAX) == sorted(options.TRANSPORTS)
-    assert options.ROWS == ROWS
 
 
 @pytest.mark.parametrize(
