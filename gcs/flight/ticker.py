@@ -45,7 +45,7 @@ class TickClock:
         self._lateness_s: deque[float] = deque(maxlen=REMEMBERED)
         self._durations = _histogram("gcs_tick_duration_seconds", "How long a tick took.")
         self._latenesses = _histogram("gcs_tick_lateness_seconds", "How late a tick began.")
-        self._summary = self._summarised(0.0, 0.0, 0.0)
+        self._summary = TickView(rate_hz, 0, 0, 0.0, 0.0, 0.0)
 
     def gap_before(self, now_s: float) -> float:
         """Time since the newest recorded tick began; 0 before the first."""
@@ -70,21 +70,10 @@ class TickClock:
     def summary(self) -> TickView:
         """Percentiles over the last ticks, recomputed once a second for display."""
         if self.count % max(1, round(self.rate_hz)) == 1:
-            duration_ms = np.array(self._duration_s) * 1e3
-            p50, p99 = np.percentile(duration_ms, (50, 99))
-            late = np.percentile(np.array(self._lateness_s) * 1e3, 99)
-            self._summary = self._summarised(float(p50), float(p99), float(late))
+            p50_ms, p99_ms = (np.percentile(np.array(self._duration_s), (50, 99)) * 1e3).tolist()
+            late_ms = float(np.percentile(np.array(self._lateness_s), 99)) * 1e3
+            self._summary = TickView(self.rate_hz, self.count, self.missed, p50_ms, p99_ms, late_ms)
         return self._summary
-
-    def _summarised(self, p50_ms: float, p99_ms: float, late_ms: float) -> TickView:
-        return TickView(
-            rate_hz=self.rate_hz,
-            count=self.count,
-            missed=self.missed,
-            duration_p50_ms=p50_ms,
-            duration_p99_ms=p99_ms,
-            lateness_p99_ms=late_ms,
-        )
 
 
 def _histogram(name: str, text: str) -> Histogram:
