@@ -8,7 +8,7 @@ Both are an `Interruption`.
 import asyncio
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Final
 
@@ -107,7 +107,7 @@ class Recovery:
             plan = None if self._plans.is_taken_over else self.found.plan  # flown since
             self.found = replace(self.found, vehicles=vehicles, stalled_s=stall.flown.stalled_s, plan=plan)
         self._sent_on -= fallen.keys()
-        log.warning("interrupted", extra={**self.found.to_json(), "cause": self.found.cause})
+        log.warning("interrupted", extra={**asdict(self.found), "cause": self.found.cause})
         for name in fallen:
             vehicle = self.flight.vehicles[name]
             if not self.maneuvers.running(vehicle):

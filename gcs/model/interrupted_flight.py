@@ -1,7 +1,7 @@
 """An interrupted flight (the service ended or stalled): what is known of it, what can be offered."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, Final
 
@@ -56,9 +56,7 @@ class Interruption:
     frame: Mapping[str, float]  # `show_frame` of the session's configuration
     vehicles: Mapping[VehicleId, Before]
     written: Written | None
-    plan: (
-        Mapping[str, Any] | None
-    )  # as recorded, see `gcs.model.plan`; None: the flown plan is still in force
+    plan: Mapping[str, Any] | None  # as recorded, see `gcs.model.plan`; None: the flown one is in force
     stalled_s: float | None = None  # duration without setpoints; None: the service ended
 
     @property
@@ -68,17 +66,9 @@ class Interruption:
             return "the service was cut off"
         return f"the service stalled for {self.stalled_s:.1f} s"
 
-    def to_json(self) -> dict[str, Any]:
-        """As JSON for the record: the next session must know it, however soon this one ends."""
-        return asdict(self)
 
-    @classmethod
-    def from_json(cls, raw: Mapping[str, Any]) -> "Interruption":
-        """The inverse of `to_json`. Raises: ValueError when `raw` does not fit."""
-        return _INTERRUPTION.validate_python(raw)
-
-
-_INTERRUPTION: Final = TypeAdapter(Interruption)
+INTERRUPTION: Final = TypeAdapter(Interruption)
+"""Reads the record, which has it as `asdict`: the next session must know it, however soon this one ends."""
 
 
 def triple(values: Sequence[float] | None) -> Triple | None:

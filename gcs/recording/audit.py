@@ -69,7 +69,7 @@ class Audit:
         sql = "INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)"
         rows = [Row(sql, (self._session, now_s, str(folder), config_json))]
         if found is not None:
-            reported = json.dumps(found.to_json(), separators=(",", ":"))
+            reported = json.dumps(asdict(found), separators=(",", ":"))
             rows.append(Row(_EVENT, (self._session, now_s, "warning", FOUND, None, reported)))
         self._journal.put(rows)
 

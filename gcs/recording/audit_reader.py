@@ -9,7 +9,7 @@ from sqlite3 import DatabaseError, Row
 from typing import Any, Final
 
 from gcs.model.errors import GcsError
-from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, triple
+from gcs.model.interrupted_flight import INTERRUPTION, Before, Interruption, Triple, Written, triple
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
@@ -241,7 +241,7 @@ def _unsettled(reported: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruptio
     found = None
     for event, detail in reported:
         if event == FOUND:
-            found = Interruption.from_json(detail)
+            found = INTERRUPTION.validate_python(detail)
         elif event == OVER:
             found = None
     return found
