@@ -46,10 +46,20 @@ class Feed:
         return self._revision, self._status
 
     def newest(self) -> Status:
-        view, events = self._service.view.value, self._service.events.newest()
-        reported = (self._began_unix_s, self._revision, self._problem(), self._access, self._ground)
-        why = self._service.shows.why_not_kept
-        return convert.status(view, self._service.frame, events, *reported, why)
+        service, view = self._service, self._service.view.value
+        return Status(
+            **convert.summary(view, service.frame, self._problem(), self._access),
+            revision=self._revision,
+            began_unix_time_s=self._began_unix_s,
+            timeline=[] if view.selected is None else list(view.selected.timeline),
+            shows_refused=service.shows.why_not_kept,
+            map=self._ground,
+            flight_envelope=view.flight_envelope,
+            limits=sorted(set(view.rows.limited_by) - {""}),
+            replay=view.playback,
+            events=list(service.events.newest()),
+            vehicles=convert.records(view.rows),
+        )
 
     def frame(self) -> bytes:
         view, alive = self._service.view.value, not self._problem()

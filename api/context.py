@@ -67,10 +67,8 @@ class Context:
         """The whole state as JSON text, made once per state for all viewers."""
         view, problem = self.view, self.health_problem()
         if self._text_of is None or self._text_of[0] is not view or self._text_of[1] != problem:
-            self._text, self._text_of = (
-                convert.fleet_json(view, self.frame, problem, self.authorization.text),
-                (view, problem),
-            )
+            fleet = convert.fleet(view, self.frame, problem, self.authorization.text)
+            self._text, self._text_of = fleet.model_dump_json(), (view, problem)
         return self._text
 
     def new_obstacle_id(self) -> str:

@@ -262,15 +262,11 @@ class Armed:
     until_s: float
 
 
-def random_code() -> str:
-    """Return six hexadecimal digits, which cannot be guessed within `VALID_S`."""
-    return secrets.token_hex(3)
-
-
 class KillSwitch:
     """Holds the armed kills. A code works once, within `VALID_S`, and for the caller that armed it."""
 
-    def __init__(self, make_code: Callable[[], str] = random_code) -> None:
+    def __init__(self, make_code: Callable[[], str] = lambda: secrets.token_hex(3)) -> None:
+        """Six hexadecimal digits cannot be guessed within `VALID_S`."""
         self._make_code = make_code
         self._waiting: dict[str, Armed] = {}
 

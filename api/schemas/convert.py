@@ -8,7 +8,6 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from pydantic import BaseModel
 
-from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import fleet as schemas
 from gcs.api.schemas import reports, requests
 from gcs.api.schemas.binary_frame import FLOATS, fill_floats
@@ -18,8 +17,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
 from gcs.model.state import Array
 from gcs.service import FleetView, ShowAction
-from gcs.service.alarms import CAUSES, Alarm, AlarmCause, OverallSeverity, overall
-from gcs.service.event_log import LogEvent
+from gcs.service.alarms import CAUSES, Alarm, AlarmCause, overall
 from gcs.service.vehicle_table import VehicleTable
 
 M = TypeVar("M", bound=BaseModel)
@@ -85,10 +83,6 @@ def current_alarms(view: FleetView, problem: str) -> tuple[Alarm, ...]:
     text = f"{row.headline}: {problem}."
     times = (view.unix_time_s, view.unix_time_s)
     return (Alarm(cause.value, row.severity, cause, text, row.advice, (), *times), *view.alarms)
-
-
-def severity(view: FleetView, problem: str) -> OverallSeverity:
-    return overall(current_alarms(view, problem))
 
 
 # Vehicles
@@ -171,7 +165,7 @@ def yaw_rad(heading: float, frame: ShowFrame) -> float:
 def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schemas.Fleet:
     """Convert the whole state; `problem` is the result of `health_problem`, `access` `Authorization.text`."""
     return schemas.Fleet(
-        **_summary(view, frame, problem, access),
+        **summary(view, frame, problem, access),
         control_alive=not problem,
         center=center(view, frame),
         minimum_separation_m=view.minimum_separation_m,
@@ -182,44 +176,9 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
     )
 
 
-def fleet_json(view: FleetView, frame: ShowFrame, problem: str, access: str) -> str:
-    return fleet(view, frame, problem, access).model_dump_json()
-
-
-def status(
-    view: FleetView,
-    frame: ShowFrame,
-    events: Sequence[LogEvent],
-    began_unix_s: float,
-    revision: int,
-    problem: str,
-    access: str,
-    ground: GroundMap | None,
-    shows_refused: str,
-) -> schemas.Status:
-    """Make the status message.
-
-    `problem` is the result of `health_problem`, `access` is `Authorization.text`, and `shows_refused` is
-    `why_not_kept` of the shows.
-    """
-    return schemas.Status(
-        **_summary(view, frame, problem, access),
-        revision=revision,
-        began_unix_time_s=began_unix_s,
-        timeline=[] if view.selected is None else list(view.selected.timeline),
-        shows_refused=shows_refused,
-        map=ground,
-        flight_envelope=view.flight_envelope,
-        limits=sorted(set(view.rows.limited_by) - {""}),
-        replay=view.playback,
-        events=list(events),
-        vehicles=records(view.rows),
-    )
-
-
-def _summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dict[str, Any]:
-    """Fields of `FleetSummary`."""
-    desired = view.plan
+def summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dict[str, Any]:
+    """Fields of `FleetSummary`; `problem` and `access` as of `fleet`."""
+    desired, alarms = view.plan, current_alarms(view, problem)
     return {
         "time_s": view.time_s,
         "unix_time_s": view.unix_time_s,
@@ -233,8 +192,8 @@ def _summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> di
         "yaw": yaw(desired.yaw, frame),
         "obstacles": [obstacle(box, view.time_s) for box in desired.obstacles],
         "interrupted": view.interrupted,
-        "severity": severity(view, problem),
-        "alarms": list(current_alarms(view, problem)),
+        "severity": overall(alarms),
+        "alarms": list(alarms),
         "estimates": estimates(view),
         "access": access,
     }
