@@ -17,11 +17,11 @@ from gcs.flight.fleet import FLIES, Fleet
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import Array, Mask, VehicleId
+from gcs.model.state import Array, Mask
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
 from gcs.safety.neighbours import near_pairs
 from gcs.safety.separation import Floor
-from gcs.service import CALLER, ActiveFailsafe, CommandRecord, Outcome
+from gcs.service import CALLER, ActiveFailsafe, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity, Condition, Limit, beyond
 
@@ -107,14 +107,6 @@ class Findings:
     notes: Sequence[str] = ()  # notices for as long as this service runs
 
 
-@dataclass(frozen=True, slots=True)
-class ClosePair:
-    """A pair of vehicles, by their rows in FleetState."""
-
-    rows: tuple[int, int]
-    apart_m: float  # true distance
-
-
 class ClosePairs:
     """Finds close pairs, and remembers them for the hysteresis."""
 
@@ -130,8 +122,8 @@ class ClosePairs:
         """Distance above which a pair cannot count, provided that no pair was close before."""
         return CLOSE.off * max(floor.horizontal_m, floor.vertical_m)
 
-    def look(self, position_m: Array, airborne: Mask, floor: Floor) -> tuple[ClosePair, ...]:
-        """Return all pairs that are too close, nearest first.
+    def look(self, position_m: Array, airborne: Mask, floor: Floor) -> list[tuple[int, int, float]]:
+        """Return all pairs that are too close, by their rows, and their true distances; nearest first.
 
         Args:
             position_m: (n, 3) show frame, NaN where not known.
@@ -152,7 +144,7 @@ class ClosePairs:
         self._close = frozenset(pair for pair, is_close in zip(rows, close, strict=True) if is_close)
         apart_m = np.linalg.norm(offset_m, axis=1)
         nearest_first = np.argsort(share).tolist()
-        return tuple(ClosePair(rows[at], float(apart_m[at])) for at in nearest_first if close[at])
+        return [(*rows[at], float(apart_m[at])) for at in nearest_first if close[at]]
 
 
 @dataclass(eq=False)
@@ -248,7 +240,8 @@ class AlarmMonitor:
 
     def _of_a_kill(self, vehicle: Vehicle) -> Condition:
         """Distinguish a kill that has not taken effect from one that has."""
-        command = self._kill_of(vehicle.id)
+        kills = (command for command in self.flight.book.newest() if command.action == "kill")
+        command = next((command for command in kills if vehicle.id in command.outcomes), None)
         outcome = None if command is None else command.outcomes[vehicle.id].outcome
         because = "motors stopped on command"
         if outcome is Outcome.PENDING:
@@ -264,19 +257,14 @@ class AlarmMonitor:
             command_id=None if command is None else command.id,
         )
 
-    def _kill_of(self, vehicle_id: VehicleId) -> CommandRecord | None:
-        kills = (command for command in self.flight.book.newest() if command.action == "kill")
-        return next((command for command in kills if vehicle_id in command.outcomes), None)
-
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
         floor, pairs = tick.floor, self._pairs
         if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
             return
         ids = self.flight.fleet.ids
         least = f"at least {floor.horizontal_m:g} m sideways or {floor.vertical_m:g} m up and down"
-        for pair in pairs.look(tick.position_m, tick.airborne, floor):
-            names = ids[pair.rows[0]], ids[pair.rows[1]]
-            yield Condition(AlarmCause.TOO_CLOSE, f"{pair.apart_m:.1f} m apart, {least}", names)
+        for one, other, apart_m in pairs.look(tick.position_m, tick.airborne, floor):
+            yield Condition(AlarmCause.TOO_CLOSE, f"{apart_m:.1f} m apart, {least}", (ids[one], ids[other]))
 
     def _of_the_radius(self) -> Iterator[Condition]:
         """Yield a radius that the service would refuse now: the accuracy was better when it was set."""

@@ -20,7 +20,7 @@ from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
-from gcs.preflight.fleet import Pattern, room_to_wander, spacing, standing
+from gcs.preflight.fleet import Pattern, Stand, room_to_wander, spacing, standing
 from gcs.preflight.vehicles import PreflightInputs, own_checks
 from gcs.service import CALLER, CommandRecord
 
@@ -51,14 +51,6 @@ class Cleared(NamedTuple):
 
     chosen: list[VehicleId]
     left_out: dict[VehicleId, str]
-
-
-class _Looked(NamedTuple):
-    """Results of one inspection."""
-
-    alone: dict[VehicleId, list[Check]]  # of all vehicles
-    together: list[Check]  # of the vehicles that are to fly
-    not_checked: list[str]
 
 
 class _Kept(NamedTuple):
@@ -125,14 +117,14 @@ class PreflightGate:
         foreseen: list[Check] = []
         if chosen and all(np.isfinite(flight.position_m(flight.vehicles[name])).all() for name in chosen):
             foreseen = [_tried(name, limit, look) for name, limit, look in self._setpoint_loss_checks(chosen)]
-        return self._reported(chosen, left_out, [*fleet, *looked.together, *foreseen], looked)
+        return self._reported(chosen, left_out, [*fleet, *looked.fleet, *foreseen], looked)
 
     def _reported(
         self,
         chosen: Sequence[VehicleId],
         left_out: Mapping[VehicleId, str],
         fleet: Sequence[Check],
-        looked: "_Looked",
+        looked: Stand,
     ) -> PreflightReport:
         show, flying = self.flight.show_run, set(chosen)
         return PreflightReport(
@@ -142,7 +134,7 @@ class PreflightGate:
             fleet=tuple(fleet),
             vehicles=tuple(
                 VehicleChecks(name, name in flying, left_out.get(name, ""), tuple(checks))
-                for name, checks in looked.alone.items()
+                for name, checks in looked.of.items()
             ),
             not_checked=tuple(looked.not_checked),
         )
@@ -157,8 +149,8 @@ class PreflightGate:
         looked = self._look(chosen)
         text = describe(
             chain(
-                ((name, check) for name in chosen for check in looked.alone[name]),
-                ((None, check) for check in looked.together),
+                ((name, check) for name in chosen for check in looked.of[name]),
+                ((None, check) for check in looked.fleet),
             )
         )
         if text:
@@ -166,7 +158,7 @@ class PreflightGate:
         fleet = [_all_vehicles(chosen)]
         if show_hash is not None:
             fleet.append(Check("show", State.PASS, limit=AS_CHECKED))
-        fleet += looked.together
+        fleet += looked.fleet
         for name, limit, look in self._setpoint_loss_checks(chosen):
             look()
             fleet.append(Check(name, State.PASS, limit=limit))
@@ -189,7 +181,8 @@ class PreflightGate:
             chosen, show_hash, named=desired is not None, taken_out=len(self.flight.excluded)
         )
 
-    def _look(self, chosen: Sequence[VehicleId]) -> "_Looked":
+    def _look(self, chosen: Sequence[VehicleId]) -> Stand:
+        """Inspect the vehicles that are to fly together, and each of all vehicles alone."""
         inputs = self._inputs()
         alone = self._alone(inputs, list(self.flight.vehicles))
         pattern = self._pattern()
@@ -200,7 +193,7 @@ class PreflightGate:
             alone[name].append(check)
         for name, checks in stand.of.items():
             alone[name] += checks
-        return _Looked(alone, stand.fleet, [*stand.not_checked, *self._left_unlooked()])
+        return Stand(stand.fleet, alone, [*stand.not_checked, *self._left_unlooked()])
 
     def _left_unlooked(self) -> Iterator[str]:
         config = self.flight.config

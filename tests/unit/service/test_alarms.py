@@ -214,7 +214,7 @@ def test_pair_at_the_floor_is_one_pair_until_clearly_outside() -> None:
 
     def rows(apart_m: float, height_m: float = 20.0) -> list[tuple[int, int]]:
         place_m = np.array([[0.0, 0.0, -height_m], [apart_m, 0.0, -height_m]])
-        return [pair.rows for pair in pairs.look(place_m, airborne, floor)]
+        return [(one, other) for one, other, _ in pairs.look(place_m, airborne, floor)]
 
     seen = [rows(apart_m) for apart_m in (3.01, 2.99, 3.01, 2.99, 3.1, 3.2, 3.01)]
     assert seen == [[], [(0, 1)], [(0, 1)], [(0, 1)], [(0, 1)], [], []]
@@ -223,7 +223,7 @@ def test_pair_at_the_floor_is_one_pair_until_clearly_outside() -> None:
 
 def test_pair_with_unknown_distance_is_not_close() -> None:
     place_m = np.array([[0.0, 0.0, -20.0], [np.nan, np.nan, np.nan]])
-    assert ClosePairs().look(place_m, np.array([True, True]), Floor()) == ()
+    assert ClosePairs().look(place_m, np.array([True, True]), Floor()) == []
 
 
 def test_every_cause_is_in_the_table_of_the_operations_manual() -> None:
