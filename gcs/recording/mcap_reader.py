@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Self
 
@@ -95,19 +96,6 @@ class Loss:
         return f"{self.damage}; lost: from {begin} to {end}"
 
 
-@dataclass(frozen=True, slots=True)
-class Index:
-    """Positions of the chunks in a file."""
-
-    chunks: tuple[tuple[float, int], ...]  # start time (Unix time) and byte of each, in order
-
-    def offset(self, from_s: float) -> int:
-        """Byte from which to read ticks from a time on; it includes the status before them."""
-        times_s = [start_s for start_s, _ in self.chunks]
-        at = bisect_right(times_s, from_s - STATUS_S - CHUNK_S) - 1
-        return self.chunks[max(at, 0)][1] if self.chunks else 0
-
-
 class FlightData:
     """A recorded flight. Reads only the beginning before `ticks`."""
 
@@ -160,7 +148,7 @@ class FlightData:
         waiting: Damage | None = None  # until the next tick is known
         last_s: float | None = None
         try:
-            for found in self._pieces(self.index.offset(from_s) if isfinite(from_s) else 0):
+            for found in self._pieces(self.offset(from_s) if isfinite(from_s) else 0):
                 if isinstance(found, Damage):
                     waiting = found if waiting is None else _together(waiting, found)
                     continue
@@ -205,8 +193,8 @@ class FlightData:
         return RecordedSample(sample.unix_s, vehicles, tick, self._status[1])
 
     @cached_property
-    def index(self) -> Index:
-        """Positions of all chunks; reads the file once without decompressing it."""
+    def chunks(self) -> list[tuple[float, int]]:
+        """Start (Unix time) and byte of each chunk, in order; reads the file once without decompressing."""
         chunks: list[tuple[float, int]] = []
         with suppress(*DAMAGED, OSError), opened(self.path) as data:
             for found in records(data):
@@ -216,11 +204,16 @@ class FlightData:
                 in_order = not chunks or start * 1e-9 >= chunks[-1][0]
                 if start <= end and in_order:  # otherwise its times are damaged: they have no checksum
                     chunks.append((start * 1e-9, found.at))
-        return Index(tuple(chunks))
+        return chunks
+
+    def offset(self, from_s: float) -> int:
+        """Byte from which to read ticks from a time on; it includes the status before them."""
+        at = bisect_right(self.chunks, from_s - STATUS_S - CHUNK_S, key=itemgetter(0)) - 1
+        return self.chunks[max(at, 0)][1] if self.chunks else 0
 
     def last_s(self) -> float | None:
         """Time of the last readable tick; None if there is none."""
-        for start_s, _ in reversed(self.index.chunks):
+        for start_s, _ in reversed(self.chunks):
             last_s = None
             for sample in self.samples(start_s):
                 last_s = sample.unix_s

@@ -109,7 +109,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
 
 def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[RecordedSample]:
     """Yield every tick, and report the share of the file's time that is read."""
-    first_s = data.index.chunks[0][0] if data.index.chunks else None
+    first_s = data.chunks[0][0] if data.chunks else None
     last_s = data.last_s()
     for number, tick in enumerate(data.ticks()):
         if number % REPORTED_TICKS == 0 and first_s is not None and last_s is not None and last_s > first_s:

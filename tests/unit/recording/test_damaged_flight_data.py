@@ -121,7 +121,7 @@ def test_flipped_byte_with_loss_is_never_kept(file: Path, capsys: pytest.Capture
 
 @pytest.mark.parametrize("kind", [kind for kind in range(20) if kind != Opcode.CHUNK])
 def test_a_chunk_that_seems_another_record_is_damage(file: Path, kind: int) -> None:
-    data, (_, at) = bytearray(file.read_bytes()), FlightData(file).index.chunks[5]
+    data, (_, at) = bytearray(file.read_bytes()), FlightData(file).chunks[5]
     data[at] = kind
     file.write_bytes(data)
     recorded = FlightData(file)
@@ -131,7 +131,7 @@ def test_a_chunk_that_seems_another_record_is_damage(file: Path, kind: int) -> N
 
 def test_damaged_chunk_is_skipped_and_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Before: 13 s of 162 s were judged, and exit 0."""
-    data, chunks = bytearray(file.read_bytes()), FlightData(file).index.chunks
+    data, chunks = bytearray(file.read_bytes()), FlightData(file).chunks
     for number in (0, 3):
         data[chunks[number][1] + 200] ^= 0xFF
     file.write_bytes(data)
@@ -156,7 +156,7 @@ def test_violation_after_the_damage_is_found(
     samples[200] = changed(samples[200], position_m=near_m)
     file = written(tmp_path, samples)
     data = bytearray(file.read_bytes())
-    data[FlightData(file).index.chunks[2][1] + 300] ^= 0x10
+    data[FlightData(file).chunks[2][1] + 300] ^= 0x10
     file.write_bytes(data)
     code, report, _ = judged(file, capsys)
     assert (code, report["verdict"]) == (1, "broken")
@@ -176,7 +176,7 @@ def test_no_straight_path_is_assumed_across_lost_samples(
     file = written(tmp_path, samples)
     assert judged(file, capsys)[0] == 1  # whole: they jump through each other
     data = bytearray(file.read_bytes())
-    data[FlightData(file).index.chunks[3][1] + 300] ^= 0x10
+    data[FlightData(file).chunks[3][1] + 300] ^= 0x10
     file.write_bytes(data)
     assert judged(file, capsys)[0] == 3
 

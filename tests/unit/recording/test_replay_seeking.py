@@ -59,10 +59,10 @@ def test_seeking_to_any_time_gives_the_same_ticks(file: Path) -> None:
 
 def test_earlier_data_is_not_read_when_seeking(file: Path) -> None:
     data = FlightData(file)
-    assert len(data.index.chunks) == TICKS // EACH
-    near_the_end = data.index.offset(data.index.chunks[-1][0])
+    assert len(data.chunks) == TICKS // EACH
+    near_the_end = data.offset(data.chunks[-1][0])
     assert near_the_end > file.stat().st_size * 0.6
-    assert data.index.offset(-inf) == data.index.offset(0.0) == data.index.chunks[0][1]
+    assert data.offset(-inf) == data.offset(0.0) == data.chunks[0][1]
 
 
 def test_truncated_file_can_be_sought_up_to_its_cut(file: Path) -> None:
@@ -80,5 +80,5 @@ def test_truncated_file_can_be_sought_up_to_its_cut(file: Path) -> None:
 
 def test_a_file_without_a_whole_chunk_has_no_last_tick(file: Path) -> None:
     cut = file.with_name("cut.mcap")
-    cut.write_bytes(file.read_bytes()[: FlightData(file).index.chunks[0][1] + 100])
+    cut.write_bytes(file.read_bytes()[: FlightData(file).chunks[0][1] + 100])
     assert FlightData(cut).last_s() is None
