@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
-from typing import Self
 
 from gcs.sim.endpoint import HOST, LARGEST, Endpoint, Port, PortError, Radio
 from gcs.sim.faults.commands import LONGEST_LINE
@@ -75,23 +74,6 @@ REST_S = 0.002  # time in which datagrams of a continuous flow gather; PX4 answe
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Interrupt:
-    """Set by SIGINT or SIGTERM while it is entered."""
-
-    is_set = False
-
-    def __enter__(self) -> Self:
-        self._before = {number: signal.signal(number, self._set) for number in STOPS}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _set(self, _number: int, _frame: object) -> None:
-        self.is_set = True
-
-
 def serve(
     settings: Settings,
     ports: Sequence[Port],
@@ -109,7 +91,10 @@ def serve(
     Raises: PortError when a port is taken.
     """
     with ExitStack() as stack:
-        interrupt = stack.enter_context(Interrupt())
+        stops: list[int] = []
+        for number in STOPS:
+            before = signal.signal(number, lambda signum, _: stops.append(signum))
+            stack.callback(signal.signal, number, before)
         fleet = Fleet(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
         fault_injector = FaultInjector(fleet)
         endpoints = [
@@ -131,7 +116,7 @@ def serve(
             _register(selector, control, fault_injector)
         print(greeting, flush=True)  # noqa: T201 - the command's output
         radio = Radio(fleet, fault_injector, endpoints)
-        for waited_s in _paced(fleet, radio, fault_injector, truth, simulator, interrupt):
+        for waited_s in _paced(fleet, radio, fault_injector, truth, simulator, stops):
             _read(selector, waited_s, radio, fault_injector)
 
 
@@ -152,14 +137,14 @@ def _paced(
     fault_injector: FaultInjector,
     truth: GroundTruthFile | None,
     simulator: SimulatorLink | None,
-    interrupt: Interrupt,
+    stops: Sequence[int],
 ) -> Iterator[float]:
     """Step the fleet in time with the clock: whole steps, so nothing drifts; long stalls are dropped.
 
     Yields: how long to wait for datagrams.
     """
     dropped_s = time.monotonic() - fleet.time_s
-    while not interrupt.is_set:
+    while not stops:
         behind_s = time.monotonic() - dropped_s - fleet.time_s
         if behind_s > CATCH_UP_S:
             dropped_s += behind_s - STEP_S
