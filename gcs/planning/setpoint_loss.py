@@ -6,7 +6,7 @@ paths that come too close count at any times. Only this is relied on: two vehicl
 their difference in height until the lower one has landed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
@@ -246,9 +246,18 @@ def check_setpoint_loss(
 
     def found_by(what: Action) -> tuple[str, list[Clash]]:
         for cue, plan in _worst(plans) if what != "return" else _spread(plans):
-            found = _first_clashes(places, home_m, plan, control, uncertainty_m, what, return_height_m)
-            if found:
-                return f" at cue '{cue}'" if cue else "", found
+            for position_m in _formations_m(places, plan, what):
+                found = clashes(
+                    position_m,
+                    home_m,
+                    what,
+                    floor=control.safety.floor,
+                    uncertainty_m=uncertainty_m,
+                    speed_m_s=_speed_m_s(plan),
+                    return_height_m=return_height_m,
+                )
+                if found:
+                    return f" at cue '{cue}'" if cue else "", found
         return "", []
 
     when, found = found_by(action)
@@ -295,43 +304,17 @@ def _speed_m_s(plan: Plan) -> float:
     return plan.orbit.speed_m_s * (plan.orbit.radius_m > 0.0) + plan.target.speed_m_s + _rim_m_s(plan)
 
 
-def _first_clashes(
-    places: Array,
-    home_m: Array,
-    plan: Plan,
-    control: ControlSettings,
-    uncertainty_m: Array,
-    action: Action,
-    return_height_m: Array | float,
-) -> list[Clash]:
-    """Return the conflicts of the first orientation or orbit position that has any."""
+def _formations_m(places: Array, plan: Plan, action: Action) -> Iterator[Array]:
+    """Yield (n, 3) positions at the loss: every orientation; for flights home every place on the orbit."""
     center_m = _center_m(plan)
+    radius_m = plan.orbit.radius_m if action == "return" else 0.0
     begins_m = center_m + plan.formation.radius_m * places
     shapes_m = [begins_m, turned_upright(begins_m, center_m)]
     if plan.formation.spin_rad_s and action == "return":  # for other actions only the spin rate matters
         shapes_m += [center_m + plan.formation.radius_m * turned(places, turn) for turn in TURNS_RAD]
     for place_m in shapes_m:
-        for shift_m in _shifts_m(plan, action):
-            found = clashes(
-                place_m + shift_m,
-                home_m,
-                action,
-                floor=control.safety.floor,
-                uncertainty_m=uncertainty_m,
-                speed_m_s=_speed_m_s(plan),
-                return_height_m=return_height_m,
-            )
-            if found:
-                return found
-    return []
-
-
-def _shifts_m(plan: Plan, action: Action) -> list[Array]:
-    """(3,) each: possible positions of the centre around the target. They matter only for flights home."""
-    radius_m = plan.orbit.radius_m
-    if action != "return" or radius_m == 0.0:
-        return [np.zeros(3)]
-    return [radius_m * np.array([np.cos(turn), np.sin(turn), 0.0]) for turn in np.arange(4) * np.pi / 2]
+        for turn in np.arange(4 if radius_m else 1) * np.pi / 2:
+            yield place_m + radius_m * np.array([np.cos(turn), np.sin(turn), 0.0])
 
 
 def _center_m(plan: Plan) -> Array:
