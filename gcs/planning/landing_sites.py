@@ -290,12 +290,7 @@ def silent_segments_m(
 
 
 TURNS = 200
-
-
 NAMED_MAX = 10
-
-
-GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def column_m(floor: Floor, uncertainty_m: Array | None = None) -> float:
@@ -330,15 +325,15 @@ def most_overlapping(position_m: Array, width_m: float) -> int:
     """
     first, second = np.triu_indices(len(position_m), 1)
     chord_m = position_m[first] - position_m[second]
-    along_m = chord_m @ _upward().T
+    upward = spiral((np.arange(TURNS) + 0.5) / TURNS)  # possible orientations of a formation
+    along_m = chord_m @ upward.T
     sideways_m2 = (chord_m**2).sum(axis=1)[:, None] - along_m**2
     return int((sideways_m2 < width_m**2).sum(axis=0).max(initial=0))
 
 
-def _upward() -> Array:
-    """(TURNS, 3) Unit vectors, evenly over half a sphere: possible orientations of a formation."""
-    z = (np.arange(TURNS) + 0.5) / TURNS
-    level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(TURNS)
+def spiral(z: Array) -> Array:
+    """(k, 3) Unit vectors with these components along z (k,): a golden spiral; even if `z` is."""
+    level, turn = np.sqrt(1.0 - z**2), np.pi * (3.0 - np.sqrt(5.0)) * np.arange(len(z))
     return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
 
 

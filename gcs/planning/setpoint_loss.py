@@ -18,6 +18,7 @@ from gcs.formation.repulsion import sweep
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Plan
 from gcs.model.state import Array, Mask, VehicleId
+from gcs.planning.landing_sites import spiral
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
 
@@ -178,8 +179,6 @@ SWEEPS = 300
 PREDICTED_MAX = 64
 """Larger fleets use an even lattice as shape: the slots are not predicted, but the distances are."""
 
-GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
-
 PAIRS_NAMED = 4
 
 LOOKED_AT_MAX = 12
@@ -205,19 +204,12 @@ def formation_m(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: 
 def _places(ids: tuple[VehicleId, ...], home_m: Array, plan: Plan, control: ControlSettings) -> Array:
     """(n, 3) Unit vectors from the centre to the predicted slots."""
     if len(ids) > PREDICTED_MAX:
-        return _lattice(len(ids))
+        return spiral(1.0 - (2.0 * np.arange(len(ids)) + 1.0) / len(ids))
     rows = np.arange(len(ids), dtype=np.intp)
     direction, _ = directions_from(home_m, _center_m(plan))
     place = begun(direction, ids, rows, control.law)
     place, _ = sweep(place, np.zeros_like(place), place.copy(), np.ones(len(ids)), SWEEPS, 0.0)
     return place
-
-
-def _lattice(count: int) -> Array:
-    """(n, 3) Unit vectors, evenly: a Fibonacci lattice."""
-    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    level, turn = np.sqrt(1.0 - z**2), GOLDEN_ANGLE_RAD * np.arange(count)
-    return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
 
 
 def check_setpoint_loss(

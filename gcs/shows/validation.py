@@ -314,15 +314,11 @@ def _moment(timeline: Timeline, time_s: float, control: ControlSettings) -> Iter
             f"target: {plan.target.speed_m_s:.2f} m/s, at most {limits.formation_speed_max_m_s:g} m/s",
         )
     else:
-        yield from _reach(plan, control)
+        try:
+            check_target(plan.target, plan.orbit, plan.formation, control)
+        except InvalidError as error:
+            yield "target", f"target: {error}"
         yield from _together(timeline, plan, time_s)
-
-
-def _reach(plan: Plan, control: ControlSettings) -> Iterator[tuple[str, str]]:
-    try:
-        check_target(plan.target, plan.orbit, plan.formation, control)
-    except InvalidError as error:
-        yield "target", f"target: {error}"
 
 
 def _together(timeline: Timeline, plan: Plan, time_s: float) -> Iterator[tuple[str, str]]:
