@@ -53,7 +53,6 @@ NO_ROW: Final = 2**32 - 1
 
 UPWARDS: Final = np.array([1.0, 1.0, -1.0])
 
-
 _PHASE: Final = {phase: number for number, phase in enumerate(Phase)}
 _MODE: Final = {mode: number for number, mode in enumerate(Mode)}
 _SHOW: Final = {phase: number for number, phase in enumerate(ShowPhase)}

@@ -38,7 +38,6 @@ PENDING: Final = "pending"
 ASK_AGAIN_S: Final = 0.2
 """Period of polling a command: outcomes follow the autopilots' heartbeats, once a second."""
 
-
 CHECK_AGAIN_S: Final = 0.5
 """Period of polling a check, which takes about a minute."""
 

@@ -54,7 +54,6 @@ ASSEMBLED_SHARE = 0.05
 SPREAD_SHARE = 0.7
 """And when the two nearest directions are apart by this share of those in the best shape known."""
 
-
 FLIES = AIRBORNE | {Phase.PILOT}
 
 

@@ -16,10 +16,8 @@ log = logging.getLogger(__name__)
 
 SHOW_FLIES = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 
-
 Explanation: TypeAlias = tuple[FailsafeCause, str]
 """Why a vehicle is in a mode that this station did not command: the cause, and the text for the operator."""
-
 
 _VAGUE = {FailsafeCause.UNKNOWN, FailsafeCause.OTHER, FailsafeCause.SETPOINT_LOSS, None}
 """Causes that later messages may replace: STATUSTEXT and battery states arrive at any time."""

@@ -35,7 +35,6 @@ _NUMPY: Final = {"b": "i1", "h": "i2", "i": "i4", "q": "i8", "B": "u1", "H": "u2
     "c": "u1",  # text as bytes: numpy's own strings would lose zeros
 }
 
-
 VELOCITY_AND_YAW: Final = 0x9C7
 """Type mask: velocity and yaw count; the same as MAVSDK's."""
 

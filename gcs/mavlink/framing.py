@@ -38,7 +38,6 @@ SET_MESSAGE_INTERVAL: Final = 511
 _REQUESTING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
 """With REQUEST_MESSAGE and REQUEST_AUTOPILOT_CAPABILITIES: commands that move nothing."""
 
-
 PREARM_CHECK: Final = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 AHRS: Final = 0x200000  # the estimator; PX4 reports only its health
 SENSORS: Final = 0x2F

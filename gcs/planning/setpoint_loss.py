@@ -24,10 +24,8 @@ from gcs.safety.separation import Floor
 
 Action: TypeAlias = Literal["descend", "hold", "land", "return"]
 
-
 ACTIONS: Final[tuple[Action, ...]] = ("hold", "return", "land", "descend")
 """In the order in which they are proposed."""
-
 
 NOTICED_WITHIN_S: Final = 0.3
 """Vehicles notice the loss at different times: by the watchdog's time, and some for their own clocks. For

@@ -92,7 +92,6 @@ def _names(raw: dict[str, object]) -> list[str | None]:
 ORIGIN_WITHIN_M = 0.5
 """Tolerance against the service's own origin: more is another field, or a mistake."""
 
-
 HEADING_WITHIN_DEG = 0.1
 
 

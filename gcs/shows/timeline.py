@@ -20,7 +20,6 @@ from gcs.shows.format import Box, Cue, Loop, Path, Place, Show, Spin
 RATE = 15.0 / 8.0
 """Greatest rate of the transition, times time over change: of 10 u^3 - 15 u^4 + 6 u^5 at u = 1/2."""
 
-
 ACCELERATION = 10.0 / sqrt(3.0)
 """Greatest acceleration, times time squared over change: at u = 1/2 -+ 1 / (2 sqrt(3))."""
 

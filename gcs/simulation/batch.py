@@ -103,15 +103,11 @@ def _desired(gate: Gate) -> str:
 
 Figures = dict[str, object]
 
-
 LESS_IS_BETTER: Callable[[list[float]], float] = max
-
 
 MORE_IS_BETTER: Callable[[list[float]], float] = min
 
-
 SHOWN_NOTES = 20
-
 
 COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("separation.minimum_m", "closest", MORE_IS_BETTER, ".2f"),

@@ -122,10 +122,8 @@ def _streams_m(flight: GoalFlight, count: int) -> tuple[Array, Array]:
 BOX_TRIES = 2000
 """Tries to place one box; a full field then has fewer boxes."""
 
-
 MOMENTS_S = np.arange(0.0, 121.0, 1.0)
 """Times at which the paths of moving boxes are checked."""
-
 
 START_CLEAR_S = 5.0
 """Time during which no moving box comes near the start."""

@@ -107,18 +107,14 @@ def closest_m(
 
 PENETRATION_M = 1.0
 
-
 NEAR_M = 15.0
 """Vehicles farther from a box than this ignore it."""
-
 
 NEARER_M_S = 0.5
 """A vehicle that approaches a box more slowly than this has passed it: jitter is not an approach."""
 
-
 THROUGH_M = 2.0
 """Largest final distance of vehicles from the sphere, and of the sphere from its destination."""
-
 
 CELL_M = 1.0
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (1, -2), (2, 1), (2, -1))

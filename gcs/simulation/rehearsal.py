@@ -22,7 +22,6 @@ ASSEMBLED_BY_S = 120.0
 HOME_BY_S = 400.0
 """Time limit of the return."""
 
-
 ASSEMBLED_IN_S = 10.0
 HOME_IN_S = 30.0
 """Typical duration of the return in the shipped shows, for the estimate of progress."""

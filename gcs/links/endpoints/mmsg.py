@@ -51,7 +51,6 @@ _CONTROL: Final = _aligned(length="P", level="i4", kind="i4", seconds="l", nanos
 _SEGMENT: Final = _aligned(length="P", level="i4", kind="i4", bytes="u2")
 """struct cmsghdr with the length of a run's datagrams."""
 
-
 _LIBC: Final[Any] = ctypes.CDLL(None, use_errno=True)
 
 

@@ -32,7 +32,6 @@ _SUCCESS: Final = int(OffboardResult.SUCCESS)
 _LOG_LEVELS: Final = {LogLevel.WARN: logging.INFO, LogLevel.ERROR: logging.WARNING}
 """Other levels are for developers of MAVSDK. Errors are rare; the last may say why the process ends."""
 
-
 _HOST: Final = "127.0.0.1"
 _LONGEST_BYTES: Final = 2048
 _BUFFER_BYTES: Final = 4 << 20

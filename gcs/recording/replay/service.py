@@ -52,7 +52,6 @@ DUE_S: Final = 1e-3
 PASSED: Final = 100
 """After this many skipped states other tasks of the loop may run."""
 
-
 REPORT: Final = TypeAdapter(ReportBody)
 
 REPORT_WITHIN_S: Final = 1800.0
