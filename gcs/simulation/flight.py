@@ -216,16 +216,25 @@ class SimulatedFlight:
         record.center_m.append(NOWHERE if memory.center is None else memory.center.position_m)
         record.radius_m.append(memory.radius_m)
         record.target_m.append(np.array(self.plan.target.position_m(self.time_s)))
-        now_s = self.time_s
-        places_m = [box.position_m(now_s) for box in self.plan.obstacles]
-        record.boxes.append(
-            tuple(
-                replace(box, x_m=x_m, y_m=y_m, time_s=now_s)
-                for box, (x_m, y_m) in zip(self.plan.obstacles, places_m, strict=True)
-            )
-        )
+        record.boxes.append(tuple(map(self._placed, self.plan.obstacles)))
         record.held_by.append("" if memory.detour is None else memory.detour.held_by)
         record.limited.append(len(decided.limited_by) - decided.limited_by.count(""))
+
+    def check_box(self, box: Obstacle) -> None:
+        """Check, as in flight, that a box can stand where it is now. Raises: RefusedError."""
+        world, flying = self.world, np.flatnonzero(self.world.in_air & self.present).tolist()
+        check_obstacle(
+            self._placed(box),
+            self.settings.law.avoidance,
+            {world.ids[row]: world.position_m[row] for row in flying},
+            {},
+            velocities_m_s={world.ids[row]: world.velocity_m_s[row] for row in flying},
+            braking=self.settings.safety.braking,
+        )
+
+    def _placed(self, box: Obstacle) -> Obstacle:
+        x_m, y_m = box.position_m(self.time_s)
+        return replace(box, x_m=x_m, y_m=y_m, time_s=self.time_s)
 
     def _closest_m(self, seen_m: Sequence[Array]) -> float:
         """Smallest distance of the pairs that count at any of those positions, (n, 3) each."""
@@ -405,22 +414,10 @@ class FormationRun(SimulatedFlight):
 
     def _show_boxes(self) -> None:
         """Make boxes known at their times, but never where a vehicle could no longer stop."""
-        now_s, world = self.time_s, self.world
-        if not any(appear_s <= now_s + 1e-9 for _, appear_s in self._boxes):
-            return
-        names = [name for row, name in enumerate(world.ids) if world.in_air[row] and self.present[row]]
-        for entry in [entry for entry in self._boxes if entry[1] <= now_s + 1e-9]:
+        for entry in [entry for entry in self._boxes if entry[1] <= self.time_s + 1e-9]:
             box = entry[0]
-            x_m, y_m = box.position_m(now_s)
             try:
-                check_obstacle(
-                    replace(box, x_m=x_m, y_m=y_m, time_s=now_s),
-                    self.settings.law.avoidance,
-                    {name: world.position_m[world.row_of[name]] for name in names},
-                    {},
-                    velocities_m_s={name: world.velocity_m_s[world.row_of[name]] for name in names},
-                    braking=self.settings.safety.braking,
-                )
+                self.check_box(box)
             except RefusedError:
                 continue
             self._boxes.remove(entry)

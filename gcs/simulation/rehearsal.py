@@ -1,6 +1,6 @@
 """Flies a show in virtual time: hover, assembly, timeline, return."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
@@ -9,8 +9,6 @@ from gcs.failsafe.policy import FailsafePolicy
 from gcs.flight.fleet import stands
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
-from gcs.model.state import Array
-from gcs.planning.feasibility import check_obstacle
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.simulation.flight import SimulatedFlight
 from gcs.simulation.record import Record
@@ -128,28 +126,15 @@ class Rehearsal(SimulatedFlight):
         possible: list[Obstacle] = []
         for box in plan.obstacles:
             if box.id not in known and box.id not in self._refused:
-                self._try(box, one)
+                try:
+                    self.check_box(box)
+                except RefusedError as error:
+                    self._refused.add(box.id)
+                    self.flaws.append(Flaw(("timeline", one.index, "obstacles"), str(error)))
             if box.id not in self._refused:
                 possible.append(box)
         self._refused &= {box.id for box in plan.obstacles}
         return Plan(plan.formation, plan.orbit, plan.target, tuple(possible), plan.yaw)
-
-    def _try(self, box: Obstacle, one: Played) -> None:
-        try:
-            check_obstacle(
-                box,
-                self.settings.law.avoidance,
-                self._by_name(self.world.position_m),
-                {},
-                velocities_m_s=self._by_name(self.world.velocity_m_s),
-                braking=self.settings.safety.braking,
-            )
-        except RefusedError as error:
-            self._refused.add(box.id)
-            self.flaws.append(Flaw(("timeline", one.index, "obstacles"), str(error)))
-
-    def _by_name(self, rows: Array) -> Mapping[str, Array]:
-        return dict(zip(self.world.ids, rows, strict=True))
 
 
 def rehearse(

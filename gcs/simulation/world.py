@@ -367,15 +367,9 @@ class Neighbourhood:
     def _send(
         self, now_s: float, position_m: Array, velocity_m_s: Array, degree: Array, present: Mask
     ) -> None:
+        belief, sent_s = self._belief, np.full(len(degree), now_s)
         messages = np.column_stack(
-            [
-                position_m,
-                velocity_m_s,
-                self._belief.center_m,
-                self._belief.velocity_m_s,
-                degree,
-                np.full(len(degree), now_s),
-            ]
+            [position_m, velocity_m_s, belief.center_m, belief.velocity_m_s, degree, sent_s]
         )
         apart_m = np.linalg.norm(position_m[:, None] - position_m[None], axis=2)
         gets = (apart_m < self._range_m) & present[:, None] & present[None, :]
