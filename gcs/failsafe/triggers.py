@@ -276,22 +276,24 @@ def _of_vehicles(
     latch: Latch, holds: Mask, seen: Seen, known: Known, settings: FailsafePolicy
 ) -> list[FailsafeRequest]:
     """Return one request for each cause and action, with the vehicles concerned."""
-    battery, position = settings.low_battery, settings.bad_position
-    critical = latch.active[CRITICAL]
-    reported = {
-        LOST: "silent, or killed: the others go on without",
-        LOW: f"battery at {_least(seen.battery, latch.active[LOW]):.0%}, below {battery.below:.0%}",
-        CRITICAL: f"battery at {_least(seen.battery, critical):.0%}, below {battery.critical_below:.0%}",
-        SUDDEN: _sudden(seen, known, latch.active[SUDDEN], settings),
-        POOR: _poor(seen, latch.active[POOR], settings),
-        OUT: f"outside the fence within {settings.fence.within_s:g} s as it flies now",
-        BELOW: f"below the fence within {settings.fence.within_s:g} s as it flies now",
+    battery, position, fence = settings.low_battery, settings.bad_position, settings.fence
+    low, critical = (_least(seen.battery, latch.active[kind]) for kind in (LOW, CRITICAL))
+    soon = f"the fence within {fence.within_s:g} s as it flies now"
+    cases = {
+        LOST: (settings.vehicle_lost.action, "silent, or killed: the others go on without"),
+        LOW: (battery.action, f"battery at {low:.0%}, below {battery.below:.0%}"),
+        CRITICAL: (battery.critical_action, f"battery at {critical:.0%}, below {battery.critical_below:.0%}"),
+        SUDDEN: (position.action, _sudden(seen, known, latch.active[SUDDEN], settings)),
+        POOR: (position.action, _poor(seen, latch.active[POOR], settings)),
+        OUT: (fence.action, f"outside {soon}"),
+        BELOW: (fence.action, f"below {soon}"),
     }
     requests = []
     for kind in np.flatnonzero(latch.active.any(axis=1)).tolist():
         active = latch.active[kind]
         first, later = active, np.zeros_like(active)
-        action = then = _ACTION_OF[kind](settings)
+        name, reason = cases[kind]
+        action = then = Action(name)
         if kind in {POOR, SUDDEN} and position.then_land_after_s is not None:
             waited = seen.time_s - latch.since_s[kind] >= position.then_land_after_s
             later = active & waited & holds[kind]
@@ -301,20 +303,9 @@ def _of_vehicles(
                 since_s = float(latch.since_s[kind][rows].min())
                 named = tuple(np.flatnonzero(rows).tolist())
                 requests.append(
-                    FailsafeRequest(OF_VEHICLES[kind], does, since_s, named, kind == LOST, reported[kind])
+                    FailsafeRequest(OF_VEHICLES[kind], does, since_s, named, kind == LOST, reason)
                 )
     return requests
-
-
-_ACTION_OF: Final = {
-    LOST: lambda settings: Action(settings.vehicle_lost.action),
-    LOW: lambda settings: Action(settings.low_battery.action),
-    CRITICAL: lambda settings: Action(settings.low_battery.critical_action),
-    POOR: lambda settings: Action(settings.bad_position.action),
-    SUDDEN: lambda settings: Action(settings.bad_position.action),
-    OUT: lambda settings: Action(settings.fence.action),
-    BELOW: lambda settings: Action(settings.fence.action),
-}
 
 
 def _least(values: Array, rows: Mask) -> float:

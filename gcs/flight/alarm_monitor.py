@@ -13,6 +13,7 @@ import numpy as np
 from gcs.control import Tick
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
 from gcs.failsafe.policy import Action, Cause
+from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.fleet import FLIES, Fleet
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
@@ -63,10 +64,6 @@ OF_FAILSAFE: Final = {
     Cause.SERVICE_LATE: AlarmCause.SERVICE_LATE,
 }
 """Lost vehicles are seen by their phase; what the service does about them is the failsafe's alarm."""
-
-OF_THE_SHOW: Final = frozenset(
-    {Cause.WIND, Cause.LINKS_LATE, Cause.VEHICLES_LOST, Cause.TARGET_STALE, Cause.SERVICE_LATE}
-)
 
 WAIT_FOR_A_COMMAND: Final = (
     "[It waits|They wait] for a command: take-over or bring-home for all, take-control for"

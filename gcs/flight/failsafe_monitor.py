@@ -66,7 +66,7 @@ class FailsafeMonitor:
         self._failsafes = Failsafes(settings, Known.nothing(count, self.flight.fleet.time_s, settings))
         self._commanded: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of the command whose maneuver a vehicle executes
-        self._held: dict[tuple[Cause, Action], bool] = {}
+        self._held: dict[tuple[str, str], bool] = {}
         self._lost_before: set[str] = set()
         self._paused_since_s: float | None = None
         self.active: tuple[ActiveFailsafe, ...] = ()
@@ -198,25 +198,13 @@ class FailsafeMonitor:
         now_s, unix_s = self.flight.fleet.time_s, self.flight.unix_s()
         active = []
         for request in requests:
-            before, named = began.get((request.cause.value, request.action.value)), self._named(request)
-            reason = request.reason
-            same = before is not None and before.vehicles == named
-            if (
-                before is not None
-                and same
-                and self._held.get((request.cause, request.action)) == request.holds
-            ):
-                reason = before.reason  # its numbers may change in every tick
-            active.append(
-                ActiveFailsafe(
-                    request.cause.value,
-                    request.action.value,
-                    reason,
-                    named,
-                    request.since_s,
-                    unix_s - (now_s - request.since_s) if before is None else before.since_unix_time_s,
-                    self._commanded.get((request.cause, request.action)),
-                )
-            )
-        self._held = {(request.cause, request.action): request.holds for request in requests}
+            key, named = (request.cause.value, request.action.value), self._named(request)
+            before, command_id = began.get(key), self._commanded.get((request.cause, request.action))
+            reason, since_unix_s = request.reason, unix_s - (now_s - request.since_s)
+            if before is not None:
+                since_unix_s = before.since_unix_time_s
+                if before.vehicles == named and self._held.get(key) == request.holds:
+                    reason = before.reason  # its numbers may change in every tick
+            active.append(ActiveFailsafe(*key, reason, named, request.since_s, since_unix_s, command_id))
+        self._held = {(request.cause.value, request.action.value): request.holds for request in requests}
         self.active = tuple(active)
