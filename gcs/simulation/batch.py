@@ -112,6 +112,7 @@ SHOWN_NOTES = 20
 COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("separation.minimum_m", "closest", MORE_IS_BETTER, ".2f"),
     ("separation.violations", "viol.", LESS_IS_BETTER, ".0f"),
+    ("separation.lost_pairs", "lost p.", LESS_IS_BETTER, ".0f"),
     ("formation.settle_time_s", "settle", LESS_IS_BETTER, ".1f"),
     ("formation.straight_line_time_s", "straight", LESS_IS_BETTER, ".1f"),
     ("formation.energy_ratio", "energy", LESS_IS_BETTER, ".4f"),
@@ -130,6 +131,8 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("tick.p99_ms", "p99 ms", LESS_IS_BETTER, ".2f"),
     ("realtime_factor", "x real", MORE_IS_BETTER, ".0f"),
 )
+
+IF_ANY = frozenset({"separation.lost_pairs"})
 
 
 def summary(reports: Sequence[Figures]) -> str:
@@ -150,12 +153,13 @@ def summary(reports: Sequence[Figures]) -> str:
 def rows(reports: Sequence[Figures]) -> list[list[str]]:
     """Titles, then one row per scenario and fleet: median / worst of every figure over the seeds.
 
-    Columns without any figure are left out.
+    Columns without any figure are left out, and those of `IF_ANY` that are 0 throughout.
     """
     groups: dict[tuple[str, int], list[Figures]] = {}
     for figures in reports:
         groups.setdefault((str(figures["scenario"]), int(str(figures["vehicles"]))), []).append(figures)
-    shown = [column for column in COLUMNS if any(_numbers(runs, column[0]) for runs in groups.values())]
+    found = {key: _numbers(reports, key) for key, *_ in COLUMNS}
+    shown = [each for each in COLUMNS if (any(found[each[0]]) if each[0] in IF_ANY else found[each[0]])]
     table = [["scenario", "N", "runs", *(title for _, title, _, _ in shown), "failed"]]
     for (name, vehicles), runs in groups.items():
         cells = [_cell(_numbers(runs, key), len(runs), worst, form) for key, _, worst, form in shown]

@@ -186,13 +186,14 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
 def separation(record: Record) -> dict[str, object]:
     """The floor, the smallest distance in its metric, and the number of pairs below it.
 
-    `lost_pairs`: of these, pairs of two lost vehicles, which no station can part.
+    Pairs of two lost vehicles, which no station can part, are `lost_pairs` instead of `violations`.
     """
+    lost_pairs = len([pair for pair in record.violating if record.lost_rows.issuperset(pair)])
     return {
         "floor_m": record.floor_m,
         "minimum_m": rounded(min(record.closest_m)),
-        "violations": len(record.violating),
-        "lost_pairs": len([pair for pair in record.violating if record.lost_rows.issuperset(pair)]),
+        "violations": len(record.violating) - lost_pairs,
+        "lost_pairs": lost_pairs,
     }
 
 

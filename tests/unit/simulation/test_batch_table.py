@@ -14,7 +14,7 @@ def run(
         "vehicles": vehicles,
         "seed": seed,
         "realtime_factor": 100.0,
-        "separation": {"floor_m": 2.0, "minimum_m": 3.0 + seed, "violations": 0},
+        "separation": {"floor_m": 2.0, "minimum_m": 3.0 + seed, "violations": 0, "lost_pairs": 0},
         "formation": {
             "settled": settle_s is not None,
             "settle_time_s": settle_s,
@@ -50,6 +50,15 @@ def test_one_row_for_each_scenario_and_fleet_median_and_worst() -> None:
         "failed": "-",
     }
     assert many[:3] == ["trial", "8", "1"]
+
+
+def test_pairs_of_two_lost_vehicles_have_a_column() -> None:
+    runs = [run(0, 8.0), run(1, 9.0)]
+    assert "lost p." not in rows(runs)[0]
+    runs[1]["separation"]["lost_pairs"] = 2
+    header, row = rows(runs)
+    cells = dict(zip(header, row, strict=True))
+    assert (cells["viol."], cells["lost p."]) == ("0", "1/2")
 
 
 def test_run_that_never_settled_is_the_worst() -> None:

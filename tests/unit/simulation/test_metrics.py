@@ -217,4 +217,7 @@ def test_two_lost_vehicles_that_meet_are_counted_apart() -> None:
     record = record_of([10.0 * TETRAHEDRON + CENTER] * 4)
     record.violating, record.lost_rows = {(0, 1), (1, 2)}, frozenset({1, 2})
     figures = measure.separation(record)
-    assert (figures["violations"], figures["lost_pairs"]) == (2, 1)
+    assert (figures["violations"], figures["lost_pairs"]) == (1, 1)
+    record.lost_rows = frozenset()
+    figures = measure.separation(record)
+    assert (figures["violations"], figures["lost_pairs"]) == (2, 0)
