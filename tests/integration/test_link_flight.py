@@ -1,8 +1,6 @@
 """The whole way through the link, with the fake autopilot as its own process on the other side."""
 
 import asyncio
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -13,6 +11,7 @@ from gcs.links import Verb
 from gcs.model.state import Landed, Mode
 from tests.support.link_bench import AnyLink, Ticks, a_link, do, running, until
 from tests.support.machine import free_ports
+from tests.support.started import DEVNULL, Started
 
 
 @contextmanager
@@ -21,7 +20,7 @@ def simulator(first_port: int, count: int, *parameters: str) -> Iterator[None]:
     options += ["--quirk", "late-ready=off"]
     options += ["--param", "COM_OF_LOSS_T=3"]  # they notice the tick's end, not a pause of the machine
     options += [word for each in parameters for word in ("--param", each)]
-    process = subprocess.Popen([sys.executable, "-m", "gcs.sim", *options], stdout=subprocess.DEVNULL)
+    process = Started("gcs.sim", *options, stdout=DEVNULL)
     try:
         yield
     finally:

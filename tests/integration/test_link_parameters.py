@@ -1,8 +1,6 @@
 """Parameters through the production links, with the fake autopilot as its own process on the other side."""
 
 import asyncio
-import subprocess
-import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 
@@ -12,15 +10,15 @@ import pytest
 from gcs.model.errors import CommandError, UnknownError
 from tests.support.link_bench import AnyLink, a_link, is_open, running, until
 from tests.support.machine import free_ports
+from tests.support.started import DEVNULL, Started
 
 pytestmark = pytest.mark.usefixtures("transport")
 
 
 @contextmanager
 def simulator(first_port: int) -> Iterator[None]:
-    command = [sys.executable, "-m", "gcs.sim", "--count", "2", "--port-base", str(first_port)]
-    command += ["--quirk", "late-ready=off", "--param", "MPC_XY_VEL_MAX=7.5"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    words = ("--count", "2", "--port-base", str(first_port), "--quirk", "late-ready=off")
+    process = Started("gcs.sim", *words, "--param", "MPC_XY_VEL_MAX=7.5", stdout=DEVNULL)
     try:
         yield
     finally:

@@ -2,8 +2,6 @@
 
 import resource
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -14,24 +12,26 @@ from pymavlink.dialects.v20 import common as dialect
 from gcs.client import Client
 from tests.support.console_bench import Station, fault
 from tests.support.processes import ORIGIN
+from tests.support.started import DEVNULL, Started
 
 
 @contextmanager
 def second_with_the_same_id(port: int) -> Iterator[None]:
     """Another vehicle with the system id of d9, on its port."""
-    command = [sys.executable, "-m", "gcs.sim", "--first", "8", "--count", "1", "--port-base", str(port)]
-    with subprocess.Popen([*command, "--origin", ORIGIN], stdout=subprocess.DEVNULL) as other:
-        try:
-            yield
-        finally:
-            other.terminate()
+    words = ("--first", "8", "--count", "1", "--port-base", str(port), "--origin", ORIGIN)
+    other = Started("gcs.sim", *words, stdout=DEVNULL)
+    try:
+        yield
+    finally:
+        other.terminate()
+        other.wait()
 
 
 def kill(client: Client, name: str) -> None:
     client.confirm_kill(client.arm_kill([name]).code)
 
 
-def ports_of(process: subprocess.Popen[bytes]) -> list[int]:
+def ports_of(process: Started) -> list[int]:
     """UDP ports that a process has open."""
     links = [str(each.readlink()) for each in Path(f"/proc/{process.pid}/fd").iterdir()]
     inodes = {link[len("socket:[") : -1] for link in links if link.startswith("socket:[")}
@@ -39,7 +39,7 @@ def ports_of(process: subprocess.Popen[bytes]) -> list[int]:
     return [int(row[1].partition(":")[2], 16) for row in rows if row[9] in inodes]
 
 
-def another_station_sets(fleet: subprocess.Popen[bytes], system_id: int, name: str, value: float) -> None:
+def another_station_sets(fleet: Started, system_id: int, name: str, value: float) -> None:
     """A parameter of one vehicle. Which port is its own is not known: it is the one addressed."""
     message = dialect.MAVLink_param_set_message(
         system_id, 1, name.encode(), value, dialect.MAV_PARAM_TYPE_REAL32
@@ -50,7 +50,7 @@ def another_station_sets(fleet: subprocess.Popen[bytes], system_id: int, name: s
             outlet.sendto(frame, ("127.0.0.1", port))
 
 
-def fill_the_disk(process: subprocess.Popen[str]) -> None:
+def fill_the_disk(process: Started) -> None:
     """No file of the service grows any more."""
     _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (4096, hard))

@@ -3,7 +3,6 @@
 import json
 import re
 import socket
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from gcs.config import schema as configuration
 from tests.support.browsers import chromium
 from tests.support.machine import free_ports
 from tests.support.processes import flying_config, proper, service, vehicles
+from tests.support.started import Started
 
 ROOT: Final = Path(__file__).parents[2]
 
@@ -243,10 +243,10 @@ class Station:
 
     url: str
     client: Client
-    process: subprocess.Popen[str]
+    process: Started
     config: configuration.Config
     folder: Path
-    fleet: subprocess.Popen[bytes]
+    fleet: Started
 
     @contextmanager
     def again(self) -> Iterator[Client]:

@@ -28,6 +28,7 @@ from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction
 from gcs.sim.cli import parameter_options
 from tests.support.machine import free_ports
+from tests.support.started import DEVNULL, PIPE, Started, run
 from tests.support.views import vehicles_of
 
 ORIGIN = "47.397742,8.545594,488.0"
@@ -62,18 +63,17 @@ def flying_config(
 @contextmanager
 def vehicles(
     count: int, port_base: int, truth: Path, *options: str, apart: int | None = None
-) -> Iterator[subprocess.Popen[bytes]]:
+) -> Iterator[Started]:
     """Run fake vehicles in a separate process until the block ends; true states are in `truth`/truth.jsonl.
 
     One process flies all vehicles except `apart`, whose own process is yielded and can be killed.
     The vehicles can be armed at once: only the demo and the README session wait as PX4 does.
     """
-    command = [sys.executable, "-m", "gcs.sim", "--port-base", str(port_base)]
-    command += ["--origin", ORIGIN, "--grid-columns", "3", "--quirk", "late-ready=off", *options]
+    words = ("--port-base", str(port_base), "--origin", ORIGIN, "--grid-columns", "3")
 
-    def started(first: int, end: int, *more: str) -> subprocess.Popen[bytes]:
-        some = ["--first", str(first), "--count", str(end - first), *more]
-        return subprocess.Popen([*command, *some], stdout=subprocess.DEVNULL)
+    def started(first: int, end: int, *more: str) -> Started:
+        some = ("--quirk", "late-ready=off", *options, "--first", str(first), "--count", str(end - first))
+        return Started("gcs.sim", *words, *some, *more, stdout=DEVNULL)
 
     file = ("--truth", str(truth / "truth.jsonl"))
     if apart is None:
@@ -90,7 +90,7 @@ def vehicles(
 
 
 @contextmanager
-def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client, subprocess.Popen[str]]]:
+def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client, Started]]:
     """Run `gcs serve` in a separate process; its recording and its log are in `folder`.
 
     In the folder of a service that has ended, the same service starts again.
@@ -98,9 +98,9 @@ def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client
     folder.mkdir(exist_ok=True)
     raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
     (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
-    command = [sys.executable, "-m", "gcs", "serve", "--config", str(folder / "config.yaml"), "--quiet"]
+    words = ("serve", "--config", str(folder / "config.yaml"), "--quiet")
     with (folder / "log").open("a") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+        process = Started("gcs", *words, stdout=PIPE, stderr=log)
     try:
         assert process.stdout is not None
         address = re.search(r"http://\S+:\d+", process.stdout.readline())
@@ -108,12 +108,11 @@ def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client
         with Client(address[0], timeout_s=30.0) as client:
             yield client, process
     finally:
-        process.kill()
-        process.communicate()
+        process.end()
 
 
 @contextmanager
-def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str, Started]]:
     """Run `gcs sim`, `gcs params apply` and `gcs serve` as a user does, with a configuration of the tests.
 
     Ports are free and time limits long. True states are in `folder`/truth.jsonl. Yields the API's address.
@@ -127,25 +126,23 @@ def session_of(name: str, folder: Path, *sim_options: str) -> Iterator[tuple[str
     text += f"\nfailsafes: {{{ignored}}}\n"
     config = folder / f"{name}.yaml"
     config.write_text(text, encoding="utf-8")
-    gcs = [sys.executable, "-m", "gcs"]
-    sim = [*gcs, "sim", "--port-base", str(base), "--origin", ORIGIN, *sim_options]
-    sim += ["--truth", str(folder / "truth.jsonl"), "--param", f"COM_OF_LOSS_T={PATIENT_S}"]
-    with subprocess.Popen(sim, stdout=subprocess.DEVNULL) as vehicles:
+    sim = ("--port-base", str(base), "--origin", ORIGIN, *sim_options)
+    truth = ("--truth", str(folder / "truth.jsonl"), "--param", f"COM_OF_LOSS_T={PATIENT_S}")
+    vehicles = Started("gcs", "sim", *sim, *truth, stdout=DEVNULL)
+    try:
+        applied = run("gcs", "params", "apply", "--config", str(config), timeout_s=SOON_S)
+        assert applied.returncode == 0, applied.stdout + applied.stderr
+        service = Started("gcs", "serve", "--config", str(config), "--port", "0", "--quiet", stdout=PIPE)
         try:
-            apply = [*gcs, "params", "apply", "--config", str(config)]
-            applied = subprocess.run(apply, capture_output=True, text=True, check=False, timeout=SOON_S)
-            assert applied.returncode == 0, applied.stdout + applied.stderr
-            serve = [*gcs, "serve", "--config", str(config), "--port", "0", "--quiet"]
-            with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as service:
-                try:
-                    assert service.stdout is not None
-                    address = re.search(r"http://\S+:\d+", service.stdout.readline())
-                    assert address is not None
-                    yield address[0], service
-                finally:
-                    service.kill()
+            assert service.stdout is not None
+            address = re.search(r"http://\S+:\d+", service.stdout.readline())
+            assert address is not None
+            yield address[0], service
         finally:
-            vehicles.terminate()
+            service.end()
+    finally:
+        vehicles.terminate()
+        vehicles.wait(SOON_S)
 
 
 def last_truths(path: Path) -> list[dict[str, object]]:

@@ -1,8 +1,6 @@
 """`gcs replay` in a separate process, and a replay of a minute in which nothing happens."""
 
 import re
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,13 +9,13 @@ from typing import Unpack
 
 from gcs.recording.replay.service import Playhead
 from gcs.service import CheckState, Playback, PlaybackChange, ReplayMarks, ReportState
+from tests.support.started import PIPE, Started
 
 
 @contextmanager
 def replay(record: Path | str, *options: str, folder: Path | None = None) -> Iterator[str]:
     """Run a replay in `folder` until the block ends, then end it by request. Yields the API's address."""
-    command = [sys.executable, "-m", "gcs", "replay", str(record), "--port", "0", *options]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
+    process = Started("gcs", "replay", str(record), "--port", "0", *options, stdout=PIPE, folder=folder)
     try:
         assert process.stdout is not None
         address = re.search(r"http://\S+:\d+", process.stdout.readline())
@@ -25,8 +23,9 @@ def replay(record: Path | str, *options: str, folder: Path | None = None) -> Ite
         yield address[0]
     finally:
         process.terminate()
-        process.communicate(timeout=120)
-    assert process.returncode == 0
+        code = process.wait(120.0)
+        process.end()
+    assert code == 0
 
 
 class FakeRecord:

@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ from gcs.config.schema import Config
 from gcs.recording.audit_reader import commands, interruption, last_known
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
+from tests.support.started import run
 
 IDS = ("d1", "d2")
 NO_ROW = "http://127.0.0.1:9"
@@ -24,10 +24,7 @@ def config_of(port_base: int) -> Config:
 
 def gcs_kill(record: Path, *words: str, url: str = NO_ROW) -> "subprocess.CompletedProcess[str]":
     """As typed where no terminal is."""
-    command = [sys.executable, "-m", "gcs", "kill", *words, "--record", str(record), "--url", url]
-    return subprocess.run(
-        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=SOON_S
-    )
+    return run("gcs", "kill", *words, "--record", str(record), "--url", url, timeout_s=SOON_S)
 
 
 def code_in(text: str) -> str:

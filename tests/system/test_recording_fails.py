@@ -1,7 +1,6 @@
 """The disk fills while vehicles fly: they fly on, the operator is told, and what was recorded stays."""
 
 import resource
-import subprocess
 from contextlib import closing
 from pathlib import Path
 
@@ -10,11 +9,12 @@ from pymavlink import mavutil
 from gcs.client import Client
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, proper, service, vehicles, wait_until
+from tests.support.started import Started
 
 IDS = ("d1", "d2")
 
 
-def limit_files(process: subprocess.Popen[str], size_bytes: int) -> None:
+def limit_files(process: Started, size_bytes: int) -> None:
     """No file of this process grows beyond that any more, as if the disk were full."""
     _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size_bytes, hard))
@@ -31,7 +31,7 @@ def setpoints(path: Path) -> set[int]:
     return targets
 
 
-def fly_on_a_full_disk(client: Client, process: subprocess.Popen[str], folder: Path) -> None:
+def fly_on_a_full_disk(client: Client, process: Started, folder: Path) -> None:
     wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
     assert client.alarms().alarms == []
     (path,) = folder.glob("*/*.tlog")
