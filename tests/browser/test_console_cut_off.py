@@ -1,7 +1,6 @@
 """A written show flown by keyboard from its file to the ground: cut off, taken over, one vehicle killed."""
 
 import re
-import signal
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final
@@ -11,7 +10,6 @@ from playwright.sync_api import Browser, expect
 
 from gcs.client import Client
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, console, station
-from tests.support.processes import SOON_S, wait_until
 
 SHOW: Final = """
 about: Three vehicles stand on their sphere, and turn.
@@ -132,36 +130,3 @@ def test_interrupted_show_is_recovered_by_keyboard(chrome: Browser, tmp_path: Pa
             for name in ("d1", "d2"):
                 expect(ui.part(f"row-{name}")).to_contain_text("landing", timeout=FLIGHT_MS)
             assert [command.action for command in client.commands()] == ["abort", "kill", "take-over"]
-
-
-def test_after_a_stall_two_presses_return_the_fleet(chrome: Browser, tmp_path: Path) -> None:
-    with (
-        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0) as ground,
-        console(chrome, ground.url, width=1024, height=768) as ui,
-    ):
-        client = ground.client
-        ui.says("connection", "Live")
-        wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
-        client.start()
-        ui.says("show-phase", "running", FLIGHT_MS)
-        ground.process.send_signal(signal.SIGSTOP)
-        try:
-            expect(ui.part("banner")).to_be_visible(timeout=SOON_MS)
-            ui.page.wait_for_timeout(8_000)  # longer than the vehicles wait for setpoints
-        finally:
-            ground.process.send_signal(signal.SIGCONT)
-        ui.says("connection", "Live", FLIGHT_MS)
-        ui.says("show-phase", "not under control")
-        ui.says("show-reason", "4 airborne")
-        expect(ui.part("start")).to_have_attribute("aria-disabled", "true")
-        for name in ("pause", "stop", "abort"):
-            expect(ui.part(name)).not_to_have_attribute("aria-disabled", "true")
-        assert ui.serious() == []
-        ui.press("take-over")
-        ui.says("show-phase", "paused", FLIGHT_MS)
-        expect(ui.part("interrupted")).to_have_count(0, timeout=SOON_MS)
-        ui.press("stop")
-        ui.says("show-phase", re.compile("returning home|landed"), FLIGHT_MS)
-        ui.says("show-phase", "landed", FLIGHT_MS)
-        ui.says("airborne", "0/4")
-        assert ui.wrong == []

@@ -4,7 +4,6 @@ A fleet flies, with an alarm; the page is held upright and sideways, and turned.
 """
 
 import signal
-import time
 from collections.abc import Iterator
 from typing import Final
 
@@ -25,11 +24,13 @@ PHASES: Final = (
     "not under control",
 )
 OFFERS: Final = ("take-over", "bring-home")
-STALL_S: Final = 8.0
+STALL_MS: Final = 6_500
 """Longer than the fake vehicles fly on without setpoints."""
 
 WIDE: Final = ((740, 360), (844, 390), (1024, 768), (1440, 900), (2560, 1440))
 PHONE: Final = (390, 844)
+AUDITED: Final = (PHONE, (740, 360), (768, 1024), (1440, 900))
+"""At these sizes axe looks at every part that can be open, at the others at the panels only."""
 SIZES: Final = ((360, 640), *WIDE, *((height, width) for width, height in WIDE))
 
 UNREACHABLE: Final = """(names) => names.flatMap((name) => {
@@ -125,7 +126,8 @@ def test_flight_commands_are_on_screen_whatever_is_open(
         assert ui.page.evaluate(CUT_WORDS, list(PHASES)) == []
         if (width, height) == PHONE:
             assert not ui.page.evaluate(REMARK_IS_CUT, "nothing has been started")
-        assert ui.serious() == []
+        if (width, height) in AUDITED:
+            assert ui.serious() == []
         for panel in ("shape", "fleet"):
             if ui.part(f"panel-{panel}").count() == 0:
                 ui.press(f"tab-{panel}")
@@ -138,7 +140,8 @@ def test_flight_commands_are_on_screen_whatever_is_open(
         for key, sheet in (("?", "help"), ("Shift+K", "kill")):
             ui.opens(key, f"sheet-{sheet}")
             pressable(ui, *COMMANDS)
-            assert ui.serious() == []
+            if (width, height) in AUDITED:
+                assert ui.serious() == []
             ui.closes("Escape", f"sheet-{sheet}")
         assert ui.wrong == []
 
@@ -192,12 +195,22 @@ def test_commands_on_a_turned_phone_and_after_a_stall(chrome: Browser, flying: S
 
         ui.page.set_viewport_size({"width": 360, "height": 740})
         flying.process.send_signal(signal.SIGSTOP)
-        time.sleep(STALL_S)
-        flying.process.send_signal(signal.SIGCONT)
+        try:
+            expect(ui.part("banner")).to_be_visible(timeout=SOON_MS)
+            ui.page.wait_for_timeout(STALL_MS)
+        finally:
+            flying.process.send_signal(signal.SIGCONT)
         expect(ui.part("take-over")).to_be_visible(timeout=SOON_MS)
+        ui.says("show-phase", "not under control")
+        ui.says("show-reason", "4 airborne")
+        expect(ui.part("start")).to_have_attribute("aria-disabled", "true")
+        for name in ("pause", "stop", "abort"):
+            expect(ui.part(name)).not_to_have_attribute("aria-disabled", "true")
         pressable(ui, *OFFERS, *COMMANDS)
         assert ui.serious() == []
         ui.page.set_viewport_size({"width": 740, "height": 360})
         pressable(ui, *OFFERS, *COMMANDS)
         ui.closes(lambda: ui.tap("bring-home"), "bring-home")
         ui.says("show-phase", "landed", FLIGHT_MS)
+        ui.says("airborne", "0/4")
+        assert ui.wrong == []
