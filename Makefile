@@ -39,10 +39,11 @@ define twice
 	$(BIN)/pytest $(FLOWN_CACHE) $(1) $(2) || { [ $$? = 1 ] && echo "Again, one by one:" && \
 	  $(BIN)/pytest $(FLOWN_CACHE) $(1) -n 0 --again --exitfirst; }
 endef
-REALTIME := tests/system tests/integration tests/browser tests/unit/api tests/unit/recording
+# Long files first; the many short ones fill what is left at the end.
+REALTIME := $(addprefix tests/,system browser integration unit/api unit/recording)
 
 flown: .venv/ready console
-	$(call twice,-m "realtime and not alone and not soak" $(REALTIME),-n 3 --no-loadscope-reorder)
+	$(call twice,-m "realtime and not alone and not soak" $(REALTIME),-n 4 --no-loadscope-reorder)
 	$(call twice,-m "alone and not soak" tests/system,-n 0)
 
 soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo, ten times the examples
