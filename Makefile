@@ -68,8 +68,8 @@ schema: .venv/ready api/console/node_modules/ready  ## the console's types, from
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec; \
-	  from gcs.planning import return_paths; \
-	  control.warm_up(); return_paths.warm_up(); codec.warm_up()"
+	  from gcs.planning.return_paths import planner; \
+	  control.warm_up(); planner.warm_up(); codec.warm_up()"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
 	$(BIN)/python -m tests.vocabulary

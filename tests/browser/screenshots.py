@@ -26,6 +26,7 @@ from tests.support.console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, brows
 from tests.support.machine import free_ports
 from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, service, wait_until
 from tests.support.replays import replay
+from tests.support.started import Started
 
 Size = tuple[int, int]
 """Width and height of the window, CSS pixels."""
@@ -95,7 +96,7 @@ def _open(ui: Console, side: str, panel: str | None) -> None:
         ui.press(f"tab-{panel}")
 
 
-def stall(ui: Console, process: subprocess.Popen[str]) -> None:
+def stall(ui: Console, process: Started) -> None:
     """The service stands still for longer than the vehicles wait for its setpoints."""
     process.send_signal(signal.SIGSTOP)
     time.sleep(STALL_S)
@@ -127,9 +128,7 @@ def fly(camera: Photographer, ui: Console, client: Client, control: int) -> None
     camera.shoot(ui, "panels", "shape", "plots", sizes=DESKS)
 
 
-def go_wrong(
-    camera: Photographer, ui: Console, client: Client, control: int, process: subprocess.Popen[str]
-) -> None:
+def go_wrong(camera: Photographer, ui: Console, client: Client, control: int, process: Started) -> None:
     """Three alarms, a kill that is not confirmed, a stall, and home."""
     fault(control, vehicle=3, fault="silence")
     fault(control, vehicle=7, fault="battery", remaining=0.18)

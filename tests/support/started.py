@@ -25,7 +25,7 @@ import gcs.cli.serve
 import gcs.sim.cli  # noqa: F401
 from gcs import control
 from gcs.mavlink import codec
-from gcs.planning import return_paths
+from gcs.planning.return_paths import planner
 
 PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 
@@ -122,7 +122,7 @@ def _loaded() -> socket.socket:
 
 def _load() -> None:
     """Load machine code; the modules are loaded with this one."""
-    for warm_up in (control.warm_up, return_paths.warm_up, codec.warm_up):
+    for warm_up in (control.warm_up, planner.warm_up, codec.warm_up):
         warm_up()
     gc.collect()
     gc.freeze()  # collected objects would be copied page by page
