@@ -3,6 +3,7 @@
 A fleet flies, with an alarm; the page is held upright and sideways, and turned.
 """
 
+import re
 import signal
 from collections.abc import Iterator
 from typing import Final
@@ -202,7 +203,7 @@ def test_commands_on_a_turned_phone_and_after_a_stall(chrome: Browser, flying: S
             flying.process.send_signal(signal.SIGCONT)
         expect(ui.part("take-over")).to_be_visible(timeout=SOON_MS)
         ui.says("show-phase", "not under control")
-        ui.says("show-reason", "4 airborne")
+        ui.says("show-reason", re.compile("[34] airborne"))  # a low battery may have landed the fourth
         expect(ui.part("start")).to_have_attribute("aria-disabled", "true")
         for name in ("pause", "stop", "abort"):
             expect(ui.part(name)).not_to_have_attribute("aria-disabled", "true")
