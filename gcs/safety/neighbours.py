@@ -23,7 +23,7 @@ CELLS_MAX = 64
 """Along each axis."""
 
 ROOM = 40
-"""Pairs per vehicle for which memory is allocated first; with more pairs the search is repeated."""
+"""Pairs per vehicle for which memory is allocated first; with more pairs it is doubled."""
 
 FEW = 200
 """Up to this many vehicles, comparing all pairs is faster than sorting them into cells."""
@@ -43,10 +43,13 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
     rows, start, low_m, cell_m, across = _sorted_into_cells(position_m, takes_part, radius_m)
     place_m, look_m = position_m[rows], radius_m[rows]  # contiguous in memory, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
-    found = _write_pairs(rows, start, low_m, cell_m, across, place_m, look_m, first, second)
-    if found > len(first):
-        first, second = np.empty(found, np.intp), np.empty(found, np.intp)
-        _write_pairs(rows, start, low_m, cell_m, across, place_m, look_m, first, second)
+    found, done = 0, 0
+    while done < len(rows):
+        if found + len(rows) > len(first):
+            first, second = np.append(first, first), np.append(second, second)
+        found, done = _write_pairs(
+            rows, start, low_m, cell_m, across, place_m, look_m, first, second, found, done
+        )
     return first[:found], second[:found]
 
 
@@ -82,11 +85,18 @@ def _write_pairs(
     look_m: Array,
     first: Rows,
     second: Rows,
-) -> int:
-    """Write the near pairs into `first` and `second` while there is room. Returns: their number."""
-    found, room, from_, to = 0, len(first), np.empty(3, np.int64), np.empty(3, np.int64)
-    longest_m = look_m.max() if len(look_m) else 0.0
-    for a in range(len(rows)):
+    found: int,
+    done: int,
+) -> tuple[int, int]:
+    """Write the near pairs, after the `found` ones of `done` vehicles, while there is room for one more.
+
+    Returns: `found` and `done` then.
+    """
+    from_, to = np.empty(3, np.int64), np.empty(3, np.int64)
+    longest_m, extent_m = look_m.max(), _extents(start, across, place_m, look_m)
+    for a in range(done, len(rows)):
+        if found + len(rows) > len(first):
+            return found, a
         x_m, y_m, z_m, own_m = place_m[a, 0], place_m[a, 1], place_m[a, 2], look_m[a]
         far_m = (own_m + longest_m) * WIDER
         for axis in range(3):
@@ -95,14 +105,39 @@ def _write_pairs(
         for x in range(from_[0], to[0]):
             for y in range(from_[1], to[1]):
                 column = (x * across + y) * across
-                for b in range(max(start[column + from_[2]], a + 1), start[column + to[2]]):
+                begin, end = max(start[column + from_[2]], a + 1), start[column + to[2]]
+                if begin >= end or _is_beyond(extent_m[x * across + y], x_m, y_m, z_m, own_m):
+                    continue
+                for b in range(begin, end):
                     dx, dy, dz = place_m[b, 0] - x_m, place_m[b, 1] - y_m, place_m[b, 2] - z_m
                     reach_m = own_m + look_m[b]
-                    if dx * dx + dy * dy + dz * dz < reach_m * reach_m:
-                        if found < room:
-                            first[found], second[found] = rows[a], rows[b]
-                        found += 1
-    return found
+                    first[found], second[found] = rows[a], rows[b]  # the next replaces it, if it is not near
+                    found += dx * dx + dy * dy + dz * dz < reach_m * reach_m
+    return found, len(rows)
+
+
+@kernel
+def _extents(start: Rows, across: int, place_m: Array, look_m: Array) -> Array:
+    """(across^2, 7) of each column of cells: the box about its vehicles, low and high, and longest radius."""
+    extent_m = np.empty((across * across, 7))
+    for column in range(across * across):
+        extent_m[column, :3], extent_m[column, 3:6], extent_m[column, 6] = np.inf, -np.inf, 0.0
+        for b in range(start[column * across], start[(column + 1) * across]):
+            for axis in range(3):
+                extent_m[column, axis] = min(extent_m[column, axis], place_m[b, axis])
+                extent_m[column, 3 + axis] = max(extent_m[column, 3 + axis], place_m[b, axis])
+            extent_m[column, 6] = max(extent_m[column, 6], look_m[b])
+    return extent_m
+
+
+@kernel
+def _is_beyond(extent_m: Array, x_m: float, y_m: float, z_m: float, own_m: float) -> bool:
+    """Whether a place with that radius is too far from every vehicle of a column with that extent (7,)."""
+    dx = max(extent_m[0] - x_m, x_m - extent_m[3], 0.0)
+    dy = max(extent_m[1] - y_m, y_m - extent_m[4], 0.0)
+    dz = max(extent_m[2] - z_m, z_m - extent_m[5], 0.0)
+    reach_m = WIDER * (own_m + extent_m[6])
+    return bool(dx * dx + dy * dy + dz * dz > reach_m * reach_m)
 
 
 @kernel

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
@@ -85,14 +86,26 @@ class Pairs:
 
     def not_in(self, others: "Pairs", count: int) -> "Pairs":
         """Return the pairs, of `count` vehicles, that are not among `others`."""
-        own, known = (
-            np.minimum(each.first, each.other) * count + np.maximum(each.first, each.other)
-            for each in (self, others)
-        )
-        new = ~np.isin(own, known)
+        new = _not_among(self.first, self.other, others.first, others.other, count)
         return Pairs(
             self.first[new], self.second[new], self.other[new], self.normal[new], self.bound_m_s[new]
         )
+
+
+@kernel
+def _not_among(first: Rows, other: Rows, known_first: Rows, known_other: Rows, count: int) -> Mask:
+    """(k,) which pairs of rows, of `count`, are not among the known ones (m,), in either order."""
+    pair, new = np.empty(len(first), np.intp), np.ones(len(first), np.bool_)
+    for k in range(len(first)):
+        pair[k] = min(first[k], other[k]) * count + max(first[k], other[k])
+    order = np.argsort(pair)
+    pair = pair[order]
+    for k in range(len(known_first)):
+        known = min(known_first[k], known_other[k]) * count + max(known_first[k], known_other[k])
+        place = np.searchsorted(pair, known)
+        if place < len(pair) and pair[place] == known:
+            new[order[place]] = False
+    return new
 
 
 def pairs_that_count(position_m: Array, airborne: Mask, floor: Floor) -> tuple[Rows, Rows]:
@@ -322,70 +335,125 @@ def _found(
         first, second = near_pairs_of(only, place_m, known, look_m)
     else:
         first, second = near_pairs(place_m, known, look_m)
-    wide_m, tall_m, taller, pad_height_m, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers[:8]
-    own_wide_m, own_tall_m, deviations = numbers[8:]
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
-    kept = 0
-    for k in range(count):
+    sides, seen, answers, kept = np.empty((2, BLOCK), np.intp), np.empty((13, BLOCK)), np.empty((5, BLOCK)), 0
+    for begin in range(0, count, BLOCK):
+        block = slice(begin, begin + BLOCK)
+        many = _relative(
+            first[block],
+            second[block],
+            (position_m, course_m_s, measured_m_s),
+            (uncertainty_m, wander_m, spare_m_s),
+            (commanded, airborne),
+            numbers[3],
+            sides,
+            seen,
+        )
+        _answers(many, seen, numbers, answers)
+        for k in range(many):
+            if answers[0, k] > answers[1, k]:
+                continue
+            i, j = sides[0, k], sides[1, k]
+            x, y, z, allowed_m_s = answers[2, k], answers[3, k], answers[4, k], answers[0, k]
+            rows[kept], others[kept] = i, j
+            shared[kept] = j if commanded[j] else NO_ROW
+            normals[kept, 0], normals[kept, 1], normals[kept, 2] = x, y, z
+            theirs_m_s = x * measured_m_s[j, 0] + y * measured_m_s[j, 1] + z * measured_m_s[j, 2]
+            bounds_m_s[kept] = -allowed_m_s if commanded[j] else theirs_m_s - allowed_m_s
+            kept += 1
+    return rows[:kept], shared[:kept], others[:kept], normals[:kept], bounds_m_s[:kept]
+
+
+BLOCK = 256
+"""Near pairs that are computed at a time: few enough to stay in the processor's nearest memory."""
+
+
+@kernel
+def _relative(
+    first: Rows,
+    second: Rows,
+    motion: tuple[Array, Array, Array],
+    own: tuple[Array, Array, Array],
+    masks: tuple[Mask, Mask],
+    pad_height_m: float,
+    sides: NDArray[np.intp],
+    seen: Array,
+) -> int:
+    """Write what `_answers` needs of the pairs (k,) that count, and their rows.
+
+    Args:
+        first: (k,) rows.
+        second: (k,) rows.
+        motion: positions, course and measured velocities, (n, 3) each.
+        own: uncertainty, wander and spare speed, (n,) each.
+        masks: commanded and airborne, (n,) each.
+        pad_height_m: as of `Floor`.
+        sides: (2, BLOCK) rows i, commanded, and j; changed.
+        seen: (13, BLOCK) changed: offset, difference of the courses, of the measured velocities, squares of
+            uncertainty and wander, spare speed, and whether one of both stands.
+
+    Returns: how many count.
+    """
+    (uncertainty_m, wander_m, spare_m_s), (commanded, airborne) = own, masks
+    many = 0
+    for k in range(len(first)):
         i, j = first[k], second[k]
         if not commanded[i]:
             i, j = j, i
-        low = -position_m[i, 2] < pad_height_m and -position_m[j, 2] < pad_height_m
+        low = -motion[0][i, 2] < pad_height_m and -motion[0][j, 2] < pad_height_m
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
         mine_m, theirs_m = uncertainty_m[i], uncertainty_m[j]
-        own_share, led_m = 0.0, deviations * np.sqrt(wander_m[i] ** 2 + wander_m[j] ** 2)
+        one_stands, led_m2 = 0.0, wander_m[i] ** 2 + wander_m[j] ** 2
         # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
         if not (airborne[i] and airborne[j]):
-            own_share, led_m = 1.0, 0.0
+            one_stands, led_m2 = 1.0, 0.0
             if airborne[i]:
                 theirs_m = min(theirs_m, mine_m)
             else:
                 mine_m = min(mine_m, theirs_m)
-        unsure_m = deviations * np.sqrt(mine_m**2 + theirs_m**2)
-        pair_wide_m = wide_m + unsure_m + led_m - own_share * own_wide_m
-        pair_tall_m = tall_m + taller * unsure_m + led_m - own_share * own_tall_m
-        gap_m, x, y, z = _gap(position_m, i, j, pair_wide_m, pair_tall_m)
-        desired_m_s = spare_m_s[i] + spare_m_s[j] - _along(course_m_s, i, j, x, y, z)
-        closing_m_s = -_along(measured_m_s, i, j, x, y, z)
-        allowed_m_s = allowed_speed_m_s(
+        sides[0, many], sides[1, many] = i, j
+        for axis in range(3):
+            seen[axis, many] = motion[0][i, axis] - motion[0][j, axis]
+            seen[3 + axis, many] = motion[1][i, axis] - motion[1][j, axis]
+            seen[6 + axis, many] = motion[2][i, axis] - motion[2][j, axis]
+        seen[9, many], seen[10, many] = mine_m**2 + theirs_m**2, led_m2
+        seen[11, many], seen[12, many] = spare_m_s[i] + spare_m_s[j], one_stands
+        many += 1
+    return many
+
+
+@kernel
+def _answers(many: int, seen: Array, numbers: Numbers, answers: Array) -> None:
+    """Speeds (BLOCK,) at which `many` pairs may close in, at which they could, and unit normals (3, BLOCK).
+
+    Without branches, so that it is vectorised. `seen` is that of `_relative`.
+    """
+    wide_m, tall_m, taller, _, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers[:8]
+    own_wide_m, own_tall_m, deviations = numbers[8:]
+    for k in range(many):
+        unsure_m, led_m = deviations * np.sqrt(seen[9, k]), deviations * np.sqrt(seen[10, k])
+        pair_wide_m = wide_m + unsure_m + led_m - seen[12, k] * own_wide_m
+        pair_tall_m = tall_m + taller * unsure_m + led_m - seen[12, k] * own_tall_m
+        gap_m, x, y, z = _gap(seen[0, k], seen[1, k], seen[2, k], pair_wide_m, pair_tall_m)
+        closing_m_s = -(x * seen[6, k] + y * seen[7, k] + z * seen[8, k])
+        answers[0, k] = allowed_speed_m_s(
             gap_m - lead_s * max(closing_m_s, 0.0), reaction_s, deceleration_m_s2, escape_per_s
         )
-        if allowed_m_s > desired_m_s:
-            continue
-        rows[kept], others[kept] = i, j
-        shared[kept] = j if commanded[j] else NO_ROW
-        normals[kept, 0], normals[kept, 1], normals[kept, 2] = x, y, z
-        theirs_m_s = x * measured_m_s[j, 0] + y * measured_m_s[j, 1] + z * measured_m_s[j, 2]
-        bounds_m_s[kept] = -allowed_m_s if commanded[j] else theirs_m_s - allowed_m_s
-        kept += 1
-    return rows[:kept], shared[:kept], others[:kept], normals[:kept], bounds_m_s[:kept]
+        answers[1, k] = seen[11, k] - (x * seen[3, k] + y * seen[4, k] + z * seen[5, k])
+        answers[2, k], answers[3, k], answers[4, k] = x, y, z
 
 
 @kernel
-def _along(velocity_m_s: Array, i: int, j: int, x: float, y: float, z: float) -> float:
-    """Speed of i away from j along (x, y, z)."""
-    away_m_s: float = (
-        x * (velocity_m_s[i, 0] - velocity_m_s[j, 0])
-        + y * (velocity_m_s[i, 1] - velocity_m_s[j, 1])
-        + z * (velocity_m_s[i, 2] - velocity_m_s[j, 2])
-    )
-    return away_m_s
-
-
-@kernel
-def _gap(
-    position_m: Array, i: int, j: int, wide_m: float, tall_m: float
-) -> tuple[float, float, float, float]:
-    """Distance in true metres from i to the ellipsoid about j, along the unit normal that follows."""
+def _gap(x: float, y: float, z: float, wide_m: float, tall_m: float) -> tuple[float, float, float, float]:
+    """Distance in true metres from (x, y, z) to the ellipsoid about 0, along the unit normal that follows."""
     flat = wide_m / tall_m
-    x, y = position_m[i, 0] - position_m[j, 0], position_m[i, 1] - position_m[j, 1]
-    z = (position_m[i, 2] - position_m[j, 2]) * flat
+    z *= flat
     scaled_m = np.sqrt(x * x + y * y + z * z)
-    if scaled_m < TINY:
-        return -tall_m, 0.0, 0.0, 1.0
     z *= flat
     share = 1.0 / np.sqrt(x * x + y * y + z * z)
+    if scaled_m < TINY:
+        return -tall_m, 0.0, 0.0, 1.0
     return (scaled_m - wide_m) * scaled_m * share, share * x, share * y, share * z

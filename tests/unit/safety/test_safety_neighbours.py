@@ -5,8 +5,9 @@ import pytest
 
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import filter_velocities
-from gcs.safety.neighbours import FEW, near_pairs
+from gcs.safety.neighbours import FEW, ROOM, near_pairs
 from gcs.safety.separation import (
+    Pairs,
     minimum_separation,
     pairs_that_count,
     scaled_distance_m,
@@ -111,6 +112,31 @@ def test_stragglers_on_both_sides_of_a_crowd_find_each_other(axis: int) -> None:
     position[:, axis] = rng.uniform(-8.0, 8.0, MANY)
     position[:30, axis] *= 8.0
     assert_each_near_pair_once(position, rng.uniform(3.0, 4.0, MANY), np.ones(MANY, dtype=bool))
+
+
+def test_more_pairs_than_there_is_memory_for_at_first() -> None:
+    position = np.random.default_rng(4).uniform(-1.0, 1.0, (MANY, 3))
+    assert MANY * (MANY - 1) / 2 > 2 * ROOM * MANY
+    assert_each_near_pair_once(position, np.full(MANY, 4.0), np.ones(MANY, dtype=bool))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pairs_are_known_in_either_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    i, j = np.triu_indices(9, 1)
+    flipped = rng.random(len(i)) < 0.5
+    first, other = np.where(flipped, j, i), np.where(flipped, i, j)
+    normal, bound_m_s = rng.normal(size=(len(i), 3)), rng.normal(size=len(i))
+    order, flipped = rng.permutation(len(i)), rng.random(len(i)) < 0.5
+    some, known = order[:20], order[12 : rng.integers(12, len(i))]
+    turned = np.where(flipped, other, first), np.where(flipped, first, other)
+    own = Pairs(first[some], other[some], other[some], normal[some], bound_m_s[some])
+    others = Pairs(turned[0][known], turned[1][known], turned[1][known], normal[known], bound_m_s[known])
+    new = own.not_in(others, 9)
+    kept = some[~np.isin(some, known)]
+    assert new.first.tolist() == first[kept].tolist()
+    assert new.other.tolist() == other[kept].tolist()
+    assert new.bound_m_s.tolist() == bound_m_s[kept].tolist()
 
 
 def test_two_in_one_place_are_a_pair_with_all_others_unknown() -> None:
