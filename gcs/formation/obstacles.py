@@ -6,6 +6,7 @@ circle, where tangents are simple; it keeps tangency, order along a line and sid
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import sqrt
 from typing import Annotated
 
@@ -114,13 +115,7 @@ class Outlines:
 
     @staticmethod
     def of(ellipses: Mapping[str, Ellipse]) -> "Outlines":
-        rows = [
-            (e.x_m, e.y_m, e.semi_x_m, e.semi_y_m, e.velocity_x_m_s, e.velocity_y_m_s, e.top_height_m)
-            for e in ellipses.values()
-        ]
-        table = np.array(rows, dtype=np.float64).reshape(-1, 7).T.copy()
-        pairs = [np.ascontiguousarray(table[k : k + 2].T) for k in (0, 2, 4)]
-        return Outlines(tuple(ellipses), pairs[0], pairs[1], pairs[2], table[6])
+        return _outlines(tuple(ellipses), tuple(ellipses.values()))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -151,6 +146,18 @@ class Outlines:
         """(m,) smallest distance of (n, 2 or 3) positions, as `Ellipse.distance_m`; inf without any."""
         nearest: Array = _nearest_m(np.array(position_m[:, :2], order="C"), self.center_m, self.semi_m)
         return nearest
+
+
+@lru_cache(maxsize=4)
+def _outlines(names: tuple[str, ...], ellipses: tuple[Ellipse, ...]) -> Outlines:
+    """As `Outlines.of`; cached, because a tick needs them several times, and standing ones do not change."""
+    rows = [
+        (e.x_m, e.y_m, e.semi_x_m, e.semi_y_m, e.velocity_x_m_s, e.velocity_y_m_s, e.top_height_m)
+        for e in ellipses
+    ]
+    table = np.array(rows, dtype=np.float64).reshape(-1, 7).T.copy()
+    pairs = [np.ascontiguousarray(table[k : k + 2].T) for k in (0, 2, 4)]
+    return Outlines(names, pairs[0], pairs[1], pairs[2], table[6])
 
 
 @kernel

@@ -233,6 +233,8 @@ class SimulatedFlight:
         )
 
     def _placed(self, box: Obstacle) -> Obstacle:
+        if not box.speed_m_s:
+            return box  # the same at all times
         x_m, y_m = box.position_m(self.time_s)
         return replace(box, x_m=x_m, y_m=y_m, time_s=self.time_s)
 

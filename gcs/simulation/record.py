@@ -85,13 +85,16 @@ def closest_m(
     A pair counts when at least one vehicle is airborne and not both are below `pad_height_m`.
     """
     n = len(position_m)
-    least_m2, inside = FAR_M * FAR_M, 0
+    least_m2, inside, place = FAR_M * FAR_M, 0, np.ascontiguousarray(position_m.T)
     for i in range(n):
         if not present[i]:
             continue
         x, y, z = position_m[i, 0], position_m[i, 1], position_m[i, 2]
-        low = -z < pad_height_m
-        for j in range(i + 1, n):
+        low, limit_m2, some = -z < pad_height_m, max(least_m2, inside_m * inside_m), 0
+        for j in range(i):  # without branches, so that it is vectorised
+            dx, dy, dz = place[0, j] - x, place[1, j] - y, (place[2, j] - z) * scale_z
+            some += dx * dx + dy * dy + dz * dz < limit_m2
+        for j in range(i if some else 0):
             dx = position_m[j, 0] - x
             dy = position_m[j, 1] - y
             dz = (position_m[j, 2] - z) * scale_z

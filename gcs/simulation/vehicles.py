@@ -63,6 +63,7 @@ class Vehicles:
         if not self.is_cascade:
             self.settings[:, LAG_Z] = self.settings[:, LAG]
         self.step_s = step_s
+        self._blend = _blends(self.settings[:, [LAG, LAG_Z]].copy(), step_s)
         self.position_m = np.array(start_m, dtype=np.float64)  # (n, 3)
         self.velocity_m_s = np.zeros((n, 3))  # over ground
         mean_m_s = np.array([world.wind.mean_x_m_s, world.wind.mean_y_m_s, 0.0])
@@ -88,6 +89,7 @@ class Vehicles:
             (self._commands_m_s, wind_m_s, error_m_s),
             self._newest,
             self.settings,
+            self._blend,
             self.step_s,
         )
         return self.position_m.copy()
@@ -106,9 +108,10 @@ def _step(
     inputs: tuple[Array, Array, Array],
     newest: int,
     settings: Array,
+    blend: Array,
     dt_s: float,
 ) -> None:
-    """Advance positions, velocities, accelerations and integrators (n, 3) in place."""
+    """Advance positions, velocities, accelerations and integrators (n, 3) in place; `blend` as of `_turn`."""
     position_m, velocity_m_s, acceleration_m_s2, integral_m_s2 = states
     commands_m_s, wind_m_s, error_m_s = inputs
     kept = len(commands_m_s)
@@ -142,7 +145,7 @@ def _step(
             if not (scale < 1.0 and e[k] * u[k] > 0.0):
                 integral_m_s2[i, k] += gained[k]
             u[k] *= scale
-        _turn(is_cascade, acceleration_m_s2[i], u, own, dt_s)
+        _turn(is_cascade, acceleration_m_s2[i], u, blend[i], own[JERK] * dt_s)
         for k in range(3):
             before_m_s = velocity_m_s[i, k]
             airspeed_m_s = before_m_s - wind_m_s[i, k]
@@ -151,14 +154,21 @@ def _step(
 
 
 @kernel
-def _turn(is_cascade: bool, acceleration_m_s2: Array, desired_m_s2: Array, own: Array, dt_s: float) -> None:
-    """Turn thrust (3,) towards the desired acceleration (3,), in place."""
-    blend, blend_z = -np.expm1(-dt_s / own[LAG]), -np.expm1(-dt_s / own[LAG_Z])
-    x_m_s2 = blend * (desired_m_s2[0] - acceleration_m_s2[0])
-    y_m_s2 = blend * (desired_m_s2[1] - acceleration_m_s2[1])
+def _blends(lag_s: Array, dt_s: float) -> Array:
+    """(n, 2) shares of a change that are done after `dt_s`, by time constants (n, 2)."""
+    return -np.expm1(-dt_s / lag_s)
+
+
+@kernel
+def _turn(
+    is_cascade: bool, acceleration_m_s2: Array, desired_m_s2: Array, blend: Array, most_m_s2: float
+) -> None:
+    """Turn thrust (3,) towards the desired acceleration (3,), in place, by the shares `blend` (2,)."""
+    x_m_s2 = blend[0] * (desired_m_s2[0] - acceleration_m_s2[0])
+    y_m_s2 = blend[0] * (desired_m_s2[1] - acceleration_m_s2[1])
     if is_cascade:
-        slower = min(1.0, own[JERK] * dt_s / max(np.hypot(x_m_s2, y_m_s2), 1e-12))
+        slower = min(1.0, most_m_s2 / max(np.hypot(x_m_s2, y_m_s2), 1e-12))
         x_m_s2, y_m_s2 = slower * x_m_s2, slower * y_m_s2
     acceleration_m_s2[0] += x_m_s2
     acceleration_m_s2[1] += y_m_s2
-    acceleration_m_s2[2] += blend_z * (desired_m_s2[2] - acceleration_m_s2[2])
+    acceleration_m_s2[2] += blend[1] * (desired_m_s2[2] - acceleration_m_s2[2])
