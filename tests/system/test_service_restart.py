@@ -90,11 +90,11 @@ def test_airborne_vehicles_are_recovered_on_request_only(tmp_path: Path) -> None
         with service(config, tmp_path / "second") as (client, process):
             found_and_left_alone(client, tmp_path)
             each(client, "take-control")
-            assert phases(client) == ["hold"] * 3
+            wait_until("hold", SOON_S, lambda: phases(client) == ["hold"] * 3)
             wait_until("paused", SOON_S, reached(client, "paused"))
             at_rest_m = places_m(tmp_path)
             each(client, "join")
-            assert phases(client) == ["formation"] * 3
+            wait_until("formation", SOON_S, lambda: phases(client) == ["formation"] * 3)
             sleep(3.0)
             assert np.abs(places_m(tmp_path) - at_rest_m).max() < IN_PLACE_M, (
                 "they stand until the show goes on"
