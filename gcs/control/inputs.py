@@ -43,6 +43,8 @@ class Tasks:
         None  # (n,) follows a path planned for the whole fleet: no rules of the road
     )
     segments_of: NDArray[np.intp] | None = None  # (m,) row of each path's lost vehicle; None: not known
+    drift: tuple[Array, Array] | None = None  # (n, 3) expected positions and velocities of vehicles that fell
+    # silent a few seconds ago (`gcs.planning.landing_sites.expected_drift`), else NaN; None: of none
     silent_segments: int = 0  # the last of `segments_m` are of vehicles that are silent, and not lost yet
 
     def __post_init__(self) -> None:

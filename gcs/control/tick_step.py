@@ -176,14 +176,20 @@ def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
     safety = now.settings.safety
     wander_m = authority.wander_m(safety.authority)
     wander_m[now.descending] = 0.0
-    position_m = now.position_m.copy()
+    position_m, velocity_m_s, airborne = now.position_m, now.velocity_m_s, now.tasks.airborne
     if now.tasks.segments_of is not None:
+        position_m = position_m.copy()
         position_m[now.tasks.segments_of] = np.nan  # their paths are closed; where they are is not known
+    if now.tasks.drift is not None:
+        drifts = np.asarray(np.isfinite(now.tasks.drift[0]).all(axis=1))
+        position_m = np.where(drifts[:, None], now.tasks.drift[0], position_m)
+        velocity_m_s = np.where(drifts[:, None], now.tasks.drift[1], velocity_m_s)
+        airborne = airborne | drifts
     return Surroundings(
         position_m,
-        now.velocity_m_s,
+        velocity_m_s,
         now.commanded,
-        now.tasks.airborne,
+        airborne,
         now.descending,
         now.tasks.segments_m,
         now.ellipses,
@@ -193,6 +199,7 @@ def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
         authority.lack_m_s,
         wander_m,
         now.tasks.segments_of,
+        now.tasks.drift,
     )
 
 

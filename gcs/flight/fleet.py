@@ -40,7 +40,7 @@ from gcs.model.state import (
     Whereabouts,
     whereabouts,
 )
-from gcs.planning.landing_sites import STOP_S, silent_segments_m, swept_segments_m
+from gcs.planning.landing_sites import STOP_S, expected_drift, silent_segments_m, swept_segments_m
 from gcs.planning.return_paths.paths import keeps_to_path, lowest_beside_m
 from gcs.service.commands import CommandLog
 
@@ -371,6 +371,7 @@ class Fleet:
             formation_waits=show is ShowPhase.PAUSED,
             follows_planned_path=self._follows_planned_path(goal_m),
             segments_of=np.concatenate([segments_of, silent_of]),
+            drift=self._drift([vehicle for vehicle, _ in silent]),
             silent_segments=len(silent_of),
         )
 
@@ -402,6 +403,13 @@ class Fleet:
             for vehicle in vehicles
             if vehicle.phase in AIRBORNE
         ]
+
+    def _drift(self, silent: Sequence[Vehicle]) -> tuple[Array, Array]:
+        """As of `Tasks`: of silent vehicles and of lost ones."""
+        rows = np.zeros(len(self.vehicles), dtype=np.bool_)
+        rows[[vehicle.row for vehicle in (*silent, *self.in_phase(Phase.LOST))]] = True
+        noticed_s = self.config.operation.setpoint_loss_s
+        return expected_drift(self._seen_m, self._seen_m_s, self.fleet.age_s, rows, noticed_s=noticed_s)
 
     def _silent_m(self, vehicle: Vehicle, silent_s: float) -> Array:
         operation = self.config.operation

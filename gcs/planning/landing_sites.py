@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 from gcs.safety.separation import Floor
 
 ROUNDS = 60
@@ -32,6 +32,12 @@ already extrapolated by the 0.5 s after which it is not commanded any more.
 
 NEAR_HOME_M = 10.0
 """As near to home as this (RTL_MIN_DIST) PX4 may return as low as this (RTL_DESCEND_ALT)."""
+
+SEEN_AHEAD_S = 0.5
+"""Last positions are brought forward by so much (`gcs.estimation.fleet_state.FORWARD_MAX_S`)."""
+
+ACTS_AFTER_S = 0.4
+"""PX4 brakes so long after it notices the loss, as if evenly over 2 STOP_S."""
 
 AHEAD_S = 3.0
 """In which the others leave the space that a silent vehicle can reach."""
@@ -242,6 +248,33 @@ def _stops_m(last_m: Array, last_velocity_m_s: Array | None, drift_s: float) -> 
     return stops_m
 
 
+def expected_drift(
+    last_m: Array, last_velocity_m_s: Array, silent_s: Array, rows: Mask, *, noticed_s: float
+) -> tuple[Array, Array]:
+    """Return where vehicles that fell silent a few seconds ago are expected, and how fast; NaN elsewhere.
+
+    They keep their last velocity; ACTS_AFTER_S after they notice the loss they brake, evenly over 2 STOP_S.
+    The others keep clear of this estimate, too, until STOP_S after that: it moves as they do.
+
+    Args:
+        last_m: (n, 3) last known positions, brought forward by SEEN_AHEAD_S at most.
+        last_velocity_m_s: (n, 3) last known velocities.
+        silent_s: (n,) since the newest position; inf: unknown.
+        rows: (n,) that are silent or lost.
+        noticed_s: after this silence the vehicles act (COM_OF_LOSS_T).
+
+    Returns: (n, 3) positions and (n, 3) velocities, show frame.
+    """
+    acts_s, braking_s = noticed_s + ACTS_AFTER_S, 2.0 * STOP_S
+    drifts = rows & (silent_s < acts_s + braking_s + STOP_S)
+    since_s = np.where(drifts, silent_s, np.nan)
+    brakes_s = np.clip(since_s - acts_s, 0.0, braking_s)
+    flown_s = np.minimum(since_s, acts_s) + brakes_s - brakes_s**2 / (2.0 * braking_s)
+    flown_s -= np.minimum(since_s, SEEN_AHEAD_S)
+    velocity_m_s = last_velocity_m_s * (1.0 - brakes_s / braking_s)[:, None]
+    return last_m + last_velocity_m_s * flown_s[:, None], velocity_m_s
+
+
 def silent_segments_m(
     last_m: Array,
     last_velocity_m_s: Array | None,
@@ -255,7 +288,8 @@ def silent_segments_m(
 ) -> Array:
     """Return the part of `swept_segments_m` that a silent vehicle, not lost yet, can reach within AHEAD_S.
 
-    A silence may end: only what the others could no longer avoid later is closed to them. It grows.
+    A silence may end: only what the others could no longer avoid later is closed to them. It grows. Before
+    the vehicle can have noticed the silence it flies on: `expected_drift` keeps the others apart from it.
 
     Args:
         last_m: as for `swept_segments_m`, and so are the next four.
@@ -270,7 +304,10 @@ def silent_segments_m(
     Returns: (m, 2, 3).
     """
     acts_s = max(silent_s + AHEAD_S - noticed_s, 0.0)
-    stops_m = _stops_m(last_m, last_velocity_m_s, drift_s)
+    surely_s = min(max(noticed_s - SEEN_AHEAD_S, 0.0) + STOP_S / 2.0, drift_s)  # half of its usual stop
+    moves_m_s = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s
+    surely_m = np.where(np.isfinite(moves_m_s).all(), moves_m_s * surely_s, 0.0)
+    stops_m = _stops_m(last_m + surely_m, last_velocity_m_s, drift_s - surely_s)
     to_climb_m = np.inf if home_m is None else max(float(stops_m[0, 2] - home_m[2]) + return_height_m, 0.0)
     up_m = min(AUTO_UP_M_S * acts_s, to_climb_m) if action == "return" else 0.0
     down_m = AUTO_DOWN_M_S * acts_s if action in {"land", "descend"} else 0.0

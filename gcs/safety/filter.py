@@ -79,6 +79,7 @@ class Surroundings:
     lack_m_s: Array  # (n, 3) what the velocities lack of those commanded, lasting
     wander_m: Array  # (n,) standard deviations of where velocities that are not commanded lead
     segments_of: Rows | None = None  # (m,) row of each path's lost vehicle; None: not known
+    drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
 
 
 def filter_velocities(
@@ -214,6 +215,7 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             uncertainty_m=np.hypot(here.uncertainty_m, here.wander_m),
             segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
             segments_of=here.segments_of,
+            drift=here.drift,
             fastest_m_s=fastest_m_s,
         ),
         fence_constraints(

@@ -228,9 +228,13 @@ def keepout_constraints(
     uncertainty_m: Array,
     segments_uncertainty_m: Array | None = None,
     segments_of: Rows | None = None,
+    drift: tuple[Array, Array] | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Keep the commanded vehicles away from the space that lost vehicles may sweep.
+
+    A vehicle ahead of a lost one that still drifts is not slowed down along that drift, as the lost one
+    would run into it: it leaves the paths sideways or ahead.
 
     Args:
         position_m: (n, 3), show frame.
@@ -242,6 +246,8 @@ def keepout_constraints(
         segments_uncertainty_m: (m,) those of the lost vehicles; None: the widest of all.
         segments_of: (m,) row of each path's lost vehicle. A vehicle too near to one of its paths leaves that
             one; its other paths do not slow it down, as it may fly beside the lost one. None: not known.
+        drift: (n, 3) expected positions and (n, 3) velocities of the lost vehicles that still drift, else
+            NaN; None: of none. Needs `segments_of`.
         fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
         out.
     """
@@ -256,19 +262,48 @@ def keepout_constraints(
     scaled = offset - np.clip(share, 0.0, 1.0)[:, None] * along
     distance_m = np.linalg.norm(scaled, axis=1)
     apart = np.where(distance_m[:, None] > TINY, scaled / np.maximum(distance_m, TINY)[:, None], (1.0, 0, 0))
+    onward = np.zeros_like(apart)
+    if drift is not None and segments_of is not None:
+        lost = segments_of[piece]
+        onward = _onward(position_m[row], drift[0][lost], drift[1][lost])
+        apart = _not_backward(apart, onward)
     if segments_uncertainty_m is None:
         segments_uncertainty_m = np.full(len(segments_m), np.max(uncertainty_m))
     reserve_m = floor.reserve_m(uncertainty_m[row], segments_uncertainty_m[piece])
     gap_m = distance_m - floor.horizontal_m - floor.margin_m - reserve_m
     normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
     kept_m = (floor.horizontal_m + floor.margin_m + reserve_m).reshape(len(rows), -1)
-    _one_way_out(normal, bound_m_s, position_m[rows] * floor.scale, segments_m * floor.scale, kept_m)
+    scaled_m = position_m[rows] * floor.scale
+    _one_way_out(normal, bound_m_s, scaled_m, segments_m * floor.scale, kept_m, onward)
     kept = bound_m_s >= -2.0 * fastest_m_s
     if segments_of is not None:
         kept &= ~_beside_a_broken_one((bound_m_s > 0.0).reshape(len(rows), -1), segments_of).ravel()
     row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]
     reasons = np.full(len(row), "the path of a lost vehicle", dtype=object)
     return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons)
+
+
+def _onward(place_m: Array, lost_m: Array, velocity_m_s: Array) -> Array:
+    """(k, 3) Level directions of the drifts of lost vehicles behind the places (k, 3), else zero.
+
+    Args:
+        place_m: (k, 3).
+        lost_m: (k, 3) expected positions of the lost vehicles.
+        velocity_m_s: (k, 3) their expected velocities; NaN or slower than DRIFTS_M_S: they do not drift.
+    """
+    level = np.column_stack([velocity_m_s[:, :2], np.zeros(len(velocity_m_s))])
+    speed_m_s = np.linalg.norm(level, axis=1)
+    ahead = (speed_m_s > DRIFTS_M_S) & (((place_m - lost_m) * level).sum(axis=1) > 0.0)
+    return np.where(ahead[:, None], level / np.maximum(speed_m_s, TINY)[:, None], 0.0)
+
+
+def _not_backward(apart: Array, onward: Array) -> Array:
+    """Unit directions (k, 3) without their part against `onward` (k, 3); sideways where no other is left."""
+    backward = np.minimum((apart * onward).sum(axis=1), 0.0)
+    left = apart - backward[:, None] * onward
+    length = np.linalg.norm(left, axis=1)
+    sideways = np.column_stack([-onward[:, 1], onward[:, 0], onward[:, 2]])
+    return np.where((length < 0.1)[:, None], sideways, left / np.maximum(length, TINY)[:, None])
 
 
 def _beside_a_broken_one(broken: Mask, segments_of: Rows) -> Mask:
@@ -278,6 +313,9 @@ def _beside_a_broken_one(broken: Mask, segments_of: Rows) -> Mask:
     beside: Mask = ((broken.astype(np.int64) @ owned)[:, owner.reshape(-1)] > 0) & ~broken
     return beside
 
+
+DRIFTS_M_S = 0.5
+"""From this expected level velocity on a lost vehicle drifts."""
 
 AGREED = 0.9
 """Constraints agree when the sum of their velocities is at least this share of the sum of their speeds."""
@@ -296,6 +334,7 @@ def _one_way_out(
     place_m: Array,
     segments_m: Array,
     kept_m: Array,
+    onward: Array,
 ) -> None:
     """Give all constraints of a row that require a speed away one normal and one bound, in place.
 
@@ -308,12 +347,15 @@ def _one_way_out(
         place_m: (r, 3) of the r rows, in the floor's metric.
         segments_m: (m, 2, 3) paths, likewise.
         kept_m: (r, m) distance to be kept from each.
+        onward: (r m, 3) directions against which no way out leads; zero: there is none.
     """
     inside = np.flatnonzero(bound_m_s > 0.0)
     if len(inside) < 2:
         return
     which = inside // len(segments_m)
     total, size, greatest_m_s = (np.zeros((len(place_m), width)) for width in (3, 1, 1))
+    flown = np.zeros_like(place_m)
+    np.add.at(flown, which, onward[inside])
     np.add.at(total, which, bound_m_s[inside, None] * normal[inside])
     np.add.at(size, which, bound_m_s[inside, None])
     np.maximum.at(greatest_m_s, which, bound_m_s[inside, None])
@@ -322,7 +364,7 @@ def _one_way_out(
     way = total / np.maximum(length, TINY)[:, None]
     if len(opposed):
         found = _shortest_ways_out(
-            place_m[opposed], np.ascontiguousarray(segments_m), kept_m[opposed], OUTWARD
+            place_m[opposed], np.ascontiguousarray(segments_m), kept_m[opposed], OUTWARD, flown[opposed]
         )
         way[opposed] = np.where((found != 0.0).any(axis=1)[:, None], found, way[opposed])
     way[np.linalg.norm(way, axis=1) < 0.5] = (1.0, 0.0, 0.0)
@@ -330,14 +372,21 @@ def _one_way_out(
 
 
 @kernel
-def _shortest_ways_out(place_m: Array, segments_m: Array, kept_m: Array, outward: Array) -> Array:
-    """(r, 3) of `outward` (d, 3), the direction that leads out of all paths soonest; zero: none does."""
+def _shortest_ways_out(
+    place_m: Array, segments_m: Array, kept_m: Array, outward: Array, onward: Array
+) -> Array:
+    """(r, 3) of `outward` (d, 3) the direction that leads out of all paths soonest; zero: none does.
+
+    None of them leads against `onward` (r, 3).
+    """
     ways, near, off_m = np.zeros_like(place_m), np.empty(len(segments_m), np.bool_), np.empty(3)
     for i in range(len(place_m)):
         for k in range(len(segments_m)):
             near[k] = from_path_m(place_m[i], segments_m[k], off_m) < kept_m[i, k] + LOOK_M
         best_m = LOOK_M
         for d in range(len(outward)):
+            if outward[d, 0] * onward[i, 0] + outward[d, 1] * onward[i, 1] < -TINY:
+                continue
             gone_m, free = LOOK_STEP_M, False
             while gone_m < best_m and not free:
                 there_m = place_m[i] + gone_m * outward[d]

@@ -124,6 +124,7 @@ class SimulatedFlight:
             formation_waits=paused,
             follows_planned_path=self._follows_planned_path(),
             segments_of=self.losses.segments_of,
+            drift=self.losses.drift,
             silent_segments=self.losses.silent_segments,
         )
         sight = self.sight()

@@ -8,7 +8,7 @@ from gcs.failsafe.arbitration import Failsafes, Standing
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.model.state import Array, FleetState, Mask
-from gcs.planning.landing_sites import STOP_S, silent_segments_m, swept_segments_m
+from gcs.planning.landing_sites import STOP_S, expected_drift, silent_segments_m, swept_segments_m
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 from gcs.simulation.scenario import Loss
@@ -37,6 +37,8 @@ class Losses:
         """(m,) the row of each."""
         self.silent_segments = 0
         """That many, the last, are of vehicles that are silent and not taken for lost yet."""
+        self.drift: tuple[Array, Array] | None = None
+        """As of `Tasks`."""
 
     def advance(self, world: TrueWorld, fleet: FleetState, age_max_s: float) -> bool:
         """Cut links, let the autopilots notice it, take the vehicles for lost: as in flight, at their times.
@@ -52,6 +54,10 @@ class Losses:
             world.cut_links(self.rows)
         if abs(since_s - self._operation.setpoint_loss_s) < half_s:
             world.fly_alone(self.rows, self.loss.action)
+        loss_s, silent = self._operation.setpoint_loss_s, self.rows & (fleet.age_s > age_max_s)
+        self.drift = expected_drift(
+            fleet.position_m, world.received_m_s, fleet.age_s, silent, noticed_s=loss_s
+        )
         if self.known.any():
             return False
         ages_s = {row: float(fleet.age_s[row]) for row in np.flatnonzero(self.rows).tolist()}

@@ -12,6 +12,7 @@ from gcs.planning.landing_sites import (
     DRIFT_S,
     OVERSHOOT_M,
     distinct_sites_m,
+    expected_drift,
     return_heights_m,
     silent_segments_m,
     swept_segments_m,
@@ -191,6 +192,24 @@ def test_silent_vehicle_may_drift() -> None:
     )
     assert distance_m(LAST + np.array([4.0 * DRIFT_S, 0.0, 0.0]), swept) < 1e-9
     assert swept[:, :, 2].min() == swept[:, :, 2].max() == LAST[2]
+
+
+def test_silent_vehicle_flies_on_before_it_can_have_noticed() -> None:
+    swept = silent_segments_m(
+        LAST, np.array([4.0, 0.0, 0.0]), HOME, "hold", 30.0, silent_s=0.6, noticed_s=1.0
+    )
+    assert distance_m(LAST, swept) == pytest.approx(4.0), "the space that it leaves is not closed"
+
+
+def test_expected_drift_flies_on_then_brakes_then_is_unknown() -> None:
+    silent_s = np.array([0.6, 1.0, 2.4, 3.4, 5.0, 1.0])
+    rows = np.array([True, True, True, True, True, False])
+    moves = np.tile([4.0, 0.0, 0.0], (6, 1))
+    place_m, velocity_m_s = expected_drift(np.zeros((6, 3)), moves, silent_s, rows, noticed_s=1.0)
+    assert place_m[:4, 0] == pytest.approx([0.4, 2.0, 6.6, 7.6])
+    assert velocity_m_s[:4, 0] == pytest.approx([4.0, 4.0, 2.0, 0.0])
+    assert np.isnan(place_m[4:]).all()
+    assert np.isnan(velocity_m_s[4:]).all()
 
 
 def test_vehicle_above_the_return_height_flies_home_level() -> None:

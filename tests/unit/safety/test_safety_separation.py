@@ -310,3 +310,21 @@ def test_next_column_of_the_same_vehicle_stops_none_beside_it() -> None:
             segments_of=owners,
         )
         assert len(found) == count
+
+
+def test_vehicle_ahead_of_a_drifting_one_is_not_slowed() -> None:
+    columns = np.array([[[x_m, 0.0, -30.0], [x_m, 0.0, 0.0]] for x_m in (6.0, 8.6)])
+    lost_m, moves_m_s = np.array([[4.0, 0.0, -15.0]]), np.array([[4.0, 0.0, 0.0]])
+    for x_m, slowed in ((5.0, False), (3.0, True)):
+        found = keepout_constraints(
+            np.array([[x_m, 0.3, -15.0]]),
+            np.array([True]),
+            columns,
+            floor=Floor(),
+            braking=Braking(),
+            uncertainty_m=np.zeros(1),
+            segments_of=np.zeros(2, dtype=np.intp),
+            drift=(lost_m, moves_m_s),
+        )
+        assert (found.normal[:, 0] < -0.1).any() == slowed
+        assert len(found) > 0
