@@ -22,14 +22,11 @@ from tests.support.views import vehicles_of
 
 COUNT = 20
 JUNK_PER_S = 200.0
-JUNK_S = 5.0
-CALLS = 8
-USUAL_S = 3.0
-"""So long the rate of ticks is measured before the flood."""
+JUNK_S = 8.0
+CALLS = 12
 
 JUNK = """
-import http.client, os, random, sys, threading, time
-os.nice(10)  # a flood comes from elsewhere: it takes no time from the service
+import http.client, random, sys, threading, time
 ports, seconds, rate = (int(sys.argv[1]), int(sys.argv[2])), float(sys.argv[3]), float(sys.argv[4])
 chance, lock, due, statuses = random.Random(5), threading.Lock(), iter(range(10**9)), []
 junk = [
@@ -87,7 +84,6 @@ class Flooded(NamedTuple):
     waits_s: list[float]  # of each emergency call, of what the machine was awake
     by: str
     answered: int
-    usual_hz: float  # ticks before it
     ticks: int  # while it lasted
     awake_s: float
     late_p99_ms: float  # of the ticks at its end
@@ -131,9 +127,6 @@ async def fly_and_flood(folder: Path, machine: Pauses, junk_s: float = JUNK_S) -
             with Client(url, token=crew, timeout_s=30.0) as client:
                 lane_port = await lane_of(client)
             ticks, began_s = view.value.tick.count, time.monotonic()
-            await asyncio.sleep(USUAL_S)
-            usual_hz = (view.value.tick.count - ticks) / machine.awake_s(began_s, time.monotonic())
-            ticks, began_s = view.value.tick.count, time.monotonic()
             lane = f"http://127.0.0.1:{lane_port}"
             junk, stated = await asyncio.gather(
                 printed(JUNK, port, lane_port, junk_s, JUNK_PER_S),
@@ -147,7 +140,7 @@ async def fly_and_flood(folder: Path, machine: Pauses, junk_s: float = JUNK_S) -
     reported = json.loads(stated)
     assert least in {200, 401}
     waits_s = [machine.awake_s(began_s, ended_s) for began_s, ended_s in reported["times"]]
-    return Flooded(waits_s, reported["by"], answered, usual_hz, ticks, awake_s, late_p99_ms)
+    return Flooded(waits_s, reported["by"], answered, ticks, awake_s, late_p99_ms)
 
 
 def test_emergency_stop_passes_a_flood_of_junk(tmp_path: Path) -> None:
@@ -157,5 +150,4 @@ def test_emergency_stop_passes_a_flood_of_junk(tmp_path: Path) -> None:
     assert seen.by == "emergency"
     # on a machine with nothing else to do it takes less than 0.1 s: tests/bench/flood.py judges that
     assert max(seen.waits_s) < 1.0
-    # of the usual 20 Hz; a machine with less time for it has fewer ticks without a flood, too
-    assert seen.ticks >= 0.5 * seen.usual_hz * seen.awake_s
+    assert seen.ticks >= 10.0 * seen.awake_s
