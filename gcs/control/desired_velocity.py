@@ -89,6 +89,14 @@ def spread(now: TickInputs, lead: Lead, memory: Memory, sight: Sight | None = No
     return _by_neighbours(now, lead, memory, formed, sight)
 
 
+def slots_m(now: TickInputs, lead: Lead, places: Spread) -> Array:
+    """(m, 3) slots of the m vehicles in formation, show frame; NaN by a law without slots."""
+    if lead.center is None:
+        return np.full((len(now.rows), 3), np.nan)
+    slot_m: Array = lead.center.position_m + lead.radius_m * now.of_formed(places.place)
+    return slot_m
+
+
 def _flown(now: TickInputs, formed: Formed, own_m_s: Array) -> Array:
     """(m, 3) velocities over the ground for the law's own (m, 3): with centre and spin, within the limits."""
     limits, spin_rad_s = now.settings.safety.limits, formed.spin_rad_s
@@ -363,14 +371,17 @@ def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:
     return turned(now.of_formed(memory.change), formed.spin_rad_s * now.dt_s)
 
 
-def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array, aim_m: Array) -> Array:
+def desired_velocity(
+    now: TickInputs, lead: Lead, own_m_s: Array, aim_m: Array, aiming: NDArray[np.intp]
+) -> Array:
     """(n, 3) velocities that law and goals require, with obstacles avoided, within the speed limits.
 
     Args:
         now: inputs of this tick.
         lead: what the formation follows.
         own_m_s: (m, 3) of the m vehicles in formation, without the centre's avoidance.
-        aim_m: (n, 3) to where vehicles with goals of their own fly now.
+        aim_m: (n, 3) to where vehicles with goals of their own, or on routes to their slots, fly now.
+        aiming: (k,) rows of these vehicles.
     """
     law, limits = now.settings.law, now.settings.safety.limits
     columns = now.columns if len(now.tasks.segments_m) and len(now.rows) else {}
@@ -379,11 +390,10 @@ def desired_velocity(now: TickInputs, lead: Lead, own_m_s: Array, aim_m: Array) 
         sliding_m_s = np.full(len(own_m_s), along_m_s)
         own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns)
     desired_m_s = now.for_all(own_m_s, 0.0)
-    goers = now.goers
-    if len(goers):
-        to_aim_m_s = goal_velocity(now.position_m[goers], aim_m[goers], settings=law)
+    if len(aiming):
+        to_aim_m_s = goal_velocity(now.position_m[aiming], aim_m[aiming], settings=law)
         half_m_s = 0.5 * np.hypot(to_aim_m_s[:, 0], to_aim_m_s[:, 1])
-        desired_m_s[goers] = _avoiding(now, goers, to_aim_m_s, {}, half_m_s, {})
+        desired_m_s[aiming] = _avoiding(now, aiming, to_aim_m_s, {}, half_m_s, {})
     return scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
 
 

@@ -21,8 +21,16 @@ ROUTE_SPARE_M, SEEN_SPARE_M = 0.6, 0.2
 BEGUN_SHARE = 0.98
 """Of the present distance: a vehicle inside the closed space comes no nearer to a path than this."""
 
-BEYOND_M = 2.0
-"""A vehicle aims this far beyond a corner: it does not stop there."""
+PASSAGE_SHARE = 0.9
+"""Where no route keeps all distances another is searched that keeps as much of them as the vehicle does now,
+this share at least: walls of paths may have closed beside it.
+"""
+
+PASSAGE_SPARE_M = 0.4
+"""Such a route is followed although it comes nearer to a path than it should, by this much."""
+
+BEYOND_M, REACHED_M = 2.0, 1.0
+"""A vehicle farther than the first from a corner aims as far beyond it. Nearer than the second it goes on."""
 
 CELL_M, CELLS_MAX = 1.0, 200_000
 """Edge of a cell of the search; larger where there would be more cells than that."""
@@ -38,6 +46,9 @@ GREED = 1.3
 
 AGAIN_S, FAILED_AGAIN_S = 4.0, 15.0
 """A vehicle that sees no corner searches again after the first time; where no route led on, the second."""
+
+STUCK_S, STUCK_M = 6.0, 6.0
+"""A vehicle off its slot that has not left a place by the second for the first is led by a route."""
 
 STALLED_S, STALLED_M, STANDING_M_S = 8.0, 3.0, 0.3
 """A vehicle is stalled that has not left a place by the second for the first. Then its route also leads past
@@ -58,45 +69,94 @@ def _later(
     stalled = time_s - routes.since_s[rows] > STALLED_S
     routes.since_s[rows[stalled]], routes.wary[rows[stalled]] = time_s, ~routes.wary[rows[stalled]]
     dropped = rows[anew | stalled]
-    routes.corner_m[dropped], routes.next_s[dropped] = np.nan, -np.inf
+    routes.corner_m[dropped], routes.next_s[dropped], routes.share[dropped] = np.nan, -np.inf, 1.0
     return routes
 
 
-def follow_routes(now: TickInputs, before: GoalRoutes | None) -> tuple[Array, GoalRoutes | None]:
-    """Where each vehicle aims at, (n, 3), its goal or a corner; and the routes. At most one is searched.
+def follow_routes(
+    now: TickInputs, before: GoalRoutes | None, slot_m: Array
+) -> tuple[Array, NDArray[np.intp], GoalRoutes | None]:
+    """Where vehicles aim at, and which do so. At most one route is searched.
 
     Vehicles that descend or follow a planned path aim at their goals, and so do all while no vehicle is lost.
+    One in formation that is stuck off its slot follows a route, until it sees its slot or the route ends.
+
+    Args:
+        now: inputs of this tick.
+        before: routes of the tick before.
+        slot_m: (m, 3) of the m vehicles in formation.
+
+    Returns: (n, 3) goals, slots or corners; (k,) rows of the vehicles that fly there; and the routes.
     """
     tasks, time_s = now.tasks, now.fleet.time_s
-    if len(tasks.segments_m) == tasks.silent_segments or len(now.goers) == 0:
-        return tasks.goal_m, None
+    if len(tasks.segments_m) == tasks.silent_segments:
+        return tasks.goal_m, now.goers, None
     under_way = ~now.descending[now.goers]
     if tasks.follows_planned_path is not None:
         under_way &= ~tasks.follows_planned_path[now.goers]
-    rows, aim_m = now.goers[under_way], np.array(tasks.goal_m)
+    rows, goal_m = now.goers[under_way], np.array(tasks.goal_m)
+    goal_m[now.rows] = slot_m
     begun = before or GoalRoutes.none(len(now.formed))
-    routes = _later(begun, rows, time_s, now.position_m[rows], aim_m[rows])
-    scale, blocked = now.settings.safety.floor.scale, np.zeros(len(now.formed), dtype=np.bool_)
-    for wary in (False, True):
-        led = rows[routes.wary[rows] == wary]
-        if len(led):
-            place_m, corner_m = now.position_m[led], routes.corner_m[led]
-            led_m, seen = _aims(
-                place_m * scale, aim_m[led] * scale, corner_m * scale, *_closed(now, led, wary=wary)
-            )
-            led_m /= scale
-            away_m = np.maximum(np.linalg.norm(led_m - place_m, axis=1, keepdims=True), TINY)
-            at_corner = np.linalg.norm(led_m - aim_m[led], axis=1, keepdims=True) > TINY
-            aim_m[led] = led_m + at_corner * BEYOND_M * (led_m - place_m) / away_m
-            blocked[led] = ~seen & (routes.next_s[led] <= time_s)
-    waiting = np.flatnonzero(blocked)
-    if len(waiting):
-        row = int(waiting[np.argmin(routes.next_s[waiting])])
-        corner_m, reaches = _searched(now, row, wary=bool(routes.wary[row]))
+    routes = _later(begun, rows, time_s, now.position_m[rows], goal_m[rows])
+    stuck, off = _off_slots(now, routes, slot_m)
+    aim_m, seen, led = _towards(now, routes, goal_m, np.concatenate([rows, off]))
+    routes.corner_m[off[~led[off]]] = np.nan
+    searching = np.concatenate([rows[~seen[rows]], stuck[~seen[stuck]]])
+    searching = searching[routes.next_s[searching] <= time_s]
+    if len(searching):
+        row = int(searching[np.argmin(routes.next_s[searching])])
+        corner_m, share = _searched(now, row, goal_m[row], wary=bool(routes.wary[row]))
         routes.corner_m[row] = np.nan
         routes.corner_m[row, : len(corner_m)] = corner_m[:CORNERS]
-        routes.next_s[row] = time_s + (AGAIN_S if reaches else FAILED_AGAIN_S)
-    return aim_m, routes
+        routes.next_s[row] = time_s + (AGAIN_S if share > 0.0 else FAILED_AGAIN_S)
+        routes.share[row] = share or 1.0
+    return aim_m, np.concatenate([now.goers, off[led[off]]]), routes
+
+
+def _towards(
+    now: TickInputs, routes: GoalRoutes, goal_m: Array, rows: NDArray[np.intp]
+) -> tuple[Array, Mask, Mask]:
+    """Where to aim at, (n, 3), from `goal_m` (n, 3).
+
+    Returns also (n,) which of `rows` (k,) see that place, and (n,) which follow a route that has not ended.
+    """
+    scale, aim_m = now.settings.safety.floor.scale, goal_m.copy()
+    seen, led = np.zeros((2, len(goal_m)), dtype=np.bool_)
+    for wary in (False, True):
+        some = rows[routes.wary[rows] == wary]
+        if len(some) == 0:
+            continue
+        place_m, corner_m = now.position_m[some], routes.corner_m[some] * scale
+        share = routes.share[some, None]
+        path_m, kept_m = _closed(now, some, wary=wary)
+        kept_m = np.where(share < 1.0, share * kept_m - PASSAGE_SPARE_M, kept_m)
+        some_m, seen[some] = _aims(place_m * scale, goal_m[some] * scale, corner_m, path_m, kept_m)
+        corner_m /= scale
+        routes.corner_m[some] = corner_m
+        ahead_m = some_m / scale - place_m
+        at_corner = np.linalg.norm(some_m / scale - goal_m[some], axis=1) > TINY
+        away_m = np.linalg.norm(ahead_m, axis=1)
+        beyond_m = BEYOND_M * (at_corner & (away_m > BEYOND_M)) / np.maximum(away_m, TINY)
+        aim_m[some] = place_m + (1.0 + beyond_m[:, None]) * ahead_m
+        last = np.maximum(np.isfinite(corner_m[:, :, 0]).sum(axis=1) - 1, 0)
+        left_m = np.linalg.norm(corner_m[np.arange(len(some)), last] - place_m, axis=1)
+        led[some] = at_corner & (left_m > STALLED_M)
+    return aim_m, seen, led
+
+
+def _off_slots(
+    now: TickInputs, routes: GoalRoutes, slot_m: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows that are stuck off their slots, (m, 3), and with them those with a route; updates it."""
+    rows, time_s = now.rows, now.fleet.time_s
+    position_m = now.position_m[rows]
+    far = np.linalg.norm(slot_m - position_m, axis=1) > STALLED_M
+    left = ~far | ~(np.linalg.norm(position_m - routes.place_m[rows], axis=1) < STUCK_M)
+    routes.place_m[rows[left]], routes.since_s[rows[left]] = position_m[left], time_s
+    routes.corner_m[rows[~far]], routes.next_s[rows[~far]] = np.nan, -np.inf
+    routes.goal_m[rows], routes.wary[rows] = np.nan, False
+    stuck = time_s - routes.since_s[rows] > STUCK_S
+    return rows[stuck], rows[stuck | np.isfinite(routes.corner_m[rows, 0, 0])]
 
 
 def _closed(now: TickInputs, rows: NDArray[np.intp], *, wary: bool) -> tuple[Array, Array]:
@@ -120,12 +180,16 @@ def _closed(now: TickInputs, rows: NDArray[np.intp], *, wary: bool) -> tuple[Arr
     return path_m * floor.scale, kept_m
 
 
-def _searched(now: TickInputs, row: int, *, wary: bool) -> tuple[Array, bool]:
-    """Corners (k, 3) of a route of that row to its goal, or near it, and whether it reaches the goal."""
+def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[Array, float]:
+    """A route of that row to its goal (3,), or near it.
+
+    Returns: corners (k, 3), and the share of the distances to be kept that it keeps, 0: it does not reach the
+    goal.
+    """
     settings, (path_m, kept_m) = now.settings, _closed(now, np.array([row]), wary=wary)
     scale, fence, limits = settings.safety.floor.scale, settings.safety.fence, settings.safety.limits
     path_m, kept_m = path_m[kept_m[0] > 0.0], kept_m[0, kept_m[0] > 0.0]
-    start_m, goal_m = now.position_m[row] * scale, now.tasks.goal_m[row] * scale
+    start_m, goal_m = now.position_m[row] * scale, goal_m * scale
     low_m = np.minimum(start_m, goal_m) - MARGINS * kept_m.max()
     high_m = np.maximum(start_m, goal_m) + MARGINS * kept_m.max()
     path_low_m = path_m.min(axis=1) - kept_m[:, None] - 2.0 * CELL_M
@@ -144,7 +208,11 @@ def _searched(now: TickInputs, row: int, *, wary: bool) -> tuple[Array, bool]:
     climb_cost = settings.law.speed_m_s / min(limits.up_m_s, limits.down_m_s) / scale[2]
     bounds = low_m, high_m, cell_m, climb_cost, fence.distance_max_m
     corner_m, reaches = find_corners(start_m, goal_m, path_m, clear_m, *bounds)
-    return corner_m / scale, reaches
+    if reaches:
+        return corner_m / scale, 1.0
+    share = max(PASSAGE_SHARE, BEGUN_SHARE * np.min(_from_paths_m(start_m, path_m) / kept_m, initial=1.0))
+    through_m, reaches = find_corners(start_m, goal_m, path_m, np.minimum(clear_m, share * kept_m), *bounds)
+    return (through_m / scale, share) if reaches else (corner_m / scale, 0.0)
 
 
 @kernel
@@ -158,25 +226,36 @@ def _from_paths_m(place_m: Array, path_m: Array) -> Array:
 
 @kernel
 def _aims(place_m: Array, goal_m: Array, corner_m: Array, path_m: Array, kept_m: Array) -> tuple[Array, Mask]:
-    """The farthest of goal and corners that each sees, (k, 3), else the goal; and whether it sees any, (k,).
+    """The farthest of goal and corners that each sees, (k, 3), and whether it sees any, (k,).
+
+    One that sees none goes on to the first corner that is left, if there is one, else to the goal.
 
     Args:
         place_m: (k, 3).
         goal_m: (k, 3).
-        corner_m: (k, CORNERS, 3), NaN after the last.
+        corner_m: (k, CORNERS, 3), NaN after the last; those that are passed are dropped.
         path_m: (m, 2, 3) closed.
         kept_m: (k, m) distances to be kept.
     """
     aim_m, seen = goal_m.copy(), np.zeros(len(place_m), np.bool_)
     for i in range(len(place_m)):
         seen[i] = _sees(place_m[i], goal_m[i], path_m, kept_m[i], SEEN_SPARE_M)
+        if seen[i] or not np.isfinite(corner_m[i, 0, 0]):
+            continue
+        passed = 0
         for k in range(CORNERS - 1, -1, -1):
-            if seen[i]:
+            if np.isfinite(corner_m[i, k, 0]) and _sees(
+                place_m[i], corner_m[i, k], path_m, kept_m[i], SEEN_SPARE_M
+            ):
+                passed, seen[i] = k, True
                 break
-            if np.isfinite(corner_m[i, k, 0]):
-                seen[i] = _sees(place_m[i], corner_m[i, k], path_m, kept_m[i], SEEN_SPARE_M)
-                if seen[i]:
-                    aim_m[i] = corner_m[i, k]
+        left = passed + 1 < CORNERS and np.isfinite(corner_m[i, min(passed + 1, CORNERS - 1), 0])
+        if left and ((corner_m[i, passed] - place_m[i]) ** 2).sum() < REACHED_M**2:
+            passed += 1
+        if passed:
+            corner_m[i, : CORNERS - passed] = corner_m[i, passed:].copy()
+            corner_m[i, CORNERS - passed :] = np.nan
+        aim_m[i] = corner_m[i, 0]
     return aim_m, seen
 
 

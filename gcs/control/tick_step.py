@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 
 from gcs.control.center import move_center
-from gcs.control.desired_velocity import desired_velocity, spread
+from gcs.control.desired_velocity import desired_velocity, slots_m, spread
 from gcs.control.goal_routes import follow_routes
 from gcs.control.inputs import ControlSettings, Memory, Task, Tasks, TickInputs
 from gcs.control.setpoint_shaping import shape_setpoints
@@ -72,8 +72,9 @@ def tick(
         now = replace(now, traits=limited_traits)
     lead = move_center(now, memory)
     places = spread(now, lead, memory, sight)
-    aim_m, routes = follow_routes(now, memory.routes)
-    desired_m_s = _in_traffic(now, aim_m, desired_velocity(now, lead, places.velocity_m_s, aim_m))
+    aim_m, aiming, routes = follow_routes(now, memory.routes, slots_m(now, lead, places))
+    desired_m_s = desired_velocity(now, lead, places.velocity_m_s, aim_m, aiming)
+    desired_m_s = _in_traffic(now, aim_m, desired_m_s)
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
     )

@@ -27,12 +27,14 @@ CAGE = np.concatenate([CAGE, [column(6.0, y_m) for y_m in (-4.0, 0.0, 4.0)]])
 """A U of columns about the origin, its bottom at x = 6 m."""
 
 
-def flown(place_m: Array, goal_m: Array, lost_m: Array, seconds: float) -> tuple[Array, Array]:
+def flown(
+    place_m: Array, goal_m: Array, lost_m: Array, seconds: float, task: Task = Task.GOAL
+) -> tuple[Array, Array]:
     """(ticks, n, 3) positions of vehicles that fly as commanded, and the first one's distance (ticks,)."""
     n, settings = len(place_m), SETTINGS
     memory, traits, plan = Memory.fresh(n, 0.0), Traits.alike(n), Plan(Formation(10.0, 20.0))
     none = np.zeros(n, dtype=bool)
-    tasks = Tasks(np.full(n, Task.GOAL, dtype=np.int8), goal_m, ~none, none, lost_m)
+    tasks = Tasks(np.full(n, task, dtype=np.int8), goal_m, ~none, none, lost_m)
     velocity_m_s, path_m, least_m = np.zeros((n, 3)), [], []
     ids = tuple(f"d{k}" for k in range(n))
     for k in range(1, int(seconds / DT_S)):
@@ -86,6 +88,16 @@ def test_vehicle_climbs_out_of_a_ring_of_columns() -> None:
     assert least_m.min() > KEPT_M - 0.3
 
 
+def test_vehicle_in_formation_leaves_a_passage_of_columns() -> None:
+    """Walls have closed on both sides, nearer than the distance to be kept; its slot lies beyond one."""
+    beside_m, along_m = KEPT_M - 0.1, np.arange(-8.0, 9.0, 2.0)
+    walls = [column(22.0 + side * beside_m, y_m) for side in (-1.0, 1.0) for y_m in along_m]
+    place_m = np.array([[22.0, 0.5, -20.0], [-9.0, 0.0, -20.0], [0.0, 9.0, -20.0], [0.0, -9.0, -20.0]])
+    path_m, least_m = flown(place_m, np.full((4, 3), np.nan), np.array(walls), 60.0, Task.FORMATION)
+    assert np.linalg.norm(path_m[-1, 0] - [0.0, 0.0, -20.0]) < 14.0, "at the sphere of the others"
+    assert least_m.min() > KEPT_M - 0.6
+
+
 def test_stalled_vehicle_searches_past_one_that_stands() -> None:
     """Two vehicles; the first has not left its place for longer than it may."""
     place_m = np.array([[0.0, 0.0, -10.0], [8.0, 0.0, -10.0]])
@@ -96,12 +108,14 @@ def test_stalled_vehicle_searches_past_one_that_stands() -> None:
     now = TickInputs.of(fleet, tasks, Plan(Formation(10.0, 20.0)), Traits.alike(2), SETTINGS, before_s=19.9)
     begun = GoalRoutes.none(2)
     calm = replace(begun, goal_m=goal_m.copy(), place_m=place_m.copy(), since_s=np.full(2, 19.0))
-    aim_m, routes = follow_routes(now, calm)
+    slot_m = np.empty((0, 3))
+    aim_m, rows, routes = follow_routes(now, calm, slot_m)
     assert routes is not None
     assert not routes.wary.any()
     assert (aim_m == goal_m).all()
+    assert rows.tolist() == [0, 1]
     stalled = replace(calm, since_s=np.full(2, 5.0))
-    _, routes = follow_routes(now, stalled)
+    _, _, routes = follow_routes(now, stalled, slot_m)
     assert routes is not None
     assert routes.wary.tolist() == [True, False], "the second is at its goal"
     corner_m = routes.corner_m[0][np.isfinite(routes.corner_m[0, :, 0])]
