@@ -340,3 +340,82 @@ def yielding(
             for k in range(3):
                 yielded_m_s[i, k] -= share * over * lack_m_s[i, k] / max(lack, TINY)
     return yielded_m_s, yields
+
+
+AHEAD_S, SOONEST_S = 2.5, 0.5
+"""A conflict within the first time counts; none is taken to come sooner than the second."""
+
+PARTS_MAX_M_S = 4.0
+"""Greatest speed at which a pair is asked to part up and down."""
+
+NEAR_SHARE = 1.3
+"""Pairs part that will be nearer than the distance to be kept, times this."""
+
+
+def parting_constraints(
+    position_m: Array,
+    velocity_m_s: Array,
+    commanded: Mask,
+    airborne: Mask,
+    lack_m_s: Array,
+    kept_m: tuple[float, float],
+    threshold_m_s: float,
+) -> Constraints:
+    """Part those pairs up and down that will come too near, because one of both is blown off.
+
+    Sideways that one has no thrust left, and the other one gains too little; up and down both have.
+
+    Args:
+        position_m: (n, 3), NaN: not known.
+        velocity_m_s: (n, 3) measured.
+        commanded: (n,).
+        airborne: (n,).
+        lack_m_s: (n, 3); a vehicle with twice the threshold is blown off.
+        kept_m: distances to be kept sideways, and up and down.
+        threshold_m_s: as of `yielding`.
+    """
+    rows, _ = _lacking(np.array(commanded), np.array(lack_m_s), 2.0 * threshold_m_s)
+    if len(rows) == 0:
+        return Constraints.none()
+    moving = np.concatenate([position_m, velocity_m_s], axis=1)
+    wide_m, tall_m = NEAR_SHARE * kept_m[0], NEAR_SHARE * kept_m[1]
+    first, second, side, bound_m_s = _parting(
+        rows, moving, np.array(commanded), np.array(airborne), wide_m, tall_m
+    )
+    normal = np.zeros((len(first), 3))
+    normal[:, 2] = -side
+    return Constraints(first, second, normal, bound_m_s, np.full(len(first), "authority", dtype=object))
+
+
+@kernel
+def _parting(
+    rows: Rows, moving: Array, commanded: Mask, airborne: Mask, wide_m: float, tall_m: float
+) -> tuple[Rows, Rows, Array, Array]:
+    """Pairs of the rows (k,) with others of (n, 6) positions and velocities that part.
+
+    Returns: first and second row, 1.0 where the second goes below, else -1.0, and how fast they part.
+    """
+    n, found = len(moving), 0
+    first, second = np.empty(len(rows) * n, np.intp), np.empty(len(rows) * n, np.intp)
+    side, bound_m_s = np.empty(len(rows) * n), np.empty(len(rows) * n)
+    for i in rows:
+        for j in range(n):
+            x, y, z, u, v, w = moving[j] - moving[i]
+            nearing, square = -(x * u + y * v + z * w), u * u + v * v + w * w
+            if i == j or not airborne[j] or not (nearing > 0.0 and np.isfinite(square)):
+                continue
+            soon_s = min(nearing / square, AHEAD_S)
+            past2, below_m = (x + soon_s * u) ** 2 + (y + soon_s * v) ** 2, z + soon_s * w
+            needed_m = tall_m * np.sqrt(max(1.0 - past2 / wide_m**2, 0.0))
+            if abs(below_m) >= needed_m:
+                continue
+            down = 1.0 if below_m > 0.0 or (below_m == 0.0 and i < j) else -1.0
+            parts_m_s = down * w + (needed_m - abs(below_m)) / max(soon_s, SOONEST_S)
+            first[found], second[found], side[found] = i, NO_ROW, down
+            bound_m_s[found] = min(parts_m_s, PARTS_MAX_M_S)
+            if commanded[j]:
+                second[found] = j
+            else:
+                bound_m_s[found] -= down * moving[j, 5]
+            found += 1
+    return first[:found], second[:found], side[:found], bound_m_s[:found]
