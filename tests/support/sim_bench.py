@@ -8,15 +8,15 @@ import gzip
 import json
 import math
 import struct
-from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.fleet import STEP_S, Fleet, Settings
+from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.protocol.streams import RECORDED_HZ
+from tests.support.virtual_show import FLEET_STEP_S
 
 PX4_DATA = Path(__file__).parents[1] / "data" / "px4"
 STATION = (245, 190)
@@ -43,16 +43,17 @@ SELDOM_HZ = {
 class Bench:
     """A fleet, the messages that it sent, and the setpoint that is repeated to it."""
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, step_s: float = FLEET_STEP_S, **settings: Any) -> None:
+        """`STEP_S`, as `gcs sim` has it, is for tests that look at milliseconds."""
         settings = {"noise_scale": 0.0, "rates_hz": SELDOM_HZ, **settings}
-        self.fleet = Fleet(Settings(**settings), start_s=START_S, unix_at_start_s=1.8e9)
+        self.fleet = Fleet(Settings(**settings), start_s=START_S, unix_at_start_s=1.8e9, step_s=step_s)
         self._circle = self.fleet.receiver.circle(range(len(self.fleet.autopilots)))
         self.received: list[tuple[float, Any]] = []
         self.repeated: Any = None  # a setpoint, 20 times a second
         self.heartbeats = True
         self._mav = common.MAVLink(None, *STATION)
         self._receivers = common.MAVLink(None)
-        self._ticks = 0
+        self._heartbeat_s = self._setpoint_s = self.fleet.time_s  # when the next is due
 
     @property
     def now_s(self) -> float:
@@ -82,13 +83,18 @@ class Bench:
         self._receive(self.fleet.take_frames(streams=False))
 
     def run(self, duration_s: float) -> Bench:
-        for _ in range(round(duration_s / STEP_S)):
-            if self.heartbeats and self._ticks % 100 == 0:
-                self.send(common.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-            if self.repeated is not None and self._ticks % 5 == 0:
-                self.send(self.repeated)
-            self._ticks += 1
-            self.fleet.step()
+        fleet = self.fleet
+        for _ in range(round(duration_s / fleet.step_s)):
+            soon_s = fleet.time_s + 0.5 * fleet.step_s
+            if soon_s > self._heartbeat_s:
+                self._heartbeat_s += 1.0
+                if self.heartbeats:
+                    self.send(common.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+            if soon_s > self._setpoint_s:
+                self._setpoint_s += 0.05
+                if self.repeated is not None:
+                    self.send(self.repeated)
+            fleet.step()
             self._receive(self.fleet.take_frames())
         return self
 
@@ -188,20 +194,32 @@ class Bench:
 copyreg.pickle(struct.Struct, lambda each: (struct.Struct, (each.format,)))  # so that a bench can be copied
 
 
-@cache
-def _led(maneuver: str) -> Bench:
-    bench: Bench = getattr(Bench(), maneuver)()
-    return bench
+_led: dict[str, Bench] = {}
+"""Benches that stand still where they were led to, by what led them."""
 
 
-def holding() -> Bench:
-    """`Bench().take_off()`, flown once for all tests."""
-    return copy.deepcopy(_led("take_off"))
+def _copied(maneuver: str, settings: dict[str, Any], **how: float) -> Bench:
+    """A bench of these settings after the maneuver, which is flown once for all tests."""
+    made_of = f"{maneuver} {how} {settings}"
+    if made_of not in _led:
+        _led[made_of] = getattr(Bench(**settings), maneuver)(**how)
+    original = _led[made_of]
+    return copy.deepcopy(original, {id(message): message for _, message in original.received})
 
 
-def offboard() -> Bench:
-    """`Bench().fly_offboard()`, flown once for all tests."""
-    return copy.deepcopy(_led("fly_offboard"))
+def ready(**settings: Any) -> Bench:
+    """`Bench(**settings).ready()`, flown once for all tests."""
+    return _copied("ready", settings)
+
+
+def holding(height_m: float = 10.0, **settings: Any) -> Bench:
+    """`Bench(**settings).take_off(height_m)`, flown once for all tests."""
+    return _copied("take_off", settings, height_m=height_m)
+
+
+def offboard(height_m: float = 10.0, **settings: Any) -> Bench:
+    """`Bench(**settings).fly_offboard(height_m)`, flown once for all tests."""
+    return _copied("fly_offboard", settings, height_m=height_m)
 
 
 def setpoint(north: float, east: float, down: float, mask: int, **more: Any) -> Any:

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from gcs.sim.fleet import STEP_S
 from tests.support.sim_bench import (
     ACCEPTED,
     DENIED,
@@ -18,6 +19,8 @@ from tests.support.sim_bench import (
     UNSUPPORTED,
     Bench,
     holding,
+    offboard,
+    ready,
 )
 
 IN_AIR, ON_GROUND = 2, 1
@@ -50,7 +53,7 @@ def test_each_vehicle_has_a_local_origin_of_its_own() -> None:
 
 
 def test_mode_change_acknowledged_twice_accepted_then_result() -> None:
-    bench = holding()
+    bench = holding(step_s=STEP_S)
     before = len(bench.received)
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, TEMPORARILY_REJECTED]
     times = [time_s for time_s, m in bench.received[before:] if m.get_type() == "COMMAND_ACK"]
@@ -65,7 +68,7 @@ def test_mode_change_shows_in_next_heartbeat_within_a_second() -> None:
 
 
 def test_disarmed_offboard_without_setpoints_refuses_arming() -> None:
-    bench = Bench().ready()
+    bench = ready()
     assert bench.set_mode(OFFBOARD) == [ACCEPTED, ACCEPTED]
     assert bench.arm() == [TEMPORARILY_REJECTED]
     assert "Arming denied: Resolve system health failures first" in bench.texts
@@ -90,7 +93,7 @@ def test_manual_modes_are_refused_in_the_air_without_a_pilot() -> None:
 
 
 def test_takeoff_while_disarmed_happens_at_the_next_arming() -> None:
-    bench = Bench().ready()
+    bench = ready()
     assert bench.command(22, 0, 0, 0, math.nan, math.nan, math.nan, math.nan) == [ACCEPTED]
     bench.run(3.0)
     assert bench.mode == TAKEOFF
@@ -108,14 +111,14 @@ def test_disarming_is_refused_in_the_air() -> None:
 
 
 def test_disarming_on_the_ground_is_accepted() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.arm()
     assert bench.command(400, 0) == [ACCEPTED]
     assert not bench.run(1.1).armed
 
 
 def test_kill_stops_the_motors_and_the_vehicle_falls() -> None:
-    bench = Bench().fly_offboard(height_m=20.0)
+    bench = offboard(height_m=20.0)
     bench.stream(5.0, 0.0, 0.0)
     bench.run(3.0)
     north_m = bench.truth[0]
@@ -130,7 +133,7 @@ def test_kill_stops_the_motors_and_the_vehicle_falls() -> None:
 
 
 def test_arming_without_taking_off_ends_after_com_disarm_prflt() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.arm()
     assert bench.run(9.0).armed
     assert not bench.run(2.2).armed
@@ -138,7 +141,7 @@ def test_arming_without_taking_off_ends_after_com_disarm_prflt() -> None:
 
 
 def test_a_negative_com_disarm_prflt_leaves_it_armed() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.set_parameter("COM_DISARM_PRFLT", -1.0)
     bench.arm()
     assert bench.run(15.0).armed
@@ -146,7 +149,7 @@ def test_a_negative_com_disarm_prflt_leaves_it_armed() -> None:
 
 @pytest.mark.parametrize("wait_s", [2.0, 5.0])
 def test_it_disarms_com_disarm_land_after_landing(wait_s: float) -> None:
-    bench = Bench().take_off(height_m=3.0)
+    bench = holding(height_m=3.0)
     bench.set_parameter("COM_DISARM_LAND", wait_s)
     bench.set_mode(LAND)
     bench.until(lambda: bench.last("EXTENDED_SYS_STATE").landed_state == ON_GROUND, 30.0)
@@ -155,7 +158,7 @@ def test_it_disarms_com_disarm_land_after_landing(wait_s: float) -> None:
 
 def test_mode_after_landing_from_offboard() -> None:
     """After landing from OFFBOARD the mode reverts; arming waits for HOLD or setpoints."""
-    bench = Bench().fly_offboard(height_m=3.0)
+    bench = offboard(height_m=3.0)
     bench.set_mode(LAND)
     bench.repeated = None
     bench.until(lambda: not bench.armed, 30.0)
@@ -166,14 +169,14 @@ def test_mode_after_landing_from_offboard() -> None:
 
 
 def test_after_landing_from_hold_it_can_arm_again() -> None:
-    bench = Bench().take_off(height_m=3.0)
+    bench = holding(height_m=3.0)
     bench.set_mode(LAND)
     bench.until(lambda: not bench.armed, 30.0)
     assert bench.arm() == [ACCEPTED]
 
 
 def test_the_land_mode_prevents_arming() -> None:
-    bench = Bench().ready()
+    bench = ready()
     assert bench.command(21) == [ACCEPTED]
     assert bench.arm() == [TEMPORARILY_REJECTED]
 
@@ -184,7 +187,7 @@ def test_forced_arming_overrides_the_checks() -> None:
 
 
 def test_unknown_commands_unsupported_unknown_modes_denied() -> None:
-    bench = Bench().ready()
+    bench = ready()
     assert bench.command(31999) == [UNSUPPORTED]
     assert bench.set_mode((4, 77)) == [ACCEPTED, DENIED]
     assert bench.command(176, 0, 4, 3) == [ACCEPTED, DENIED]
@@ -192,7 +195,7 @@ def test_unknown_commands_unsupported_unknown_modes_denied() -> None:
 
 
 def test_battery_drains_in_the_air_only_and_messages_agree() -> None:
-    bench = Bench(endurance_s=100.0).ready()
+    bench = ready(endurance_s=100.0)
     bench.run(20.0)
     assert bench.last("BATTERY_STATUS").battery_remaining == 100
     bench.take_off()
@@ -206,7 +209,7 @@ def test_battery_drains_in_the_air_only_and_messages_agree() -> None:
 
 
 def test_a_critical_battery_returns_and_an_empty_one_lands() -> None:
-    bench = Bench(endurance_s=40.0).take_off(height_m=15.0)
+    bench = holding(height_m=15.0, endurance_s=40.0)
     bench.until(lambda: bench.mode == (4, 5), 40.0)
     assert bench.last("SYS_STATUS").battery_remaining in {6, 7}
     bench.until(lambda: bench.mode == LAND, 10.0)

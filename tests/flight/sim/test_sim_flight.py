@@ -7,13 +7,23 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.sim_bench import ACCEPTED, HOLD, LAND, POSITION_ONLY, RETURN, Bench, holding, offboard
+from tests.support.sim_bench import (
+    ACCEPTED,
+    HOLD,
+    LAND,
+    POSITION_ONLY,
+    RETURN,
+    Bench,
+    holding,
+    offboard,
+    ready,
+)
 
 TAKING_OFF, IN_AIR, LANDING, ON_GROUND = 3, 2, 4, 1
 
 
 def test_takeoff_climbs_at_mpc_tko_speed_to_its_altitude() -> None:
-    bench = Bench().ready()
+    bench = ready()
     amsl_m = bench.last("HOME_POSITION").altitude * 1e-3 + 12.0
     bench.command(22, 0, 0, 0, math.nan, math.nan, math.nan, amsl_m)
     bench.arm()
@@ -29,7 +39,7 @@ def test_takeoff_climbs_at_mpc_tko_speed_to_its_altitude() -> None:
 
 
 def test_mis_takeoff_alt_is_the_default_height() -> None:
-    bench = Bench(parameters={"MIS_TAKEOFF_ALT": 6.0}).ready()
+    bench = ready(parameters={"MIS_TAKEOFF_ALT": 6.0})
     bench.command(22, 0, 0, 0, *[math.nan] * 4)
     bench.arm()
     assert bench.run(15.0).truth[2] == pytest.approx(-6.0, abs=0.25)
@@ -48,7 +58,7 @@ def test_hold_stops_and_stays() -> None:
 
 
 def test_land_slows_down_near_the_ground() -> None:
-    bench = Bench().take_off(height_m=12.0)
+    bench = holding(height_m=12.0)
     assert bench.command(21) == [ACCEPTED]
     assert "Landing at current position" in bench.texts
     speeds: dict[int, float] = {}
@@ -64,7 +74,7 @@ def test_land_slows_down_near_the_ground() -> None:
 
 
 def test_mpc_land_speed_is_honoured() -> None:
-    bench = Bench(parameters={"MPC_LAND_SPEED": 0.4}).take_off(height_m=5.0)
+    bench = holding(height_m=5.0, parameters={"MPC_LAND_SPEED": 0.4})
     bench.command(21)
     assert bench.run(3.0).velocity[2] == pytest.approx(0.4, abs=0.08)
 
@@ -130,7 +140,7 @@ def test_the_estimate_is_off_by_the_scaled_noise() -> None:
 
 
 def test_wind_from_the_side_is_held_against() -> None:
-    bench = Bench(wind_m_s=(0.0, 5.0, 0.0)).take_off()
+    bench = holding(wind_m_s=(0.0, 5.0, 0.0))
     bench.run(10.0)
     assert bench.run(5.0).velocity == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
     assert abs(bench.last("ATTITUDE").roll) > 0.3  # leaning into it

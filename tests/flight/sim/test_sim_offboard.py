@@ -20,6 +20,7 @@ from tests.support.sim_bench import (
     Bench,
     holding,
     offboard,
+    ready,
 )
 
 ON_GROUND = 1
@@ -38,13 +39,13 @@ NAN = math.nan
 def test_velocity_setpoints_are_clipped_per_axis(
     command: tuple[float, float, float], settles_at: tuple[float, float, float]
 ) -> None:
-    bench = Bench(drag_per_s=0.0).fly_offboard(height_m=30.0)
+    bench = offboard(height_m=30.0, drag_per_s=0.0)
     bench.stream(*command)
     assert bench.run(12.0).velocity == pytest.approx(settles_at, abs=0.15)
 
 
 def test_the_clipping_follows_the_parameters() -> None:
-    bench = Bench(drag_per_s=0.0).fly_offboard(height_m=20.0)
+    bench = offboard(height_m=20.0, drag_per_s=0.0)
     bench.set_parameter("MPC_XY_VEL_MAX", 4.0)
     bench.set_parameter("MPC_Z_VEL_MAX_DN", 0.5)
     bench.stream(9.0, 0.0, 9.0)
@@ -62,13 +63,13 @@ def test_yaw_turns_to_the_setpoint_at_a_limited_rate() -> None:
 
 
 def test_an_ignored_yaw_leaves_the_nose_where_it_is() -> None:
-    bench = Bench(heading_deg=90.0).fly_offboard()
+    bench = offboard(heading_deg=90.0)
     bench.stream(2, 0, 0, VELOCITY_ONLY, yaw=1.0)
     assert bench.run(3.0).last("ATTITUDE").yaw == pytest.approx(math.pi / 2, abs=0.001)
 
 
 def test_a_body_frame_velocity_is_turned_by_the_yaw() -> None:
-    bench = Bench(heading_deg=90.0).fly_offboard()
+    bench = offboard(heading_deg=90.0)
     bench.stream(3.0, 0.0, 0.0, frame=8)
     north, east, _ = bench.run(6.0).velocity
     assert north == pytest.approx(0.0, abs=0.05)
@@ -122,7 +123,7 @@ def test_setpoint_loss_in_position_mode_descends_and_lands() -> None:
 
 @pytest.mark.parametrize(("action", "mode"), [(5, HOLD), (4, LAND), (3, RETURN)])
 def test_com_obl_rc_act_decides_what_setpoint_loss_does(action: int, mode: tuple[int, int]) -> None:
-    bench = Bench(parameters={"COM_OBL_RC_ACT": action}).fly_offboard()
+    bench = offboard(parameters={"COM_OBL_RC_ACT": action})
     height_m = -bench.truth[2]
     bench.repeated = None
     bench.run(2.3)
@@ -135,7 +136,7 @@ def test_com_obl_rc_act_decides_what_setpoint_loss_does(action: int, mode: tuple
 
 @pytest.mark.parametrize("action", [6, 7])
 def test_com_obl_rc_act_can_stop_the_motors(action: int) -> None:
-    bench = Bench(parameters={"COM_OBL_RC_ACT": action}).fly_offboard()
+    bench = offboard(parameters={"COM_OBL_RC_ACT": action})
     bench.repeated = None
     bench.run(6.0)
     assert (bench.armed, bench.truth[2]) == (False, 0.0)
@@ -143,7 +144,7 @@ def test_com_obl_rc_act_can_stop_the_motors(action: int) -> None:
 
 @pytest.mark.parametrize("loss_s", [0.6, 3.0])
 def test_com_of_loss_t_is_the_time_until_the_failsafe(loss_s: float) -> None:
-    bench = Bench(parameters={"COM_OF_LOSS_T": loss_s}).fly_offboard()
+    bench = offboard(parameters={"COM_OF_LOSS_T": loss_s})
     bench.repeated = None
     lasted_s = bench.until(lambda: "Failsafe activated" in bench.texts, 5.0)
     assert lasted_s == pytest.approx(loss_s, abs=0.15)
@@ -186,7 +187,7 @@ def test_setpoints_for_another_vehicle_do_not_count() -> None:
 
 
 def test_takeoff_and_landing_by_velocity() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.stream(0, 0, -2)
     bench.run(0.2)
     bench.set_mode(OFFBOARD)

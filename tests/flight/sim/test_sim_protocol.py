@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v10 import common as v1
 from pymavlink.dialects.v20 import common
 
+from gcs.sim.fleet import STEP_S
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.px4 import defaults
-from tests.support.sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench, offboard
+from tests.support.sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench, offboard, ready
 
 SET_INTERVAL, GET_INTERVAL, REQUEST = 511, 510, 512
 VERSION_ID, ATTITUDE_ID = 148, 30
@@ -27,7 +28,7 @@ def rate_hz(bench: Bench, kind: str, over_s: float = 4.0) -> float:
 
 
 def test_set_message_interval_changes_stops_and_restores() -> None:
-    bench = Bench(rates_hz=RECORDED_HZ).ready()
+    bench = Bench(STEP_S, rates_hz=RECORDED_HZ).ready()
     assert bench.command(SET_INTERVAL, ATTITUDE_ID, 100_000) == [ACCEPTED]
     assert rate_hz(bench, "ATTITUDE") == pytest.approx(10.0, abs=0.5)
     assert bench.command(GET_INTERVAL, ATTITUDE_ID) == [ACCEPTED]
@@ -40,11 +41,11 @@ def test_set_message_interval_changes_stops_and_restores() -> None:
 
 @pytest.mark.parametrize("values", [(99999.0, 1000.0), (math.nan, 1.0), (30.0, math.nan), (1e30, 1.0)])
 def test_an_interval_for_no_message_fails(values: tuple[float, float]) -> None:
-    assert Bench().ready().command(SET_INTERVAL, *values) == [FAILED]
+    assert ready().command(SET_INTERVAL, *values) == [FAILED]
 
 
 def test_a_message_can_be_requested_once() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.command(SET_INTERVAL, 242, -1)
     before = bench.count("HOME_POSITION")
     assert bench.command(REQUEST, 242) == [ACCEPTED]
@@ -53,7 +54,7 @@ def test_a_message_can_be_requested_once() -> None:
 
 
 def test_the_version_is_px4_1_16_1() -> None:
-    bench = Bench(first=4).ready()
+    bench = ready(first=4)
     assert bench.command(REQUEST, VERSION_ID, target=5) == [ACCEPTED]
     version = bench.last("AUTOPILOT_VERSION")
     assert version.flight_sw_version == 1 << 24 | 16 << 16 | 1 << 8 | 255
@@ -74,7 +75,7 @@ def test_home_is_where_it_was_armed() -> None:
 
 
 def test_all_parameters_are_listed_bytewise() -> None:
-    bench = Bench().ready()
+    bench = ready(step_s=STEP_S)
     bench.send(common.MAVLink_param_request_list_message(1, 1))
     bench.run(3.0)
     values = bench.all("PARAM_VALUE")
@@ -93,7 +94,7 @@ def set_parameter(bench: Bench, name: str, value: float, kind: int) -> list[Any]
 
 
 def test_a_parameter_is_set_answered_and_announced() -> None:
-    bench = Bench().ready()
+    bench = ready()
     answers = set_parameter(bench, "COM_OBL_RC_ACT", 5, INT32)
     assert [(a.param_id, struct.unpack("<i", struct.pack("<f", a.param_value))[0]) for a in answers] == [
         ("COM_OBL_RC_ACT", 5)
@@ -110,13 +111,13 @@ def test_a_parameter_is_set_answered_and_announced() -> None:
     ],
 )
 def test_a_bad_value_is_answered_with_the_old_one(name: str, value: float, kind: int) -> None:
-    bench = Bench().ready()
+    bench = ready()
     answers = set_parameter(bench, name, value, kind)
     assert [a.param_value for a in answers] == [12.0]
 
 
 def test_parameters_read_by_name_and_index_unknown_unanswered() -> None:
-    bench = Bench().ready()
+    bench = ready()
     for name, place in [
         (b"MPC_XY_VEL_MAX", -1),
         (b"", list(defaults()).index("COM_OF_LOSS_T")),
@@ -161,7 +162,7 @@ def test_the_boot_clock_loses_one_to_two_percent() -> None:
 
 
 def test_pings_and_timesyncs_are_answered() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.send(common.MAVLink_ping_message(123, 7, 0, 0))
     echo = bench.last("PING")
     assert (echo.time_usec, echo.seq, echo.target_system, echo.target_component) == (123, 7, 245, 190)
@@ -171,7 +172,7 @@ def test_pings_and_timesyncs_are_answered() -> None:
 
 
 def test_command_int_is_understood_too() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.send(common.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, 1.0, 0.0, 0.0, 0.0, 0, 0, 0.0))
     assert bench.run(1.1).armed
 
@@ -201,32 +202,34 @@ def commands() -> list[Any]:
     ]
 
 
-QUIET_BENCH = Bench().ready()
+@pytest.fixture(scope="module")
+def quiet() -> Bench:
+    return ready()
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=300))
-def test_garbage_changes_nothing(garbage: bytes) -> None:
-    before = state_of(QUIET_BENCH)
-    QUIET_BENCH.send_bytes(garbage)
-    QUIET_BENCH.send_bytes(b"\xfd" + garbage)
-    assert state_of(QUIET_BENCH) == before
+def test_garbage_changes_nothing(quiet: Bench, garbage: bytes) -> None:
+    before = state_of(quiet)
+    quiet.send_bytes(garbage)
+    quiet.send_bytes(b"\xfd" + garbage)
+    assert state_of(quiet) == before
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 3), st.data())
-def test_truncated_or_altered_frames_change_nothing(which: int, data: st.DataObject) -> None:
-    before = state_of(QUIET_BENCH)
-    frame = QUIET_BENCH.frame(commands()[which])
-    QUIET_BENCH.send_bytes(frame[: data.draw(st.integers(0, len(frame) - 1))])
+def test_truncated_or_altered_frames_change_nothing(quiet: Bench, which: int, data: st.DataObject) -> None:
+    before = state_of(quiet)
+    frame = quiet.frame(commands()[which])
+    quiet.send_bytes(frame[: data.draw(st.integers(0, len(frame) - 1))])
     place, flip = data.draw(st.integers(1, len(frame) - 1)), data.draw(st.integers(1, 255))
-    QUIET_BENCH.send_bytes(frame[:place] + bytes([frame[place] ^ flip]) + frame[place + 1 :])
-    assert state_of(QUIET_BENCH) == before
+    quiet.send_bytes(frame[:place] + bytes([frame[place] ^ flip]) + frame[place + 1 :])
+    assert state_of(quiet) == before
 
 
 @pytest.mark.parametrize("which", range(4))
 def test_commands_to_others_or_from_itself_change_nothing(which: int) -> None:
-    bench = Bench().ready()
+    bench = ready()
     before = state_of(bench)
     for system, component in [(2, 1), (1, 100)]:
         command = commands()[which]
@@ -239,7 +242,7 @@ def test_commands_to_others_or_from_itself_change_nothing(which: int) -> None:
 
 
 def test_mavlink_1_frames_and_unknown_messages_change_nothing() -> None:
-    bench = Bench().ready()
+    bench = ready()
     before = state_of(bench)
     old = v1.MAVLink(None, 245, 190)
     bench.send_bytes(bytes(v1.MAVLink_command_long_message(1, 1, 400, 0, 1, 21196, 0, 0, 0, 0, 0).pack(old)))
@@ -249,7 +252,7 @@ def test_mavlink_1_frames_and_unknown_messages_change_nothing() -> None:
 
 
 def test_valid_frames_after_garbage_and_in_one_datagram() -> None:
-    bench = Bench().ready()
+    bench = ready()
     both = [bench.frame(commands()[which]) for which in (0, 2)]
     bench.send_bytes(b"\xfd\x00garbage" + b"".join(both))
     assert bench.run(1.1).armed

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from gcs.sim.fleet import STEP_S
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.px4 import QuirkError, Quirks, quirk_names
 from tests.support.sim_bench import (
@@ -107,7 +108,7 @@ def test_without_disarm_refused_it_falls() -> None:
 
 
 def test_without_slow_clock_the_boot_clock_is_exact() -> None:
-    bench = without("slow-clock", rates_hz=RECORDED_HZ).run(5.0)
+    bench = without("slow-clock", rates_hz=RECORDED_HZ, step_s=STEP_S).run(5.0)
     assert bench.last("ATTITUDE").time_boot_ms == pytest.approx(5000, abs=11)
 
 

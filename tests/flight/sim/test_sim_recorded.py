@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
+from gcs.sim.fleet import STEP_S
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.dynamics import GRAVITY_M_S2
 from tests.support.sim_bench import Bench, digest, offboard
@@ -38,7 +39,7 @@ def build(kind: list[Any]) -> Any:
 def play(name: str) -> tuple[Bench, float, dict[str, Any]]:
     """Feed the recorded station's messages at their times; the bench, and when the recording began."""
     recording = digest(name)
-    bench = Bench()
+    bench = Bench(STEP_S)
     bench.heartbeats = False
     bench.ready()
     for message_id in QUIET:  # their frames are not compared here, and cost time
@@ -93,7 +94,7 @@ def test_a_recorded_session_gets_the_recorded_answers(name: str) -> None:
 
 def test_the_message_set_and_its_rates_are_the_recorded_ones() -> None:
     streams = digest("session")["streams"]
-    bench = Bench(rates_hz=RECORDED_HZ).ready()
+    bench = Bench(STEP_S, rates_hz=RECORDED_HZ).ready()
     begin_s = bench.now_s
     bench.run(20.0)
     counts: dict[str, int] = {}
@@ -107,7 +108,7 @@ def test_the_message_set_and_its_rates_are_the_recorded_ones() -> None:
 
 
 def test_local_positions_come_irregularly() -> None:
-    bench = Bench(rates_hz=RECORDED_HZ).ready()
+    bench = Bench(STEP_S, rates_hz=RECORDED_HZ).ready()
     bench.run(3.0)
     times = [m.time_boot_ms for m in bench.all("LOCAL_POSITION_NED")]
     gaps = {later - earlier for earlier, later in pairwise(times)}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.faults.injector import FaultInjector, Jammer, Way
-from tests.support.sim_bench import HOLD, OFFBOARD, POSITION, Bench, holding, offboard
+from tests.support.sim_bench import HOLD, OFFBOARD, POSITION, Bench, holding, offboard, ready
 
 DENIED = 2
 
@@ -125,14 +125,14 @@ def test_a_frozen_receiver_repeats_its_position() -> None:
 
 
 def test_accuracy_is_reported_in_gps_raw_int() -> None:
-    bench = Bench().ready()
+    bench = ready()
     command(FaultInjector(bench.fleet), fault="accuracy", eph_m=4.5, epv_m=7.0, hdop=2.5)
     gps = bench.run(0.5).last("GPS_RAW_INT")
     assert (gps.h_acc, gps.v_acc, gps.eph, gps.epv) == (4500, 7000, 250, 110)
 
 
 def test_worse_fix_and_wrong_time_are_reported_until_they_end() -> None:
-    bench = Bench().ready()
+    bench = ready()
     fault_injector = FaultInjector(bench.fleet)
     true_us = bench.run(1.1).last("SYSTEM_TIME").time_unix_usec
     assert true_us > 1.79e15
@@ -150,7 +150,7 @@ def test_worse_fix_and_wrong_time_are_reported_until_they_end() -> None:
 
 @pytest.mark.parametrize(("which", "bit"), [("gyro", 0x1), ("ahrs", 0x200000)])
 def test_unhealthy_sensor_is_reported_and_prevents_arming(which: str, bit: int) -> None:
-    bench = Bench().ready()
+    bench = ready()
     fault_injector = FaultInjector(bench.fleet)
     assert bench.run(1.1).last("SYS_STATUS").onboard_control_sensors_health & bit
     command(fault_injector, fault="sensor", which=which)
@@ -161,7 +161,7 @@ def test_unhealthy_sensor_is_reported_and_prevents_arming(which: str, bit: int) 
 
 
 def test_reboot_on_the_ground_resets_clock_arming_and_streams() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.command(511, common.MAVLINK_MSG_ID_ATTITUDE, -1)
     bench.arm()
     command(FaultInjector(bench.fleet), fault="reboot", off_s=0.0)
@@ -186,7 +186,7 @@ def test_reboot_in_the_air_stops_the_motors_unless_survived() -> None:
 
 
 def test_a_reboot_by_command_is_denied_while_armed() -> None:
-    bench = Bench().ready()
+    bench = ready()
     bench.arm()
     assert bench.command(246, 1) == [DENIED]
     bench.command(400, 0)
@@ -201,7 +201,7 @@ def test_a_clock_can_jump_back() -> None:
 
 
 def test_a_battery_can_be_set() -> None:
-    bench = Bench().ready()
+    bench = ready()
     command(FaultInjector(bench.fleet), fault="battery", remaining=0.31)
     assert bench.run(1.0).last("SYS_STATUS").battery_remaining == 31
 
