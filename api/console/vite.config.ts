@@ -15,5 +15,5 @@ export default defineConfig({
     rolldownOptions: { input: ["index.html", "docs.html"] },
   },
   server: { proxy: { "/api": { target: "http://127.0.0.1:8000", ws: true } } },
-  test: { include: ["test/**/*.test.ts"], environment: "node", testTimeout: 120_000 }, // machines are busy
+  test: { include: ["test/**/*.test.ts"], environment: "node", isolate: false, testTimeout: 120_000 }, // machines are busy
 });

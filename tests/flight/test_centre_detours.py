@@ -41,6 +41,12 @@ def depth_m(track: Track, boxes: tuple[Obstacle, ...]) -> float:
     return worst_m
 
 
+def off_m(show: Show) -> float:
+    """Horizontal distance of the centre from the last target."""
+    assert show.view.center_m is not None
+    return float(np.hypot(show.view.center_m[0] - BEHIND.x_m, show.view.center_m[1] - BEHIND.y_m))
+
+
 def centre_m(track: Track, at: int) -> Array:
     center_m = track.samples[at].view.center_m
     assert center_m is not None
@@ -60,7 +66,8 @@ async def story(show: Show) -> Flight:
     ring = show.track.between(began_s)
     service.plan.remove_obstacle(LID.id)
     began_s = show.now_s
-    await show.wait(84.0)
+    await show.until(lambda: off_m(show) < 1.0, 81.0)
+    await show.wait(3.0)
     out, reported_later = show.track.between(began_s), alarm_texts(show)
     for box in U:
         service.plan.remove_obstacle(box.id)
@@ -71,7 +78,9 @@ async def story(show: Show) -> Flight:
     )
     for box in boxes:
         service.plan.add_obstacle(box)
-    await show.wait(66.0)  # the second truck is kept clear of until it has passed
+    await show.until(lambda: off_m(show) > 10.0)
+    await show.until(lambda: off_m(show) < 1.0)  # the second truck is kept clear of until it has passed
+    await show.wait(3.0)
     driven_at = show.track.between(now_s)
     return Flight(ring, reported, reported_later, out, driven_at, boxes, show.floor_violations())
 

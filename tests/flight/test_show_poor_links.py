@@ -25,7 +25,10 @@ class Poor(NamedTuple):
 
 
 async def poor_links(show: Show, loss: float) -> Poor:
-    """The review's scene: 30 s of loss, 0.3 s of delay, 0.1 s of jitter on every link; then sound ones."""
+    """The review's scene: 30 s of loss, 0.3 s of delay, 0.1 s of jitter on every link; then sound ones.
+
+    It ends 5 s after every vehicle is in the formation again, which takes 30 s at most.
+    """
     began_s = show.now_s
     for name in show.config.ids:
         show.befall(name, "loss", share=loss)
@@ -33,7 +36,9 @@ async def poor_links(show: Show, loss: float) -> Poor:
     await show.wait(30.0)
     for name in show.config.ids:
         show.befall(name, "none")
-    await show.wait(30.0)
+    await show.wait(5.0)
+    await show.until(lambda: set(show.view.rows.phases) == {Phase.FORMATION}, 20.0)
+    await show.wait(5.0)
     track = show.track.between(began_s)
     texts = {alarm.text for sample in track.samples for alarm in sample.view.alarms}
     phases = {name: track.phases(name) for name in show.config.ids}

@@ -9,6 +9,7 @@ from gcs.links import Command, Verb
 from gcs.model.errors import CommandError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.show_phases import running
 from tests.support.views import vehicles_of
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
@@ -123,4 +124,4 @@ def test_item_2_early_start_says_the_autopilot_is_not_ready() -> None:
         await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in vehicles_of(show.view)))
         return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 
-    assert "does not yet pass its own arming checks" in fly(story, show_config(2)).text
+    assert "does not yet pass its own arming checks" in fly(story, show_config(2), quirks=Quirks()).text

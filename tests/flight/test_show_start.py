@@ -12,6 +12,7 @@ from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import Mode
 from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.views import vehicles_of
 from tests.support.virtual_show import (
     TAKEOFF_HEIGHT_M,
@@ -45,7 +46,7 @@ async def too_early(show: Show) -> tuple[Refusal, Refusal, Refusal]:
 
 
 def test_start_is_refused_without_position_or_failed_checks() -> None:
-    no_position, not_ready, old_position = fly(too_early, show_config(2))
+    no_position, not_ready, old_position = fly(too_early, show_config(2), quirks=Quirks())
     for refusal in (no_position, not_ready, old_position):
         assert refusal.kind is RefusedError
         assert refusal.plan_kept
@@ -64,7 +65,7 @@ async def several_faults(show: Show) -> Refusal:
 
 
 def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
-    refusal = fly(several_faults, spacing_m=2.0, noise_scale=0.2)
+    refusal = fly(several_faults, spacing_m=2.0, noise_scale=0.2, quirks=Quirks())
     assert refusal.kind is RefusedError
     assert "d1: battery at 20%, at least 25% is needed" in refusal.text
     assert "d2: system id 2 at 10.0.0.2:14580 and at 10.0.1.2:14580" in refusal.text
@@ -174,7 +175,7 @@ def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any
         await show.reach(ShowPhase.RUNNING)
         return Start(show.track, show.service.command_log.get(record.id), running=True)
 
-    start = fly(story, show_config(3))
+    start = fly(story, show_config(3), quirks=Quirks())
     outcomes = start.started.outcomes
     assert {outcomes[name].outcome for name in ("d1", "d3")} == {Outcome.DONE}
     assert outcomes["d2"].outcome is Outcome.FAILED

@@ -1,6 +1,7 @@
 """`gcs show` as its users call it: shows flown in virtual time."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,25 @@ import numpy as np
 import pytest
 
 from gcs.cli import main
-from gcs.shows import load, shipped
-from gcs.simulation.rehearsal import rehearse
+from gcs.shows import LoadedShow, load, shipped
+from gcs.simulation.record import Record
+from gcs.simulation.rehearsal import Rehearsal, rehearse
+
+_rehearsed: dict[tuple[str, int], tuple[Rehearsal, Record]] = {}
+
+
+@pytest.fixture(autouse=True)
+def _rehearsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command rehearses a show of the same text and seed once for all tests."""
+
+    def once(loaded: LoadedShow, seed: int, on_progress: Callable[[float], None]) -> tuple[Rehearsal, Record]:
+        key = loaded.show.digest, seed
+        if key not in _rehearsed:
+            _rehearsed[key] = rehearse(loaded, seed, on_progress)
+        return _rehearsed[key]
+
+    monkeypatch.setattr("gcs.cli.simulate.rehearse", once)
+
 
 BROKEN = Path(__file__).parents[1] / "data" / "shows"
 

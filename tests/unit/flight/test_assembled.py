@@ -1,6 +1,7 @@
 """When the sphere stands, and what is kept free around a vehicle that is lost."""
 
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from gcs.model.state import Array, FleetState, Telemetry
 from tests.support.silent_link import SilentLink
 
 CENTER_M, RADIUS_M = np.array([3.0, 1.0, -20.0]), 8.0
+best = cache(partial(best_configuration, starts=4))
 
 
 class Climbing(SilentLink):
@@ -64,19 +66,19 @@ def at(subject: Fleet, position_m: Array) -> Fleet:
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8, 20])
 def test_sphere_is_stable_in_its_best_shape(count: int) -> None:
-    assert at(flight(count), CENTER_M + RADIUS_M * best_configuration(count, starts=4)).assembled()
+    assert at(flight(count), CENTER_M + RADIUS_M * best(count)).assembled()
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 8, 20])
 def test_sphere_is_unstable_with_all_on_its_lower_half(count: int) -> None:
-    direction = best_configuration(count, starts=4)
+    direction = best(count).copy()
     direction[:, 2] = np.abs(direction[:, 2]) + 0.8
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     assert not at(flight(count), CENTER_M + RADIUS_M * direction).assembled()
 
 
 def test_sphere_is_unstable_with_a_vehicle_off_it() -> None:
-    position = CENTER_M + RADIUS_M * best_configuration(4, starts=4)
+    position = CENTER_M + RADIUS_M * best(4)
     position[2] += (position[2] - CENTER_M) * 0.3
     assert not at(flight(4), position).assembled()
 
@@ -93,7 +95,7 @@ def test_small_charges_may_settle_closer_together() -> None:
 
 
 def test_in_formation_only_frozen_or_returning_have_a_goal() -> None:
-    subject = at(flight(3), CENTER_M + RADIUS_M * best_configuration(3, starts=4))
+    subject = at(flight(3), CENTER_M + RADIUS_M * best(3))
     subject.show = ShowPhase.RUNNING
     tasks = subject.tasks()
     assert tasks.task.tolist() == [Task.FORMATION] * 3

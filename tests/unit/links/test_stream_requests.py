@@ -44,8 +44,10 @@ class Bench:
                 for message_id, rate_hz in sends_hz.items():
                     count = int(self.now_s * rate_hz) - int(before_s * rate_hz)
                     self.streams.count(np.full(count, row), np.full(count, message_id))
+            asked = len(self.asked)
             self.watch(self.now_s)
-            self.answer(0, 1)
+            if len(self.asked) > asked:
+                self.answer(0, 1)
 
 
 def test_each_interval_is_requested_after_the_previous_answer() -> None:
