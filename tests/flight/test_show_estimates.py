@@ -1,6 +1,6 @@
 """Energy and time that the service foretells, against what then happened."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -9,7 +9,8 @@ from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction
-from tests.support.virtual_show import Sample, Show, Track, fly, show_config
+from gcs.sim.vehicle.px4 import Quirks
+from tests.support.virtual_show import SLOWLY_DISARMED, Sample, Show, Track, fly, show_config
 
 ENDURANCE_S = 600.0
 BELOW = 0.2
@@ -45,7 +46,8 @@ async def out_and_home(show: Show) -> Flight:
 def flight(request: pytest.FixtureRequest) -> Flight:
     count: int = request.param
     formation = {"radius_m": 6.0, "height_m": 14.0} if count == 4 else {"radius_m": 10.0, "height_m": 20.0}
-    return fly(out_and_home, show_config(count, formation=formation), endurance_s=ENDURANCE_S)
+    as_px4: dict[str, Any] = {"quirks": Quirks(), "parameters": SLOWLY_DISARMED}
+    return fly(out_and_home, show_config(count, formation=formation), endurance_s=ENDURANCE_S, **as_px4)
 
 
 def estimates_of(sample: Sample) -> Estimates:

@@ -15,6 +15,7 @@ from tests.support.show_phases import running
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
+    SLOWLY_DISARMED,
     Refusal,
     Show,
     Track,
@@ -253,7 +254,10 @@ def test_landing_command_stands_for_a_lost_vehicle(action: ShowAction, ends: Sho
     """A lost vehicle is landed although it is received again after all others are down."""
     config = show_config(3, operation=HOLDS_WHEN_LOST)
     after, verbs, violations, off_pad_m = fly(
-        lambda show: back_when_all_others_are_down(show, action), config, after=running
+        lambda show: back_when_all_others_are_down(show, action),
+        config,
+        after=running,
+        parameters=SLOWLY_DISARMED,
     )
     assert after.show_phases() == [ShowPhase.LANDED, ends, ShowPhase.LANDED]
     assert after.phases("d2")[:3] == [Phase.LOST, Phase.HOLD, flown]

@@ -7,6 +7,7 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause, AlarmSeverity
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
@@ -47,7 +48,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
 
 
 def test_three_that_land_on_empty_batteries_are_named() -> None:
-    found = fly(three_flat, config(), parameters={"COM_LOW_BAT_ACT": 2})
+    found = fly(three_flat, config(), parameters={"COM_LOW_BAT_ACT": 2}, quirks=Quirks())
     assert found["reasons"] == [
         f"{name} lands by its own critical-battery failsafe, battery 5%. Leave it."
         for name in ("d1", "d2", "d3")

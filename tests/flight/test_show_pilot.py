@@ -14,6 +14,7 @@ from tests.support.show_phases import running
 from tests.support.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
+    SLOWLY_DISARMED,
     Refusal,
     Show,
     Track,
@@ -71,7 +72,7 @@ async def taken_over(show: Show) -> TakenOver:
 
 @pytest.fixture(scope="module")
 def recovery() -> TakenOver:
-    return fly(taken_over, after=running)
+    return fly(taken_over, after=running, parameters=SLOWLY_DISARMED)
 
 
 @pytest.mark.parametrize("name", ["d1", "d3"])

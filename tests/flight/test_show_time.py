@@ -11,6 +11,7 @@ from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Setpoints
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.show_phases import running
 from tests.support.virtual_link import VirtualLink
 from tests.support.virtual_show import Show, fly, show_config
@@ -85,7 +86,7 @@ async def a_second_without_telemetry(show: Show) -> tuple[list[float], list[floa
 
 
 def test_stale_telemetry_sends_no_setpoint_others_unaffected() -> None:
-    others_s, own_s, phases = fly(a_second_without_telemetry, show_config(2), after=running)
+    others_s, own_s, phases = fly(a_second_without_telemetry, show_config(2), after=running, quirks=Quirks())
     gap = int(np.argmax(np.diff(own_s)))
     assert 0.4 < own_s[gap] < 0.56
     assert 1.19 < own_s[gap + 1] < 1.3
@@ -148,7 +149,12 @@ async def fails_again_later(show: Show) -> VirtualLink:
 
 def test_link_that_fails_again_is_logged_again(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.ERROR):
-        link = fly(fails_again_later, show_config(1), failures=[LinkError("port 14540 is taken")])
+        link = fly(
+            fails_again_later,
+            show_config(1),
+            failures=[LinkError("port 14540 is taken")],
+            quirks=Quirks(),
+        )
     assert failures_logged(caplog) == ["port 14540 is taken"] * 2
     assert link.runs == 3
 

@@ -8,6 +8,7 @@ import pytest
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import State
 from gcs.service import ShowAction
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
@@ -21,7 +22,7 @@ async def refusal(show: Show) -> str:
 
 
 def test_pads_too_close_for_wandering_are_refused_with_spacing() -> None:
-    text = fly(refusal, config(2), spacing_m=3.15, noise_scale=0.05)
+    text = fly(refusal, config(2), spacing_m=3.15, noise_scale=0.05, quirks=Quirks())
     assert "m from d2: while their autopilots climb and hold, each may be 0.85 m off its place" in text
     assert "leaves 1.4 m of 2 m" in text
     assert "set the pads at least 3.7 m apart" in text

@@ -16,7 +16,7 @@ from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
 from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from tests.support.virtual_show import HOLDS_WHEN_LOST, SLOWLY_DISARMED, Show, fly, show_config
 
 Into = Callable[[Show], Awaitable[None]]
 
@@ -211,7 +211,7 @@ def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
         await show.reach(ShowPhase.LANDED, 150.0)
         assert show.view.counts == Counts(0, 0, 0, on_ground=COUNT, offline=0)
 
-    fly(story, show_config(COUNT), after=running)
+    fly(story, show_config(COUNT), after=running, parameters=SLOWLY_DISARMED)
 
 
 def test_stall_alarm_names_the_commands_for_recovery() -> None:

@@ -25,6 +25,8 @@ from tests.support.virtual_link import STREAMS_HZ, VirtualLink
 from tests.support.virtual_show import (
     FLEET_STEP_S,
     HOLDS_WHEN_LOST,
+    READY_AT_ONCE,
+    SOON_DISARMED,
     Show,
     Story,
     T,
@@ -73,9 +75,13 @@ class Vehicles:
 
     async def _fleet_of(self, config: Config) -> Fleet:
         self._unix.ahead_s = time.time() - asyncio.get_running_loop().time()
-        proper = settings_of(config)
         settings = Settings(
-            count=len(config.ids), grid_columns=2, parameters=proper, rates_hz=STREAMS_HZ, **on_pads()
+            count=len(config.ids),
+            grid_columns=2,
+            parameters={**SOON_DISARMED, **settings_of(config)},
+            quirks=READY_AT_ONCE,
+            rates_hz=STREAMS_HZ,
+            **on_pads(),
         )
         now_s = asyncio.get_running_loop().time()
         return Fleet(settings, start_s=now_s, unix_at_start_s=self._unix(), step_s=FLEET_STEP_S)

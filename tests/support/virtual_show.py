@@ -33,6 +33,7 @@ from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAc
 from gcs.sim.fleet import Fleet, Settings
 from gcs.sim.protocol.autopilot import Autopilot
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.copies import in_a_copy
 from tests.support.views import VehicleView, vehicles_of
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink
@@ -331,6 +332,12 @@ async def refused(show: Show, request: Callable[[], object]) -> Refusal:
 
 
 Story = Callable[[Show], Awaitable[T]]
+READY_AT_ONCE: Final = Quirks(late_ready=False)
+"""Habits of the fake vehicles: all of PX4's but the 4 to 6 s after booting, in which nothing happens."""
+SOON_DISARMED: Final = {"COM_DISARM_LAND": 0.5, "LNDMC_TRIG_TIME": 0.25}
+"""Parameters of the fake vehicles: 1.3 s pass from touching the ground to disarming, with PX4's own 5 s."""
+SLOWLY_DISARMED: Final = {"COM_DISARM_LAND": 2.0, "LNDMC_TRIG_TIME": 1.0}
+"""PX4's own."""
 FLEET_STEP_S: Final = 1.0 / 60.0  # three steps a tick, as the simulation takes; half the time of 0.01 s
 
 
@@ -347,8 +354,9 @@ class Flight:
         **fleet_settings: Any,
     ) -> None:
         proper = settings_of(plan)
-        self._settings = {"count": len(plan.ids), "grid_columns": 2, "rates_hz": STREAMS_HZ, **fleet_settings}
-        self._settings["parameters"] = {**proper, **fleet_settings.get("parameters", {})}
+        usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "quirks": READY_AT_ONCE}
+        self._settings = {"count": len(plan.ids), **usual, **fleet_settings}
+        self._settings["parameters"] = {**SOON_DISARMED, **proper, **fleet_settings.get("parameters", {})}
         self._loop = Loop()
         self._show, self._services = self._loop.play(self._begin(plan, failures, record, planning, heart))
 
