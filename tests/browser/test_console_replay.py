@@ -12,10 +12,11 @@ from gcs.client import Client
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
 from gcs.service import ShowAction
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, console
 from tests.support.processes import SOON_S, wait_until
 from tests.support.replays import replay
-from tests.support.virtual_show import Show, fly, show_config
+from tests.support.virtual_show import SLOWLY_DISARMED, Show, fly, show_config
 from tests.support.virtual_time import UnixClock
 
 CONFIG = show_config(4)
@@ -52,7 +53,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     root = tmp_path_factory.mktemp("runs")
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(CONFIG.ids)}
     with reported_in_flown_time(), Record(root, CONFIG.model_dump_json(), vehicles) as record:
-        fly(a_show, CONFIG, record=record)
+        fly(a_show, CONFIG, record=record, quirks=Quirks(), parameters=SLOWLY_DISARMED)
     with replay(root) as address:
         yield address
 
