@@ -59,7 +59,7 @@ def shape_setpoints(
         settings.lead_s,
     )
     requested_m_s += memory.trim_m_s
-    setpoint_m_s = cap(requested_m_s, limits, now.traits.speed_max_m_s, yields)
+    setpoint_m_s = cap(requested_m_s, limits, now.traits.speed_max_m_s)
     trim_m_s, expected_m_s = correct_trim(
         memory.trim_m_s,
         memory.expected_m_s,

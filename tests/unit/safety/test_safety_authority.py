@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 from gcs.model.state import Array, Traits
 from gcs.safety.authority import Authority, AuthoritySettings, measured, reach_constraints, yielding
 from gcs.safety.constraints import NO_ROW, Constraints
-from gcs.safety.filter import cap
 from tests.support.law_fleets import within
 from tests.support.safety_fleets import CALM, SAFETY, TICK_S
-from tests.support.safety_world import filtered, surroundings
 
 SETTINGS = AuthoritySettings()
 FASTEST_M_S = 6.0
@@ -169,30 +167,3 @@ def test_less_authority_never_shrinks_a_margin(off: float, more: float, lack: fl
     led, farther = known.wander_m(SETTINGS), less.wander_m(SETTINGS)
     assert (farther >= led).all()
     assert SAFETY.floor.worst_reserve_m(farther) >= SAFETY.floor.worst_reserve_m(led)
-
-
-@pytest.mark.parametrize("below_m", [0.4, -0.4])
-def test_pair_parts_up_and_down_when_one_is_blown_off(below_m: float) -> None:
-    """It flies at 6 m/s towards the other, 9 m away, and was commanded to stand; sideways nothing is left."""
-    place_m = np.array([[0.0, 0.0, -40.0], [9.0, 0.0, -40.0 + below_m]])
-    calm = surroundings(place_m, velocity=along_x(6.0, 0.0))
-    blown = replace(calm, lack_m_s=along_x(-4.0, 0.0))
-    above, below = (0, 1) if below_m > 0.0 else (1, 0)
-    allowed = filtered(along_x(6.0, 6.0), blown)
-    assert allowed[below, 2] - allowed[above, 2] > 2.0
-    assert np.abs(filtered(along_x(6.0, 6.0), calm)[:, 2]).max() < 1.0, "by itself it brakes"
-
-
-def test_vehicle_blown_past_another_does_not_part() -> None:
-    place_m = np.array([[0.0, 0.0, -40.0], [9.0, 0.0, -40.0]])
-    around = surroundings(place_m, velocity=along_x(-6.0, 0.0))
-    allowed = filtered(along_x(0.0, 0.0), replace(around, lack_m_s=along_x(4.0, 0.0)))
-    assert np.abs(allowed[:, 2]).max() < 0.1
-
-
-def test_parting_pair_gives_up_speed_sideways_first() -> None:
-    fast_m_s = np.array([[5.0, 0.0, -2.0], [5.0, 0.0, -2.0]])
-    capped = cap(fast_m_s, SAFETY.limits, 5.0, np.array([True, False]))
-    assert capped[0, 2] == -2.0
-    assert capped[1, 2] > -2.0
-    assert np.linalg.norm(capped, axis=1) == pytest.approx(5.0)
