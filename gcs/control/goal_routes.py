@@ -1,4 +1,4 @@
-"""Routes of vehicles with goals of their own past the paths that lost vehicles may take (decision 0038).
+"""Routes past the paths that lost vehicles may take, to goals and to slots (decision 0042).
 
 A tangent sees one obstacle, and no height: walls of columns held vehicles on three sides, and one that
 climbed over them came down again before it was past. A route is searched in space, and remembered.

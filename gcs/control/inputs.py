@@ -99,9 +99,9 @@ CORNERS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalRoutes:
-    """Routes to goals past the paths of lost vehicles. Rows as in FleetState. Owns its arrays."""
+    """Routes to goals and slots past the paths of lost vehicles. Rows as in FleetState. Owns its arrays."""
 
-    goal_m: Array  # (n, 3) to which they lead, NaN: none
+    goal_m: Array  # (n, 3) goals to which they lead, NaN: none
     corner_m: Array  # (n, CORNERS, 3) show frame, in order, NaN after the last
     next_s: Array  # (n,) when each may be searched again
     place_m: Array  # (n, 3) that the vehicle has not left
@@ -142,7 +142,7 @@ class Memory:
         None  # (n,) how long each vehicle did not move as expected; negative: its slot stays with it
     )
     belief: Belief | None = None  # (n, 3) each vehicle's estimate of the centre; law `neighbours`
-    routes: GoalRoutes | None = None  # to goals of their own, None while no vehicle is lost
+    routes: GoalRoutes | None = None  # to goals and slots, None while no vehicle is lost
 
     @staticmethod
     def fresh(count: int, time_s: float) -> "Memory":

@@ -168,7 +168,7 @@ def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: flo
 
     The first vehicle in the list returns lowest, the last highest. In most of a sphere the vehicles of the
     outer pads fly above the others: listed last, they return above them, and none climbs through another's
-    height (decision 0038). Neighbours in the list share a height where there are more vehicles than layers.
+    height (decision 0041). Neighbours in the list share a height where there are more vehicles than layers.
 
     Args:
         count: n vehicles.
