@@ -19,7 +19,7 @@ STANDING_M_S = 0.5
 
 HALVES_S = 0.1
 """Delay of the links, one way, at which the inner loop has half its gain: with all of it, the loop that the
-filter closes on the measured velocities swings between neighbours on all sides (decision 0037).
+filter closes on the measured velocities swings between neighbours on all sides (decision 0043).
 """
 
 
