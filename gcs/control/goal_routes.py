@@ -21,14 +21,6 @@ ROUTE_SPARE_M, SEEN_SPARE_M = 0.6, 0.2
 BEGUN_SHARE = 0.98
 """Of the present distance: a vehicle inside the closed space comes no nearer to a path than this."""
 
-PASSAGE_SHARE = 0.9
-"""Where no route keeps all distances another is searched that keeps as much of them as the vehicle does now,
-this share at least: walls of paths may have closed beside it.
-"""
-
-PASSAGE_SPARE_M = 0.4
-"""Such a route is followed although it comes nearer to a path than it should, by this much."""
-
 BEYOND_M, REACHED_M = 2.0, 1.0
 """A vehicle farther than the first from a corner aims as far beyond it. Nearer than the second it goes on."""
 
@@ -68,8 +60,8 @@ def _later(
     routes.place_m[rows[left]], routes.since_s[rows[left]] = position_m[left], time_s
     stalled = time_s - routes.since_s[rows] > STALLED_S
     routes.since_s[rows[stalled]], routes.wary[rows[stalled]] = time_s, ~routes.wary[rows[stalled]]
-    dropped = rows[anew | stalled]
-    routes.corner_m[dropped], routes.next_s[dropped], routes.share[dropped] = np.nan, -np.inf, 1.0
+    dropped, routes.no_way[rows[left]] = rows[anew | stalled], False
+    routes.corner_m[dropped], routes.next_s[dropped], routes.passage[dropped] = np.nan, -np.inf, False
     return routes
 
 
@@ -100,16 +92,17 @@ def follow_routes(
     routes = _later(begun, rows, time_s, now.position_m[rows], goal_m[rows])
     stuck, off = _off_slots(now, routes, slot_m)
     aim_m, seen, led = _towards(now, routes, goal_m, np.concatenate([rows, off]))
-    routes.corner_m[off[~led[off]]] = np.nan
+    routes.corner_m[off[~led[off]]], routes.no_way[seen] = np.nan, False
     searching = np.concatenate([rows[~seen[rows]], stuck[~seen[stuck]]])
     searching = searching[routes.next_s[searching] <= time_s]
     if len(searching):
         row = int(searching[np.argmin(routes.next_s[searching])])
-        corner_m, share = _searched(now, row, goal_m[row], wary=bool(routes.wary[row]))
+        corner_m, reaches, routes.passage[row] = _searched(now, row, goal_m[row], wary=bool(routes.wary[row]))
         routes.corner_m[row] = np.nan
         routes.corner_m[row, : len(corner_m)] = corner_m[:CORNERS]
-        routes.next_s[row] = time_s + (AGAIN_S if share > 0.0 else FAILED_AGAIN_S)
-        routes.share[row] = share or 1.0
+        routes.next_s[row] = time_s + (AGAIN_S if reaches else FAILED_AGAIN_S)
+        routes.no_way[row] = not reaches
+    routes.passage[~np.isfinite(routes.corner_m[:, 0, 0])] = False
     return aim_m, np.concatenate([now.goers, off[led[off]]]), routes
 
 
@@ -127,9 +120,7 @@ def _towards(
         if len(some) == 0:
             continue
         place_m, corner_m = now.position_m[some], routes.corner_m[some] * scale
-        share = routes.share[some, None]
-        path_m, kept_m = _closed(now, some, wary=wary)
-        kept_m = np.where(share < 1.0, share * kept_m - PASSAGE_SPARE_M, kept_m)
+        path_m, kept_m = _closed(now, some, routes.passage[some], wary=wary)
         some_m, seen[some] = _aims(place_m * scale, goal_m[some] * scale, corner_m, path_m, kept_m)
         corner_m /= scale
         routes.corner_m[some] = corner_m
@@ -154,15 +145,16 @@ def _off_slots(
     left = ~far | ~(np.linalg.norm(position_m - routes.place_m[rows], axis=1) < STUCK_M)
     routes.place_m[rows[left]], routes.since_s[rows[left]] = position_m[left], time_s
     routes.corner_m[rows[~far]], routes.next_s[rows[~far]] = np.nan, -np.inf
+    routes.no_way[rows[left]] = False
     routes.goal_m[rows], routes.wary[rows] = np.nan, False
     stuck = time_s - routes.since_s[rows] > STUCK_S
     return rows[stuck], rows[stuck | np.isfinite(routes.corner_m[rows, 0, 0])]
 
 
-def _closed(now: TickInputs, rows: NDArray[np.intp], *, wary: bool) -> tuple[Array, Array]:
+def _closed(now: TickInputs, rows: NDArray[np.intp], passage: Mask, *, wary: bool) -> tuple[Array, Array]:
     """Closed paths (m, 2, 3), scaled, and the distance (k, m) that vehicles in `rows` (k,) keep from each.
 
-    `wary`: other vehicles that stand are closed, too.
+    `passage` (k,): as in `GoalRoutes`. `wary`: other vehicles that stand are closed, too.
     """
     tasks, floor, uncertainty_m = now.tasks, now.settings.safety.floor, np.array(now.traits.uncertainty_m)
     path_m = np.array(tasks.segments_m[: len(tasks.segments_m) - tasks.silent_segments])
@@ -170,7 +162,7 @@ def _closed(now: TickInputs, rows: NDArray[np.intp], *, wary: bool) -> tuple[Arr
     if tasks.segments_of is not None:
         lost_m = uncertainty_m[tasks.segments_of[: len(path_m)]]
     least_m, own_m = floor.horizontal_m + floor.margin_m, uncertainty_m[rows, None]
-    kept_m = least_m + floor.reserve_m(own_m, lost_m)
+    kept_m = least_m - floor.margin_m * passage[:, None] + floor.reserve_m(own_m, lost_m)
     if wary:
         slow = np.linalg.norm(now.velocity_m_s, axis=1) < STANDING_M_S
         stands = np.flatnonzero(slow & tasks.airborne & np.isfinite(now.position_m).all(axis=1))
@@ -180,15 +172,15 @@ def _closed(now: TickInputs, rows: NDArray[np.intp], *, wary: bool) -> tuple[Arr
     return path_m * floor.scale, kept_m
 
 
-def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[Array, float]:
+def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[Array, bool, bool]:
     """A route of that row to its goal (3,), or near it.
 
-    Returns: corners (k, 3), and the share of the distances to be kept that it keeps, 0: it does not reach the
-    goal.
+    Returns: corners (k, 3), whether they reach the goal, and whether through a passage (`GoalRoutes`).
     """
-    settings, (path_m, kept_m) = now.settings, _closed(now, np.array([row]), wary=wary)
+    settings, both = now.settings, np.array([row, row])
+    path_m, (kept_m, passage_m) = _closed(now, both, np.array([False, True]), wary=wary)
     scale, fence, limits = settings.safety.floor.scale, settings.safety.fence, settings.safety.limits
-    path_m, kept_m = path_m[kept_m[0] > 0.0], kept_m[0, kept_m[0] > 0.0]
+    path_m, kept_m, passage_m = path_m[kept_m > 0.0], kept_m[kept_m > 0.0], passage_m[kept_m > 0.0]
     start_m, goal_m = now.position_m[row] * scale, goal_m * scale
     low_m = np.minimum(start_m, goal_m) - MARGINS * kept_m.max()
     high_m = np.maximum(start_m, goal_m) + MARGINS * kept_m.max()
@@ -209,10 +201,9 @@ def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[
     bounds = low_m, high_m, cell_m, climb_cost, fence.distance_max_m
     corner_m, reaches = find_corners(start_m, goal_m, path_m, clear_m, *bounds)
     if reaches:
-        return corner_m / scale, 1.0
-    share = max(PASSAGE_SHARE, BEGUN_SHARE * np.min(_from_paths_m(start_m, path_m) / kept_m, initial=1.0))
-    through_m, reaches = find_corners(start_m, goal_m, path_m, np.minimum(clear_m, share * kept_m), *bounds)
-    return (through_m / scale, share) if reaches else (corner_m / scale, 0.0)
+        return corner_m / scale, True, False
+    through_m, reaches = find_corners(start_m, goal_m, path_m, np.minimum(clear_m, passage_m), *bounds)
+    return (through_m if reaches else corner_m) / scale, reaches, reaches
 
 
 @kernel

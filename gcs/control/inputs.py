@@ -107,14 +107,15 @@ class GoalRoutes:
     place_m: Array  # (n, 3) that the vehicle has not left
     since_s: Array  # (n,) since then
     wary: Mask  # (n,) leads past standing vehicles, too
-    share: Array  # (n,) of the distances to be kept that it keeps; below 1: through a passage
+    passage: Mask  # (n,) leads where walls of paths closed beside it: it keeps no margin from them
+    no_way: Mask  # (n,) the last search found none that reaches the goal
 
     @staticmethod
     def none(count: int) -> "GoalRoutes":
         """No vehicle has a route."""
         nowhere, never = np.full((count, 3), np.nan), np.full(count, -np.inf)
-        corner_m, wary = np.full((count, CORNERS, 3), np.nan), np.zeros(count, dtype=np.bool_)
-        return GoalRoutes(nowhere, corner_m, never, nowhere, never, wary, np.ones(count))
+        corner_m, no = np.full((count, CORNERS, 3), np.nan), np.zeros(count, dtype=np.bool_)
+        return GoalRoutes(nowhere, corner_m, never, nowhere, never, no, no, no)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

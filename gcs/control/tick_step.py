@@ -9,7 +9,7 @@ import numpy as np
 from gcs.control.center import move_center
 from gcs.control.desired_velocity import desired_velocity, slots_m, spread
 from gcs.control.goal_routes import follow_routes
-from gcs.control.inputs import ControlSettings, Memory, Task, Tasks, TickInputs
+from gcs.control.inputs import ControlSettings, GoalRoutes, Memory, Task, Tasks, TickInputs
 from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.formation.neighbours import Sight
@@ -86,7 +86,9 @@ def tick(
         least.lack_m_s,
         least.reserve_m_s,
     )
-    allowed_m_s, limited_by = filter_velocities(reached_m_s, _surroundings(now, authority), settings.safety)
+    allowed_m_s, limited_by = filter_velocities(
+        reached_m_s, _surroundings(now, authority, routes), settings.safety
+    )
     shaped = shape_setpoints(
         now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
     )
@@ -173,7 +175,7 @@ def _of_commanded(
     return commanded_m_s, asked_m_s
 
 
-def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
+def _surroundings(now: TickInputs, authority: Authority, routes: GoalRoutes | None) -> Surroundings:
     safety = now.settings.safety
     wander_m = authority.wander_m(safety.authority)
     wander_m[now.descending] = 0.0
@@ -201,6 +203,7 @@ def _surroundings(now: TickInputs, authority: Authority) -> Surroundings:
         wander_m,
         now.tasks.segments_of,
         now.tasks.drift,
+        None if routes is None else routes.passage,
     )
 
 

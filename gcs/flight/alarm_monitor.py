@@ -173,6 +173,7 @@ class AlarmMonitor:
             *self._of_vehicles(findings.failsafes),
             *self._of_distances(tick),
             *_of_the_centre(tick),
+            *of_routes(tick, self.flight.fleet.ids),
             *self._of_the_radius(),
             *self._of_authority(tick),
             *_of_failsafes(findings.failsafes),
@@ -330,6 +331,15 @@ def _of_the_centre(tick: Tick) -> Iterator[Condition]:
         waits = "no way leads to the target" if not detour.reaches else "the way round it makes no headway"
         consequence = "The formation keeps clear of it, and goes on as soon as a way is free."
         yield Condition(AlarmCause.NO_HEADWAY, waits, consequence=consequence, about=detour.held_by)
+
+
+def of_routes(tick: Tick, ids: Sequence[str]) -> Iterator[Condition]:
+    """Yield vehicles that no route leads past the closed paths of lost vehicles."""
+    routes = tick.memory.routes
+    for row in [] if routes is None else np.flatnonzero(routes.no_way).tolist():
+        because = "none keeps the minimum separation from them"
+        consequence = "[It stays|They stay] clear of the paths, and [looks|look] for a way again."
+        yield Condition(AlarmCause.NO_WAY, because, (ids[row],), consequence)
 
 
 def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:

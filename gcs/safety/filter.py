@@ -80,6 +80,7 @@ class Surroundings:
     wander_m: Array  # (n,) standard deviations of where velocities that are not commanded lead
     segments_of: Rows | None = None  # (m,) row of each path's lost vehicle; None: not known
     drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
+    passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
 
 
 def filter_velocities(
@@ -216,6 +217,7 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
             segments_of=here.segments_of,
             drift=here.drift,
+            passage=here.passage,
             fastest_m_s=fastest_m_s,
         ),
         fence_constraints(

@@ -229,6 +229,7 @@ def keepout_constraints(
     segments_uncertainty_m: Array | None = None,
     segments_of: Rows | None = None,
     drift: tuple[Array, Array] | None = None,
+    passage: Mask | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Keep the commanded vehicles away from the space that lost vehicles may sweep.
@@ -248,6 +249,7 @@ def keepout_constraints(
             one; its other paths do not slow it down, as it may fly beside the lost one. None: not known.
         drift: (n, 3) expected positions and (n, 3) velocities of the lost vehicles that still drift, else
             NaN; None: of none. Needs `segments_of`.
+        passage: (n,) vehicles that keep floor and reserve from the paths, without margin; None: none does.
         fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
         out.
     """
@@ -270,11 +272,13 @@ def keepout_constraints(
     if segments_uncertainty_m is None:
         segments_uncertainty_m = np.full(len(segments_m), np.max(uncertainty_m))
     reserve_m = floor.reserve_m(uncertainty_m[row], segments_uncertainty_m[piece])
-    gap_m = distance_m - floor.horizontal_m - floor.margin_m - reserve_m
-    normal, bound_m_s = _true_bound(apart * floor.scale, gap_m, braking)
-    kept_m = (floor.horizontal_m + floor.margin_m + reserve_m).reshape(len(rows), -1)
+    kept_m = floor.horizontal_m + floor.margin_m + reserve_m
+    if passage is not None:
+        kept_m -= floor.margin_m * passage[row]
+    normal, bound_m_s = _true_bound(apart * floor.scale, distance_m - kept_m, braking)
     scaled_m = position_m[rows] * floor.scale
-    _one_way_out(normal, bound_m_s, scaled_m, segments_m * floor.scale, kept_m, onward)
+    own_kept_m = kept_m.reshape(len(rows), -1)
+    _one_way_out(normal, bound_m_s, scaled_m, segments_m * floor.scale, own_kept_m, onward)
     kept = bound_m_s >= -2.0 * fastest_m_s
     if segments_of is not None:
         kept &= ~_beside_a_broken_one((bound_m_s > 0.0).reshape(len(rows), -1), segments_of).ravel()

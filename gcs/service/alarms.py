@@ -55,6 +55,7 @@ class AlarmCause(StrEnum):
     TARGET_STALE = "target-stale"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
+    NO_WAY = "no-way"
     RADIUS_SMALL = "radius-small"
     LITTLE_AUTHORITY = "little-authority"
     SLOW_VEHICLE = "slow-vehicle"
@@ -170,6 +171,11 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C,
         "No headway past obstacle {about}",
         "Move the target, or remove the obstacle if it is gone; pause the show or bring it home otherwise.",
+    ),
+    AlarmCause.NO_WAY: CauseRow(
+        C,
+        "No way for {vehicles} past the paths of lost vehicles",
+        "Land [it|them] where [it is|they are], or get the links of the lost vehicles back.",
     ),
     AlarmCause.RADIUS_SMALL: CauseRow(
         C,
