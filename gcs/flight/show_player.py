@@ -31,7 +31,7 @@ class ShowPlayer:
     show_library: ShowLibrary
 
     def __post_init__(self) -> None:
-        self.show_library.judge_by(self.misfits)
+        self.show_library.misfits = self.misfits
         self._reported: Plan = self.flight.plan  # the plan without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show have not appeared yet
         self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`

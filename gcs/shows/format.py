@@ -200,34 +200,24 @@ class Show(Settings):
 def control_of(limits: ShowLimits, fence: ShowFence, usual: ControlSettings | None = None) -> ControlSettings:
     """Return `usual` law and safety, or their defaults, within these limits and this fence."""
     usual = usual or ControlSettings()
-    safety, law = usual.safety, usual.law
-    scale = limits.separation_min_m / safety.floor.horizontal_m
-    return usual.model_copy(
-        update={
-            "radius_rate_m_s": limits.radius_rate_max_m_s,
-            "law": law.model_copy(
-                update={
-                    "speed_m_s": min(law.speed_m_s, limits.speed_max_m_s),
-                    "center_speed_max_m_s": limits.formation_speed_max_m_s,
-                    "center_acceleration_max_m_s2": limits.formation_acceleration_max_m_s2,
-                    "climb_max_m_s": limits.formation_climb_max_m_s,
-                }
-            ),
-            "safety": safety.model_copy(
-                update={
-                    "limits": Limits(
-                        horizontal_m_s=limits.speed_max_m_s,
-                        up_m_s=limits.climb_max_m_s,
-                        down_m_s=limits.sink_max_m_s,
-                    ),
-                    "floor": safety.floor.model_copy(
-                        update={
-                            "horizontal_m": limits.separation_min_m,
-                            "vertical_m": safety.floor.vertical_m * scale,
-                        }
-                    ),
-                    "fence": Fence(**fence.model_dump()),
-                }
-            ),
-        }
-    )
+    law, floor = usual.law, usual.safety.floor
+    law_within = {
+        "speed_m_s": min(law.speed_m_s, limits.speed_max_m_s),
+        "center_speed_max_m_s": limits.formation_speed_max_m_s,
+        "center_acceleration_max_m_s2": limits.formation_acceleration_max_m_s2,
+        "climb_max_m_s": limits.formation_climb_max_m_s,
+    }
+    least_m = limits.separation_min_m
+    up_m = floor.vertical_m * (least_m / floor.horizontal_m)
+    up_m_s, down_m_s = limits.climb_max_m_s, limits.sink_max_m_s
+    safety_within = {
+        "limits": Limits(horizontal_m_s=limits.speed_max_m_s, up_m_s=up_m_s, down_m_s=down_m_s),
+        "floor": floor.model_copy(update={"horizontal_m": least_m, "vertical_m": up_m}),
+        "fence": Fence(**fence.model_dump()),
+    }
+    within = {
+        "radius_rate_m_s": limits.radius_rate_max_m_s,
+        "law": law.model_copy(update=law_within),
+        "safety": usual.safety.model_copy(update=safety_within),
+    }
+    return usual.model_copy(update=within)

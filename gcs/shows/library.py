@@ -64,11 +64,8 @@ class ShowLibrary:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._turn = asyncio.Lock()
         self._writing = asyncio.Lock()
-        self._misfits: Callable[[Show], Sequence[Flaw]] = lambda _: ()
-
-    def judge_by(self, misfits: Callable[[Show], Sequence[Flaw]]) -> None:
-        """Have checks also report why this service would refuse a good show under its present settings."""
-        self._misfits = misfits
+        # Why this service would refuse a good show under its present settings; checks report it, too.
+        self.misfits: Callable[[Show], Sequence[Flaw]] = lambda _: ()
 
     async def close(self) -> None:
         tasks = dict(self._tasks)
@@ -186,7 +183,7 @@ class ShowLibrary:
         if checked.show is None or checked.source is None:
             return checked.reported
         source = checked.source
-        found = [Problem(source.line(*flaw.loc), None, flaw.text) for flaw in self._misfits(checked.show)]
+        found = [Problem(source.line(*flaw.loc), None, flaw.text) for flaw in self.misfits(checked.show)]
         if not found:
             return checked.reported
         problems = sorted((*checked.reported.problems, *found), key=lambda problem: problem.line)

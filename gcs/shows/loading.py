@@ -1,6 +1,6 @@
 """Loads a show file, names every problem, and compares the show with the service that flies it."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -49,14 +49,14 @@ def parse(text: str, file: str) -> LoadedShow:
         raw = source.mapping("about, origin, fleet, fence, timeline and duration_s")
     except FileError as error:
         raise ShowError(error.file, error.problems) from None
+    show = None
     try:
         show = Show.model_validate(raw)
+        found = flaws(show)
     except ValidationError as error:
         found = [Flaw(misfit.loc, _within_cue(misfit)) for misfit in misfits(error, Show, source)]
-        raise ShowError(file, _all_located(found, source, _names(raw))) from None
-    found = flaws(show)
-    if found:
-        raise ShowError(file, _all_located(found, source, _names(raw)))
+    if found or show is None:
+        raise ShowError(file, [located(flaw, source, _names(raw)) for flaw in found])
     return LoadedShow(Path(file).stem, file, show, Timeline.of(show), source)
 
 
@@ -70,10 +70,6 @@ def _within_cue(misfit: Misfit) -> str:
     if len(loc) > 2 and loc[0] == "timeline":
         key = key.removeprefix(f"timeline.{loc[1]}.")
     return str(misfit._replace(key=key))
-
-
-def _all_located(found: Iterable[Flaw], source: Source, cues: list[str | None]) -> list[Problem]:
-    return [located(flaw, source, cues) for flaw in found]
 
 
 def _cue(loc: Loc, cues: list[str | None]) -> str | None:
@@ -114,11 +110,8 @@ def _origin(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
     )[0]
     sideways_m, up_m = hypot(float(away_m[0]), float(away_m[1])), abs(float(away_m[2]))
     if not max(sideways_m, up_m) <= ORIGIN_WITHIN_M:
-        yield Flaw(
-            ("origin",),
-            f"origin: {sideways_m:.1f} m sideways and {up_m:.1f} m in height from the service's show_frame;"
-            f" at most {ORIGIN_WITHIN_M:g} m",
-        )
+        text = f"{sideways_m:.1f} m sideways and {up_m:.1f} m in height from the service's show_frame"
+        yield Flaw(("origin",), f"origin: {text}; at most {ORIGIN_WITHIN_M:g} m")
     turned_deg = abs((origin.heading_deg - frame.heading_deg + 180.0) % 360.0 - 180.0)
     if turned_deg > HEADING_WITHIN_DEG:
         text = f"origin.heading_deg = {origin.heading_deg:g}: the service's is {frame.heading_deg:g}"
@@ -128,17 +121,14 @@ def _origin(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
 def _limits(show: Show, control: ControlSettings) -> Iterator[Flaw]:
     """Yield the service's limits that are narrower than those that the show was checked with."""
     limits, fence, law, safety = show.limits, show.fence, control.law, control.safety
+    acceleration = "limits.formation_acceleration_max_m_s2", limits.formation_acceleration_max_m_s2
     at_most = (
         ("limits.speed_max_m_s", limits.speed_max_m_s, safety.limits.horizontal_m_s),
         ("limits.climb_max_m_s", limits.climb_max_m_s, safety.limits.up_m_s),
         ("limits.sink_max_m_s", limits.sink_max_m_s, safety.limits.down_m_s),
         ("limits.formation_speed_max_m_s", limits.formation_speed_max_m_s, law.center_speed_max_m_s),
         ("limits.formation_climb_max_m_s", limits.formation_climb_max_m_s, law.climb_max_m_s),
-        (
-            "limits.formation_acceleration_max_m_s2",
-            limits.formation_acceleration_max_m_s2,
-            law.center_acceleration_max_m_s2,
-        ),
+        (*acceleration, law.center_acceleration_max_m_s2),
         ("limits.radius_rate_max_m_s", limits.radius_rate_max_m_s, control.radius_rate_m_s),
         ("fence.height_max_m", fence.height_max_m, safety.fence.height_max_m),
         ("fence.distance_max_m", fence.distance_max_m, safety.fence.distance_max_m),

@@ -111,29 +111,11 @@ class Curve:
         return np.asarray(self.spline(time_s - self.from_s, 1)) if inside else np.zeros(2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Live:
-    """A live target: the show knows only its position when it became live."""
-
-    from_s: float
-    last_m: Array  # (2,)
-    cue: int
-
-    @property
-    def to_s(self) -> float:
-        """End time; a live target has no transition."""
-        return self.from_s
-
-    def value(self, time_s: float) -> Array:  # noqa: ARG002  (as of the other legs)
-        """(2,) Position in m."""
-        return self.last_m
-
-    def rate(self, time_s: float) -> Array:  # noqa: ARG002
-        """(2,) Velocity in m/s."""
-        return np.zeros(2)
+class Live(Glide):
+    """A live target: the show knows only its position when it became live, and has no transition to it."""
 
 
-Leg: TypeAlias = Glide | Curve | Live
+Leg: TypeAlias = Glide | Curve
 
 
 def written_out(cues: tuple[Cue, ...], loops: tuple[Loop, ...]) -> tuple[Played, ...]:
@@ -263,18 +245,8 @@ class _Writer:
         for one in played:
             self._begin(one) if one is played[0] else self._change(one)
         radius, height, spin, lights = (Track(tuple(glides)) for glides in self._glides.values())
-        return Timeline(
-            show,
-            total_s(show),
-            played,
-            radius,
-            height,
-            spin,
-            lights,
-            tuple(self._legs),
-            tuple(self._orbits),
-            tuple(self._obstacles),
-        )
+        legs, orbits, obstacles = tuple(self._legs), tuple(self._orbits), tuple(self._obstacles)
+        return Timeline(show, total_s(show), played, radius, height, spin, lights, legs, orbits, obstacles)
 
     def _begin(self, one: Played) -> None:
         """Lay out the first cue: its values hold at once."""
@@ -304,15 +276,14 @@ class _Writer:
         if cue.obstacles.appear or cue.obstacles.go:
             stays = [box for box in self._obstacles[-1][1] if box.id not in cue.obstacles.go]
             self._obstacles.append((one.at_s, (*stays, *map(obstacle_of, cue.obstacles.appear))))
-        acceleration_m_s2 = limits.formation_acceleration_max_m_s2
-        if cue.radius_m is not None:
-            self._glide(
-                "radius_m", one, np.array([cue.radius_m]), limits.radius_rate_max_m_s, acceleration_m_s2
-            )
-        if cue.height_m is not None:
-            self._glide(
-                "height_m", one, np.array([cue.height_m]), limits.formation_climb_max_m_s, acceleration_m_s2
-            )
+        sizes = (
+            ("radius_m", cue.radius_m, limits.radius_rate_max_m_s),
+            ("height_m", cue.height_m, limits.formation_climb_max_m_s),
+        )
+        for what, value, rate_max in sizes:
+            if value is not None:
+                acceleration_max = limits.formation_acceleration_max_m_s2
+                self._glide(what, one, np.array([value]), rate_max, acceleration_max)
         if cue.spin is not None:
             self._glide("spin", one, np.array([_rate_rad_s(cue.spin)]), self.spin_change_max(one.at_s), inf)
         if cue.lights is not None:
@@ -354,19 +325,16 @@ class _Writer:
                 over_s = 0.0  # the start is not known: the centre flies there within its own limits
             self._legs.append(Glide(one.at_s, one.at_s + over_s, here_m, there_m, one.index))
         else:
-            self._legs.append(Live(one.at_s, here_m, one.index))
+            self._legs.append(Live(one.at_s, one.at_s, here_m, here_m, one.index))
 
     def _left_to_target(self) -> tuple[float, float]:
         """Speed and acceleration of the centre that the orbit leaves."""
-        limits, orbit = self._limits, self._orbits[-1][1]
-        speed_m_s, turn_m_s2 = turning(orbit)
-        return (
-            max(limits.formation_speed_max_m_s - speed_m_s, LEAST_SHARE * limits.formation_speed_max_m_s),
-            max(
-                limits.formation_acceleration_max_m_s2 - turn_m_s2,
-                LEAST_SHARE * limits.formation_acceleration_max_m_s2,
-            ),
+        most = self._limits.formation_speed_max_m_s, self._limits.formation_acceleration_max_m_s2
+        speed, turn = (
+            max(limit - taken, LEAST_SHARE * limit)
+            for limit, taken in zip(most, turning(self._orbits[-1][1]), strict=True)
         )
+        return speed, turn
 
 
 def turning(orbit: Orbit) -> tuple[float, float]:

@@ -5,10 +5,10 @@ flown late, elsewhere or not at all.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import hypot, inf
+from math import hypot
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from gcs.control import ControlSettings
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Plan
 from gcs.planning.feasibility import check_formation, check_obstacle, check_orbit, check_target
-from gcs.shows.format import MAX_CUES, Cue, Path, Show
+from gcs.shows.format import MAX_CUES, Cue, Path, Show, ShowLimits
 from gcs.shows.timeline import (
     Curve,
     Glide,
+    Leg,
     Live,
     Played,
     Timeline,
@@ -49,6 +50,11 @@ class Flaw:
     text: str
 
 
+def _of_value(value: float | str, text: str, *loc: str | int) -> Flaw:
+    """Return the flaw of a value; its path ends with its key."""
+    return Flaw(loc, f"{loc[-1]} = {value if isinstance(value, str) else format(value, 'g')}: {text}")
+
+
 def flaws(show: Show) -> list[Flaw]:
     """Return everything that is wrong with a show as far as it is detectable without flying it."""
     found = [*_fleet(show), *_structure(show), *_loops(show)]
@@ -67,49 +73,38 @@ def flaws(show: Show) -> list[Flaw]:
 def _fleet(show: Show) -> Iterator[Flaw]:
     fence, fleet, floor = show.fence, show.fleet, show.control.safety.floor
     if not fence.height_min_m < fence.height_max_m:
-        yield Flaw(("fence", "height_max_m"), f"height_max_m = {fence.height_max_m:g}: above height_min_m")
+        yield _of_value(fence.height_max_m, "above height_min_m", "fence", "height_max_m")
     if fleet.takeoff_height_m < fence.height_min_m:
-        yield Flaw(
-            ("fleet", "takeoff_height_m"),
-            f"takeoff_height_m = {fleet.takeoff_height_m:g}: at least the fence's {fence.height_min_m:g} m",
-        )
+        text = f"at least the fence's {fence.height_min_m:g} m"
+        yield _of_value(fleet.takeoff_height_m, text, "fleet", "takeoff_height_m")
     least_m = floor.kept_m(floor.worst_reserve_m())[0]
     if fleet.vehicles > 1 and fleet.pads.spacing_m < least_m - NEARLY:
-        yield Flaw(
-            ("fleet", "pads", "spacing_m"),
-            f"spacing_m = {fleet.pads.spacing_m:g}: at least {least_m:.3g} m, or a climbing vehicle comes too"
-            " close to its neighbour",
-        )
+        text = f"at least {least_m:.3g} m, or a climbing vehicle comes too close to its neighbour"
+        yield _of_value(fleet.pads.spacing_m, text, "fleet", "pads", "spacing_m")
     farthest_m = float(np.hypot(*show.pads_m[:, :2].T).max())
     if farthest_m > fence.distance_max_m:
-        yield Flaw(
-            ("fleet", "pads"),
-            f"a pad lies {farthest_m:.1f} m from the origin, beyond the fence at {fence.distance_max_m:g} m",
-        )
+        text = f"a pad lies {farthest_m:.1f} m from the origin, beyond the fence at"
+        yield Flaw(("fleet", "pads"), f"{text} {fence.distance_max_m:g} m")
 
 
 def _structure(show: Show) -> Iterator[Flaw]:
     cues = show.timeline
     first = cues[0]
     if first.at_s != 0.0:
-        yield Flaw(("timeline", 0, "at_s"), f"at_s = {first.at_s:g}: the first cue begins at 0")
+        yield _of_value(first.at_s, "the first cue begins at 0", "timeline", 0, "at_s")
     for key in ("radius_m", "height_m"):
         if getattr(first, key) is None:
             yield Flaw(("timeline", 0), f"{key} is missing: the first cue says where the show begins")
     named = Counter(cue.cue for cue in cues)
     for index, (before, cue) in enumerate(pairwise(cues), start=1):
         if not cue.at_s > before.at_s:
-            yield Flaw(
-                ("timeline", index, "at_s"),
-                f"at_s = {cue.at_s:g}: after the {before.at_s:g} s of '{before.cue}'",
-            )
+            text = f"after the {before.at_s:g} s of '{before.cue}'"
+            yield _of_value(cue.at_s, text, "timeline", index, "at_s")
         if named[cue.cue] > 1 and cue.cue in {one.cue for one in cues[:index]}:
-            yield Flaw(("timeline", index, "cue"), f"cue = {cue.cue}: the name is there twice")
+            yield _of_value(cue.cue, "the name is there twice", "timeline", index, "cue")
     if show.duration_s <= cues[-1].at_s:
-        yield Flaw(
-            ("duration_s",),
-            f"duration_s = {show.duration_s:g}: longer than the {cues[-1].at_s:g} s of the last cue",
-        )
+        text = f"longer than the {cues[-1].at_s:g} s of the last cue"
+        yield _of_value(show.duration_s, text, "duration_s")
 
 
 def _loops(show: Show) -> Iterator[Flaw]:
@@ -120,19 +115,17 @@ def _loops(show: Show) -> Iterator[Flaw]:
     for at, loop in enumerate(show.loops):
         unknown = [key for key in ("from_cue", "to_cue") if getattr(loop, key) not in index_of]
         for key in unknown:
-            yield Flaw(("loops", at, key), f"{key} = {getattr(loop, key)}: there is no such cue")
+            yield _of_value(getattr(loop, key), "there is no such cue", "loops", at, key)
         if unknown:
             sound = False
             continue
         inside = set(range(index_of[loop.from_cue], index_of[loop.to_cue]))
         if not inside:
-            sound = False
-            yield Flaw(("loops", at, "to_cue"), f"to_cue = {loop.to_cue}: a cue after '{loop.from_cue}'")
+            yield _of_value(loop.to_cue, f"a cue after '{loop.from_cue}'", "loops", at, "to_cue")
         if inside & taken:
-            sound = False
-            yield Flaw(
-                ("loops", at), f"the loop from '{loop.from_cue}' lies in another one; loops follow each other"
-            )
+            text = f"the loop from '{loop.from_cue}' lies in another one; loops follow each other"
+            yield Flaw(("loops", at), text)
+        sound = sound and bool(inside) and not inside & taken
         taken |= inside
     if not sound:
         return
@@ -151,10 +144,8 @@ def _paths(show: Show) -> Iterator[Flaw]:
             continue
         for at, (before, point) in enumerate(pairwise(cue.target.path), start=1):
             if not point.after_s > before.after_s:
-                yield Flaw(
-                    ("timeline", index, "target", "path", at, "after_s"),
-                    f"after_s = {point.after_s:g}: more than the {before.after_s:g} s of the point before",
-                )
+                text = f"more than the {before.after_s:g} s of the point before"
+                yield _of_value(point.after_s, text, "timeline", index, "target", "path", at, "after_s")
 
 
 def _obstacles(show: Show) -> Iterator[Flaw]:
@@ -194,39 +185,33 @@ def _again(one: Played) -> str:
 def _transitions(timeline: Timeline) -> list[Flaw]:
     """Check that each is slow enough, and ends before the next begins and before the show ends."""
     limits = timeline.show.limits
-    acceleration = limits.formation_acceleration_max_m_s2
-    found: dict[Loc, Flaw] = {}
-
-    def add(loc: Loc, text: str) -> None:
-        found.setdefault(loc, Flaw(loc, text))
-
-    kinds: tuple[tuple[str, tuple[Glide | Curve | Live, ...], str, float, float], ...] = (
-        ("radius_m", timeline.radius_m.glides, "m", limits.radius_rate_max_m_s, acceleration),
-        ("height_m", timeline.height_m.glides, "m", limits.formation_climb_max_m_s, acceleration),
-        ("spin", timeline.spin_rad_s.glides, "rad/s", inf, inf),
-        ("lights", timeline.lights.glides, "", inf, inf),
-        ("target", timeline.legs, "m", limits.formation_speed_max_m_s, acceleration),
+    kinds: tuple[tuple[str, tuple[Leg, ...], float | None], ...] = (
+        ("radius_m", timeline.radius_m.glides, limits.radius_rate_max_m_s),
+        ("height_m", timeline.height_m.glides, limits.formation_climb_max_m_s),
+        ("spin", timeline.spin_rad_s.glides, None),
+        ("lights", timeline.lights.glides, None),
+        ("target", timeline.legs, limits.formation_speed_max_m_s),
     )
-    for key, legs, unit, rate, rate_change in kinds:
-        for leg in legs:
-            if isinstance(leg, Glide):
-                _slow_enough(add, key, leg, unit, rate, rate_change)
-        for before, leg in pairwise(legs):
-            if before.to_s > leg.from_s + NEARLY:
-                cue = timeline.show.timeline[before.cue].cue
-                add(
-                    ("timeline", leg.cue, key),
-                    f"{key}: '{cue}' is on its way until {before.to_s:.1f} s, this begins at {leg.from_s:g} s"
-                    f" of the show{_written(timeline, leg.cue, leg.from_s)}",
-                )
-        last = legs[-1]
-        if last.to_s > timeline.duration_s + NEARLY:
-            add(
-                ("timeline", last.cue, key),
-                f"{key} is on its way until {last.to_s:.1f} s, the show ends at {timeline.duration_s:g} s",
-            )
-    _paths_begin(timeline, add)
+    found: dict[Loc, Flaw] = {}
+    for key, legs, rate_m_s in kinds:
+        fast = [] if rate_m_s is None else _too_fast(key, legs, rate_m_s, limits)
+        for flaw in (*fast, *_in_time(timeline, key, legs)):
+            found.setdefault(flaw.loc, flaw)
+    for flaw in _paths_begin(timeline):
+        found.setdefault(flaw.loc, flaw)
     return list(found.values())
+
+
+def _in_time(timeline: Timeline, key: str, legs: Sequence[Leg]) -> Iterator[Flaw]:
+    for before, leg in pairwise(legs):
+        if before.to_s > leg.from_s + NEARLY:
+            way = f"{key}: '{timeline.show.timeline[before.cue].cue}' is on its way until {before.to_s:.1f} s"
+            begins = f"this begins at {leg.from_s:g} s of the show{_written(timeline, leg.cue, leg.from_s)}"
+            yield Flaw(("timeline", leg.cue, key), f"{way}, {begins}")
+    last = legs[-1]
+    if last.to_s > timeline.duration_s + NEARLY:
+        text = f"{key} is on its way until {last.to_s:.1f} s, the show ends at {timeline.duration_s:g} s"
+        yield Flaw(("timeline", last.cue, key), text)
 
 
 def _written(timeline: Timeline, index: int, at_s: float) -> str:
@@ -235,23 +220,20 @@ def _written(timeline: Timeline, index: int, at_s: float) -> str:
     return "" if abs(written_s - at_s) < NEARLY else f" (its loop repeats the cue of {written_s:g} s)"
 
 
-def _slow_enough(
-    add: Callable[[Loc, str], None], key: str, glide: Glide, unit: str, rate: float, rate_change: float
-) -> None:
-    size = float(np.linalg.norm(glide.after - glide.before)) if key == "target" else 0.0
-    size = size or float(np.abs(glide.after - glide.before).max())
-    if glide.to_s <= glide.from_s or key in {"spin", "lights"}:
-        return
-    needed_s, given_s = shortest_s(size, rate, rate_change), glide.to_s - glide.from_s
-    if given_s < needed_s - NEARLY:
-        add(
-            ("timeline", glide.cue, "over_s"),
-            f"over_s = {given_s:g}: {key} changes by {size:.3g} {unit}, that takes at least {needed_s:.1f} s"
-            f" at {rate:g} {unit}/s and {rate_change:g} {unit}/s^2",
-        )
+def _too_fast(key: str, legs: Sequence[Leg], rate_m_s: float, limits: ShowLimits) -> Iterator[Flaw]:
+    change_m_s2 = limits.formation_acceleration_max_m_s2
+    for glide in legs:
+        if not isinstance(glide, Glide) or glide.to_s <= glide.from_s:
+            continue
+        size_m = float(np.linalg.norm(glide.after - glide.before))
+        needed_s, given_s = shortest_s(size_m, rate_m_s, change_m_s2), glide.to_s - glide.from_s
+        if given_s < needed_s - NEARLY:
+            least = f"that takes at least {needed_s:.1f} s at {rate_m_s:g} m/s and {change_m_s2:g} m/s^2"
+            text = f"{key} changes by {size_m:.3g} m, {least}"
+            yield _of_value(given_s, text, "timeline", glide.cue, "over_s")
 
 
-def _paths_begin(timeline: Timeline, add: Callable[[Loc, str], None]) -> None:
+def _paths_begin(timeline: Timeline) -> Iterator[Flaw]:
     """Check that each path begins at the target's position then."""
     for before, leg in pairwise(timeline.legs):
         if isinstance(before, Live) or not isinstance(leg, Curve):
@@ -259,11 +241,9 @@ def _paths_begin(timeline: Timeline, add: Callable[[Loc, str], None]) -> None:
         off_m = leg.value(leg.from_s) - before.value(leg.from_s)
         if hypot(*off_m.tolist()) > 0.05:
             there = "({:.1f}, {:.1f}) m".format(*before.value(leg.from_s).tolist())
-            add(
-                ("timeline", leg.cue, "target", "path", 0),
-                f"the path begins {hypot(*off_m.tolist()):.1f} m from the target, which is at {there} at"
-                f" {leg.from_s:g} s of the show{_written(timeline, leg.cue, leg.from_s)}",
-            )
+            begins = f"the path begins {hypot(*off_m.tolist()):.1f} m from the target, which is at {there} at"
+            when = f"{leg.from_s:g} s of the show{_written(timeline, leg.cue, leg.from_s)}"
+            yield Flaw(("timeline", leg.cue, "target", "path", 0), f"{begins} {when}")
 
 
 # every time
@@ -309,10 +289,8 @@ def _moment(timeline: Timeline, time_s: float, control: ControlSettings) -> Iter
     except InvalidError as error:
         yield "orbit", f"orbit: {error}"
     if plan.target.speed_m_s > limits.formation_speed_max_m_s + NEARLY:
-        yield (
-            "target",
-            f"target: {plan.target.speed_m_s:.2f} m/s, at most {limits.formation_speed_max_m_s:g} m/s",
-        )
+        text = f"target: {plan.target.speed_m_s:.2f} m/s, at most {limits.formation_speed_max_m_s:g} m/s"
+        yield "target", text
     else:
         try:
             check_target(plan.target, plan.orbit, plan.formation, control)
@@ -327,41 +305,22 @@ def _together(timeline: Timeline, plan: Plan, time_s: float) -> Iterator[tuple[s
     along_m_s = plan.target.speed_m_s + orbit_m_s
     fastest_m_s = limits.formation_speed_max_m_s
     if orbit_m_s <= fastest_m_s < along_m_s - NEARLY:
-        yield (
-            "target",
-            (
-                f"target: its {plan.target.speed_m_s:.2f} m/s and the orbit's {orbit_m_s:g} m/s are more than"
-                f" the formation's {fastest_m_s:g} m/s"
-            ),
-        )
+        both = f"its {plan.target.speed_m_s:.2f} m/s and the orbit's {orbit_m_s:g} m/s"
+        yield "target", f"target: {both} are more than the formation's {fastest_m_s:g} m/s"
     ahead = timeline.plan_at(min(time_s + SAMPLED_S, timeline.duration_s)).target
     change_m_s = np.subtract(ahead.velocity_m_s, plan.target.velocity_m_s)
     strongest_m_s2 = limits.formation_acceleration_max_m_s2
     push_m_s2 = hypot(*change_m_s.tolist()) / SAMPLED_S + turn_m_s2
     if turn_m_s2 <= strongest_m_s2 and push_m_s2 > 1.02 * strongest_m_s2 and time_s < timeline.duration_s:
-        yield (
-            "target",
-            (
-                f"target: it turns or speeds up by {push_m_s2:.2f} m/s^2 with the orbit, at most"
-                f" {strongest_m_s2:g} m/s^2: give it more time"
-            ),
-        )
+        push = f"it turns or speeds up by {push_m_s2:.2f} m/s^2 with the orbit"
+        yield "target", f"target: {push}, at most {strongest_m_s2:g} m/s^2: give it more time"
     radius_m, spin_rad_s = plan.formation.radius_m, abs(plan.formation.spin_rad_s)
     rim_m_s, pull_m_s2 = spin_rad_s * radius_m, spin_rad_s**2 * radius_m
+    rim = f"at the rim of {radius_m:g} m"
     if spin_rad_s and rim_m_s + along_m_s > limits.speed_max_m_s + NEARLY:
-        yield (
-            "spin",
-            (
-                f"spin: {rim_m_s:.1f} m/s at the rim of {radius_m:g} m and {along_m_s:.1f} m/s of the centre:"
-                f" at most the vehicles' {limits.speed_max_m_s:g} m/s"
-            ),
-        )
+        both = f"{rim_m_s:.1f} m/s {rim} and {along_m_s:.1f} m/s of the centre"
+        yield "spin", f"spin: {both}: at most the vehicles' {limits.speed_max_m_s:g} m/s"
     elif pull_m_s2 > strongest_m_s2 + NEARLY:
-        most_deg_s = np.degrees(np.sqrt(strongest_m_s2 / radius_m))
-        yield (
-            "spin",
-            (
-                f"spin: {pull_m_s2:.2f} m/s^2 at the rim of {radius_m:g} m, at most {strongest_m_s2:g} m/s^2:"
-                f" {np.floor(10.0 * most_deg_s) / 10.0:.1f} deg/s"
-            ),
-        )
+        most_deg_s = np.floor(10.0 * np.degrees(np.sqrt(strongest_m_s2 / radius_m))) / 10.0
+        limit = f"at most {strongest_m_s2:g} m/s^2: {most_deg_s:.1f} deg/s"
+        yield "spin", f"spin: {pull_m_s2:.2f} m/s^2 {rim}, {limit}"
