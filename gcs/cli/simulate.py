@@ -13,8 +13,7 @@ from gcs.shows import LoadedShow, find, load
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import Run, judged_runs, passed, run_all, summary
 from gcs.simulation.flight import fly
-from gcs.simulation.rehearsal import rehearse
-from gcs.simulation.rehearsal_verdict import judge, table
+from gcs.simulation.rehearsal import judge, rehearse, table
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
@@ -102,7 +101,7 @@ def _check(arguments: argparse.Namespace) -> int:
             print(error, file=sys.stderr)
         return 1
     with share_of(f"flying {path.stem} in virtual time", shown=not arguments.json) as report:
-        verdict = judge(*rehearse(loaded, arguments.seed, report))
+        verdict = judge(rehearse(loaded, arguments.seed, report))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
     answer(arguments, asdict(verdict) | model, table(verdict), indent=None)
     return 0 if verdict.good else 1
@@ -114,6 +113,6 @@ def _plot_show(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
 
     file = picture_file(arguments.picture)
     with share_of("flying it in virtual time", shown=not arguments.json) as report:
-        verdict = draw_show(*rehearse(loaded, arguments.seed, report), file)
+        verdict = draw_show(rehearse(loaded, arguments.seed, report), file)
     answer(arguments, {"picture": str(file), "good": verdict.good}, "")
     return 0 if verdict.good else 1

@@ -104,10 +104,6 @@ class Course:
         target = Target(**flight.target.model_dump())
         return Course(flight, target, boxes, ellipses, np.full(count, flight.charge))
 
-    def near(self, center_m: Array) -> bool:
-        """Whether a centre at (3,) is within `AWARE_M` of a box."""
-        return any(ellipse.distance_m(center_m[None])[0] < AWARE_M for ellipse in self.ellipses.values())
-
     def target_m(self, time_s: float) -> Array:
         return np.array(self.target.position_m(time_s))
 
@@ -128,7 +124,8 @@ class Course:
 
 def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: float) -> None:
     flight, before = course.flight, formation.center
-    ellipses = course.ellipses if course.near(before.position_m) else {}
+    away_m = (ellipse.distance_m(before.position_m[None])[0] for ellipse in course.ellipses.values())
+    ellipses = course.ellipses if any(distance_m < AWARE_M for distance_m in away_m) else {}
     ahead_m = before.position_m + dt_s * before.velocity_m_s  # the field counts where the step ends
     desired_m_s, formation.sides = steer_center(
         before.position_m,

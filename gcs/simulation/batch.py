@@ -104,7 +104,6 @@ def _desired(gate: Gate) -> str:
 Figures = dict[str, object]
 
 LESS_IS_BETTER: Callable[[list[float]], float] = max
-
 MORE_IS_BETTER: Callable[[list[float]], float] = min
 
 SHOWN_NOTES = 20
@@ -137,15 +136,10 @@ IF_ANY = frozenset({"separation.lost_pairs"})
 
 def summary(reports: Sequence[Figures]) -> str:
     cells = rows(reports)
-    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
-    notes = sorted(
-        {
-            f"{run['scenario']} seed {run['seed']}: {'; '.join(words)}"
-            for run in reports
-            if (words := _words(run))
-        }
-    )
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ["  ".join(map(str.rjust, row, widths)) for row in cells]
+    found = [(f"{run['scenario']} seed {run['seed']}", _words(run)) for run in reports]
+    notes = sorted({f"{name}: {'; '.join(words)}" for name, words in found if words})
     left_off = [f"... and {len(notes) - SHOWN_NOTES} more"] if len(notes) > SHOWN_NOTES else []
     return "\n".join([*lines, *notes[:SHOWN_NOTES], *left_off])
 

@@ -140,106 +140,108 @@ class ObstacleWorld:
     orbit_radius_m: float = 0.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Draw:
+    """What a world is drawn from."""
+
+    random: np.random.Generator
+    settings: RandomObstacles
+    avoidance: AvoidanceSettings
+    sphere_m: float
+
+    def speed_m_s(self) -> float:
+        return self.random.uniform(self.settings.speed_min_m_s, self.settings.speed_max_m_s)
+
+    def height_m(self, above_m: float = 0.0) -> float:
+        return self.random.uniform(self.settings.height_min_m + above_m, self.settings.height_max_m)
+
+    def half_lengths_m(self) -> Array:
+        return self.random.uniform(self.settings.half_length_min_m, self.settings.half_length_max_m, 2)
+
+    def course(self) -> tuple[Array, Array]:
+        """(2,) unit vector of a course, and (2,) unit vector to its right."""
+        heading_rad = self.random.uniform(-pi, pi)
+        ahead, aside = (cos(heading_rad), sin(heading_rad)), (-sin(heading_rad), cos(heading_rad))
+        return np.array(ahead), np.array(aside)
+
+
 def draw_world(
     random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
 ) -> ObstacleWorld:
-    if settings.kind == "one":
-        return _one_in_the_way(random, settings, avoidance, sphere_m)
-    if settings.kind == "on-orbit":
-        return _one_on_the_orbit(random, settings, sphere_m)
-    if settings.kind == "closing":
-        return _closing(random, settings, avoidance, sphere_m)
-    if settings.kind in ("walls", "closed"):
-        return _walled(random, settings, avoidance, sphere_m)
-    return _many(random, settings, avoidance, sphere_m)
+    worlds = {"one": _one_in_the_way, "on-orbit": _one_on_the_orbit, "many": _many}
+    worlds |= {"closing": _closing, "walls": _walled, "closed": _walled}
+    return worlds[settings.kind](_Draw(random, settings, avoidance, sphere_m))
 
 
-def _one_in_the_way(
-    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
-) -> ObstacleWorld:
+def _one_in_the_way(draw: _Draw) -> ObstacleWorld:
     """One box on the sphere's straight path, and a target behind it."""
-    ahead, aside = _course(random)
-    half_m = _half_lengths_m(random, settings)
-    height_m = random.uniform(settings.height_min_m, settings.height_max_m)
-    size_m = float(np.hypot(*half_m)) + avoidance.margin_m
+    random, settings, sphere_m = draw.random, draw.settings, draw.sphere_m
+    ahead, aside = draw.course()
+    half_m, height_m = draw.half_lengths_m(), draw.height_m()
+    size_m = float(np.hypot(*half_m)) + draw.avoidance.margin_m
     spare_m = random.uniform(0.0, 20.0)
     before_m = sphere_m + settings.stopping_m + 1.5 * size_m + spare_m
     aside_m = random.uniform(-1.0, 1.0) * (0.7 * sphere_m + half_m.min())
     place_m = before_m * ahead + aside_m * aside
     behind_m = 1.5 * size_m + sphere_m + settings.beyond_m + random.uniform(0.0, 15.0)
-    target_m = (before_m + behind_m) * ahead
-    speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
+    target_m, speed_m_s = (before_m + behind_m) * ahead, draw.speed_m_s()
     sudden = random.random() < settings.sudden_share
     appears_s = random.uniform(0.0, spare_m / speed_m_s) if sudden else 0.0
     box = _box("box 1", place_m, half_m, height_m)
-    return ObstacleWorld((float(target_m[0]), float(target_m[1])), speed_m_s, (box,), (appears_s,))
+    return ObstacleWorld(_pair(target_m), speed_m_s, (box,), (appears_s,))
 
 
-def _one_on_the_orbit(
-    random: np.random.Generator, settings: RandomObstacles, sphere_m: float
-) -> ObstacleWorld:
+def _one_on_the_orbit(draw: _Draw) -> ObstacleWorld:
     """One box on the orbit of the centre, which begins at angle 0."""
+    random, settings = draw.random, draw.settings
     turn_rad = random.uniform(0.5 * pi, 1.5 * pi)
     off_m = settings.orbit_radius_m + random.uniform(-4.0, 4.0)
-    half_m = _half_lengths_m(random, settings)
-    height_m = random.uniform(settings.height_min_m + sphere_m, settings.height_max_m)
-    speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
+    half_m, height_m, speed_m_s = draw.half_lengths_m(), draw.height_m(draw.sphere_m), draw.speed_m_s()
     place_m = off_m * np.array([cos(turn_rad), sin(turn_rad)])
     box = _box("box 1", place_m, half_m, height_m)
     return ObstacleWorld((0.0, 0.0), speed_m_s, (box,), (0.0,), settings.orbit_radius_m)
 
 
-def _many(
-    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
-) -> ObstacleWorld:
+def _many(draw: _Draw) -> ObstacleWorld:
     """Many boxes between start and target: some overlap, some move, and all leave a passage."""
-    ahead, aside = _course(random)
-    target_m = settings.length_m * ahead
-    speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
+    random, settings = draw.random, draw.settings
+    ahead, aside = draw.course()
+    target_m, speed_m_s = settings.length_m * ahead, draw.speed_m_s()
     boxes: list[Obstacle] = []
     desired = int(random.integers(1, settings.boxes_max + 1))
     for _ in range(BOX_TRIES):
         if len(boxes) == desired:
             break
         place_m = random.uniform(0.0, settings.length_m) * ahead + random.uniform(-30.0, 30.0) * aside
-        box = _somewhere(random, settings, place_m, speed_m_s, f"box {len(boxes) + 1}")
-        clear = _clear_of_ends(box, settings, avoidance, target_m, sphere_m)
+        box = _somewhere(draw, place_m, speed_m_s, f"box {len(boxes) + 1}")
+        clear = _clear_of_ends(box, draw, target_m)
         if clear and all(_leaves_passage(box, other, settings.passage_m) for other in boxes):
             boxes.append(box)
     late_s = random.uniform(0.0, settings.sudden_until_s, len(boxes))
     sudden = random.random(len(boxes)) < settings.sudden_share
     appear_s = tuple(np.where(sudden, late_s, 0.0).tolist())
-    return ObstacleWorld((float(target_m[0]), float(target_m[1])), speed_m_s, tuple(boxes), appear_s)
+    return ObstacleWorld(_pair(target_m), speed_m_s, tuple(boxes), appear_s)
 
 
 CELL_M, MOVED_S = 3.0, 2.0
 """Grid and step of the search for a way out between moving boxes: 1.5 m/s, less than any centre flies."""
 
 
-def _closing(
-    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
-) -> ObstacleWorld:
+def _closing(draw: _Draw) -> ObstacleWorld:
     """Two or three boxes that drive at a standing formation from all sides, and leave a way out."""
+    random, settings = draw.random, draw.settings
     for _ in range(BOX_TRIES):
         boxes = []
         for index in range(int(random.integers(2, 4))):
-            ahead, aside = _course(random)
+            ahead, aside = draw.course()
             place_m = settings.closing_from_m * ahead + random.uniform(-10.0, 10.0) * aside
             half_m = np.array([random.uniform(2.0, 6.0), random.uniform(6.0, 15.0)])
             velocity_m_s = -random.uniform(0.6, settings.closing_max_m_s) * ahead
             along_x = abs(ahead[0]) > abs(ahead[1])  # the long side ahead, as far as the axes allow
-            boxes.append(
-                _box(
-                    f"box {index + 1}",
-                    place_m,
-                    half_m if along_x else half_m[::-1],
-                    60.0,
-                    (float(velocity_m_s[0]), float(velocity_m_s[1])),
-                )
-            )
-        if _escapes(boxes, avoidance.margin_m + sphere_m):
-            speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
-            return ObstacleWorld((0.0, 0.0), speed_m_s, tuple(boxes), (0.0,) * len(boxes))
+            half_m = half_m if along_x else half_m[::-1]
+            boxes.append(_box(f"box {index + 1}", place_m, half_m, 60.0, _pair(velocity_m_s)))
+        if _escapes(boxes, draw.avoidance.margin_m + draw.sphere_m):
+            return ObstacleWorld((0.0, 0.0), draw.speed_m_s(), tuple(boxes), (0.0,) * len(boxes))
     raise ConfigError("no boxes found that leave a way out")
 
 
@@ -260,15 +262,14 @@ def _escapes(boxes: list[Obstacle], clear_m: float) -> bool:
     return bool(reached.any())
 
 
-def _walled(
-    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
-) -> ObstacleWorld:
+def _walled(draw: _Draw) -> ObstacleWorld:
     """A U, an L, a spiral, or a closed ring of walls between start and target, turned at random.
 
     Passages are wide enough for the sphere and its margins.
     """
+    random, settings, sphere_m = draw.random, draw.settings, draw.sphere_m
     thick_m = random.uniform(2.0, 8.0)
-    clear_m = sphere_m + avoidance.margin_m + avoidance.near_m
+    clear_m = sphere_m + draw.avoidance.margin_m + draw.avoidance.near_m
     width_m = 2.0 * clear_m + thick_m + random.uniform(4.0, 20.0)
     closed = settings.kind == "closed"
     shape = "ring" if closed else random.choice(["U inside", "U into", "U past", "L", "spiral"])
@@ -296,9 +297,7 @@ def _walled(
         half_m = np.abs(ends_m[1] - ends_m[0]) / 2.0
         boxes.append(_box(f"wall {len(boxes) + 1}", ends_m.mean(axis=0), half_m, height_m))
     there_m = turn @ (target_m - start_m)
-    speed_m_s = random.uniform(settings.speed_min_m_s, settings.speed_max_m_s)
-    target = (float(there_m[0]), float(there_m[1]))
-    return ObstacleWorld(target, speed_m_s, tuple(boxes), (0.0,) * len(boxes))
+    return ObstacleWorld(_pair(there_m), draw.speed_m_s(), tuple(boxes), (0.0,) * len(boxes))
 
 
 def _walls(corner_m: Array, turns: str, lengths_m: list[float], thick_m: float) -> list[tuple[Array, Array]]:
@@ -313,14 +312,8 @@ def _walls(corner_m: Array, turns: str, lengths_m: list[float], thick_m: float) 
     return walls
 
 
-def _course(random: np.random.Generator) -> tuple[Array, Array]:
-    """(2,) unit vector of a random course, and (2,) unit vector to its right."""
-    heading_rad = random.uniform(-pi, pi)
-    return np.array([cos(heading_rad), sin(heading_rad)]), np.array([-sin(heading_rad), cos(heading_rad)])
-
-
-def _half_lengths_m(random: np.random.Generator, settings: RandomObstacles) -> Array:
-    return random.uniform(settings.half_length_min_m, settings.half_length_max_m, 2)
+def _pair(vector: Array) -> tuple[float, float]:
+    return float(vector[0]), float(vector[1])
 
 
 def _box(
@@ -330,25 +323,20 @@ def _box(
     return Obstacle(name, place[0], place[1], half[0], half[1], float(height_m), *velocity_m_s)
 
 
-def _somewhere(
-    random: np.random.Generator, settings: RandomObstacles, place_m: Array, speed_m_s: float, name: str
-) -> Obstacle:
-    half_m = _half_lengths_m(random, settings)
-    height_m = random.uniform(settings.height_min_m, settings.height_max_m)
-    moves = random.random() < settings.moving_share
+def _somewhere(draw: _Draw, place_m: Array, speed_m_s: float, name: str) -> Obstacle:
+    random, half_m, height_m = draw.random, draw.half_lengths_m(), draw.height_m()
+    moves = random.random() < draw.settings.moving_share
     fast_m_s = random.uniform(0.2, 0.5) * speed_m_s if moves else 0.0
     way_rad = random.uniform(-pi, pi)
     return _box(name, place_m, half_m, height_m, (fast_m_s * cos(way_rad), fast_m_s * sin(way_rad)))
 
 
-def _clear_of_ends(
-    box: Obstacle, settings: RandomObstacles, avoidance: AvoidanceSettings, target_m: Array, sphere_m: float
-) -> bool:
+def _clear_of_ends(box: Obstacle, draw: _Draw, target_m: Array) -> bool:
     """Whether a box is never near the sphere at the target, nor near the start at the beginning."""
+    settings, sphere_m = draw.settings, draw.sphere_m
+    around = {"margin_m": draw.avoidance.margin_m, "headroom_m": draw.avoidance.headroom_m}
     for time_s in MOMENTS_S if box.speed_m_s else MOMENTS_S[:1]:
-        ellipse = Ellipse.around(
-            box, margin_m=avoidance.margin_m, headroom_m=avoidance.headroom_m, time_s=float(time_s)
-        )
+        ellipse = Ellipse.around(box, **around, time_s=float(time_s))
         start_m, end_m = ellipse.distance_m(np.stack([np.zeros(2), target_m]))
         if time_s <= START_CLEAR_S and start_m < sphere_m + settings.stopping_m:
             return False
@@ -372,10 +360,8 @@ def _leaves_passage(box: Obstacle, other: Obstacle, passage_m: float) -> bool:
 
 def reported_accuracy_m(scenario: Scenario) -> tuple[float, float]:
     world = scenario.world
-    horizontal_m, vertical_m = world.reported_share * np.hypot(
-        np.multiply(world.noise, accuracy_m(1.0)), world.bias_m
-    )
-    return float(horizontal_m), float(vertical_m)
+    error_m = np.hypot(np.multiply(world.noise, accuracy_m(1.0)), world.bias_m)
+    return _pair(world.reported_share * error_m)
 
 
 def reported_uncertainty_m(scenario: Scenario) -> float:
@@ -386,15 +372,10 @@ def reported_uncertainty_m(scenario: Scenario) -> float:
     world, floor = scenario.world, scenario.control.safety.floor
     horizontal_m, vertical_m = np.hypot(np.multiply(world.noise, accuracy_m(1.0)), world.bias_m)
     scale = max(horizontal_m, vertical_m / floor.vertical_uncertainty) / accuracy_m(1.0)[0]
-    wide_m = uncertainty_m(
-        floor.uncertainty_m,
-        floor.vertical_uncertainty,
-        np.full(1, reported_accuracy_m(scenario)[0]),
-        np.full(1, reported_accuracy_m(scenario)[1]),
-        np.full(1, float(fix_type(scale))),
-        np.full(1, np.inf),
-        Positioning(),
-    )
+    reported = *reported_accuracy_m(scenario), float(fix_type(scale)), np.inf
+    level_m, up_m, fix, since_s = (np.full(1, value) for value in reported)
+    least = floor.uncertainty_m, floor.vertical_uncertainty
+    wide_m = uncertainty_m(*least, level_m, up_m, fix, since_s, Positioning())
     return float(wide_m[0])
 
 

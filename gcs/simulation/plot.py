@@ -22,8 +22,7 @@ from gcs.model.state import Array
 from gcs.simulation.article import TETRAHEDRON_EDGE
 from gcs.simulation.metrics import SETTLED_ENERGY, report, shape_over_time
 from gcs.simulation.record import Record
-from gcs.simulation.rehearsal import Rehearsal
-from gcs.simulation.rehearsal_verdict import Verdict, judge
+from gcs.simulation.rehearsal import Rehearsal, Verdict, judge
 from gcs.simulation.scenario import ArticleFlight
 
 SHOWN_PATHS = 60
@@ -219,17 +218,13 @@ def draw_article(page: Figure, record: Record, flight: ArticleFlight) -> None:
     ]
     rho_m = np.linalg.norm(path_m[:, :, :2].mean(axis=1) - np.array(record.target_m), axis=1)
     radius_m = flight.parameters.radius_m
-    for row, (lines, title, limit) in enumerate(
-        (
-            (edges, "Distances between the drones", ("1.633 r_d", TETRAHEDRON_EDGE * radius_m)),
-            (radii, "Distance from the formation's centre", ("r_d", radius_m)),
-            (
-                [("drones' centroid", rho_m, "C0")],
-                "Distance from the target, over the ground",
-                ("r_orbit", flight.orbit.radius_m),
-            ),
-        )
-    ):
+    around = [("drones' centroid", rho_m, "C0")]
+    shown = (
+        (edges, "Distances between the drones", ("1.633 r_d", TETRAHEDRON_EDGE * radius_m)),
+        (radii, "Distance from the formation's centre", ("r_d", radius_m)),
+        (around, "Distance from the target, over the ground", ("r_orbit", flight.orbit.radius_m)),
+    )
+    for row, (lines, title, limit) in enumerate(shown):
         axes = page.add_subplot(grid[row, 1])
         _over_time(axes, time_s, lines, title, limit=limit)
         axes.set_xlim(0.0, time_s[-1])
@@ -286,16 +281,16 @@ NAMED_CUES = 14
 """Number of cue names that fit side by side."""
 
 
-def draw_show(flight: Rehearsal, record: Record, file: Path) -> Verdict:
+def draw_show(flight: Rehearsal, file: Path) -> Verdict:
     """Draw a show into `file`. Returns: the verdict of `gcs show check`."""
-    verdict = judge(flight, record)
+    verdict = judge(flight)
     page = Figure(figsize=(13.0, 9.0), layout="constrained", facecolor="white")
     grid = page.add_gridspec(4, 2, width_ratios=(1.35, 1.0))
-    _sky(page.add_subplot(grid[:3, 0], projection="3d"), flight, record)
-    _ground(page.add_subplot(grid[:2, 1]), flight, record)
+    _sky(page.add_subplot(grid[:3, 0], projection="3d"), flight)
+    _ground(page.add_subplot(grid[:2, 1]), flight)
     below = [page.add_subplot(grid[row, 1]) for row in (2, 3)]
-    _sizes(below[0], flight, record)
-    _separation(below[1], record, _show_s(flight, record))
+    _sizes(below[0], flight)
+    _separation(below[1], flight.record, _show_s(flight))
     below[1].set_xlabel("time of the show, s")
     _lights(page.add_subplot(grid[3, 0]), flight)
     for axes in below:
@@ -309,28 +304,28 @@ def draw_show(flight: Rehearsal, record: Record, file: Path) -> Verdict:
     return verdict
 
 
-def _show_s(flight: Rehearsal, record: Record) -> Array:
+def _show_s(flight: Rehearsal) -> Array:
     """(ticks,) the show's time; below 0 before its start."""
-    return np.array(record.time_s) - (flight.began_s or 0.0)
+    return np.array(flight.record.time_s) - (flight.began_s or 0.0)
 
 
-def _strokes(flight: Rehearsal, record: Record) -> tuple[Array, Array]:
+def _strokes(flight: Rehearsal) -> tuple[Array, Array]:
     """Path segments (k, 2, 3) during the timeline, show frame, and their colours (k, 3) from 0 to 1."""
-    show_s = _show_s(flight, record)
+    show_s = _show_s(flight)
     ticks = np.flatnonzero((show_s >= 0.0) & (show_s <= flight.timeline.duration_s))[::STRIDE]
-    rows = _rows(record, DRAWN_PATHS)
-    path_m = record.path_m[ticks][:, rows]
+    rows = _rows(flight.record, DRAWN_PATHS)
+    path_m = flight.record.path_m[ticks][:, rows]
     colour = np.array([flight.timeline.colours_at(float(show_s[tick]))[rows] for tick in ticks[:-1]]) / 255.0
     pieces_m = np.stack([path_m[:-1], path_m[1:]], axis=2)
     return pieces_m.reshape(-1, 2, 3), colour.reshape(-1, 3)
 
 
-def _sky(axes: Axes3D, flight: Rehearsal, record: Record) -> None:
-    pieces_m, colour = _strokes(flight, record)
+def _sky(axes: Axes3D, flight: Rehearsal) -> None:
+    pieces_m, colour = _strokes(flight)
     up_m = pieces_m * (1.0, 1.0, -1.0)
     swapped_m = up_m[:, :, [1, 0, 2]]  # y to the right, x away from the reader
     axes.add_collection3d(Line3DCollection(swapped_m, colors=_visible(colour), linewidths=0.7, alpha=0.75))
-    last_m = record.path_m[np.searchsorted(_show_s(flight, record), flight.timeline.duration_s) - 1]
+    last_m = flight.record.path_m[np.searchsorted(_show_s(flight), flight.timeline.duration_s) - 1]
     axes.scatter(last_m[:, 1], last_m[:, 0], -last_m[:, 2], color="black", s=9, depthshade=False)
     low_m, high_m = swapped_m.reshape(-1, 3).min(axis=0), swapped_m.reshape(-1, 3).max(axis=0)
     low_m[2] = 0.0
@@ -357,12 +352,12 @@ def _visible(colour: Array) -> Array:
     return np.asarray(np.where(bright > 0.75, 0.7 * colour, colour))
 
 
-def _ground(axes: Axes, flight: Rehearsal, record: Record) -> None:
+def _ground(axes: Axes, flight: Rehearsal) -> None:
     show = flight.loaded.show
-    pieces_m, colour = _strokes(flight, record)
+    pieces_m, colour = _strokes(flight)
     lines = pieces_m[:, :, [1, 0]]
     axes.add_collection(LineCollection(list(lines), colors=_visible(colour), linewidths=0.5, alpha=0.6))
-    center_m = np.array(record.center_m)
+    center_m = np.array(flight.record.center_m)
     axes.plot(center_m[:, 1], center_m[:, 0], color="black", linewidth=1.0, label="centre")
     times_s = np.arange(0.0, flight.timeline.duration_s, 0.5).tolist()
     target_m = np.array([flight.timeline.plan_at(t).target.position_m(t) for t in times_s])
@@ -393,12 +388,13 @@ def _ground(axes: Axes, flight: Rehearsal, record: Record) -> None:
     axes.legend(loc="upper right", fontsize=7)
 
 
-def _sizes(axes: Axes, flight: Rehearsal, record: Record) -> None:
-    show_s = _show_s(flight, record)
-    height_m = -record.path_m[:, :, 2]
+def _sizes(axes: Axes, flight: Rehearsal) -> None:
+    show_s = _show_s(flight)
+    height_m = -flight.record.path_m[:, :, 2]
     running = (show_s >= 0.0) & (show_s <= flight.timeline.duration_s)
     spin = [float(np.degrees(flight.timeline.spin_rad_s.value(float(t))[0])) for t in show_s]
-    axes.plot(show_s, np.where(running, record.radius_m, np.nan), color="C1", linewidth=1.2, label="radius")
+    radius_m = np.where(running, flight.record.radius_m, np.nan)
+    axes.plot(show_s, radius_m, color="C1", linewidth=1.2, label="radius")
     if np.any(spin):
         axes.plot(show_s, np.where(running, spin, np.nan), color="C2", linewidth=1.0, label="spin, deg/s")
     _band(axes, show_s, height_m, "Heights of the vehicles, radius")

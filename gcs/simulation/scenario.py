@@ -242,9 +242,8 @@ class Scenario(Settings):
     failsafes: FailsafePolicy | None = None  # of the service, for a formation; None: they are off
 
     def in_world_of(self, seed: int) -> "Scenario":
-        return (
-            self.model_copy(update={"world": self.worlds[seed % len(self.worlds)]}) if self.worlds else self
-        )
+        worlds = self.worlds
+        return self.model_copy(update={"world": worlds[seed % len(worlds)]}) if worlds else self
 
     @model_validator(mode="after")
     def _check(self) -> "Scenario":

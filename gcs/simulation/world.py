@@ -174,15 +174,8 @@ class TrueWorld:
             self.received_m = np.where(rows, position_m, self.received_m)
             self.received_m_s = np.where(rows, velocity_m_s, self.received_m_s)
             self._received_s = np.where(arrived, self.time_s, self._received_s)
-        forward_m, forward_m_s, age_s = brought_forward(
-            self.time_s,
-            self.received_m,
-            self._received_s,
-            self.received_m_s,
-            ~self._gone,
-            FLIES_ON_S,
-            BRAKES_S,
-        )
+        received, there = (self.received_m, self._received_s, self.received_m_s), ~self._gone
+        forward_m, forward_m_s, age_s = brought_forward(self.time_s, *received, there, FLIES_ON_S, BRAKES_S)
         forward_m[self._gone] = np.nan
         return FleetState(self.time_s, self.ids, forward_m, forward_m_s, np.zeros(n), age_s)
 
@@ -301,10 +294,8 @@ class Neighbourhood:
         """`charge` (n,); no message has been sent yet."""
         n = len(charge)
         self._radio, self._charge, self._tick_s = radio, charge, tick_s
-        self._range_m, self._sighting_rate = (
-            range_m(settings.neighbours, n, radius_m),
-            settings.sighting_rate_per_s,
-        )
+        self._range_m = range_m(settings.neighbours, n, radius_m)
+        self._sighting_rate = settings.sighting_rate_per_s
         self._random = np.random.default_rng([seed, 2])
         self._newest = np.full((n, n, WORDS), np.nan)  # received by row from column
         self._newest[:, :, SENT] = -np.inf
@@ -328,7 +319,9 @@ class Neighbourhood:
 
         Returns: what each vehicle's law knows now.
         """
-        self._deliver(now_s)
+        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
+            _, gets, messages = self._under_way.popleft()
+            self._newest = np.where(gets[:, :, None], messages[None], self._newest)
         mail, columns = self._mail(now_s)
         age_s = now_s - mail[:, :, SENT, None]
         degree = np.isfinite(mail[:, :, 0]).sum(axis=1).astype(np.float64)
@@ -343,11 +336,6 @@ class Neighbourhood:
         self._send(now_s, position_m, velocity_m_s, degree, present)
         inbox_m = mail[:, :, PLACE] + age_s * mail[:, :, PACE]
         return Sight(inbox_m, self._charge[columns], self._range_m, belief)
-
-    def _deliver(self, now_s: float) -> None:
-        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
-            _, gets, messages = self._under_way.popleft()
-            self._newest = np.where(gets[:, :, None], messages[None], self._newest)
 
     def _mail(self, now_s: float) -> tuple[Array, NDArray[np.intp]]:
         """(n, k, WORDS) newest recent message of each sender, padded with NaN, and (n, k) sender columns."""

@@ -10,17 +10,16 @@ import pytest
 
 from gcs.cli import main
 from gcs.shows import LoadedShow, load, shipped
-from gcs.simulation.record import Record
 from gcs.simulation.rehearsal import Rehearsal, rehearse
 
-_rehearsed: dict[tuple[str, int], tuple[Rehearsal, Record]] = {}
+_rehearsed: dict[tuple[str, int], Rehearsal] = {}
 
 
 @pytest.fixture(autouse=True)
 def _rehearsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command rehearses a show of the same text and seed once for all tests."""
 
-    def once(loaded: LoadedShow, seed: int, on_progress: Callable[[float], None]) -> tuple[Rehearsal, Record]:
+    def once(loaded: LoadedShow, seed: int, on_progress: Callable[[float], None]) -> Rehearsal:
         key = loaded.show.digest, seed
         if key not in _rehearsed:
             _rehearsed[key] = rehearse(loaded, seed, on_progress)
@@ -64,7 +63,7 @@ def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture
 
 def test_check_progress_covers_the_whole_flight() -> None:
     shares: list[float] = []
-    flight, _ = rehearse(load(BROKEN / "orbit-never-reached.yaml"), 1, shares.append)
+    flight = rehearse(load(BROKEN / "orbit-never-reached.yaml"), 1, shares.append)
     assert shares == sorted(shares)
     assert shares[0] < 0.05
     assert 0.9 < shares[-1] <= 1.0

@@ -9,8 +9,7 @@ from typing import Any, Final
 from gcs.config.schema import Config
 from gcs.recording.session import Record
 from gcs.shows import parse
-from gcs.simulation.rehearsal import rehearse
-from gcs.simulation.rehearsal_verdict import judge
+from gcs.simulation.rehearsal import judge, rehearse
 from tests.support.virtual_show import HEADING_DEG, Show, Story, T, show_config
 from tests.support.virtual_show import fly as fly_anywhere
 
@@ -59,7 +58,7 @@ def fly(story: Story[T], plan: Config, *, record: Record | None = None, **fleet_
 def answer(text: str) -> dict[str, Any]:
     """The answer of `gcs show check --json --model`."""
     loaded = parse(text, NAME)
-    verdict = judge(*rehearse(loaded))
+    verdict = judge(rehearse(loaded))
     return asdict(verdict) | {"problems": [], "model": loaded.show.model_dump(mode="json")}
 
 
