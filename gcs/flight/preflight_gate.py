@@ -1,10 +1,10 @@
 """Decides which vehicles may start, and why others may not. Runs only on the ground, and only on request."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
-from typing import Final, NamedTuple
+from functools import partial
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -53,18 +53,8 @@ class Cleared(NamedTuple):
     left_out: dict[VehicleId, str]
 
 
-class _Kept(NamedTuple):
-    """The newest report, and the request that it answers."""
-
-    time_s: float
-    meant: tuple[VehicleId, ...] | None
-    show: ShowRun | None
-    out: frozenset[VehicleId]
-    report: PreflightReport
-
-    def answers(self, meant: tuple[VehicleId, ...] | None, flight: Fleet) -> bool:
-        same = self.show is flight.show_run and self.out == frozenset(flight.excluded)
-        return same and self.meant == meant and flight.fleet.time_s - self.time_s < AGAIN_S
+Question: TypeAlias = tuple[tuple[VehicleId, ...] | None, ShowRun | None, frozenset[VehicleId]]
+"""What a report answers: the vehicles that are to fly, the selected show, and the excluded vehicles."""
 
 
 @dataclass(eq=False)
@@ -74,7 +64,7 @@ class PreflightGate:
     flight: Fleet
     parameter_reader: ParameterReader
     show_player: ShowPlayer
-    _last: _Kept | None = None
+    _last: tuple[float, Question, PreflightReport] | None = None  # the newest report, and its time
     _roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
 
     @with_alternative
@@ -91,69 +81,59 @@ class PreflightGate:
         if flight.show not in ON_THE_GROUND or flight.airborne:
             if self._last is None:
                 raise RefusedError(f"preflight is for the ground, and the show is {flight.show}")
-            return self._last.report
-        meant = None if vehicles is None else tuple(vehicles)
-        kept = self._last
-        if kept is None or not kept.answers(meant, flight):
-            kept = self._last = self._kept(meant, self._made(meant))
-        return kept.report
+            return self._last[2]
+        made_s, question, report = self._last or (-np.inf, None, None)
+        same = question == self._question(vehicles) and flight.fleet.time_s - made_s < AGAIN_S
+        return report if same and report is not None else self._made(vehicles)
 
-    def _kept(self, meant: tuple[VehicleId, ...] | None, report: PreflightReport) -> "_Kept":
-        flight = self.flight
-        return _Kept(flight.fleet.time_s, meant, flight.show_run, frozenset(flight.excluded), report)
+    def _question(self, desired: Sequence[VehicleId] | None) -> Question:
+        meant = None if desired is None else tuple(desired)
+        return meant, self.flight.show_run, frozenset(self.flight.excluded)
 
-    def _made(self, desired: tuple[VehicleId, ...] | None) -> PreflightReport:
+    def _made(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
         flight, show = self.flight, self.flight.show_run
-        fleet: list[Check] = []
         try:
-            chosen, left_out = self._choose(desired)
-            fleet.append(_all_vehicles(chosen))
+            chosen, _ = cleared = self._choose(desired)
+            fleet = [_all_vehicles(chosen)]
         except GcsError as error:
-            chosen, left_out = self._could(desired)
-            fleet.append(_refused("vehicles", error, ON_GROUND))
+            chosen, _ = cleared = self._could(desired)
+            fleet = [_refused("vehicles", error, ON_GROUND)]
         if show is not None:
             fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, desired)))
         looked = self._look(chosen)
-        foreseen: list[Check] = []
+        fleet += looked.fleet
         if chosen and all(np.isfinite(flight.position_m(flight.vehicles[name])).all() for name in chosen):
-            foreseen = [_tried(name, limit, look) for name, limit, look in self._setpoint_loss_checks(chosen)]
-        return self._reported(chosen, left_out, [*fleet, *looked.fleet, *foreseen], looked)
+            fleet += [_tried(name, limit, look) for name, limit, look in self._setpoint_loss_checks(chosen)]
+        return self._keep(desired, cleared, fleet, looked)
 
-    def _reported(
-        self,
-        chosen: Sequence[VehicleId],
-        left_out: Mapping[VehicleId, str],
-        fleet: Sequence[Check],
-        looked: Stand,
+    def _keep(
+        self, desired: Sequence[VehicleId] | None, cleared: Cleared, fleet: Sequence[Check], looked: Stand
     ) -> PreflightReport:
-        show, flying = self.flight.show_run, set(chosen)
-        return PreflightReport(
+        show, flying = self.flight.show_run, set(cleared.chosen)
+        report = PreflightReport(
             unix_time_s=self.flight.unix_s(),
             show=None if show is None else show.name,
             show_hash=None if show is None else show.hash,
             fleet=tuple(fleet),
             vehicles=tuple(
-                VehicleChecks(name, name in flying, left_out.get(name, ""), tuple(checks))
+                VehicleChecks(name, name in flying, cleared.left_out.get(name, ""), tuple(checks))
                 for name, checks in looked.of.items()
             ),
             not_checked=tuple(looked.not_checked),
         )
+        self._last = self.flight.fleet.time_s, self._question(desired), report
+        return report
 
-    def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> "Cleared":
+    def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> Cleared:
         """Return the vehicles that fly and those that do not, before a start.
 
         Raises: RefusedError, InvalidError, UnknownError with all reasons against the start.
         """
-        chosen, left_out = self._choose(desired)
+        chosen, _ = cleared = self._choose(desired)
         self._need_show(chosen, show_hash, desired)
         looked = self._look(chosen)
-        text = describe(
-            chain(
-                ((name, check) for name in chosen for check in looked.of[name]),
-                ((None, check) for check in looked.fleet),
-            )
-        )
-        if text:
+        found = [(name, check) for name in chosen for check in looked.of[name]]
+        if text := describe([*found, *((None, check) for check in looked.fleet)]):
             raise RefusedError(text)
         fleet = [_all_vehicles(chosen)]
         if show_hash is not None:
@@ -163,15 +143,13 @@ class PreflightGate:
             look()
             fleet.append(Check(name, State.PASS, limit=limit))
         self._check_vertical_overlap(chosen)
-        report = self._reported(chosen, left_out, fleet, looked)
-        self._last = self._kept(None if desired is None else tuple(desired), report)
-        return Cleared(chosen, left_out)
+        self._keep(desired, cleared, fleet, looked)
+        return cleared
 
     def need_alone(self, vehicle_id: VehicleId) -> None:
         """Check one vehicle at its turn to take off. Raises: RefusedError with all reasons against it."""
         checks = self._alone(self._inputs(), [vehicle_id])[vehicle_id]
-        text = describe((vehicle_id, check) for check in checks)
-        if text:
+        if text := describe((vehicle_id, check) for check in checks):
             raise RefusedError(text)
 
     def _need_show(
@@ -193,20 +171,20 @@ class PreflightGate:
             alone[name].append(check)
         for name, checks in stand.of.items():
             alone[name] += checks
-        return Stand(stand.fleet, alone, [*stand.not_checked, *self._left_unlooked()])
-
-    def _left_unlooked(self) -> Iterator[str]:
-        config = self.flight.config
-        if not config.operation.require_parameters:
-            yield "parameters, speed limits, own fence: operation.require_parameters is false"
-        if not config.operation.require_safe_setpoint_loss:
-            yield "loss of the ground station: operation.require_safe_setpoint_loss is false"
-        if not config.preflight.require_fix:
-            yield "fix, accuracy: preflight.require_fix is false"
-        if config.preflight.wander_m == 0.0:
-            yield "room to wander: preflight.wander_m is 0"
-        if config.preflight.clock_max_s is None:
-            yield "clock: preflight.clock_max_s is null"
+        operation, settings = self.flight.config.operation, self.flight.config.preflight
+        unlooked = {
+            "parameters, speed limits, own fence: operation.require_parameters is false": (
+                not operation.require_parameters
+            ),
+            "loss of the ground station: operation.require_safe_setpoint_loss is false": (
+                not operation.require_safe_setpoint_loss
+            ),
+            "fix, accuracy: preflight.require_fix is false": not settings.require_fix,
+            "room to wander: preflight.wander_m is 0": settings.wander_m == 0.0,
+            "clock: preflight.clock_max_s is null": settings.clock_max_s is None,
+        }
+        not_checked = [text for text, is_off in unlooked.items() if is_off]
+        return Stand(stand.fleet, alone, [*stand.not_checked, *not_checked])
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
         near = spacing(inputs, vehicles)
@@ -227,7 +205,7 @@ class PreflightGate:
         return PreflightInputs(
             fleet=flight.fleet,
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
-            telemetry={name: (flight.telemetry, vehicle.row) for name, vehicle in flight.vehicles.items()},
+            telemetry=flight.telemetry,
             conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
             uncertainty_m=flight.traits.uncertainty_m,
             age_max_s=flight.control.telemetry_age_max_s,
@@ -265,19 +243,17 @@ class PreflightGate:
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
         if operation.require_safe_setpoint_loss:
             rows = [flight.vehicles[name].row for name in chosen]
-            yield (
-                "loss of the ground station",
-                "no two vehicles are brought together",
-                lambda: check_setpoint_loss(
-                    tuple(chosen),
-                    flight.fleet.position_m[rows],
-                    self.show_player.plans(),
-                    flight.control,
-                    flight.traits.uncertainty_m[rows],
-                    operation.setpoint_loss_action,
-                    flight.config.return_heights_m[rows],
-                ),
+            look = partial(
+                check_setpoint_loss,
+                tuple(chosen),
+                flight.fleet.position_m[rows],
+                self.show_player.plans(),
+                flight.control,
+                flight.traits.uncertainty_m[rows],
+                operation.setpoint_loss_action,
+                flight.config.return_heights_m[rows],
             )
+            yield "loss of the ground station", "no two vehicles are brought together", look
         yield "obstacles", "none on a pad", lambda: self._check_obstacles(chosen)
 
     def _check_formations(self, chosen: Sequence[VehicleId]) -> None:
@@ -300,15 +276,15 @@ class PreflightGate:
 
     def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
         """Store how many pairs will be stacked, as far as it can be predicted."""
-        flight = self.flight
-        home_m = np.array([flight.position_m(flight.vehicles[name]) for name in chosen])
-        width_m = column_m(
-            flight.control.safety.floor, flight.uncertainty_m([flight.vehicles[name] for name in chosen])
-        )
+        flight, show_run = self.flight, self.flight.show_run
+        rows = [flight.vehicles[name].row for name in chosen]
+        width_m = column_m(flight.control.safety.floor, flight.traits.uncertainty_m[rows])
         plan = min((plan for _, plan in self.show_player.plans()), key=lambda each: each.formation.radius_m)
-        rehearsed, words = self._rehearsed_overlaps(chosen), ""
+        pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
+        rehearsed = [f"{chosen[one.upper - 1]} above {chosen[one.lower - 1]} at '{one.cue}'" for one in pairs]
+        words = ""
         if len(chosen) <= PREDICTED_MAX:
-            formed_m = formation_m(tuple(chosen), home_m, plan, flight.control)
+            formed_m = formation_m(tuple(chosen), flight.fleet.position_m[rows], plan, flight.control)
             words = describe_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
         elif rehearsed:
             words = describe_columns(0, rehearsed)
@@ -316,20 +292,14 @@ class PreflightGate:
             log.info("columns_overlap", extra={"reason": words})
         flight.columns = words
 
-    def _rehearsed_overlaps(self, chosen: Sequence[VehicleId]) -> list[str]:
-        """Stacked pairs in the check of the selected show, by the names of the vehicles that fly now."""
-        show_run = self.flight.show_run
-        pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
-        return [f"{chosen[one.upper - 1]} above {chosen[one.lower - 1]} at '{one.cue}'" for one in pairs]
-
     # participants
 
-    def _choose(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+    def _choose(self, desired: Sequence[VehicleId] | None) -> Cleared:
         """Return the vehicles that fly, and why the others do not. Raises: UnknownError, RefusedError."""
         flight = self.flight
         for name in desired or ():
             flight.vehicle(name)
-        chosen, left_out = self._could(desired)
+        chosen, _ = cleared = self._could(desired)
         meant = set(flight.vehicles if desired is None else desired) - set(chosen)
         for name, vehicle in flight.vehicles.items():
             if name not in meant:
@@ -343,9 +313,9 @@ class PreflightGate:
                 )
         if not chosen:
             raise RefusedError("no vehicle is online")
-        return chosen, left_out
+        return cleared
 
-    def _could(self, desired: Sequence[VehicleId] | None) -> tuple[list[VehicleId], dict[VehicleId, str]]:
+    def _could(self, desired: Sequence[VehicleId] | None) -> Cleared:
         """Return the desired vehicles that could fly, and why the others do not; raises nothing."""
         chosen: list[VehicleId] = []
         left_out: dict[VehicleId, str] = {}
@@ -359,7 +329,7 @@ class PreflightGate:
                 chosen.append(name)
             else:
                 left_out[name] = f"{vehicle.phase}: {vehicle.reason}"
-        return chosen, left_out
+        return Cleared(chosen, left_out)
 
     @with_alternative
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:

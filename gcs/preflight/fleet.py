@@ -69,17 +69,10 @@ def _heights(
     above_m, most_m = height_m - float(np.median(height_m)), inputs.settings.height_spread_max_m
     for name, off_m in zip(placed, above_m.tolist(), strict=True):
         beside = f"{abs(off_m):.1f} m {'above' if off_m > 0.0 else 'below'} the middle one of all pads"
-        found.of[name].append(
-            judged(
-                "height of the pad",
-                off_m,
-                f"from -{most_m:g} to {most_m:g} m of the middle one",
-                good=abs(off_m) <= most_m,
-                problem=f"stands {beside}, at most {most_m:g} m",
-                to_do="reboot it where it stands; on a slope raise preflight.height_spread_max_m",
-                unit="m",
-            )
-        )
+        limit, problem = f"from -{most_m:g} to {most_m:g} m of the middle one", f"stands {beside}, at most"
+        to_do = "reboot it where it stands; on a slope raise preflight.height_spread_max_m"
+        text, good = f"{problem} {most_m:g} m", abs(off_m) <= most_m
+        found.of[name].append(judged("height of the pad", off_m, "m", limit, text, to_do, good=good))
 
 
 def _pattern(
@@ -90,15 +83,9 @@ def _pattern(
     place = assigned(pattern.places_m, measured_m, own, within_m)
     housed = np.flatnonzero(place >= 0)
     for name in (placed[index] for index in np.flatnonzero(place < 0).tolist()):
-        found.of[name].append(
-            Check(
-                "place",
-                State.UNKNOWN,
-                limit="a place of its own",
-                problem="has no place in the start pattern",
-                to_do="take it out of the show, or name its place in preflight.start_places",
-            )
-        )
+        limit, problem = "a place of its own", "has no place in the start pattern"
+        to_do = "take it out of the show, or name its place in preflight.start_places"
+        found.of[name].append(Check("place", State.UNKNOWN, None, "", limit, problem, to_do))
     if not len(housed):
         return
     names, places_m = [placed[index] for index in housed.tolist()], pattern.places_m[place[housed]]
@@ -126,44 +113,26 @@ def _places(
         problem = f"stands {off_m:.1f} m off its start place"
         if not fitted.stands[index]:
             away_m = np.linalg.norm(lies_m - inputs.fleet.position_m[at[index], :2], axis=1)
-            nearest = int(away_m.argmin())
-            if (
-                away_m[nearest] <= most_m + OFF_DEVIATIONS * inputs.uncertainty_m[at[index]]
-                and nearest != place[index]
-            ):
+            nearest, near_m = int(away_m.argmin()), OFF_DEVIATIONS * inputs.uncertainty_m[at[index]]
+            if away_m[nearest] <= most_m + near_m and nearest != place[index]:
                 owner = f"that of {owner_of[nearest]}" if nearest in owner_of else "another"
                 problem += f", on {owner}"
-        found.of[name].append(
-            judged(
-                "place",
-                off_m,
-                f"at most {most_m:g} m, and what its position may be off",
-                good=bool(fitted.stands[index]),
-                problem=problem,
-                to_do="put it on its own place, or take it out of the show",
-                unit="m",
-            )
-        )
+        limit, good = f"at most {most_m:g} m, and what its position may be off", bool(fitted.stands[index])
+        to_do = "put it on its own place, or take it out of the show"
+        found.of[name].append(judged("place", off_m, "m", limit, problem, to_do, good=good))
 
 
 def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, found: Stand) -> None:
     """Check rotation and shift of the pattern as a whole."""
     settings, stand = inputs.settings, int(fitted.stands.sum())
+    half = f"more than half of {count}"
     if 2 * stand <= count and count > 1:
-        found.fleet.append(
-            Check(
-                "start pattern",
-                State.FAIL,
-                stand,
-                "vehicles",
-                f"more than half of {count}",
-                f"only {stand} of {count} stand in the start pattern, however it is turned and shifted",
-                "check which show is selected, and which vehicle stands where",
-            )
-        )
+        problem = f"only {stand} of {count} stand in the start pattern, however it is turned and shifted"
+        to_do = "check which show is selected, and which vehicle stands where"
+        found.fleet.append(Check("start pattern", State.FAIL, stand, "vehicles", half, problem, to_do))
         return
-    found.fleet.append(Check("start pattern", State.PASS, stand, "vehicles", f"more than half of {count}"))
-    x_m, y_m = fitted.origin_m.tolist()
+    found.fleet.append(Check("start pattern", State.PASS, stand, "vehicles", half))
+    x_m, y_m = fitted.placed_m(np.zeros((1, 2)))[0].tolist()
     turned_deg, reported_deg = degrees(fitted.rotation_rad), degrees(fitted.reported_rad)
     heading_deg = (pattern.heading_deg + turned_deg) % 360.0
     lies = (
@@ -176,36 +145,21 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
         found.not_checked.append("rotation of the start pattern: it is too small to tell one")
     else:
         most_deg = max(settings.rotation_max_deg, reported_deg)
-        reported = (
-            " (less cannot be distinguished between pads so near to each other)"
-            if reported_deg >= most_deg
-            else ""
+        limit = f"from -{most_deg:.1f} to {most_deg:.1f} deg, clockwise seen from above"
+        if reported_deg >= most_deg:
+            limit += " (less cannot be distinguished between pads so near to each other)"
+        turned = f"turned by {abs(turned_deg):.1f} deg {CLOCKWISE[turned_deg < 0]} about {middle}"
+        problem, good = (
+            f"the start pattern is {turned}, at most {most_deg:.1f} deg",
+            abs(turned_deg) <= most_deg,
         )
-        found.fleet.append(
-            judged(
-                "rotation of the start pattern",
-                turned_deg,
-                f"from -{most_deg:.1f} to {most_deg:.1f} deg, clockwise seen from above{reported}",
-                good=abs(turned_deg) <= most_deg,
-                problem=f"the start pattern is turned by {abs(turned_deg):.1f} deg"
-                f" {CLOCKWISE[turned_deg < 0]} about {middle}, at most {most_deg:.1f} deg",
-                to_do=to_do,
-                unit="deg",
-            )
-        )
+        name = "rotation of the start pattern"
+        found.fleet.append(judged(name, turned_deg, "deg", limit, problem, to_do, good=good))
     shift_m, (along_m, right_m) = hypot(*fitted.shift_m.tolist()), fitted.shift_m.tolist()
-    found.fleet.append(
-        judged(
-            "shift of the start pattern",
-            shift_m,
-            f"at most {settings.shift_max_m:g} m",
-            good=shift_m <= settings.shift_max_m,
-            problem=f"the start pattern is shifted by {shift_m:.1f} m ({along_m:+.1f} m along x,"
-            f" {right_m:+.1f} m along y) from {middle}, at most {settings.shift_max_m:g} m",
-            to_do=to_do,
-            unit="m",
-        )
-    )
+    limit, good = f"at most {settings.shift_max_m:g} m", shift_m <= settings.shift_max_m
+    shifted = f"{shift_m:.1f} m ({along_m:+.1f} m along x, {right_m:+.1f} m along y)"
+    problem = f"the start pattern is shifted by {shifted} from {middle}, {limit}"
+    found.fleet.append(judged("shift of the start pattern", shift_m, "m", limit, problem, to_do, good=good))
 
 
 def room_to_wander(
@@ -232,16 +186,12 @@ def room_to_wander(
             beside = f"its pad is planned {apart_m:.1f} m from that of {vehicles[next_m]}"
         if not np.isfinite(apart_m):
             continue
-        found[name] = judged(
-            "room to wander",
-            apart_m,
-            f"at least {needed_m:g} m to the next that flies",
-            good=good,
-            problem=f"{beside}: while their autopilots climb and hold, each may be {wander_m:g} m off its"
-            f" place, which leaves {max(0.0, apart_m - 2.0 * wander_m):.1f} m of {least_m:g} m",
-            to_do=f"set the pads at least {needed_m:g} m apart; preflight.wander_m says how far they wander",
-            unit="m",
-        )
+        limit = f"at least {needed_m:g} m to the next that flies"
+        left = f"which leaves {max(0.0, apart_m - 2.0 * wander_m):.1f} m of {least_m:g} m"
+        may_be = f"while their autopilots climb and hold, each may be {wander_m:g} m off its place"
+        to_do = f"set the pads at least {needed_m:g} m apart; preflight.wander_m says how far they wander"
+        problem = f"{beside}: {may_be}, {left}"
+        found[name] = judged("room to wander", apart_m, "m", limit, problem, to_do, good=good)
     return found
 
 
@@ -291,13 +241,6 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
             found[name].append(Check("distance to the next", State.FAIL, value_m, "m", limit, problem, to_do))
         if not too_close and np.isfinite(near_m).any():
             nearest = int(near_m.argmin())
-            found[name].append(
-                Check(
-                    "distance to the next",
-                    State.PASS,
-                    float(near_m[nearest]),
-                    "m",
-                    f"at least {least_m[nearest]:.3g} m",
-                )
-            )
+            limit, value_m = f"at least {least_m[nearest]:.3g} m", float(near_m[nearest])
+            found[name].append(Check("distance to the next", State.PASS, value_m, "m", limit))
     return found

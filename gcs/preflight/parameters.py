@@ -88,44 +88,23 @@ def requirements(
 def _losing_us(operation: OperationSettings, height_m: float) -> tuple[Requirement, ...]:
     action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
     number, after = SETPOINT_LOSS_ACTIONS[action], DATA_LINK_LOSS_ACTIONS[action]
+    later_s = ceil(loss_s) + 1
+    does = f"what it does without setpoints: operation.setpoint_loss_action is {action}"
+    until = "seconds without setpoints until it does that: operation.setpoint_loss_s; it flies on meanwhile"
+    unlinked = "what it does when our heartbeats cease: nothing, or what it did for want of setpoints"
+    unlinked_until = "seconds without heartbeats until it does that: later than for setpoints, but not never"
+    returns = (
+        "metres above home at which it returns, each vehicle higher than the one before it in the list:"
+        " operation.return_height_m and return_layer_m"
+    )
+    no_cone = "else it returns lower near home, through the heights of others"
     return (
-        Requirement(
-            "COM_OBL_RC_ACT",
-            number,
-            f"what it does without setpoints: operation.setpoint_loss_action is {action}",
-            choices=(number,),
-        ),
-        Requirement(
-            "COM_OF_LOSS_T",
-            loss_s,
-            "seconds without setpoints until it does that: operation.setpoint_loss_s; it flies on meanwhile",
-            least=min(0.5, loss_s),
-            most=loss_s,
-        ),
-        Requirement(
-            "NAV_DLL_ACT",
-            after[0],
-            "what it does when our heartbeats cease: nothing, or what it did for want of setpoints",
-            choices=after,
-        ),
-        Requirement(
-            "COM_DL_LOSS_T",
-            max(10, ceil(loss_s) + 1),
-            "seconds without heartbeats until it does that: later than for setpoints, but not never",
-            least=ceil(loss_s) + 1.0,
-            most=60.0,
-        ),
-        Requirement(
-            "RTL_RETURN_ALT",
-            height_m,
-            "metres above home at which it returns, each vehicle higher than the one before it in the list:"
-            " operation.return_height_m and return_layer_m",
-            least=height_m - 0.5,
-            most=height_m + 0.5,
-        ),
-        Requirement(
-            "RTL_CONE_ANG", 0, "else it returns lower near home, through the heights of others", choices=(0,)
-        ),
+        Requirement("COM_OBL_RC_ACT", number, does, choices=(number,)),
+        Requirement("COM_OF_LOSS_T", loss_s, until, least=min(0.5, loss_s), most=loss_s),
+        Requirement("NAV_DLL_ACT", after[0], unlinked, choices=after),
+        Requirement("COM_DL_LOSS_T", max(10, later_s), unlinked_until, least=later_s, most=60.0),
+        Requirement("RTL_RETURN_ALT", height_m, returns, least=height_m - 0.5, most=height_m + 0.5),
+        Requirement("RTL_CONE_ANG", 0, no_cone, choices=(0,)),
     )
 
 
@@ -133,16 +112,11 @@ def _the_pilot(operation: OperationSettings) -> tuple[Requirement, ...]:
     if not operation.pilot_takes_over:
         return ()
     inputs = tuple(mode for mode in range(9) if mode != NO_MANUAL_CONTROL)
+    able = "a pilot must be able to take over: 4 shuts them out"
+    sticks = "moving the sticks takes control of the vehicle, in OFFBOARD too (operation.pilot_takes_over)"
     return (
-        Requirement(
-            "COM_RC_IN_MODE", 0, "a pilot must be able to take over: 4 shuts them out", choices=inputs
-        ),
-        Requirement(
-            "COM_RC_OVERRIDE",
-            STICKS_TAKE_OVER,
-            "moving the sticks takes control of the vehicle, in OFFBOARD too (operation.pilot_takes_over)",
-            choices=(STICKS_TAKE_OVER,),
-        ),
+        Requirement("COM_RC_IN_MODE", 0, able, choices=inputs),
+        Requirement("COM_RC_OVERRIDE", STICKS_TAKE_OVER, sticks, choices=(STICKS_TAKE_OVER,)),
     )
 
 
@@ -151,6 +125,7 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
     tilt_deg = float(ceil(degrees(atan(TILT_RESERVE * control.acceleration_max_m_s2 / GRAVITY_M_S2))))
     clipped = "below, the autopilot clips setpoints axis by axis, which bends them"
     stops = "m/s^2: control.safety.braking counts on vehicles that stop so hard"
+    tilts = "degrees: control.acceleration_max_m_s2, and as much again against the wind"
     return (
         Requirement("MPC_XY_VEL_MAX", max(12.0, limits.horizontal_m_s), clipped, least=limits.horizontal_m_s),
         Requirement("MPC_Z_VEL_MAX_UP", max(3.0, limits.up_m_s), clipped, least=limits.up_m_s),
@@ -158,13 +133,7 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
         Requirement("MPC_ACC_HOR", max(3.0, stop_m_s2), stops, least=stop_m_s2),
         Requirement("MPC_ACC_UP_MAX", max(4.0, stop_m_s2), stops, least=stop_m_s2),
         Requirement("MPC_ACC_DOWN_MAX", max(3.0, stop_m_s2), stops, least=stop_m_s2),
-        Requirement(
-            "MPC_TILTMAX_AIR",
-            max(45.0, tilt_deg),
-            "degrees: control.acceleration_max_m_s2, and as much again against the wind",
-            least=tilt_deg,
-            most=89.0,
-        ),
+        Requirement("MPC_TILTMAX_AIR", max(45.0, tilt_deg), tilts, least=tilt_deg, most=89.0),
     )
 
 
@@ -175,38 +144,19 @@ def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[
     show's origin. A vehicle at the service's fence, opposite its pad, is farther from home by the distance of
     its pad from the origin. It may also overshoot by the distance it flies until it has noticed and stopped.
     """
-    safety = control.safety
+    fence, limits, pads_m = control.safety.fence, control.safety.limits, operation.pads_within_m
     on_s = operation.setpoint_loss_s + STOP_S
-    wide_m = float(
-        ceil(safety.fence.distance_max_m + operation.pads_within_m + safety.limits.horizontal_m_s * on_s)
-    )
-    tall_m = float(
-        ceil(
-            max(safety.fence.height_max_m, operation.return_height_m)
-            + PAD_HEIGHT_MAX_M
-            + safety.limits.up_m_s * on_s
-        )
-    )
+    wide_m = float(ceil(fence.distance_max_m + pads_m + limits.horizontal_m_s * on_s))
+    highest_m = max(fence.height_max_m, operation.return_height_m)
+    tall_m = float(ceil(highest_m + PAD_HEIGHT_MAX_M + limits.up_m_s * on_s))
+    holds = "beyond its own fence it holds: the last wall"
     wall = "m from its own start: the service's fence, and room for"
-    pads_m = operation.pads_within_m
+    far = f"{wall} pads {pads_m:g} m from the origin (operation.pads_within_m) and its stop"
+    high = f"{wall} pads {PAD_HEIGHT_MAX_M:g} m below the origin and its stop"
     return (
-        Requirement(
-            "GF_ACTION", FENCE_HOLDS, "beyond its own fence it holds: the last wall", choices=(FENCE_HOLDS,)
-        ),
-        Requirement(
-            "GF_MAX_HOR_DIST",
-            wide_m,
-            f"{wall} pads {pads_m:g} m from the origin (operation.pads_within_m) and its stop",
-            least=wide_m,
-            most=WIDEST * wide_m,
-        ),
-        Requirement(
-            "GF_MAX_VER_DIST",
-            tall_m,
-            f"{wall} pads {PAD_HEIGHT_MAX_M:g} m below the origin and its stop",
-            least=tall_m,
-            most=WIDEST * tall_m,
-        ),
+        Requirement("GF_ACTION", FENCE_HOLDS, holds, choices=(FENCE_HOLDS,)),
+        Requirement("GF_MAX_HOR_DIST", wide_m, far, least=wide_m, most=WIDEST * wide_m),
+        Requirement("GF_MAX_VER_DIST", tall_m, high, least=tall_m, most=WIDEST * tall_m),
     )
 
 
@@ -266,7 +216,6 @@ def parameter_checks(
 
 @cache
 def group_of(name: str) -> str:
-    """Return the name of the check that a parameter belongs to."""
     return next((group for start, group in GROUPS.items() if name.startswith(start)), OTHERS)
 
 

@@ -48,12 +48,6 @@ class Fit:
         middle = complex(*self.middle_m)
         return _plane(turn * (_line(expected_m) - middle) + middle + complex(*self.shift_m))
 
-    @property
-    def origin_m(self) -> Array:
-        """(2,) Origin of the frame, moved to the pattern as fitted."""
-        placed_m: Array = self.placed_m(np.zeros((1, 2)))[0]
-        return placed_m
-
 
 def fit(expected_m: Array, measured_m: Array, uncertainty_m: Array, within_m: float) -> Fit:
     """Find the rotation and shift that match most places, with least squares over those.

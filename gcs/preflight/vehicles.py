@@ -20,7 +20,7 @@ class PreflightInputs:
 
     fleet: FleetState
     rows: Mapping[VehicleId, int]  # of FleetState
-    telemetry: Mapping[VehicleId, tuple[Telemetry, int]]  # its link's, and its row there
+    telemetry: Telemetry
     conflicts: Mapping[VehicleId, str]  # system ids received from two addresses
     uncertainty_m: Array  # (n,) standard deviation of each position, sideways
     age_max_s: float  # of a position
@@ -59,16 +59,7 @@ SENSOR_NAMES = {
 """Of MAV_SYS_STATUS_SENSOR, those that it flies by."""
 
 
-def judged(
-    name: str,
-    value: float,
-    limit: str,
-    *,
-    good: bool,
-    problem: str,
-    to_do: str,
-    unit: str = "",
-) -> Check:
+def judged(name: str, value: float, unit: str, limit: str, problem: str, to_do: str, *, good: bool) -> Check:
     """Return the check of a number; NaN is unknown and does not pass."""
     if good and not isnan(value):
         return Check(name, State.PASS, finite(value), unit, limit)
@@ -77,23 +68,22 @@ def judged(
 
 
 def finite(value: float) -> float | None:
-    """Return the value, or None if it is not finite."""
     return float(value) if isfinite(value) else None
 
 
 def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
     """Return all checks of one vehicle except its parameters and its position relative to others."""
     row = inputs.rows[vehicle_id]
-    checks = [
+    return [
         _address(inputs, vehicle_id),
-        _position(inputs, vehicle_id, row),
-        *_receiver(inputs, vehicle_id),
-        _estimator(inputs, vehicle_id),
-        _battery(inputs, vehicle_id),
+        _position(inputs, row),
+        *_receiver(inputs, row),
+        _estimator(inputs, row),
+        _battery(inputs, row),
         *_origin(inputs, row),
+        *_speed(inputs, row),
+        *_clock(inputs, row),
     ]
-    checks += [check for check in (_speed(inputs, row), _clock(inputs, vehicle_id)) if check is not None]
-    return checks
 
 
 def _address(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
@@ -103,89 +93,66 @@ def _address(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
     return Check("address", State.FAIL, None, "", limit, conflict, "give each vehicle a system id of its own")
 
 
-def _position(inputs: PreflightInputs, vehicle_id: VehicleId, row: int) -> Check:
+def _position(inputs: PreflightInputs, row: int) -> Check:
     """Check that the position is fresh: received, recently, and plausible (`gcs.estimation.fleet_state`)."""
-    age_s, (received, at) = float(inputs.fleet.age_s[row]), inputs.telemetry[vehicle_id]
-    limit = f"at most {inputs.age_max_s:g} s old"
+    age_s, limit = float(inputs.fleet.age_s[row]), f"at most {inputs.age_max_s:g} s old"
     if inputs.is_placed(row):
         return Check("position", State.PASS, age_s, "s", limit)
     if isfinite(age_s):
         problem, to_do = f"no position for {age_s:.1f} s", "wait, or look after its link"
-    elif inputs.fleet.time_s - received.position_time_s[at] <= inputs.age_max_s:
+    elif inputs.fleet.time_s - inputs.telemetry.position_time_s[row] <= inputs.age_max_s:
         problem = "no position to believe: it jumped, or is kilometres away"
         to_do = "check its GPS and show_frame"
     else:
         problem, to_do = "no position yet", "wait for its fix, or look after its link"
-    return judged(
-        "position",
-        age_s if isfinite(age_s) else np.nan,
-        limit,
-        good=False,
-        problem=problem,
-        to_do=to_do,
-        unit="s",
-    )
+    value_s = age_s if isfinite(age_s) else np.nan
+    return judged("position", value_s, "s", limit, problem, to_do, good=False)
 
 
-def _receiver(inputs: PreflightInputs, vehicle_id: VehicleId) -> Iterator[Check]:
+def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     """Check fix and accuracy: beyond the cap the margin is smaller than the accuracy requires."""
     if not inputs.settings.require_fix:
         return
-    received, at = inputs.telemetry[vehicle_id]
-    kind, positioning = float(received.fix_type[at]), inputs.positioning
+    received, positioning = inputs.telemetry, inputs.positioning
+    kind = float(received.fix_type[row])
     named = "not reported yet" if isnan(kind) else FIXES.get(int(kind), f"of type {kind:g}")
-    yield judged(
-        "fix",
-        kind,
-        f"GPS_FIX_TYPE at least {FIX_3D}",
-        good=kind >= FIX_3D,
-        problem=f"its receiver's fix is {named}, 3D is needed",
-        to_do="wait, under an open sky",
-    )
-    accuracy_m = float(received.horizontal_accuracy_m[at]), float(received.vertical_accuracy_m[at])
+    problem, limit = f"its receiver's fix is {named}, 3D is needed", f"GPS_FIX_TYPE at least {FIX_3D}"
+    yield judged("fix", kind, "", limit, problem, "wait, under an open sky", good=kind >= FIX_3D)
+    level_m, up_m = float(received.horizontal_accuracy_m[row]), float(received.vertical_accuracy_m[row])
+    problem = "its receiver does not tell its accuracy"
+    if isfinite(level_m) and isfinite(up_m):
+        of = f"its receiver reports an accuracy of {level_m:.1f} m sideways and {up_m:.1f} m up"
+        problem = f"{of}: too little for any margin"
     widest_m = positioning.uncertainty_max_m / positioning.share
     for value_m, name, most_m in (
-        (accuracy_m[0], "accuracy sideways", widest_m),
-        (accuracy_m[1], "accuracy up", inputs.floor.vertical_uncertainty * widest_m),
+        (level_m, "accuracy sideways", widest_m),
+        (up_m, "accuracy up", inputs.floor.vertical_uncertainty * widest_m),
     ):
-        of = (
-            f"its receiver reports an accuracy of {accuracy_m[0]:.1f} m sideways and {accuracy_m[1]:.1f} m up"
-        )
-        is_reported = isfinite(accuracy_m[0]) and isfinite(accuracy_m[1])
-        yield judged(
-            name,
-            value_m,
-            f"below {most_m:.1f} m (1 sigma)",
-            good=value_m < most_m,
-            problem=f"{of}: too little for any margin"
-            if is_reported
-            else "its receiver does not tell its accuracy",
-            to_do="wait for a better fix",
-            unit="m",
-        )
+        limit = f"below {most_m:.1f} m (1 sigma)"
+        yield judged(name, value_m, "m", limit, problem, "wait for a better fix", good=value_m < most_m)
 
 
-def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
+def _estimator(inputs: PreflightInputs, row: int) -> Check:
     """Check what the autopilot reports of its sensors, estimator, and arming checks."""
-    received, at = inputs.telemetry[vehicle_id]
-    unhealthy, limit = int(received.unhealthy_sensors[at]), "its own checks before arming pass"
+    unhealthy, ready = int(inputs.telemetry.unhealthy_sensors[row]), inputs.telemetry.ready[row]
+    limit = "its own checks before arming pass"
     if unhealthy < 0:
         problem = "its autopilot has not reported its health yet"
         return Check("autopilot", State.UNKNOWN, None, "", limit, problem, "wait")
-    if received.ready[at] and not unhealthy:
+    if ready and not unhealthy:
         return Check("autopilot", State.PASS, limit=limit)
     names = ", ".join(name for bit, name in SENSOR_NAMES.items() if unhealthy & bit)
     problem = "its autopilot does not yet pass its own arming checks"
-    if received.ready[at]:
+    if ready:
         problem = "its autopilot calls unhealthy what it flies by"
     if names:
         problem += f": {names}"
     return Check("autopilot", State.FAIL, None, "", limit, problem, "wait, and read what it says")
 
 
-def _battery(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
-    received, at = inputs.telemetry[vehicle_id]
-    left, need, flat = float(received.battery_remaining[at]), inputs.battery_need, inputs.settings.battery_min
+def _battery(inputs: PreflightInputs, row: int) -> Check:
+    left, need = float(inputs.telemetry.battery_remaining[row]), inputs.battery_need
+    flat = inputs.settings.battery_min
     if need is None:
         problem = "what the selected show needs of a battery is not known"
         to_do = "check and select it again"
@@ -193,16 +160,9 @@ def _battery(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
     least = max(need, flat)
     level = "unknown" if isnan(left) else f"at {left:.0%}"
     show_note = " for this show" if need > flat else ""
+    limit, problem = f"at least {least:.0%}{show_note}", f"battery {level}, at least {least:.0%} is needed"
     to_do = "charge it, or put in a full one" if least <= 1.0 else "choose a shorter show"
-    return judged(
-        "battery",
-        left,
-        f"at least {least:.0%}{show_note}",
-        good=left >= least,
-        problem=f"battery {level}, at least {least:.0%} is needed{show_note}",
-        to_do=to_do,
-        unit="of 1",
-    )
+    return judged("battery", left, "of 1", limit, f"{problem}{show_note}", to_do, good=left >= least)
 
 
 def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
@@ -212,15 +172,11 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     place_m, fence = inputs.fleet.position_m[row], inputs.fence
     height_m, distance_m = -float(place_m[2]), float(np.hypot(place_m[0], place_m[1]))
     beside = f"{abs(height_m):.1f} m {'above' if height_m > 0.0 else 'below'} the show's origin"
-    yield judged(
-        "height of the origin",
-        height_m,
-        f"from -{PAD_HEIGHT_MAX_M:g} to {PAD_HEIGHT_MAX_M:g} m",
-        good=abs(height_m) <= PAD_HEIGHT_MAX_M,
-        problem=f"stands {beside}, at most {PAD_HEIGHT_MAX_M:g} m is possible",
-        to_do="check show_frame.altitude_amsl_m",
-        unit="m",
-    )
+    limit = f"from -{PAD_HEIGHT_MAX_M:g} to {PAD_HEIGHT_MAX_M:g} m"
+    problem = f"stands {beside}, at most {PAD_HEIGHT_MAX_M:g} m is possible"
+    good = abs(height_m) <= PAD_HEIGHT_MAX_M
+    to_do = "check show_frame.altitude_amsl_m"
+    yield judged("height of the origin", height_m, "m", limit, problem, to_do, good=good)
     least_m = min(fence.distance_max_m, inputs.pads_within_m)
     away = f"stands {distance_m:.0f} m from the show's origin"
     if distance_m > fence.distance_max_m:
@@ -229,52 +185,32 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     else:
         problem = f"{away}, its autopilot's fence allows for {inputs.pads_within_m:g} m"
         to_do = "check show_frame, or raise operation.pads_within_m and apply the parameters again"
-    yield judged(
-        "distance of the origin",
-        distance_m,
-        f"at most {least_m:g} m" if least_m < inf else "none",
-        good=distance_m <= least_m,
-        problem=problem,
-        to_do=to_do,
-        unit="m",
-    )
+    limit, good = f"at most {least_m:g} m" if least_m < inf else "none", distance_m <= least_m
+    yield judged("distance of the origin", distance_m, "m", limit, problem, to_do, good=good)
 
 
-def _speed(inputs: PreflightInputs, row: int) -> Check | None:
-    """Check that it may fly as fast as the show needs. None: it has no own limit, or there is no show."""
+def _speed(inputs: PreflightInputs, row: int) -> Iterator[Check]:
+    """Check that it may fly as fast as the show needs, if it has a limit of its own."""
     if inputs.speed_max_m_s is None or not inputs.speed_need_m_s or not isfinite(inputs.speed_max_m_s[row]):
-        return None
+        return
     able_m_s, need_m_s = float(inputs.speed_max_m_s[row]), inputs.speed_need_m_s
-    return judged(
-        "speed",
-        able_m_s,
-        f"at least {need_m_s:g} m/s for this show",
-        good=able_m_s >= need_m_s,
-        problem=f"flies at most {able_m_s:g} m/s, this show needs {need_m_s:g} m/s",
-        to_do="raise its speed_max_m_s if it can fly so fast, take it out of the show, or write a slower one",
-        unit="m/s",
-    )
+    limit = f"at least {need_m_s:g} m/s for this show"
+    problem = f"flies at most {able_m_s:g} m/s, this show needs {need_m_s:g} m/s"
+    to_do = "raise its speed_max_m_s if it can fly so fast, take it out of the show, or write a slower one"
+    yield judged("speed", able_m_s, "m/s", limit, problem, to_do, good=able_m_s >= need_m_s)
 
 
-def _clock(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check | None:
+def _clock(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     """Compare clocks: vehicles have satellite time, so a difference shows that one clock is wrong."""
     most_s = inputs.settings.clock_max_s
     if most_s is None:
-        return None
-    received, at = inputs.telemetry[vehicle_id]
-    ahead_s = float(received.clock_base_s[at]) - inputs.ahead_s
+        return
+    ahead_s = float(inputs.telemetry.clock_base_s[row]) - inputs.ahead_s
     if isnan(ahead_s):
         problem, to_do = "its clock has not reported the time yet", "wait for its fix"
     else:
         beside = f"{abs(ahead_s):.1f} s {'ahead of' if ahead_s > 0.0 else 'behind'} this machine's"
         problem = f"its clock is {beside}, at most {most_s:g} s"
         to_do = "set this machine's clock (NTP) if all differ alike, else look after the vehicle's receiver"
-    return judged(
-        "clock",
-        ahead_s,
-        f"at most {most_s:g} s from ours",
-        good=abs(ahead_s) <= most_s,
-        problem=problem,
-        to_do=to_do,
-        unit="s",
-    )
+    limit = f"at most {most_s:g} s from ours"
+    yield judged("clock", ahead_s, "s", limit, problem, to_do, good=abs(ahead_s) <= most_s)

@@ -63,7 +63,7 @@ def known(
     given: dict[str, Any] = {
         "fleet": FleetState(0.0, IDS, position, np.zeros((3, 3)), np.zeros(3), np.array(age_s)),
         "rows": {name: row for row, name in enumerate(IDS)},
-        "telemetry": {name: (telemetry, row) for row, name in enumerate(IDS)},
+        "telemetry": telemetry,
         "conflicts": {},
         "uncertainty_m": uncertainty_m(0.0, 2.0, *reported_m, telemetry.fix_type, NEVER, P),
         "age_max_s": 0.5,
