@@ -56,41 +56,25 @@ GROUNDED: Final = frozenset({Phase.OFFLINE, Phase.STANDBY})
 """Phases in which a vehicle is not in the air, as far as is known."""
 
 NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
-    (Phase.OFFLINE, Event.CONNECTED): Phase.STANDBY,
-    (Phase.OFFLINE, Event.CONNECTED_IN_AIR): Phase.PILOT,  # found flying: under pilot control until hand-over
-    (Phase.STANDBY, Event.SILENT): Phase.OFFLINE,
-    (Phase.STANDBY, Event.CONNECTED_IN_AIR): Phase.PILOT,
-    (Phase.STANDBY, Event.TAKE_OFF): Phase.TAKEOFF,
-    (Phase.TAKEOFF, Event.HOLD): Phase.HOLD,
-    (Phase.TAKEOFF, Event.DESCEND): Phase.LANDING,
-    (Phase.TAKEOFF, Event.TOUCHED_DOWN): Phase.STANDBY,
-    (Phase.HOLD, Event.ENGAGE): Phase.FORMATION,
-    (Phase.HOLD, Event.COME_HOME): Phase.RETURN,
-    (Phase.HOLD, Event.DESCEND): Phase.LANDING,
-    (Phase.HOLD, Event.TOUCHED_DOWN): Phase.STANDBY,
-    (Phase.FORMATION, Event.HOLD): Phase.HOLD,
-    (Phase.FORMATION, Event.COME_HOME): Phase.RETURN,
-    (Phase.FORMATION, Event.DESCEND): Phase.LANDING,
-    (Phase.FORMATION, Event.TOUCHED_DOWN): Phase.STANDBY,
-    (Phase.RETURN, Event.COME_HOME): Phase.RETURN,
-    (Phase.RETURN, Event.HOLD): Phase.HOLD,
-    (Phase.RETURN, Event.PAUSE): Phase.FORMATION,
-    (Phase.LANDING, Event.PAUSE): Phase.FORMATION,
-    (Phase.RETURN, Event.DESCEND): Phase.LANDING,
-    (Phase.RETURN, Event.TOUCHED_DOWN): Phase.STANDBY,
-    (Phase.LANDING, Event.HOLD): Phase.HOLD,
-    (Phase.LANDING, Event.COME_HOME): Phase.RETURN,
-    (Phase.LANDING, Event.TOUCHED_DOWN): Phase.STANDBY,
-    (Phase.LOST, Event.HOLD): Phase.HOLD,
-    (Phase.LOST, Event.CONNECTED): Phase.STANDBY,
-    (Phase.LOST, Event.CONFIRMED_DOWN): Phase.OFFLINE,
-    (Phase.PILOT, Event.TAKE_CONTROL): Phase.HOLD,
-    (Phase.PILOT, Event.TOUCHED_DOWN): Phase.STANDBY,
-    (Phase.PILOT, Event.SILENT): Phase.LOST,
-    (Phase.KILLED, Event.CONFIRMED_DOWN): Phase.OFFLINE,
-    **{(phase, Event.SILENT): Phase.LOST for phase in AIRBORNE},
-    **{(phase, Event.TAKEN_OVER): Phase.PILOT for phase in AIRBORNE | {Phase.LOST}},
-    **{(phase, Event.KILL): Phase.KILLED for phase in (set(Phase) - {Phase.OFFLINE})},  # also repeatedly
+    (phase, event): after
+    for event, after, phases in (
+        (Event.CONNECTED, Phase.STANDBY, {Phase.OFFLINE, Phase.LOST}),
+        (Event.CONNECTED_IN_AIR, Phase.PILOT, {Phase.OFFLINE, Phase.STANDBY}),  # until hand-over
+        (Event.SILENT, Phase.OFFLINE, {Phase.STANDBY}),
+        (Event.SILENT, Phase.LOST, AIRBORNE | {Phase.PILOT}),
+        (Event.TAKE_OFF, Phase.TAKEOFF, {Phase.STANDBY}),
+        (Event.HOLD, Phase.HOLD, AIRBORNE - {Phase.HOLD} | {Phase.LOST}),
+        (Event.ENGAGE, Phase.FORMATION, {Phase.HOLD}),
+        (Event.COME_HOME, Phase.RETURN, AIRBORNE - {Phase.TAKEOFF}),
+        (Event.DESCEND, Phase.LANDING, AIRBORNE - {Phase.LANDING}),
+        (Event.TOUCHED_DOWN, Phase.STANDBY, AIRBORNE | {Phase.PILOT}),
+        (Event.TAKEN_OVER, Phase.PILOT, AIRBORNE | {Phase.LOST}),
+        (Event.TAKE_CONTROL, Phase.HOLD, {Phase.PILOT}),
+        (Event.KILL, Phase.KILLED, set(Phase) - {Phase.OFFLINE}),  # also repeatedly
+        (Event.CONFIRMED_DOWN, Phase.OFFLINE, {Phase.LOST, Phase.KILLED}),
+        (Event.PAUSE, Phase.FORMATION, {Phase.RETURN, Phase.LANDING}),
+    )
+    for phase in phases
 }
 
 
@@ -156,35 +140,31 @@ IN_THE_AIR: Final = frozenset(
 ANYTHING_FLIES: Final = IN_THE_AIR | {ShowPhase.ABORTING, ShowPhase.UNCONTROLLED}
 """Something may be airborne: PAUSE, STOP and ABORT are accepted in all of these."""
 
+_NO_SHOW: Final = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
+
 SHOW_NEXT: Final[dict[tuple[ShowPhase, ShowEvent], ShowPhase]] = {
-    (ShowPhase.IDLE, ShowEvent.START): ShowPhase.PREFLIGHT,
-    (ShowPhase.LANDED, ShowEvent.START): ShowPhase.PREFLIGHT,
-    (ShowPhase.IDLE, ShowEvent.SCHEDULE): ShowPhase.COUNTDOWN,
-    (ShowPhase.LANDED, ShowEvent.SCHEDULE): ShowPhase.COUNTDOWN,
-    (ShowPhase.COUNTDOWN, ShowEvent.START): ShowPhase.PREFLIGHT,
-    (ShowPhase.COUNTDOWN, ShowEvent.CHECK_FAILED): ShowPhase.IDLE,
-    (ShowPhase.COUNTDOWN, ShowEvent.STOP): ShowPhase.IDLE,
-    (ShowPhase.COUNTDOWN, ShowEvent.ABORT): ShowPhase.IDLE,
-    (ShowPhase.PREFLIGHT, ShowEvent.CHECKED): ShowPhase.ARMING,
-    (ShowPhase.PREFLIGHT, ShowEvent.CHECK_FAILED): ShowPhase.IDLE,
-    (ShowPhase.PREFLIGHT, ShowEvent.ABORT): ShowPhase.IDLE,
-    (ShowPhase.ARMING, ShowEvent.ALL_UP): ShowPhase.ASSEMBLING,
-    (ShowPhase.ASSEMBLING, ShowEvent.ASSEMBLED): ShowPhase.RUNNING,
-    **{(phase, ShowEvent.PAUSE): ShowPhase.PAUSED for phase in IN_THE_AIR | {ShowPhase.ABORTING}},
-    (ShowPhase.UNCONTROLLED, ShowEvent.PAUSE): ShowPhase.UNCONTROLLED,  # until a vehicle is under control
-    (ShowPhase.PAUSED, ShowEvent.RESUME): ShowPhase.ASSEMBLING,
-    (ShowPhase.ARMING, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,  # airborne, but no vehicle could join
-    (ShowPhase.IDLE, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
-    (ShowPhase.LANDED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
-    (ShowPhase.UNCONTROLLED, ShowEvent.TAKEN_ON): ShowPhase.PAUSED,
-    (ShowPhase.UNCONTROLLED, ShowEvent.NEVER_FLEW): ShowPhase.IDLE,
-    **{(phase, ShowEvent.STOP): ShowPhase.RETURNING for phase in ANYTHING_FLIES},
-    **{(phase, ShowEvent.ABORT): ShowPhase.ABORTING for phase in ANYTHING_FLIES},
-    **{(phase, ShowEvent.ALL_DOWN): ShowPhase.LANDED for phase in ANYTHING_FLIES},
-    **{
-        (phase, ShowEvent.CONTROL_LOST): ShowPhase.UNCONTROLLED
-        for phase in ANYTHING_FLIES | {ShowPhase.IDLE, ShowPhase.LANDED}
-    },
+    (phase, event): after
+    for event, after, phases in (
+        (ShowEvent.SCHEDULE, ShowPhase.COUNTDOWN, _NO_SHOW),
+        (ShowEvent.START, ShowPhase.PREFLIGHT, ON_THE_GROUND),
+        (ShowEvent.CHECKED, ShowPhase.ARMING, {ShowPhase.PREFLIGHT}),
+        (ShowEvent.CHECK_FAILED, ShowPhase.IDLE, {ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT}),
+        (ShowEvent.ALL_UP, ShowPhase.ASSEMBLING, {ShowPhase.ARMING}),
+        (ShowEvent.ASSEMBLED, ShowPhase.RUNNING, {ShowPhase.ASSEMBLING}),
+        (ShowEvent.PAUSE, ShowPhase.PAUSED, IN_THE_AIR | {ShowPhase.ABORTING}),
+        (ShowEvent.PAUSE, ShowPhase.UNCONTROLLED, {ShowPhase.UNCONTROLLED}),  # until one is under control
+        (ShowEvent.RESUME, ShowPhase.ASSEMBLING, {ShowPhase.PAUSED}),
+        # from ARMING: airborne, but no vehicle could join
+        (ShowEvent.TAKEN_ON, ShowPhase.PAUSED, _NO_SHOW | {ShowPhase.ARMING, ShowPhase.UNCONTROLLED}),
+        (ShowEvent.STOP, ShowPhase.RETURNING, ANYTHING_FLIES),
+        (ShowEvent.STOP, ShowPhase.IDLE, {ShowPhase.COUNTDOWN}),
+        (ShowEvent.ABORT, ShowPhase.ABORTING, ANYTHING_FLIES),
+        (ShowEvent.ABORT, ShowPhase.IDLE, {ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT}),
+        (ShowEvent.ALL_DOWN, ShowPhase.LANDED, ANYTHING_FLIES),
+        (ShowEvent.CONTROL_LOST, ShowPhase.UNCONTROLLED, ANYTHING_FLIES | _NO_SHOW),
+        (ShowEvent.NEVER_FLEW, ShowPhase.IDLE, {ShowPhase.UNCONTROLLED}),
+    )
+    for phase in phases
 }
 
 

@@ -237,10 +237,4 @@ def counts_of(
         whereabouts(phase, down, armed=is_armed, heartbeat_age_s=age_s)
         for phase, down, is_armed, age_s in zip(phases, landed, armed, heartbeat_age_s, strict=True)
     ]
-    return Counts(
-        controlled=found.count(Whereabouts.CONTROLLED),
-        uncontrolled=found.count(Whereabouts.UNCONTROLLED),
-        unknown=found.count(Whereabouts.UNKNOWN),
-        on_ground=found.count(Whereabouts.ON_GROUND),
-        offline=found.count(Whereabouts.OFFLINE),
-    )
+    return Counts(**{where.name.lower(): found.count(where) for where in Whereabouts})
