@@ -83,6 +83,11 @@ SHOW_FOLLOWS: Final = {
     Action.LAND: "The show lands.",
 }
 
+KILL_OUTCOMES: Final = {
+    Outcome.PENDING: "motors are being stopped on command",
+    Outcome.FAILED: "motors were not seen to stop; commanded",
+}
+
 VEHICLES_FOLLOW: Final = {
     Action.HOLD: "[It leaves the formation and holds|They leave the formation and hold].",
     Action.RETURN: "[It comes|They come] home.",
@@ -160,7 +165,6 @@ class AlarmMonitor:
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """Current alarms, most severe first."""
         return self._alarm_book.alarms
 
     def is_due(self, now_s: float) -> bool:
@@ -188,14 +192,13 @@ class AlarmMonitor:
         known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
         alarm = self._alarm_book.acknowledge(alarm_id, CALLER.get(), self.flight.unix_s())
         if known[alarm_id] is None:
-            _log_acknowledged(alarm)
+            reported = {"alarm": alarm.id, "by": alarm.acknowledged_by, "text": alarm.text}
+            log.info("alarm_acknowledged", extra=reported)
         return alarm
 
     def acknowledge_all(self) -> tuple[Alarm, ...]:
-        acknowledged = self._alarm_book.acknowledge_all(CALLER.get(), self.flight.unix_s())
-        for alarm in acknowledged:
-            _log_acknowledged(alarm)
-        return acknowledged
+        open_ids = [alarm.id for alarm in self.alarms if alarm.acknowledged_by is None]
+        return tuple(map(self.acknowledge, open_ids))
 
     def _of_vehicles(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         vehicles = self.flight.vehicles.values()
@@ -206,33 +209,22 @@ class AlarmMonitor:
         follows = "" if lost is None else SHOW_FOLLOWS[Action(lost.action)]
         named = () if lost is None else lost.vehicles
         for vehicle in vehicles:
+            ids = (vehicle.id,)
             if vehicle.phase is Phase.LOST:
                 command_id = lost.command_id if lost is not None and vehicle.id in named else None
                 consequence = follows if vehicle.id in named else ""
-                yield Condition(
-                    AlarmCause.VEHICLE_LOST, vehicle.reason, (vehicle.id,), consequence, command_id=command_id
-                )
-            elif vehicle.phase is Phase.PILOT and vehicle.cause not in {None, FailsafeCause.UNKNOWN}:
-                because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
-                critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
-                yield Condition(
-                    AlarmCause.OWN_FAILSAFE,
-                    because,
-                    (vehicle.id,),
-                    SENDS_NOTHING,
-                    advice=f"[{advice}|{ADVICE_TO_MANY.get(advice, advice)}]"
-                    if advice
-                    else WAIT_FOR_A_COMMAND,
-                    severity=AlarmSeverity.EMERGENCY if critical else None,
-                )
+                cause = AlarmCause.VEHICLE_LOST
+                yield Condition(cause, vehicle.reason, ids, consequence, command_id=command_id)
             elif vehicle.phase is Phase.PILOT:
-                because = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")[0]
-                yield Condition(
-                    AlarmCause.OUTSIDE_CONTROL,
-                    because.removesuffix("."),  # the advice says what to do
-                    (vehicle.id,),
-                    SENDS_NOTHING,
-                )
+                because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
+                if vehicle.cause in {None, FailsafeCause.UNKNOWN}:
+                    why = because.removesuffix(".")  # the cause's advice says what to do
+                    yield Condition(AlarmCause.OUTSIDE_CONTROL, why, ids, SENDS_NOTHING)
+                    continue
+                critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
+                severity = AlarmSeverity.EMERGENCY if critical else None
+                to_do = f"[{advice}|{ADVICE_TO_MANY.get(advice, advice)}]" if advice else WAIT_FOR_A_COMMAND
+                yield Condition(AlarmCause.OWN_FAILSAFE, because, ids, SENDS_NOTHING, to_do, severity)
             elif vehicle.phase is Phase.KILLED:
                 yield self._of_a_kill(vehicle)
 
@@ -240,20 +232,12 @@ class AlarmMonitor:
         """Distinguish a kill that has not taken effect from one that has."""
         kills = (command for command in self.flight.book.newest() if command.action == "kill")
         command = next((command for command in kills if vehicle.id in command.outcomes), None)
-        outcome = None if command is None else command.outcomes[vehicle.id].outcome
-        because = "motors stopped on command"
-        if outcome is Outcome.PENDING:
-            because = "motors are being stopped on command"
-        elif outcome is Outcome.FAILED:
-            because = "motors were not seen to stop; commanded"
-        by = "" if command is None else f" by {command.by}"
-        return Condition(
-            AlarmCause.KILLED,
-            f"{because}{by}",
-            (vehicle.id,),
-            "Other vehicles keep clear of where [it was|they were].",
-            command_id=None if command is None else command.id,
-        )
+        because, command_id = "motors stopped on command", None
+        if command is not None:
+            outcome, command_id = command.outcomes[vehicle.id].outcome, command.id
+            because = f"{KILL_OUTCOMES.get(outcome, because)} by {command.by}"
+        consequence = "Other vehicles keep clear of where [it was|they were]."
+        return Condition(AlarmCause.KILLED, because, (vehicle.id,), consequence, command_id=command_id)
 
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
         floor, pairs = tick.floor, self._pairs
@@ -345,16 +329,9 @@ def of_routes(tick: Tick, ids: Sequence[str]) -> Iterator[Condition]:
 def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
     for each in failsafes:
         cause, action = Cause(each.cause), Action(each.action)
-        if cause not in OF_FAILSAFE:
-            continue
-        follows = SHOW_FOLLOWS if cause in OF_THE_SHOW else VEHICLES_FOLLOW
-        yield Condition(
-            OF_FAILSAFE[cause],
-            each.reason,
-            each.vehicles,
-            follows.get(action, ""),
-            command_id=each.command_id,
-        )
+        follows = (SHOW_FOLLOWS if cause in OF_THE_SHOW else VEHICLES_FOLLOW).get(action, "")
+        if (shown := OF_FAILSAFE.get(cause)) is not None:
+            yield Condition(shown, each.reason, each.vehicles, follows, command_id=each.command_id)
 
 
 def _of_the_service(findings: Findings) -> Iterator[Condition]:
@@ -377,32 +354,20 @@ def _of_the_interruption(found: InterruptedFlight) -> Condition:
     what = "" if found.written is None else f" {found.written.name!r} (cue {found.written.cue!r})"
     absent = [f"{name}: {one.text}." for name, one in found.vehicles.items() if not one.waits]
     consequence = " ".join([*absent, *(f"{problem}." for problem in found.problems)])
-    if found.show is ShowPhase.COUNTDOWN:
-        return Condition(
-            AlarmCause.INTERRUPTED,
-            f"{found.cause} while the show{what} was counted down",
-            consequence=f"It does not start by itself. {consequence}".strip(),
-            advice="Start it again when all is clear.",
-            severity=AlarmSeverity.CAUTION,
-        )
-    offers = " or ".join(found.offers)
-    return Condition(
-        AlarmCause.INTERRUPTED,
-        f"{found.cause} while the show{what} was {found.show}",
-        consequence=consequence,
-        advice=f"Command {offers}." if offers else "",
-    )
+    because, offers = f"{found.cause} while the show{what} was", " or ".join(found.offers)
+    if found.show is not ShowPhase.COUNTDOWN:
+        advice = f"Command {offers}." if offers else ""
+        return Condition(AlarmCause.INTERRUPTED, f"{because} {found.show}", (), consequence, advice)
+    consequence = f"It does not start by itself. {consequence}".strip()
+    because, advice = f"{because} counted down", "Start it again when all is clear."
+    return Condition(AlarmCause.INTERRUPTED, because, (), consequence, advice, AlarmSeverity.CAUTION)
 
 
 def _log_change(change: Change) -> None:
     alarm = change.alarm
     about = {"alarm": alarm.id, "severity": alarm.severity.value, "cause": alarm.cause.value}
+    about["text"] = alarm.text
     if change.kind is ChangeKind.ENDED:
-        log.info("alarm_over", extra={**about, "text": alarm.text})
-        return
-    reported = {**about, "text": alarm.text, "vehicles": list(alarm.vehicles)}
-    log.log(LEVEL[alarm.severity], "alarm", extra=reported)
-
-
-def _log_acknowledged(alarm: Alarm) -> None:
-    log.info("alarm_acknowledged", extra={"alarm": alarm.id, "by": alarm.acknowledged_by, "text": alarm.text})
+        log.info("alarm_over", extra=about)
+    else:
+        log.log(LEVEL[alarm.severity], "alarm", extra={**about, "vehicles": list(alarm.vehicles)})

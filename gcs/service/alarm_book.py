@@ -123,10 +123,6 @@ class AlarmBook:
         listed = ", ".join(alarm.id for alarm in self.alarms) or "none"
         raise UnknownError(f"there is no alarm {alarm_id!r}; listed now: {listed}")
 
-    def acknowledge_all(self, by: str, unix_s: float) -> tuple[Alarm, ...]:
-        open_ids = [alarm.id for alarm in self.alarms if alarm.acknowledged_by is None]
-        return tuple(self.acknowledge(alarm_id, by, unix_s) for alarm_id in open_ids)
-
     def _follow(self, entry: _Entry, held: dict[VehicleId | None, Condition], now_s: float) -> None:
         """Begin and end members after their delays."""
         for name, condition in held.items():
@@ -164,10 +160,8 @@ class AlarmBook:
             return [Change(ChangeKind.ENDED, ended)]
         alarm = _alarm(entry.row, active)
         if before is None:
-            number = next(self._numbers)
-            alarm = replace(
-                alarm, id=f"{alarm.cause}-{number}", since_unix_time_s=unix_s, raised_unix_time_s=unix_s
-            )
+            name = f"{alarm.cause}-{next(self._numbers)}"
+            alarm = replace(alarm, id=name, since_unix_time_s=unix_s, raised_unix_time_s=unix_s)
             entry.alarm, entry.written_s = alarm, now_s
             return [Change(ChangeKind.BEGUN, alarm)]
         alarm = replace(
@@ -180,13 +174,10 @@ class AlarmBook:
         )
         if alarm == before:
             return []
-        grown = bool(set(alarm.vehicles) - set(before.vehicles)) or (
-            RANK[alarm.severity] < RANK[before.severity]
-        )
+        more_severe = RANK[alarm.severity] < RANK[before.severity]
+        grown = more_severe or bool(set(alarm.vehicles) - set(before.vehicles))
         if grown:
-            alarm = replace(
-                alarm, raised_unix_time_s=unix_s, acknowledged_by=None, acknowledged_unix_time_s=None
-            )
+            alarm = replace(_acknowledged(alarm, None, None), raised_unix_time_s=unix_s)
         elif _only_numbers_differ(alarm, before) and now_s < entry.written_s + NUMBERS_S:
             self._due_s = min(self._due_s, entry.written_s + NUMBERS_S)
             return []
@@ -202,7 +193,7 @@ def _rank(condition: Condition) -> int:
     return RANK[condition.severity or CAUSES[condition.cause].severity]
 
 
-def _acknowledged(alarm: Alarm, by: str, unix_s: float) -> Alarm:
+def _acknowledged(alarm: Alarm, by: str | None, unix_s: float | None) -> Alarm:
     return replace(alarm, acknowledged_by=by, acknowledged_unix_time_s=unix_s)
 
 
@@ -221,12 +212,11 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
     by_reason: dict[str, list[VehicleId]] = {}
     for name, condition in active.items():
         by_reason.setdefault(condition.because, []).extend(() if name is None else (name,))
-    if len(by_reason) == 1:
-        because = next(iter(by_reason))
-    else:
-        because = "; ".join(f"{named(names)}: {why}" if names else why for why, names in by_reason.items())
-    headline = row.headline.format(vehicles=_subject(vehicles), about=worst.about)
-    many = len(vehicles) > 1
+    alike = len(by_reason) == 1
+    reasons = (f"{named(ids)}: {why}" if ids and not alike else why for why, ids in by_reason.items())
+    because, many = "; ".join(reasons), len(vehicles) > 1
+    subject = f"{'Vehicles' if many else 'Vehicle'} " if len(vehicles) <= NAMED_MAX else ""
+    headline = row.headline.format(vehicles=f"{subject}{named(vehicles)}", about=worst.about)
     follows = for_number(" ".join(dict.fromkeys(one.consequence for one in conditions)), many=many).strip()
     first = f"{headline}: {because}" if because else headline
     return Alarm(
@@ -245,9 +235,3 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
 def named(vehicles: Sequence[VehicleId]) -> str:
     """Return the vehicles separated by commas, or their number if they are many."""
     return ", ".join(vehicles) if len(vehicles) <= NAMED_MAX else f"{len(vehicles)} vehicles"
-
-
-def _subject(vehicles: Sequence[VehicleId]) -> str:
-    if len(vehicles) > NAMED_MAX:
-        return named(vehicles)
-    return f"Vehicle{'s' if len(vehicles) > 1 else ''} {named(vehicles)}"

@@ -339,17 +339,12 @@ class Limit:
     on: float
     off: float
 
-    @property
-    def low_is_bad(self) -> bool:
-        """Whether values below the limit are beyond it."""
-        return self.off > self.on
-
 
 def beyond(before: Mask, values: Array, limit: Limit) -> Mask:
     """(n,) Which values are beyond the limit; those between the thresholds keep their state `before`.
 
     An unknown value (NaN) is not beyond.
     """
-    if limit.low_is_bad:
+    if limit.off > limit.on:  # low values are bad
         return np.asarray((values < limit.on) | (before & (values < limit.off)))
     return np.asarray((values > limit.on) | (before & (values > limit.off)))

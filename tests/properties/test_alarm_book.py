@@ -99,5 +99,6 @@ def test_every_alarm_ends_once_when_its_cause_is_gone(looks: list[list[Condition
                 ended.append(change.alarm.id)
     assert sorted(begun) == sorted(ended)
     assert not any(alarm.lasts for alarm in book.alarms)
-    book.acknowledge_all("anna", 0.0)
+    for alarm in book.alarms:
+        book.acknowledge(alarm.id, "anna", 0.0)
     assert book.alarms == ()
