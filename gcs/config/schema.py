@@ -9,20 +9,7 @@ from typing import Annotated
 
 from pydantic import Field, ValidationError, model_validator
 
-from gcs.config import yaml_files
-from gcs.config.sections import (
-    ApiSettings,
-    FormationSettings,
-    LinkSettings,
-    OperationSettings,
-    OrbitSettings,
-    PreflightSettings,
-    ShowFrameSettings,
-    ShowsSettings,
-    TargetSettings,
-    VehicleSettings,
-    YawSettings,
-)
+from gcs.config import sections, yaml_files
 from gcs.config.setting_errors import Misfit, explained, located
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
@@ -52,22 +39,22 @@ from gcs.service.map_settings import MapSettings
 class Config(Settings):
     """A whole configuration file."""
 
-    show_frame: ShowFrameSettings
-    links: tuple[LinkSettings, ...]
-    formation: FormationSettings
-    orbit: OrbitSettings = OrbitSettings()
-    target: TargetSettings = TargetSettings()
-    yaw: YawSettings = YawSettings()
-    api: ApiSettings = ApiSettings()
+    show_frame: sections.ShowFrameSettings
+    links: tuple[sections.LinkSettings, ...]
+    formation: sections.FormationSettings
+    orbit: sections.OrbitSettings = sections.OrbitSettings()
+    target: sections.TargetSettings = sections.TargetSettings()
+    yaw: sections.YawSettings = sections.YawSettings()
+    api: sections.ApiSettings = sections.ApiSettings()
     access: AccessSettings = AccessSettings()
     record: RecordSettings | None = None
-    shows: ShowsSettings | None = None  # None: no shows can be uploaded
+    shows: sections.ShowsSettings | None = None  # None: no shows can be uploaded
     map: MapSettings | None = None  # None: only a grid, and no requests to a tile server
-    operation: OperationSettings = OperationSettings()
+    operation: sections.OperationSettings = sections.OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
     failsafes: FailsafePolicy = FailsafePolicy()
-    preflight: PreflightSettings = PreflightSettings()
+    preflight: sections.PreflightSettings = sections.PreflightSettings()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
 
@@ -85,7 +72,7 @@ class Config(Settings):
         )
 
     @cached_property
-    def fleet(self) -> tuple[VehicleSettings, ...]:
+    def fleet(self) -> tuple[sections.VehicleSettings, ...]:
         return tuple(vehicle for link in self.links for vehicle in link.fleet)
 
     @cached_property

@@ -246,18 +246,13 @@ def advance(
         vehicles = replace(vehicles, since_s=np.where(gone, np.nan, vehicles.since_s))
     lost, all_count = int(roles.lost.sum()), int((flies | roles.lost).sum())
     many = settings.vehicles_lost
-    shows = np.array(
-        [
-            [weather.windy and flies.any()],
-            [lost >= many.count and lost >= many.share * all_count and flies.any()],
-            [seen.target_age_s > settings.target_stale.after_s and flies.any()],
-            [known.late_s > settings.service_late.late_s and flies.any()],
-            [weather.late and flies.any()],
-        ]
-    )
+    many_lost = lost >= many.count and lost >= many.share * all_count
+    stale = seen.target_age_s > settings.target_stale.after_s
+    late = known.late_s > settings.service_late.late_s
+    shows = np.array([weather.windy, many_lost, stale, late, weather.late], dtype=np.bool_) & flies.any()
     for_each_s = settings.wind.for_s, 0.0, 0.0, settings.service_late.for_s, settings.links_late.for_s
     show_for_s = np.array(for_each_s)[:, None]
-    show = known.show.next(shows, now_s, show_for_s, settings.clear_s)
+    show = known.show.next(shows[:, None], now_s, show_for_s, settings.clear_s)
     if not flies.any():
         show = Latch.idle(len(OF_THE_SHOW), 1)
     after = replace(known, vehicles=vehicles, show=show)
@@ -277,7 +272,7 @@ def _of_vehicles(
 ) -> list[FailsafeRequest]:
     """Return one request for each cause and action, with the vehicles concerned."""
     battery, position, fence = settings.low_battery, settings.bad_position, settings.fence
-    low, critical = (_least(seen.battery, latch.active[kind]) for kind in (LOW, CRITICAL))
+    low, critical = (np.nanmin(seen.battery[latch.active[kind]], initial=1.0) for kind in (LOW, CRITICAL))
     soon = f"the fence within {fence.within_s:g} s as it flies now"
     cases = {
         LOST: (settings.vehicle_lost.action, "silent, or killed: the others go on without"),
@@ -300,16 +295,10 @@ def _of_vehicles(
             first, then = active & ~later, Action.LAND
         for does, rows in ((action, first), (then, later)):
             if rows.any():
-                since_s = float(latch.since_s[kind][rows].min())
-                named = tuple(np.flatnonzero(rows).tolist())
-                requests.append(
-                    FailsafeRequest(OF_VEHICLES[kind], does, since_s, named, kind == LOST, reason)
-                )
+                since_s, named = float(latch.since_s[kind][rows].min()), tuple(np.flatnonzero(rows).tolist())
+                cause, of_show = OF_VEHICLES[kind], kind == LOST
+                requests.append(FailsafeRequest(cause, does, since_s, named, of_show, reason))
     return requests
-
-
-def _least(values: Array, rows: Mask) -> float:
-    return float(np.nanmin(values[rows], initial=1.0))
 
 
 def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> str:
@@ -330,32 +319,20 @@ def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
 def _of_the_show(
     latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: FailsafePolicy, losses: str
 ) -> list[FailsafeRequest]:
-    wind, late = settings.wind, settings.service_late
+    wind, links = settings.wind, settings.links_late
+    target, late = settings.target_stale, settings.service_late
     error_m_s = np.hypot(known.error_m_s[:, 0], known.error_m_s[:, 1])
     strays = int((error_m_s > wind.speed_error_m_s).sum())
     rows = {Cause.VEHICLES_LOST: tuple(np.flatnonzero(roles.lost).tolist())}
+    off = f"{strays} vehicles fly up to {error_m_s.max(initial=0.0):.1f} m/s off their setpoints"
+    stale = f"no new position of it for more than {target.after_s:g} s"
+    slow = f"ticks are {known.late_s * 1e3:.0f} ms late on average, {late.late_s * 1e3:.0f} ms is allowed"
     cases = {
-        Cause.WIND: (
-            wind.action,
-            wind.then_return_after_s,
-            f"{strays} vehicles fly up to {error_m_s.max(initial=0.0):.1f} m/s off their setpoints",
-        ),
-        Cause.LINKS_LATE: (
-            settings.links_late.action,
-            settings.links_late.then_return_after_s,
-            _late_links(seen, roles, settings.links_late),
-        ),
+        Cause.WIND: (wind.action, wind.then_return_after_s, off),
+        Cause.LINKS_LATE: (links.action, links.then_return_after_s, _late_links(seen, roles, links)),
         Cause.VEHICLES_LOST: (settings.vehicles_lost.action, None, losses),
-        Cause.TARGET_STALE: (
-            settings.target_stale.action,
-            None,
-            f"no new position of it for more than {settings.target_stale.after_s:g} s",
-        ),
-        Cause.SERVICE_LATE: (
-            late.action,
-            late.then_return_after_s,
-            f"ticks are {known.late_s * 1e3:.0f} ms late on average, {late.late_s * 1e3:.0f} ms is allowed",
-        ),
+        Cause.TARGET_STALE: (target.action, None, stale),
+        Cause.SERVICE_LATE: (late.action, late.then_return_after_s, slow),
     }
     requests = []
     for kind in np.flatnonzero(latch.active[:, 0]).tolist():
