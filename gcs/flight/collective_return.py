@@ -67,7 +67,6 @@ class CollectiveReturn:
             self._planner.halt()
 
     def stopping(self, vehicle: Vehicle) -> None:
-        """Note that a vehicle is under control and stops."""
         self._stopping[vehicle.id] = vehicle
 
     def takes_part(self, vehicle: Vehicle) -> bool:
@@ -90,23 +89,16 @@ class CollectiveReturn:
                 self._begin()
         elif self._planned.done():
             self._since_s = now_s
-            self._set_out(self._planned)
+            error = self._planned.exception()
+            if error is None:
+                self._progress = PathProgress(self._planned.result(), self._home_m)
+            else:
+                self._fail(error)
         elif since_s > PLANNED_WITHIN_S:
             self.give_up()
 
-    def _set_out(self, planned: Future[ReturnPaths]) -> None:
-        """Start the planned paths. If the planner raised any error, the fleet returns without a plan.
-
-        The planner runs beside control, and its errors do not reach control: the error is read from the
-        future, logged with its traceback, and shown as an alarm.
-        """
-        error = planned.exception()
-        if error is None:
-            self._progress = PathProgress(planned.result(), self._home_m)
-        else:
-            self._fail(error)
-
     def _fail(self, error: BaseException) -> None:
+        """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""
         self._is_off = True
         detail = f": {cut(str(error))}" if str(error) else ""
         self.problem = f"the planner failed with {type(error).__name__}{detail}"
@@ -140,10 +132,8 @@ class CollectiveReturn:
     def _all_stand(self) -> bool:
         """Whether every participating vehicle is under control and nearly at rest."""
         ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
-        speed_m_s = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1)
-        return all(
-            vehicle.id in self._stopping and bool(speed_m_s[vehicle.row] < STANDS_M_S) for vehicle in ours
-        )
+        stands = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1) < STANDS_M_S
+        return all(vehicle.id in self._stopping and stands[vehicle.row] for vehicle in ours)
 
     def _begin(self) -> None:
         flight = self._flight

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from typing import Final
 
 from gcs.flight.collective_return import CollectiveReturn
 from gcs.flight.fleet import Fleet
@@ -18,6 +19,9 @@ from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.state import Array, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
+
+DOWN: Final = {ShowEvent.STOP: "all vehicles return home", ShowEvent.ABORT: "all vehicles come down"}
+"""What a command that ends the show does, in words."""
 
 STOPS_WITHIN_S = 0.8
 """On pause, each vehicle's goal is the position that its velocity reaches in this time."""
@@ -73,12 +77,10 @@ class Commander(VehicleCommands):
         if action is ShowAction.PAUSE:
             return self._pause(reason, reclaim=False)
         spared = self.flight.in_phase(Phase.LANDING)
-        if action is ShowAction.STOP:
-            return self._stop(reason, spared, reclaim=False)
-        return self._abort(reason, spared, reclaim=False)
+        return self._bring_down(ShowEvent(action.value), reason, spared, reclaim=False)
 
     def end_show(self, reason: str) -> CommandRecord:
-        return self._stop(reason, reclaim=False)
+        return self._bring_down(ShowEvent.STOP, reason, reclaim=False)
 
     def note_re_formed(self) -> CommandRecord:
         """Record that the remaining vehicles close a gap; nothing is sent."""
@@ -99,21 +101,19 @@ class Commander(VehicleCommands):
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> CommandRecord:
-        given = {"vehicles": vehicles, "show_hash": show_hash, "at_unix_time_s": at_unix_time_s}
-        for field, value in given.items():
-            if value is not None and action is not ShowAction.START:
-                raise InvalidError(field, value, "only with start")
-        commands = {
-            ShowAction.STOP: self._stop,
-            ShowAction.PAUSE: self._pause,
-            ShowAction.RESUME: self._resume,
-            ShowAction.ABORT: self._abort,
-        }
         if action is ShowAction.START:
             return self.starting.begin(vehicles, show_hash, at_unix_time_s)
-        if self.starting.countdown is not None and action in {ShowAction.STOP, ShowAction.ABORT}:
+        given = {"vehicles": vehicles, "show_hash": show_hash, "at_unix_time_s": at_unix_time_s}
+        for field, value in given.items():
+            if value is not None:
+                raise InvalidError(field, value, "only with start")
+        if action is ShowAction.PAUSE:
+            return self._pause()
+        if action is ShowAction.RESUME:
+            return self._resume()
+        if self.starting.countdown is not None:
             return self.starting.call_off(action)
-        return commands[action]()
+        return self._bring_down(ShowEvent(action.value))
 
     def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
         """Airborne vehicles outside control that a command reaches, and first takes control of.
@@ -130,33 +130,27 @@ class Commander(VehicleCommands):
             if one in found or (self.maneuvers.running(one) and not why_never(flight, one))
         ]
 
-    def _stop(
+    def _bring_down(
         self,
-        reason: str = "all vehicles return home",
+        event: ShowEvent,
+        reason: str = "",
         spared: Sequence[Vehicle] = (),
         *,
         reclaim: bool = True,
-        action: str = ShowAction.STOP.value,
+        action: str = "",
     ) -> CommandRecord:
-        """Return all vehicles except `spared`; those on the ground stay there."""
-        return self._bring_down(ShowEvent.STOP, reason, spared, action, reclaim=reclaim)
+        """STOP returns all vehicles except `spared`; those on the ground stay there.
 
-    def _abort(
-        self, reason: str = "all vehicles come down", spared: Sequence[Vehicle] = (), *, reclaim: bool = True
-    ) -> CommandRecord:
-        """Land all vehicles except `spared` through the safety filter, lowest first, on distinct places."""
-        return self._bring_down(ShowEvent.ABORT, reason, spared, ShowAction.ABORT.value, reclaim=reclaim)
-
-    def _bring_down(
-        self, event: ShowEvent, reason: str, spared: Sequence[Vehicle], action: str, *, reclaim: bool
-    ) -> CommandRecord:
-        flight, maneuvers = self.flight, self.maneuvers
+        ABORT lands them through the safety filter, lowest first, on distinct places.
+        """
+        flight, maneuvers, reason = self.flight, self.maneuvers, reason or DOWN[event]
         back = self._reclaimed(reclaim=reclaim)
         flying = [*(v for v in flight.airborne if v not in spared), *back]
         waiting, later = maneuvers.waiting, self._expected(reclaim=reclaim)
         self._lead(event, reason, [*flying, *waiting])
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
-        record = flight.book.open(action, [v.id for v in (*flying, *waiting, *later)], left_out)
+        ids = [v.id for v in (*flying, *waiting, *later)]
+        record = flight.book.open(action or event.value, ids, left_out)
         if event is ShowEvent.STOP:
             together = self._plan_return([*flying, *later])
             sites_m = landing_sites_m(flight, [v for v in flying if v.home_m is None])
@@ -243,7 +237,7 @@ class Commander(VehicleCommands):
 
     def _bring_home(self, reason: str) -> CommandRecord:
         """Take control of the interrupted flight's vehicles, and return them together with the others."""
-        return self._stop(reason, action=Offer.BRING_HOME.value)
+        return self._bring_down(ShowEvent.STOP, reason, action=Offer.BRING_HOME.value)
 
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
         """Vehicles that no fleet-wide command reaches, with the reasons."""

@@ -74,7 +74,10 @@ class FailsafeMonitor:
     def look(self) -> None:
         """Evaluate all triggers; called once a tick."""
         seen = self._seen()
-        self._mind_pause(seen.time_s)
+        if self.flight.show is not ShowPhase.PAUSED:
+            self._paused_since_s = None
+        elif self._paused_since_s is None:
+            self._paused_since_s = seen.time_s
         requests = self._failsafes.look(seen, self._roles, active=bool(self.active))
         if requests is None or not (requests or self.active):
             return
@@ -123,12 +126,6 @@ class FailsafeMonitor:
             0.0 if since_s is None else self.flight.fleet.time_s - since_s,
         )
 
-    def _mind_pause(self, now_s: float) -> None:
-        if self.flight.show is not ShowPhase.PAUSED:
-            self._paused_since_s = None
-        elif self._paused_since_s is None:
-            self._paused_since_s = now_s
-
     def _command(self, request: FailsafeRequest) -> FailsafeRequest | None:
         if not request.whole_show:
             return self._act(request)
@@ -163,16 +160,12 @@ class FailsafeMonitor:
 
     def _act(self, request: FailsafeRequest) -> FailsafeRequest | None:
         """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""
-        able = []
-        for row in request.rows:
-            vehicle = self.flight.at_row(row)
-            if vehicle.phase is not Phase.TAKEOFF or request.action is not Action.HOLD:
-                able.append(row)
+        named = [self.flight.at_row(row) for row in request.rows]
+        able = [v for v in named if v.phase is not Phase.TAKEOFF or request.action is not Action.HOLD]
         if not able:
             return None
-        request = replace(request, rows=tuple(able))
-        vehicles = [self.flight.at_row(row) for row in able]
-        self._note(request, self.commander.command_some(vehicles, VEHICLE_COMMAND[request.action]))
+        request = replace(request, rows=tuple(vehicle.row for vehicle in able))
+        self._note(request, self.commander.command_some(able, VEHICLE_COMMAND[request.action]))
         return request
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:

@@ -133,12 +133,8 @@ class Fleet:
         self._order = None if order == sorted(order) else order
         self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
         noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
-        self._table = Table(
-            config.ids,
-            config.frame,
-            flies_on_s=max(noticed_s, config.operation.silence_s),
-            brakes_s=2.0 * STOP_S,
-        )
+        flies_on_s = max(noticed_s, config.operation.silence_s)
+        self._table = Table(config.ids, config.frame, flies_on_s=flies_on_s, brakes_s=2.0 * STOP_S)
         self._seen_m = np.full((len(self.vehicles), 3), np.nan)  # last known positions
         self._seen_m_s = self._seen_m.copy()  # last known velocities
         looks_hz = config.tick_rate_hz
@@ -158,25 +154,15 @@ class Fleet:
         parts = [link.snapshot() for link in self.links]
         self.telemetry = joined(parts, self._order)
         self.fleet = self._table.state(parts, now_s)
-        self._widen(now_s)
-        self.link_quality.note(self.telemetry.position_time_s, now_s)
-        self.link_delay.note(self.telemetry.clock_base_s, now_s)
-        return self.fleet
-
-    def _widen(self, now_s: float) -> None:
-        """Set each position's uncertainty from its reported accuracy, fix type and latest jump."""
-        telemetry = self.telemetry
-        floor = self.control.safety.floor
-        wide_m = uncertainty_m(
-            floor.uncertainty_m,
-            floor.vertical_uncertainty,
-            telemetry.horizontal_accuracy_m,
-            telemetry.vertical_accuracy_m,
-            telemetry.fix_type,
-            now_s - self._table.reset_time_s,
-            self.config.positioning,
-        )
+        telemetry, floor = self.telemetry, self.control.safety.floor
+        least = floor.uncertainty_m, floor.vertical_uncertainty
+        reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
+        since_jump_s = now_s - self._table.reset_time_s
+        wide_m = uncertainty_m(*least, *reported, since_jump_s, self.config.positioning)
         self.traits = replace(self.traits, uncertainty_m=wide_m)
+        self.link_quality.note(telemetry.position_time_s, now_s)
+        self.link_delay.note(telemetry.clock_base_s, now_s)
+        return self.fleet
 
     def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) standard deviations of these vehicles' positions, sideways."""
@@ -200,7 +186,6 @@ class Fleet:
         return self._table.reset_time_s
 
     def note_seen(self, rows: Mask | int) -> None:
-        """Keep the positions and last full velocities of these vehicles."""
         self._seen_m[rows] = self.fleet.position_m[rows]
         self._seen_m_s[rows] = self._table.last_velocity_m_s[rows]
 
@@ -297,14 +282,11 @@ class Fleet:
     def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
         if self._may_descend is None or self._may_descend[0] is not self.fleet:
-            self._may_descend = self.fleet, self._lowest_beside_m()
+            landing = [one for one in self.in_phase(Phase.LANDING) if one.goal_m is not None]
+            here_m = self.fleet.position_m[[one.row for one in landing]]
+            goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
+            self._may_descend = self.fleet, lowest_beside_m(here_m, goal_m)
         return not self._may_descend[1] > self.position_m(vehicle)[2]
-
-    def _lowest_beside_m(self) -> float:
-        goals_m = {vehicle.row: vehicle.goal_m for vehicle in self.in_phase(Phase.LANDING)}
-        rows = [row for row, goal_m in goals_m.items() if goal_m is not None]
-        goal_m = np.array([goals_m[row] for row in rows], dtype=float).reshape(-1, 3)
-        return lowest_beside_m(self.fleet.position_m[rows], goal_m)
 
     def assembled(self) -> bool:
         """Whether the formation's vehicles are on the sphere and spread over all of it."""
@@ -355,12 +337,11 @@ class Fleet:
                 task[row], goal = vehicle.task(show, now_s)
                 if goal is not None:
                     goal_m[row] = goal
+        follows = np.array([vehicle.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
         segments_m, segments_of = self.swept()
         silent_m = [self._silent_m(vehicle, silent_s) for vehicle, silent_s in silent]
-        silent_of = np.repeat(
-            np.array([vehicle.row for vehicle, _ in silent], dtype=np.intp),
-            [len(own_m) for own_m in silent_m],
-        )
+        silent_rows = np.array([vehicle.row for vehicle, _ in silent], dtype=np.intp)
+        silent_of = np.repeat(silent_rows, [len(own_m) for own_m in silent_m])
         return Tasks(
             task,
             goal_m,
@@ -369,7 +350,8 @@ class Fleet:
             np.concatenate([segments_m, *silent_m]),
             center_moves=show is ShowPhase.RUNNING,
             formation_waits=show is ShowPhase.PAUSED,
-            follows_planned_path=self._follows_planned_path(goal_m),
+            # those far behind keep the right-of-way rules
+            follows_planned_path=keeps_to_path(follows, self.fleet.position_m, goal_m),
             segments_of=np.concatenate([segments_of, silent_of]),
             drift=self._drift([vehicle for vehicle, _ in silent]),
             silent_segments=len(silent_of),
@@ -384,13 +366,6 @@ class Fleet:
         ]
         rows = [row for row, own_m in swept for _ in own_m]
         return np.concatenate([np.zeros((0, 2, 3)), *(m for _, m in swept)]), np.array(rows, dtype=np.intp)
-
-    def _follows_planned_path(self, goal_m: Array) -> Mask:
-        """(n,) Which vehicles follow their planned paths; those far behind keep the right-of-way rules."""
-        follows = np.array(
-            [vehicle.follows_planned_path for vehicle in self.vehicles.values()], dtype=np.bool_
-        )
-        return keeps_to_path(follows, self.fleet.position_m, goal_m)
 
     def _silent_now(self) -> list[tuple[Vehicle, float]]:
         """Airborne vehicles that are not commanded for want of positions, not lost yet; and for how long."""

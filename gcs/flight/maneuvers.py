@@ -51,12 +51,22 @@ WAY_S = 90.0
 """The same limit for returns along planned paths, on which some vehicles wait for others."""
 
 
-class ManeuverTasks:
-    """Starts, replaces and ends maneuvers."""
+class Maneuvers:
+    """Starts, replaces and ends maneuvers: which vehicle executes which."""
 
-    def __init__(self, group: asyncio.TaskGroup) -> None:
+    def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:
         self._group = group
         self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
+        self._flight = flight
+        self._settings = flight.config.operation
+        self._next_turn_s = -inf  # time of the next take-off
+        self._up: tuple[FleetState, bool] | None = None  # for one tick: see `_all_up`
+
+    @property
+    def waiting(self) -> list[Vehicle]:
+        """Vehicles on the ground that are about to take off."""
+        on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
+        return [vehicle for vehicle in on_ground if self.running(vehicle)]
 
     def running(self, vehicle: Vehicle) -> bool:
         running = self._running.get(vehicle.id)
@@ -93,23 +103,6 @@ class ManeuverTasks:
         # Not reached when `stop` cancels: it has done both, and the vehicle may execute its next maneuver.
         vehicle.entering_offboard = False
         done(outcome, reason)
-
-
-class Maneuvers(ManeuverTasks):
-    """The maneuvers, and which vehicle executes which."""
-
-    def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:
-        super().__init__(group)
-        self._flight = flight
-        self._settings = flight.config.operation
-        self._next_turn_s = -inf  # time of the next take-off
-        self._up: tuple[FleetState, bool] | None = None  # for one tick: see `_all_up`
-
-    @property
-    def waiting(self) -> list[Vehicle]:
-        """Vehicles on the ground that are about to take off."""
-        on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
-        return [vehicle for vehicle in on_ground if self.running(vehicle)]
 
     # maneuvers
 
@@ -177,7 +170,6 @@ class Maneuvers(ManeuverTasks):
         vehicle.apply(Event.ENGAGE, "flies with the formation")
 
     async def come_home(self, vehicle: Vehicle) -> None:
-        """Fly above the vehicle's own start, descend there, and land."""
         home_m = vehicle.home_m
         if vehicle.comes_down_alone or home_m is None:
             await self.autopilot_land(vehicle)
@@ -256,7 +248,6 @@ class Maneuvers(ManeuverTasks):
         await self._command(vehicle, Verb.HOLD)
 
     async def take_control(self, vehicle: Vehicle) -> None:
-        """Take control of an airborne vehicle, in HOLD."""
         await self._command(vehicle, Verb.HOLD)
         vehicle.apply(Event.TAKE_CONTROL, "under this station's control again, holds")
 
@@ -279,27 +270,20 @@ class Maneuvers(ManeuverTasks):
 
     # parts of maneuvers
 
-    def _height_m(self, vehicle: Vehicle, place_m: Array) -> float:
-        return float(place_m[2] - self._flight.position_m(vehicle)[2])
-
     def _all_up(self) -> bool:
         """Whether no vehicle climbs any more, or waits on the ground for its turn."""
         fleet = self._flight.fleet
         if self._up is None or self._up[0] is not fleet:  # every waiting vehicle asks in every tick
-            self._up = (
-                fleet,
-                not any(
-                    vehicle.phase in {Phase.STANDBY, Phase.TAKEOFF} and self.running(vehicle)
-                    for vehicle in self._flight.vehicles.values()
-                ),
-            )
+            below = self._flight.in_phase(Phase.STANDBY, Phase.TAKEOFF)
+            self._up = fleet, not any(map(self.running, below))
         return self._up[1]
 
     def _is_up(self, vehicle: Vehicle) -> bool:
         """Decide by height, or by the autopilot's end of the climb: the heights may be wrong by metres."""
         if vehicle.home_m is None:
             return False
-        share = self._height_m(vehicle, vehicle.home_m) / self._settings.takeoff_height_m
+        height_m = float(vehicle.home_m[2] - self._flight.position_m(vehicle)[2])
+        share = height_m / self._settings.takeoff_height_m
         return share > UP_SHARE or (share > ENDED_SHARE and self._flight.mode(vehicle) is Mode.HOLD)
 
     def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
@@ -356,10 +340,9 @@ class Maneuvers(ManeuverTasks):
                 return False
         if vehicle.phase is Phase.LANDING and event is Event.DESCEND:
             return True
-        vehicle.goal_m = self._flight.position_m(vehicle).copy()
-        goal_m = vehicle.goal_m
+        vehicle.goal_m = here_m = self._flight.position_m(vehicle).copy()
         vehicle.apply(event, reason)
-        vehicle.goal_m = goal_m
+        vehicle.goal_m = here_m
         return True
 
     async def _descend_slowly(self, vehicle: Vehicle, place_m: Array) -> None:

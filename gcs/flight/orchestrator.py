@@ -16,7 +16,6 @@ from gcs.config.schema import Config
 from gcs.control import Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.commander import Commander
-from gcs.flight.estimate_inputs import Estimating
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
@@ -24,7 +23,7 @@ from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
-from gcs.flight.snapshots import fleet_view
+from gcs.flight.snapshots import Estimating, fleet_view
 from gcs.flight.ticker import TickClock, ticks
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
@@ -103,14 +102,8 @@ class Orchestrator:
         self.player = ShowPlayer(flight, self.shows)
         self.plan = PlanEditor(flight, self.player, maneuvers, loop.time)
         self.preflight = PreflightGate(flight, parameter_reader, self.player)
-        self.commands = Commander(
-            flight,
-            maneuvers,
-            self.player,
-            self.preflight,
-            self._planning,
-            None if record is None else record.found,
-        )
+        found = None if record is None else record.found
+        self.commands = Commander(flight, maneuvers, self.player, self.preflight, self._planning, found)
         self.recovery = self.commands.recovery
         self.alarms = AlarmMonitor(flight)
         self._progress = ShowProgress(

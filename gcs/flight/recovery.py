@@ -241,14 +241,8 @@ class Recovery:
         if vehicle is None:
             return Remaining(before.phase, before.pad_m is not None, waits=False, text="not configured")
         facts, action = self.flight.inputs(vehicle), self.flight.config.operation.setpoint_loss_action
-        return remaining(
-            before,
-            vehicle.phase,
-            facts.mode,
-            action,
-            in_failsafe=facts.in_failsafe,
-            taken_again=name in self._regained,
-        )
+        about, again = (before, vehicle.phase, facts.mode, action), name in self._regained
+        return remaining(*about, in_failsafe=facts.in_failsafe, taken_again=again)
 
     # commands
 
@@ -274,8 +268,9 @@ class Recovery:
         meant = [vehicle.id for vehicle in (*chosen, *unreceived)]
         left_out = {name: one.text for name, one in shown.vehicles.items() if name not in meant} | refused
         record = self.flight.book.open(offer.value, meant, left_out)
-        if self._batch is not None:
-            self._close(self._batch)
+        if self._batch is not None:  # not all of its vehicles hold yet
+            for vehicle in self._batch.handed:
+                self._end_part(self._batch, vehicle, Outcome.FAILED, REPLACED)
         batch = _Batch([record], set(meant))
         self._batch = batch
         take_one, note = partial(self._take_one, batch), partial(self._note, batch)
@@ -289,11 +284,6 @@ class Recovery:
 
     def _take_one(self, batch: _Batch, vehicle: Vehicle) -> None:
         self.maneuvers.start(vehicle, self.maneuvers.take_control, partial(self._note, batch, vehicle))
-
-    def _close(self, batch: _Batch) -> None:
-        """Close a batch because another take-over begins before all of its vehicles hold."""
-        for vehicle in batch.handed:
-            self._end_part(batch, vehicle, Outcome.FAILED, REPLACED)
 
     def _end_part(self, batch: _Batch, vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
         for record in batch.records:
@@ -321,8 +311,10 @@ class Recovery:
             self._end_part(batch, vehicle, outcome, reason)
 
     def _go_on(self, batch: _Batch) -> None:
-        """Send all vehicles of a batch on together once they hold."""
-        ours = [one for one in batch.handed if one.phase is Phase.HOLD and not self._is_commanded(one)]
+        """Send all vehicles of a batch on together once they hold; a newer command counts."""
+        holding = [one for one in batch.handed if one.phase is Phase.HOLD]
+        comes_down = self.flight.show in COMES_DOWN
+        ours = [one for one in holding if not (comes_down or self.maneuvers.running(one))]
         for vehicle in batch.handed:
             if vehicle not in ours:
                 changed = f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}"
@@ -334,10 +326,6 @@ class Recovery:
                 self.maneuvers.start(vehicle, self.maneuvers.join, partial(self._end_part, batch, vehicle))
             else:
                 self._end_part(batch, vehicle, Outcome.DONE, "holds, as before")
-
-    def _is_commanded(self, vehicle: Vehicle) -> bool:
-        """Whether a newer command was given since the vehicle holds: the newer command counts."""
-        return self.maneuvers.running(vehicle) or self.flight.show in COMES_DOWN
 
     def _rejoins(self, vehicle: Vehicle) -> bool:
         found = self.found

@@ -12,8 +12,8 @@ from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import Vehicle
-from gcs.model.interrupted_flight import Before, Interruption, Triple, Written, is_left_alone, left_by, triple
-from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
+from gcs.model.interrupted_flight import Before, Interruption, Written, is_left_alone, left_by, triple
+from gcs.model.lifecycle import FLOWN, Phase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import Outcome
 
@@ -46,15 +46,6 @@ Missed = Callable[[Vehicle, Outcome, str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class _Flown:
-    """State at the end of a tick: commands after a stall may come before its first tick."""
-
-    show: ShowPhase
-    reason: str
-    vehicles: dict[VehicleId, tuple[Phase, str]]  # vehicles under setpoints
-
-
-@dataclass(frozen=True, slots=True)
 class Stall:
     """State when a stall began, and until when the stall explains a mode."""
 
@@ -70,50 +61,40 @@ class StallRecovery:
     flight: Fleet
 
     def __post_init__(self) -> None:
-        self._flown = _Flown(self.flight.show, self.flight.reason, {})
+        # At the end of a tick: commands after a stall may come before its first tick.
+        self._show = self.flight.show, self.flight.reason
+        self._flown: dict[VehicleId, tuple[Phase, str]] = {}  # vehicles under setpoints
         self.stall: Stall | None = None  # the newest, while it explains modes
 
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
-        flight = self.flight
-        flown = {
+        self._show = self.flight.show, self.flight.reason
+        self._flown = {
             vehicle.id: (vehicle.phase, vehicle.reason)
-            for vehicle in flight.vehicles.values()
+            for vehicle in self.flight.vehicles.values()
             if vehicle.entering_offboard or (vehicle.phase in FLOWN and not vehicle.handed_over)
         }
-        self._flown = _Flown(flight.show, flight.reason, flown)
 
     def stalled(self, gap_s: float) -> None:
         """Keep what was flown when no tick came for `gap_s`; to be called before telemetry changes phases."""
-        flight, flown = self.flight, self._flown
+        flight, show_run, (show, reason) = self.flight, self.flight.show_run, self._show
         now_s = flight.fleet.time_s
         if gap_s < STALL_SHARE * flight.config.operation.setpoint_loss_s:
             return
-        log.warning("service_stalled", extra={"stalled_s": round(gap_s, 1), "show": flown.show.value})
-        if not flown.vehicles:
+        log.warning("service_stalled", extra={"stalled_s": round(gap_s, 1), "show": show.value})
+        if not self._flown:
             return
-        interruption = Interruption(
-            session="",
-            unix_s=self.flight.unix_s() - gap_s,
-            show=flown.show,
-            reason=flown.reason,
-            frame=flight.config.show_frame.model_dump(),
-            vehicles={
-                name: Before(flight.vehicles[name].system_id, phase, reason, _place(flight.vehicles[name]))
-                for name, (phase, reason) in flown.vehicles.items()
-            },
-            written=self._written(),
-            plan=None,
-            stalled_s=gap_s,
-        )
+        written, vehicles = None, {}
+        if show_run is not None:
+            shown = show_run.view(now_s)
+            written = Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
+        for name, (phase, why) in self._flown.items():
+            vehicle = flight.vehicles[name]
+            pad_m = None if vehicle.home_m is None else triple(vehicle.home_m.tolist())
+            vehicles[name] = Before(vehicle.system_id, phase, why, pad_m)
+        unix_s, frame = flight.unix_s() - gap_s, flight.config.show_frame.model_dump()
+        interruption = Interruption("", unix_s, show, reason, frame, vehicles, written, None, gap_s)
         self.stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
-
-    def _written(self) -> Written | None:
-        show_run = self.flight.show_run
-        if show_run is None:
-            return None
-        shown = show_run.view(self.flight.fleet.time_s)
-        return Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
 
     def expire(self) -> None:
         if self.stall is not None and self.flight.fleet.time_s > self.stall.until_s:
@@ -135,10 +116,6 @@ class StallRecovery:
                 vehicle.reason = left_by(stall.flown.cause, facts.mode)
                 fallen[name] = before
         return fallen
-
-
-def _place(vehicle: Vehicle) -> Triple | None:
-    return None if vehicle.home_m is None else triple(vehicle.home_m.tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -64,7 +64,6 @@ class TickClock:
 
     @property
     def histograms(self) -> tuple[Histogram, ...]:
-        """Durations and latenesses since the start."""
         return self._durations, self._latenesses
 
     def summary(self) -> TickView:

@@ -82,11 +82,9 @@ class Vehicle:
             self.goal_m = None
         self.entering_offboard = False
         self.handed_over = self.follows_planned_path = False
-        log.log(
-            logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO,
-            "vehicle_phase",
-            extra={"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason},
-        )
+        level = logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO
+        reported = {"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason}
+        log.log(level, "vehicle_phase", extra=reported)
 
     def _mind_pilot(self) -> None:
         """Decide whether a pilot is in control: not if its link lost setpoints and it just holds."""
@@ -157,7 +155,8 @@ class Vehicle:
 
     def _noticed(self, status: VehicleStatus, *, lost_holds: bool) -> tuple[Event, str] | None:
         if status.silent:
-            return self._silent(status)
+            received = self.phase in AIRBORNE | {Phase.PILOT, Phase.STANDBY}
+            return (Event.SILENT, status.lacks or "no telemetry") if received else None
         if self.phase in AIRBORNE | {Phase.PILOT}:
             return self._received_in_flight(status)
         if self.phase is Phase.LOST:
@@ -172,11 +171,6 @@ class Vehicle:
             return Event.CONNECTED, "on the ground"
         if self.phase is Phase.STANDBY and flies:
             return Event.CONNECTED_IN_AIR, "took off without a command of this station"
-        return None
-
-    def _silent(self, status: VehicleStatus) -> tuple[Event, str] | None:
-        if self.phase in AIRBORNE | {Phase.PILOT, Phase.STANDBY}:
-            return Event.SILENT, status.lacks or "no telemetry"
         return None
 
     def _received_in_flight(self, status: VehicleStatus) -> tuple[Event, str] | None:

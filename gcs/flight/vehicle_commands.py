@@ -49,17 +49,12 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
         )
         if place_m is not None
     ]
-    places_m = distinct_sites_m(
-        desired_m,
-        np.array(taken_m).reshape(-1, 2),
-        flight.config.operation.landing_site_spacing_m,
-        ellipses_of(flight.plan, flight.control, flight.fleet.time_s),
-    )
+    spacing_m = flight.config.operation.landing_site_spacing_m
+    ellipses = ellipses_of(flight.plan, flight.control, flight.fleet.time_s)
+    places_m = distinct_sites_m(desired_m, np.array(taken_m).reshape(-1, 2), spacing_m, ellipses)
     ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
-    return {
-        vehicle.id: np.array([place_m[0], place_m[1], z_m])
-        for vehicle, place_m, z_m in zip(vehicles, places_m, ground_z_m, strict=True)
-    }
+    sites_m = np.column_stack([places_m, ground_z_m])
+    return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
 
 
 @dataclass(eq=False)
@@ -181,13 +176,9 @@ class VehicleCommands:
         flight = self.flight
         others = [other for other in flight.airborne if other not in joining]
         formed = [other for other in others if other.entering_offboard or other.phase is Phase.FORMATION]
+        count, uncertainty_m = len(formed) + len(joining), flight.uncertainty_m([*formed, *joining])
         try:
-            check_formation(
-                flight.plan.formation,
-                len(formed) + len(joining),
-                flight.control.safety,
-                flight.uncertainty_m([*formed, *joining]),
-            )
+            check_formation(flight.plan.formation, count, flight.control.safety, uncertainty_m)
         except InvalidError as error:
             named = ", ".join(vehicle.id for vehicle in joining)
             raise RefusedError(f"{named} cannot join: {error}") from None
@@ -202,10 +193,8 @@ class VehicleCommands:
         left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
         if not chosen:
-            reported = (
-                "; ".join(f"{name} is {why}" for name, why in left_out.items()) or "no vehicle is named"
-            )
-            raise RefusedError(f"there is no vehicle to kill: {reported}")
+            reported = "; ".join(f"{name} is {why}" for name, why in left_out.items())
+            raise RefusedError(f"there is no vehicle to kill: {reported or 'no vehicle is named'}")
         record = self.flight.book.open("kill", [vehicle.id for vehicle in chosen], left_out)
         for vehicle in chosen:
             flown = vehicle.phase in FLOWN
