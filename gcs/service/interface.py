@@ -183,13 +183,19 @@ class Preflight(Protocol):
     """Checks before a start, and the vehicles that take part. Raises: RefusedError, UnknownError."""
 
     def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """Report what a start of these, or of all, would find: every check, vehicle by vehicle."""
+        """Report what a start of these, or of all, would find: every check, vehicle by vehicle.
+
+        Raises: UnknownError; RefusedError in the air, when there is none from before take-off.
+        """
 
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
-        """Take a vehicle out of the show, on the ground, until it is included again."""
+        """Take a vehicle out of the show, on the ground, until it is included again.
+
+        Raises: UnknownError, InvalidError; RefusedError unless all vehicles are on the ground.
+        """
 
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        """Include an excluded vehicle again."""
+        """Include an excluded vehicle again. Raises: UnknownError; RefusedError as above, or if it is not."""
 
 
 class Alarms(Protocol):

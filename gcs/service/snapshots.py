@@ -42,17 +42,9 @@ class Latest(Generic[T]):
             self._value = make()
         return self._value
 
-    def set(self, value: T) -> None:
-        """Replace the value and wake all waiting readers."""
-        self._value, self._make = value, None
-        self._wake()
-
     def promise(self, make: Callable[[], T]) -> None:
-        """Set a value that is computed on the first read: most values are never read."""
+        """Set a value that is computed on the first read (most are never read), and wake waiting readers."""
         self._make = make
-        self._wake()
-
-    def _wake(self) -> None:
         self._changed.set()
         self._changed = asyncio.Event()
 

@@ -145,7 +145,8 @@ class FakeService:
         """Publish a new state."""
         self.ticks += 1
         self.book.look(self.conditions, time.monotonic(), time.time())
-        self.view.set(self._look())
+        view = self._look()
+        self.view.promise(lambda: view)
 
     def finish(self, command_id: str, outcome: Outcome = Outcome.DONE, reason: str = "") -> None:
         """Complete a command for every vehicle."""

@@ -30,7 +30,7 @@ def test_health_is_green_while_ticks_come() -> None:
 def test_health_is_red_with_old_state_whatever_it_reports(age_s: float) -> None:
     api = Api()
     view = api.service.view.value
-    api.service.view.set(replace(view, time_s=view.time_s - age_s, control_alive=True))
+    api.service.view.promise(lambda: replace(view, time_s=view.time_s - age_s, control_alive=True))
     answer = api("GET", "/healthz")
     assert answer.status_code == 503
     assert "the control loop does not run" in answer.json()["detail"]
@@ -50,7 +50,8 @@ def test_health_is_red_when_control_reports_a_failure() -> None:
 async def texts_around_the_moment_a_state_gets_old() -> list[str]:
     service = FakeService()
     context = Context(service, Authorization())
-    service.view.set(replace(service.view.value, time_s=context_time_s() - convert.VIEW_AGE_MAX_S + 1.0))
+    late = replace(service.view.value, time_s=context_time_s() - convert.VIEW_AGE_MAX_S + 1.0)
+    service.view.promise(lambda: late)
     fresh = [context.fleet_json(), context.fleet_json()]
     await asyncio.sleep(1.05)
     old = context.fleet_json()

@@ -132,7 +132,7 @@ def test_record_marks_are_listed_and_idle_time_can_be_played() -> None:
 def test_replay_never_reports_control_as_stopped(age_s: float) -> None:
     api, _ = playing()
     view = api.service.view.value
-    api.service.view.set(replace(view, time_s=view.time_s - age_s, control_alive=False))
+    api.service.view.promise(lambda: replace(view, time_s=view.time_s - age_s, control_alive=False))
     alarms = [alarm.cause.value for alarm in view.alarms]
     for path in ("/api/v1/fleet", "/api/v1/status"):
         reported = api("GET", path).json()

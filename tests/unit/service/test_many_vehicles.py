@@ -58,7 +58,7 @@ def test_lazy_value_is_computed_once_on_first_use() -> None:
         assert [await anext(values), latest.value, latest.value] == [7, 7, 7]
         assert made == [1]
         latest.promise(make)
-        latest.set(3)
+        latest.promise(lambda: 3)
         assert (latest.value, made) == (3, [1])
 
     asyncio.run(main())
