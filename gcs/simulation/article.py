@@ -77,8 +77,7 @@ def _start_m(flight: ArticleFlight, count: int, random: np.random.Generator) -> 
     half_m = np.full(3, flight.start_half_m)
     start_m = scattered_m(count, -half_m, half_m, flight.spacing_m, random)
     middle_m = np.array([flight.target.x_m, flight.target.y_m, -flight.height_m])
-    around_m: Array = start_m + middle_m
-    return around_m
+    return np.asarray(start_m + middle_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

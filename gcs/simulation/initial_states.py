@@ -75,8 +75,7 @@ def formation_start_m(
     if flight.start == "sphere":
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
-        on_sphere: Array = radius_m * best(count) @ turn.T - (0.0, 0.0, height_m)
-        return on_sphere
+        return np.asarray(radius_m * best(count) @ turn.T - (0.0, 0.0, height_m))
     half_m = 1.5 * radius_m
     low_m = np.array([-half_m, -half_m, -flight.takeoff_height_m - 2.0 * half_m])
     high_m = np.array([half_m, half_m, -flight.takeoff_height_m])

@@ -1,7 +1,6 @@
 """The simulated world: true states, autopilots without a station, wind, links, also of neighbours. Seeded."""
 
 from collections import deque
-from dataclasses import dataclass
 from math import exp, sqrt
 
 import numpy as np
@@ -18,7 +17,7 @@ from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
 from gcs.sim.vehicle.sensors import Sensors, draw_errors, step_errors
 from gcs.sim.vehicle.state import State
-from gcs.simulation.scenario import Radio, Wind, World
+from gcs.simulation.scenario import Radio, World
 from gcs.simulation.vehicles import Vehicles
 
 LONGEST_STEP_S = 1.0 / 60.0
@@ -80,28 +79,6 @@ def wander(value: Array, share: float, deviation: float, random: np.random.Gener
     value += deviation * sqrt(1.0 - keep * keep) * random.standard_normal(value.shape)
 
 
-@dataclass(slots=True, eq=False)
-class WindField:
-    """Wind at every vehicle: the mean, and an independent gust (first-order Gauss-Markov)."""
-
-    wind: Wind
-    gust_m_s: Array  # (n, 3) once the wind has risen
-    time_s: float = 0.0
-
-    def blow(self, dt_s: float, random: np.random.Generator) -> None:
-        self.time_s += dt_s
-        if self.wind.gust_m_s:
-            wander(self.gust_m_s, dt_s / self.wind.gust_time_s, self.wind.gust_m_s, random)
-
-    @property
-    def velocity_m_s(self) -> Array:
-        """(n, 3) wind velocity over the ground."""
-        mean_m_s = np.array([self.wind.mean_x_m_s, self.wind.mean_y_m_s, 0.0])
-        risen = min(1.0, self.time_s / self.wind.rise_s) if self.wind.rise_s else 1.0
-        velocity: Array = risen * (self.gust_m_s + mean_m_s)
-        return velocity
-
-
 class TrueWorld:
     """True states of n vehicles, and their links to the ground station. All vehicles hover at first."""
 
@@ -117,7 +94,7 @@ class TrueWorld:
         self.row_of = {name: row for row, name in enumerate(self.ids)}
         self.time_s = 0.0
         self.bodies = Vehicles(start_m, world, self.step_s, self._random)
-        self.wind_field = WindField(world.wind, world.wind.gust_m_s * self._random.standard_normal((n, 3)))
+        self._gust_m_s = world.wind.gust_m_s * self._random.standard_normal((n, 3))  # once the wind has risen
         self._error = draw_errors(n, world.noise, self._random)
         self._slow = np.random.default_rng([seed, 2])  # of the bias: all else is as without it
         self._bias_m = world.bias_m * self._slow.standard_normal((n, 3))
@@ -227,8 +204,7 @@ class TrueWorld:
             self._error = step_errors(self._error, self.tick_s, self._world.noise, self._random)
         if self._world.bias_m:
             wander(self._bias_m, self.tick_s / self._world.bias_time_s, self._world.bias_m, self._slow)
-        self.wind_field.blow(self.tick_s, self._random)
-        wind_m_s = self.wind_field.velocity_m_s
+        wind_m_s = self._wind_m_s()
         alone = self.autopilots.alone & self.in_air
         some_alone, seen = np.count_nonzero(alone) > 0, []
         for index in range(self._steps):
@@ -239,6 +215,15 @@ class TrueWorld:
         self.time_s += self.tick_s
         self._touch_ground()
         return seen
+
+    def _wind_m_s(self) -> Array:
+        """(n, 3) velocity over the ground: the mean, and independent gusts (first-order Gauss-Markov)."""
+        wind = self._world.wind
+        if wind.gust_m_s:
+            wander(self._gust_m_s, self.tick_s / wind.gust_time_s, wind.gust_m_s, self._random)
+        risen = min(1.0, (self.time_s + self.tick_s) / wind.rise_s) if wind.rise_s else 1.0
+        mean_m_s = np.array([wind.mean_x_m_s, wind.mean_y_m_s, 0.0])
+        return np.asarray(risen * (self._gust_m_s + mean_m_s))
 
     def _obey(self, now_s: float) -> None:
         while self._setpoints and self._setpoints[0][0] <= now_s + 1e-9:
