@@ -191,8 +191,7 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
 
 def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
     """(n,) Which vehicles have late or little telemetry."""
-    poor: Mask = (seen.link_late_s > settings.late_s) | (seen.link_share < settings.arrive_min)
-    return poor
+    return np.asarray((seen.link_late_s > settings.late_s) | (seen.link_share < settings.arrive_min))
 
 
 def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, active: Mask, settings: FailsafePolicy) -> Mask:

@@ -115,8 +115,7 @@ class CollectiveReturn:
         if self._progress is None:
             return None
         self._led.add(vehicle.id)
-        goal_m: Array = self._progress.goal_m[self._rows[vehicle.id]]
-        return goal_m
+        return np.asarray(self._progress.goal_m[self._rows[vehicle.id]])
 
     def follows_path(self, vehicle: Vehicle) -> bool:
         """Whether it has a path without conflicts, and is not late at its end."""

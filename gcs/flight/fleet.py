@@ -276,8 +276,7 @@ class Fleet:
 
     def position_m(self, vehicle: Vehicle) -> Array:
         """(3,) Newest position, show frame."""
-        position_m: Array = self.fleet.position_m[vehicle.row]
-        return position_m
+        return np.asarray(self.fleet.position_m[vehicle.row])
 
     def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether every lower landing vehicle is in its landing column, so that this one may descend."""

@@ -35,7 +35,10 @@ class ParameterReader:
         n = len(flight.vehicles)
         self._group = group
         self._flight = flight
-        self._needed = requirements_of(flight.config)
+        self._needed = {
+            name: {requirement.name: requirement for requirement in needed}
+            for name, needed in requirements_of(flight.config).items()
+        }
         for link in flight.links:
             link.watch_parameters(self._names)
         self._reboot_count = np.full(n, -1)
@@ -48,10 +51,7 @@ class ParameterReader:
 
     @property
     def _names(self) -> list[str]:
-        return [requirement.name for requirement in next(iter(self._needed.values()))]
-
-    def _requirement(self, vehicle_id: VehicleId, name: str) -> Requirement:
-        return next(each for each in self._needed[vehicle_id] if each.name == name)
+        return list(next(iter(self._needed.values())))
 
     def watch(self, received: Telemetry) -> None:
         """Start the reads that are due; called once a tick."""
@@ -77,9 +77,8 @@ class ParameterReader:
                 vehicle = self._flight.vehicles[vehicle_id]
                 self._announced.setdefault(vehicle_id, {}).update(values)
                 for name, value in values.items():
-                    self._compare(
-                        vehicle, self._requirement(vehicle_id, name), value, armed=received.armed[vehicle.row]
-                    )
+                    needed = self._needed[vehicle_id][name]
+                    self._compare(vehicle, needed, value, armed=received.armed[vehicle.row])
 
     def _compare(
         self, vehicle: Vehicle, requirement: Requirement, value: ParameterValue, *, armed: bool
@@ -103,11 +102,8 @@ class ParameterReader:
         log.warning("parameter_changed", extra={"vehicle": vehicle.id, "reason": text})
 
     def _settle(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
-        changed = self._flight.changed_parameters.get(vehicle.id, {})
-        right = [
-            name for name in changed if self._requirement(vehicle.id, name).holds(values.get(name, math.nan))
-        ]
-        for name in right:
+        changed, needed = self._flight.changed_parameters.get(vehicle.id, {}), self._needed[vehicle.id]
+        for name in [name for name in changed if needed[name].holds(values.get(name, math.nan))]:
             del changed[name]
             log.info("parameter_right_again", extra={"vehicle": vehicle.id, "reason": name})
         if not changed:
@@ -115,12 +111,9 @@ class ParameterReader:
 
     def checks(self, vehicle_id: VehicleId) -> list[Check]:
         """Return the checks of its parameters. If any fails they are read again: it may be fixed by then."""
-        flight = self._flight
-        found = parameter_checks(
-            self._needed[vehicle_id],
-            flight.parameters.get(vehicle_id),
-            flight.parameter_problems.get(vehicle_id),
-        )
+        flight, needed = self._flight, [*self._needed[vehicle_id].values()]
+        read, problem = flight.parameters.get(vehicle_id), flight.parameter_problems.get(vehicle_id)
+        found = parameter_checks(needed, read, problem)
         if not all(check.passes for check in found):
             self._due[flight.vehicles[vehicle_id].row] = True
         return found

@@ -69,12 +69,7 @@ class PreflightGate:
 
     @with_alternative
     def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """Report what a start of these vehicles would find: made within the last second, on the ground.
-
-        In the air it is the report from before take-off.
-
-        Raises: UnknownError; RefusedError when there is none.
-        """
+        """As of the port: made within the last second; in the air it is the report from before take-off."""
         flight = self.flight
         for name in vehicles or ():
             flight.vehicle(name)
@@ -333,10 +328,6 @@ class PreflightGate:
 
     @with_alternative
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
-        """Take a vehicle out of the show, until it is included again.
-
-        Raises: UnknownError, InvalidError; RefusedError unless all vehicles are on the ground.
-        """
         if len(reason) > REASON_MAX:
             raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
         self.flight.need_no_countdown()
@@ -348,10 +339,6 @@ class PreflightGate:
 
     @with_alternative
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        """Include an excluded vehicle again.
-
-        Raises: UnknownError; RefusedError if it is not excluded, or unless all vehicles are on the ground.
-        """
         self.flight.need_no_countdown()
         self._need_ground(vehicle_id)
         if self.flight.excluded.pop(vehicle_id, None) is None:

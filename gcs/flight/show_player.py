@@ -41,10 +41,6 @@ class ShowPlayer:
 
     @with_alternative
     def select(self, name: str, show_hash: str) -> SelectedShow:
-        """Select a checked show to fly next.
-
-        Raises: UnknownError; RefusedError when it is not cleared to fly, or does not fit this service.
-        """
         self.flight.need_no_countdown()
         self.need_ground("select a show")
         timeline = self._fitting(name, self.show_library.cleared(name, show_hash))
@@ -111,7 +107,6 @@ class ShowPlayer:
 
     @with_alternative
     def deselect(self) -> None:
-        """Select no show: the panels decide the plan. Raises: RefusedError in the air."""
         flight = self.flight
         flight.need_no_countdown()
         self.need_ground("deselect the show")
@@ -124,7 +119,6 @@ class ShowPlayer:
 
     @with_alternative
     def seek(self, cue: str) -> SelectedShow:
-        """Start the show at a cue. Raises: UnknownError; RefusedError in the air, or without a show."""
         flight = self.flight
         flight.need_no_countdown()
         show_run = flight.show_run

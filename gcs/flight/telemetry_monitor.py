@@ -19,6 +19,12 @@ log = logging.getLogger(__name__)
 TRY_AGAIN_S = 5.0
 """Interval between two attempts at an automatic action."""
 
+BEATS_LACK_S = {Phase.OFFLINE: 0.0, Phase.LOST: 0.0, Phase.STANDBY: BEATS_MAY_LACK_S}
+"""Time by which a heartbeat may be older than `operation.silence_s`; in other phases BEATS_LACK_MAX_S.
+
+Zero for a lost vehicle: an old heartbeat does not show whether a pilot has taken over meanwhile.
+"""
+
 
 @dataclass(eq=False)
 class TelemetryMonitor:
@@ -64,7 +70,7 @@ class TelemetryMonitor:
         """
         flight, silence_s = self.flight, self.flight.config.operation.silence_s
         phases = [vehicle.phase for vehicle in flight.vehicles.values()]
-        may_lack_s = np.array([_beats_may_lack_s(phase) for phase in phases])
+        may_lack_s = np.array([BEATS_LACK_S.get(phase, BEATS_LACK_MAX_S) for phase in phases])
         absent = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
         judged_s: Array = np.where(absent, np.inf, now_s - self._resumed_s)
         arrivals = telemetry.life_time_s, telemetry.heartbeat_time_s + may_lack_s, telemetry.position_time_s
@@ -160,13 +166,3 @@ class TelemetryMonitor:
         if self.flight.fleet.time_s >= vehicle.try_again_s:
             vehicle.try_again_s = self.flight.fleet.time_s + TRY_AGAIN_S
             self.maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)
-
-
-def _beats_may_lack_s(phase: Phase) -> float:
-    """Time by which a heartbeat may be older than `operation.silence_s`.
-
-    Zero for a lost vehicle: an old heartbeat does not show whether a pilot has taken over meanwhile.
-    """
-    if phase in {Phase.OFFLINE, Phase.LOST}:
-        return 0.0
-    return BEATS_MAY_LACK_S if phase is Phase.STANDBY else BEATS_LACK_MAX_S

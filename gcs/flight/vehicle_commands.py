@@ -99,10 +99,6 @@ class VehicleCommands:
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        """Execute one command for several vehicles; None: for all that it can apply to.
-
-        Raises: UnknownError, InvalidError; RefusedError when it reaches none of them.
-        """
         if action is VehicleAction.CONFIRM_DOWN:
             raise InvalidError("action", action.value, "hold, join, return, land or take-control")
         if vehicles is None:
@@ -185,10 +181,7 @@ class VehicleCommands:
 
     @with_alternative
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
-        """Stop motors. The phases change at once: nothing else is sent from then on.
-
-        Raises: UnknownError; RefusedError when none of them can be reached.
-        """
+        """Stop motors. The phases change at once: nothing else is sent from then on."""
         named = [self.flight.vehicle(name) for name in dict.fromkeys(vehicle_ids)]
         left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]

@@ -71,10 +71,8 @@ class ShowFrame:
 
     def from_ned(self, vector: Array) -> Array:
         """Rotate (n, 3) vectors from NED into the show frame."""
-        rotated: Array = vector @ self.to_ned
-        return rotated
+        return np.asarray(vector @ self.to_ned)
 
     def into_ned(self, vector: Array) -> Array:
         """Rotate (n, 3) vectors from the show frame into NED."""
-        rotated: Array = vector @ self.to_ned.T
-        return rotated
+        return np.asarray(vector @ self.to_ned.T)

@@ -114,8 +114,7 @@ def _rigid(p: Complex, q: Complex) -> tuple[complex, complex]:
 
 
 def _line(place_m: Array) -> Complex:
-    line: Complex = place_m[:, 0] + 1j * place_m[:, 1]
-    return line
+    return np.asarray(place_m[:, 0] + 1j * place_m[:, 1])
 
 
 def _plane(line: Complex) -> Array:

@@ -213,8 +213,7 @@ class Timeline:
 
     def colours_at(self, time_s: float) -> NDArray[np.uint8]:
         """(n, 3) Red, green and blue of every vehicle's light, in the fleet's order."""
-        colours: NDArray[np.uint8] = np.rint(self.lights.value(time_s)).astype(np.uint8)
-        return colours
+        return np.asarray(np.rint(self.lights.value(time_s)).astype(np.uint8))
 
     def cue_at(self, time_s: float) -> Played:
         return self.played[max(bisect_right(self.played, time_s, key=lambda one: one.at_s) - 1, 0)]
@@ -359,8 +358,7 @@ def _colours(lights: tuple[str, ...], count: int) -> Array:
     rgb = np.array(
         [[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in lights], dtype=np.float64
     )
-    given: Array = rgb[np.arange(count) % len(rgb)]
-    return given
+    return np.asarray(rgb[np.arange(count) % len(rgb)])
 
 
 @dataclass(frozen=True, slots=True)
