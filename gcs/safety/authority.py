@@ -340,3 +340,101 @@ def yielding(
             for k in range(3):
                 yielded_m_s[i, k] -= share * over * lack_m_s[i, k] / max(lack, TINY)
     return yielded_m_s, yields
+
+
+AHEAD_S, SOONEST_S = 1.8, 0.5
+"""A conflict within the first time counts; none is taken to come sooner than the second."""
+
+PARTS_MAX_M_S = 4.0
+"""Greatest speed at which a pair is asked to part up and down."""
+
+NEAR_SHARE = 1.3
+"""Pairs part that will be nearer than the distance to be kept, times this."""
+
+
+def parting_constraints(
+    position_m: Array,
+    velocity_m_s: Array,
+    commanded: Mask,
+    airborne: Mask,
+    lack_m_s: Array,
+    *,
+    kept_m: tuple[float, float],
+    threshold_m_s: float,
+    delay_s: float,
+) -> Constraints:
+    """Part those pairs up and down that will soon come too near, because one of both is blown off.
+
+    Sideways that one has no thrust left, and the other one gains too little. A vehicle that lacks authority
+    goes down, but does not climb, which would take the rest of its thrust. All pairs are solved together: one
+    that is above one vehicle and below another leaves room for both.
+
+    Args:
+        position_m: (n, 3), NaN: not known.
+        velocity_m_s: (n, 3) measured.
+        commanded: (n,).
+        airborne: (n,).
+        lack_m_s: (n, 3); from the threshold on a vehicle lacks authority, from twice that on it is blown off.
+        kept_m: distances to be kept sideways, and up and down.
+        threshold_m_s: as of `yielding`.
+        delay_s: of the links, one way.
+    """
+    known, lacks = np.array(commanded), np.array(lack_m_s)
+    rows, _ = _lacking(known, lacks, 2.0 * threshold_m_s)
+    if len(rows) == 0:
+        return Constraints.none()
+    able = known.copy()
+    able[_lacking(known, lacks, threshold_m_s)[0]] = False
+    moving = np.concatenate([position_m + delay_s * velocity_m_s, velocity_m_s], axis=1)
+    first, second, side, bound_m_s = _parting(
+        rows, moving, known, able, np.array(airborne), NEAR_SHARE * kept_m[0], NEAR_SHARE * kept_m[1]
+    )
+    normal = np.column_stack([np.zeros((len(first), 2)), -side])
+    return Constraints(first, second, normal, bound_m_s, np.full(len(first), "authority", dtype=object))
+
+
+@kernel
+def _parting(
+    rows: Rows, moving: Array, commanded: Mask, able: Mask, airborne: Mask, wide_m: float, tall_m: float
+) -> tuple[Rows, Rows, Array, Array]:
+    """Pairs of the rows (k,) with others of (n, 6) positions and velocities that part.
+
+    Those that do not climb, because they are not `able` (n,), have a constraint of their own.
+
+    Returns: rows that part, or NO_ROW as the second; 1.0 where the first goes up, -1.0 down; and how fast.
+    """
+    n, found = len(moving), 0
+    most = 2 * len(rows) * n
+    first, second = np.empty(most, np.intp), np.empty(most, np.intp)
+    side, bound_m_s, stays = np.empty(most), np.empty(most), np.zeros(n, np.bool_)
+    for i in rows:
+        for j in range(n):
+            x, y, z, u, v, w = moving[j] - moving[i]
+            nearing, square = -(x * u + y * v + z * w), u * u + v * v + w * w
+            if i == j or not airborne[j] or not (nearing > 0.0 and np.isfinite(square)):
+                continue
+            soon_s = min(nearing / square, AHEAD_S)
+            past2, below_m = (x + soon_s * u) ** 2 + (y + soon_s * v) ** 2, z + soon_s * w
+            needed_m = tall_m * np.sqrt(max(1.0 - past2 / wide_m**2, 0.0))
+            if abs(below_m) >= needed_m:
+                continue
+            down = 1.0 if below_m > 0.0 or (below_m == 0.0 and i < j) else -1.0
+            parts_m_s = down * w + (needed_m - abs(below_m)) / max(soon_s, SOONEST_S)
+            parts_m_s = min(parts_m_s, PARTS_MAX_M_S)
+            upper, lower = (i, j) if down > 0.0 else (j, i)
+            if commanded[upper] and commanded[lower]:
+                first[found], second[found], side[found], bound_m_s[found] = upper, lower, 1.0, parts_m_s
+            elif commanded[lower]:
+                first[found], second[found], side[found] = lower, NO_ROW, -1.0
+                bound_m_s[found] = min(parts_m_s + moving[upper, 5], PARTS_MAX_M_S)
+            elif able[upper]:
+                first[found], second[found], side[found] = upper, NO_ROW, 1.0
+                bound_m_s[found] = min(parts_m_s - moving[lower, 5], PARTS_MAX_M_S)
+            else:
+                continue
+            found += 1
+            if commanded[upper] and not able[upper] and not stays[upper]:
+                stays[upper] = True
+                first[found], second[found], side[found], bound_m_s[found] = upper, NO_ROW, -1.0, 0.0
+                found += 1
+    return first[:found], second[:found], side[:found], bound_m_s[:found]
