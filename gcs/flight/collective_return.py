@@ -143,21 +143,15 @@ class CollectiveReturn:
             self._is_off = True
             return
         self._places = rows = [vehicle.row for vehicle, _ in homes]
-        control, operation = flight.control, flight.config.operation
+        operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
+        heights_m = operation.takeoff_height_m, operation.handover_height_m
         segments_m, segments_of = flight.swept()
         self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
         self._home_m = np.array([home_m for _, home_m in homes])
+        fleet = flight.fleet.position_m[rows].copy(), self._home_m, heights_m, flight.control, flight.plan
+        lost = segments_m, uncertainty_m[segments_of]
         try:
-            self._planner = return_planner(
-                flight.fleet.position_m[rows].copy(),
-                self._home_m,
-                (operation.takeoff_height_m, operation.handover_height_m),
-                control,
-                flight.plan,
-                flight.fleet.time_s,
-                flight.traits.uncertainty_m[rows],
-                (segments_m, flight.traits.uncertainty_m[segments_of]),
-            )
+            self._planner = return_planner(*fleet, flight.fleet.time_s, uncertainty_m[rows], lost)
             self._planned = self._planning.submit(plan_return_paths, self._planner, lambda: self._enough)
         except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
             self._fail(error)

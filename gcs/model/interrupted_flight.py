@@ -177,13 +177,11 @@ def remaining(
     `before` is as control ended, the others are as of now. `taken_again`: this station has controlled it
     since, and then a pilot or another station took it.
     """
-    waits, text = False, f"{phase}"
+    waits, text = phase is Phase.HOLD, f"ours again: {phase}" if phase in AIRBORNE else f"{phase}"
     if phase is Phase.OFFLINE:
         text = f"was {before.phase}, and has not been received since"
     elif phase is Phase.STANDBY:
         text = "on the ground"
-    elif phase in AIRBORNE:
-        waits, text = phase is Phase.HOLD, f"ours again: {phase}"
     elif phase is Phase.PILOT:
         waits = not taken_again and is_left_alone(before.phase, mode, loss_action, in_failsafe=in_failsafe)
         text = f"was {before.phase}, waits in mode {mode}"

@@ -178,7 +178,7 @@ class AlarmBook:
         grown = more_severe or bool(set(alarm.vehicles) - set(before.vehicles))
         if grown:
             alarm = replace(_acknowledged(alarm, None, None), raised_unix_time_s=unix_s)
-        elif _only_numbers_differ(alarm, before) and now_s < entry.written_s + NUMBERS_S:
+        elif _without_numbers(alarm) == _without_numbers(before) and now_s < entry.written_s + NUMBERS_S:
             self._due_s = min(self._due_s, entry.written_s + NUMBERS_S)
             return []
         entry.alarm, entry.written_s = alarm, now_s
@@ -197,11 +197,8 @@ def _acknowledged(alarm: Alarm, by: str | None, unix_s: float | None) -> Alarm:
     return replace(alarm, acknowledged_by=by, acknowledged_unix_time_s=unix_s)
 
 
-def _only_numbers_differ(one: Alarm, other: Alarm) -> bool:
-    def plain(alarm: Alarm) -> Alarm:
-        return replace(alarm, text=_NUMBER.sub("#", alarm.text), advice=_NUMBER.sub("#", alarm.advice))
-
-    return plain(one) == plain(other)
+def _without_numbers(alarm: Alarm) -> Alarm:
+    return replace(alarm, text=_NUMBER.sub("#", alarm.text), advice=_NUMBER.sub("#", alarm.advice))
 
 
 def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:

@@ -90,9 +90,8 @@ class ShowLibrary:
     async def store(self, name: str, text: bytes) -> StoredShow:
         _check_name(name)
         if not text.strip() or len(text) > SIZE_MAX_BYTES:
-            raise InvalidError(
-                "body", f"{len(text)} bytes", f"a show in YAML, at most {SIZE_MAX_BYTES} bytes"
-            )
+            allowed = f"a show in YAML, at most {SIZE_MAX_BYTES} bytes"
+            raise InvalidError("body", f"{len(text)} bytes", allowed)
         try:
             text.decode()
         except UnicodeDecodeError as error:

@@ -137,24 +137,16 @@ def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: floa
         way=Way(None, flight.orbit.radius_m),
     )
     center = step_center(before, desired_m_s, dt_s, flight.center_acceleration_max_m_s2)
+    state, parameters = (formation.position_m, formation.velocity_m_s), flight.parameters
     force_n = formation_force(
-        formation.position_m, before.position_m, course.charge, flight.parameters
-    ) + feed_forward_force(before.velocity_m_s, center.acceleration_m_s2, flight.parameters)
+        formation.position_m, before.position_m, course.charge, parameters
+    ) + feed_forward_force(before.velocity_m_s, center.acceleration_m_s2, parameters)
     if ellipses:
         sliding_m_s = np.full(len(course.charge), np.hypot(*center.velocity_m_s[:2]))
         force_n = avoiding_force(
-            formation.position_m,
-            formation.velocity_m_s,
-            force_n,
-            ellipses,
-            formation.sides,
-            sliding_m_s,
-            flight.parameters,
-            flight.avoidance,
+            *state, force_n, ellipses, formation.sides, sliding_m_s, parameters, flight.avoidance
         )
-    formation.position_m, formation.velocity_m_s = step_virtual(
-        formation.position_m, formation.velocity_m_s, force_n, dt_s, flight.parameters
-    )
+    formation.position_m, formation.velocity_m_s = step_virtual(*state, force_n, dt_s, parameters)
     formation.center = center
 
 

@@ -60,12 +60,16 @@ def _draw_flight(page: Figure, record: Record) -> None:
     _separation(page.add_subplot(grid[0, 1]), record, record.time_s)
     radius, shape = page.add_subplot(grid[1, 1]), page.add_subplot(grid[2, 1])
     if any(rows.any() for rows in record.formed):
-        _radius(radius, record)
+        distance_m = np.linalg.norm(record.path_m - np.array(record.center_m)[:, None], axis=2)
+        distance_m = np.where(np.array(record.formed), distance_m, np.nan)
+        radius.plot(record.time_s, record.radius_m, "k--", linewidth=0.8, label="commanded")
+        _band(radius, record.time_s, distance_m, "Distance from the commanded centre")
         _shape(shape, record)
     else:
         left_m = np.linalg.norm(record.path_m - record.goal_m, axis=2)
         _band(radius, record.time_s, left_m, "Way left to the goal")
-        _limited(shape, record)
+        shape.plot(record.time_s, record.limited, color="C1", linewidth=1.0)
+        shape.set(xlabel="time, s", ylabel="vehicles", title="Held back by the filter")
 
 
 def _rows(record: Record, most: int = SHOWN_PATHS) -> NDArray[np.intp]:
@@ -174,13 +178,6 @@ def _separation(axes: Axes, record: Record, time_s: ArrayLike) -> None:
     _over_time(axes, time_s, [("closest pair", closest_m, "C0")], "Separation (floor's metric)", limit=limit)
 
 
-def _radius(axes: Axes, record: Record) -> None:
-    distance_m = np.linalg.norm(record.path_m - np.array(record.center_m)[:, None], axis=2)
-    distance_m = np.where(np.array(record.formed), distance_m, np.nan)
-    axes.plot(record.time_s, record.radius_m, "k--", linewidth=0.8, label="commanded")
-    _band(axes, record.time_s, distance_m, "Distance from the commanded centre")
-
-
 def _shape(axes: Axes, record: Record) -> None:
     shape = shape_over_time(record)
     axes.semilogy(
@@ -192,11 +189,6 @@ def _shape(axes: Axes, record: Record) -> None:
     nearest.set_ylabel("nearest ratio", color="C1")
     nearest.set_ylim(0.0, 1.1)
     axes.set(xlabel="time, s", ylabel="energy ratio - 1", title="Shape against the best known")
-
-
-def _limited(axes: Axes, record: Record) -> None:
-    axes.plot(record.time_s, record.limited, color="C1", linewidth=1.0)
-    axes.set(xlabel="time, s", ylabel="vehicles", title="Held back by the filter")
 
 
 SHOWN_S = 12.0

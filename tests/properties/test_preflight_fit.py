@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gcs.model.state import Array
-from gcs.preflight.start_pattern import assigned, fit
+from gcs.preflight.fleet import assigned, fit
 
 WITHIN_M = 1.5
 SEEDS = st.integers(0, 2**32 - 1)
