@@ -61,8 +61,6 @@ def kill_by_record(
         outcomes = direct_kill(config, chosen)
         for name, part in outcomes.items():
             record.closed(command_id, name, part)
-            if part.outcome is Outcome.DONE:
-                record.killed(name)
     if record.problem:
         note(f"not recorded: {record.problem}", as_json=arguments.json)
     return {name: (part.outcome, part.reason) for name, part in outcomes.items()}

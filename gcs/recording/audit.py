@@ -122,12 +122,8 @@ class Audit:
             if pad_m is not None:
                 self.event(at_s, "info", PAD, rows.ids[row], {"pad_m": pad_m.tolist()})
         changed |= moved
-        self._phases, self._modes, self._armed, self._homes = (
-            rows.phases,
-            rows.modes,
-            rows.armed,
-            rows.homes_m,
-        )
+        self._phases, self._modes = rows.phases, rows.modes
+        self._armed, self._homes = rows.armed, rows.homes_m
         if changed:
             self._journal.put([self._vehicle(at_s, rows, row) for row in sorted(changed)])
         self._watch_show(sample)
@@ -135,14 +131,9 @@ class Audit:
     def _vehicle(self, unix_s: float, rows: VehicleTable, row: int) -> Row:
         name, home_m = rows.ids[row], rows.homes_m[row]
         home: Sequence[Value] = (None,) * 3 if home_m is None else [float(value) for value in home_m]
-        return Row(
-            _VEHICLE,
-            (
-                *(name, self._session, unix_s, *self._vehicles[name], None, None),
-                *(rows.phases[row].value, rows.reasons[row], rows.modes[row].value),
-                *(int(rows.armed[row]), *home),
-            ),
-        )
+        known = (name, self._session, unix_s, *self._vehicles[name], None, None)
+        state = rows.phases[row].value, rows.reasons[row], rows.modes[row].value, int(rows.armed[row])
+        return Row(_VEHICLE, (*known, *state, *home))
 
     def _watch_show(self, sample: Sample) -> None:
         view, at_s = sample.view, sample.view.unix_time_s
@@ -213,10 +204,10 @@ class OfflineAudit:
         return command.id
 
     def closed(self, command_id: str, vehicle_id: VehicleId, part: VehicleOutcome) -> None:
+        """Record an outcome; done means that its motors are off, also for the next start of the service."""
         self._audit.closed(command_id, vehicle_id, part.outcome, part.reason)
-
-    def killed(self, vehicle_id: VehicleId) -> None:
-        """Record that its motors are off, for the next start of the service."""
+        if part.outcome is not Outcome.DONE:
+            return
         was = self._known.vehicles[vehicle_id].phase
         detail = {"was": was, "phase": Phase.KILLED.value, "reason": KILLED_OFFLINE}
         self._audit.event(time.time(), "warning", "vehicle_phase", vehicle_id, detail)

@@ -74,18 +74,6 @@ class LastKnown:
     vehicles: Mapping[VehicleId, KnownVehicle]
 
 
-@dataclass(frozen=True, slots=True)
-class PastCommand:
-    """An accepted command, with its last outcome for each vehicle: (outcome, reason)."""
-
-    session: str
-    id: str
-    accepted_unix_s: float
-    caller: str
-    action: str
-    outcomes: Mapping[VehicleId, tuple[str, str]]
-
-
 def audit_file(path: Path) -> Path:
     """Return the audit's file: the path itself, or the one in a folder."""
     return path / AUDIT if path.is_dir() else path
@@ -99,37 +87,14 @@ def last_known(path: Path) -> LastKnown:
 
     Raises: GcsError when there is none, or the file is damaged or of another program.
     """
-    sessions = rows(path, "SELECT * FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1")
-    shows = rows(path, "SELECT * FROM show")
+    session = show = None
+    for row in rows(path, "SELECT * FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1"):
+        times, folder = (row["began_unix_s"], row["ended_unix_s"]), Path(row["folder"])
+        session = Session(row["id"], *times, folder, json.loads(row["config"]))
+    for row in rows(path, "SELECT session, unix_s, phase, reason, plan FROM show"):
+        show = KnownShow(**{**dict(row), "plan": json.loads(row["plan"])})
     vehicles = rows(path, "SELECT * FROM vehicles ORDER BY id")
-    return LastKnown(
-        _session(sessions[0]) if sessions else None,
-        _show(shows[0]) if shows else None,
-        {row["id"]: _vehicle(row) for row in vehicles},
-    )
-
-
-def commands(path: Path) -> list[PastCommand]:
-    """Return every accepted command, oldest first. Raises: GcsError."""
-    outcomes: dict[tuple[str, str], dict[VehicleId, tuple[str, str]]] = {}
-    for row in rows(path, "SELECT * FROM outcomes ORDER BY rowid"):
-        parts = outcomes.setdefault((row["session"], row["command_id"]), {})
-        parts[row["vehicle"]] = (row["outcome"], row["reason"])
-    return [
-        PastCommand(**dict(row), outcomes=outcomes.get((row["session"], row["id"]), {}))
-        for row in rows(path, "SELECT * FROM commands ORDER BY accepted_unix_s, session, length(id), id")
-    ]
-
-
-def calls(path: Path) -> list[dict[str, Any]]:
-    """Return every recorded call of the API, oldest first. Raises: GcsError."""
-    return [dict(row) for row in rows(path, "SELECT * FROM calls ORDER BY rowid")]
-
-
-def events(path: Path) -> list[dict[str, Any]]:
-    """Return every event, oldest first, with its parsed `detail`. Raises: GcsError."""
-    found = rows(path, "SELECT * FROM events ORDER BY rowid")
-    return [{**dict(row), "detail": json.loads(row["detail"])} for row in found]
+    return LastKnown(session, show, {row["id"]: _vehicle(row) for row in vehicles})
 
 
 def rows(path: Path, sql: str, *values: str) -> list[Row]:
@@ -140,16 +105,6 @@ def rows(path: Path, sql: str, *values: str) -> list[Row]:
             return connection.execute(sql, values).fetchall()
         except DatabaseError as error:
             raise GcsError(f"{file}: cannot be read: {error}") from None
-
-
-def _session(row: Row) -> Session:
-    return Session(
-        row["id"], row["began_unix_s"], row["ended_unix_s"], Path(row["folder"]), json.loads(row["config"])
-    )
-
-
-def _show(row: Row) -> KnownShow:
-    return KnownShow(row["session"], row["unix_s"], row["phase"], row["reason"], json.loads(row["plan"]))
 
 
 def _vehicle(row: Row) -> KnownVehicle:
@@ -212,7 +167,8 @@ def _newest(root: Path) -> Interruption | None:
         own, phases = None, {}
     show = ShowPhase.IDLE if own is None else ShowPhase(own.phase)
     if found is not None and dict(found.frame) != dict(session.config["show_frame"]):
-        found = _without_pads(found)  # its positions have no meaning in this frame
+        pads_lost = {name: replace(one, pad_m=None) for name, one in found.vehicles.items()}
+        found = replace(found, vehicles=pads_lost)  # its positions have no meaning in this frame
     vehicles = _in_the_air(known, phases, pads, found, show)
     if show in ON_THE_GROUND and show is not ShowPhase.COUNTDOWN and not vehicles:
         return None
@@ -245,10 +201,6 @@ def _unsettled(reported: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruptio
         elif event == OVER:
             found = None
     return found
-
-
-def _without_pads(found: Interruption) -> Interruption:
-    return replace(found, vehicles={name: replace(one, pad_m=None) for name, one in found.vehicles.items()})
 
 
 def _in_the_air(

@@ -124,7 +124,7 @@ class FlightReport:
                     round(float(pairs.distance_m[i, j]), 3),
                     round(float(pairs.ratio[i, j]), 3),
                     round(float(pairs.sure_ratio[i, j]), 3),
-                    round(float(trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0]), 2),
+                    trajectories.elapsed_s(pairs.sample[i, j]),
                 )
                 for i, j in pairs.nearest(NEAREST)
             ),
@@ -199,14 +199,13 @@ def _approaches(
 
 def _separation(trajectories: Trajectories, pairs: PairDistances) -> ReportCheck:
     nearest = pairs.nearest(1)
-    name, unit = "separation, as a share of the floor", "of the floor"
+    named, unit = ("separation, as a share of the floor", 1.0, 1.0), "of the floor"
     if not nearest:
-        return ReportCheck(name, 1.0, 1.0, None, unit, "", None, kept=None)
+        return ReportCheck(*named, None, unit, "", None, kept=None)
     i, j = nearest[0]
-    at_s = float(trajectories.time_s[pairs.sample[i, j]] - trajectories.time_s[0])
-    ratio = float(pairs.ratio[i, j])
+    ratio, at_s = float(pairs.ratio[i, j]), trajectories.elapsed_s(pairs.sample[i, j])
     both = f"{trajectories.ids[i]} and {trajectories.ids[j]}"
-    return ReportCheck(name, 1.0, 1.0, round(ratio, 3), unit, both, round(at_s, 2), kept=ratio >= 1.0)
+    return ReportCheck(*named, round(ratio, 3), unit, both, at_s, kept=ratio >= 1.0)
 
 
 def _over_time(
@@ -304,11 +303,9 @@ def _most(
     if not np.isfinite(over[at, row]):
         return ReportCheck(name, float(limit[-1]), float(tolerated[-1]), None, unit, "", None, kept=None)
     worst, most = float(value[at, row]), float(tolerated[at])
-    at_s = round(float(trajectories.time_s[at] - trajectories.time_s[0]), 2) if timed else None
-    vehicle = trajectories.ids[row]
-    return ReportCheck(
-        name, float(limit[at]), round(most, 3), round(worst, 3), unit, vehicle, at_s, kept=worst <= most
-    )
+    at_s, vehicle = trajectories.elapsed_s(at) if timed else None, trajectories.ids[row]
+    values = float(limit[at]), round(most, 3), round(worst, 3)
+    return ReportCheck(name, *values, unit, vehicle, at_s, kept=worst <= most)
 
 
 def _smoothed(value: Array, width: int) -> Array:
@@ -338,13 +335,8 @@ def nearest_approaches(trajectories: Trajectories, floor: Floor) -> tuple[PairDi
         np.ascontiguousarray(trajectories.position_m, np.float32),
         np.ascontiguousarray(trajectories.airborne),
         np.ascontiguousarray(trajectories.uncertainty_m, np.float32),
-        (
-            floor.horizontal_m,
-            floor.vertical_m,
-            floor.pad_height_m,
-            floor.vertical_uncertainty,
-            floor.deviations,
-        ),
+        (floor.horizontal_m, floor.vertical_m, floor.pad_height_m),
+        (floor.vertical_uncertainty, floor.deviations),
     )
     return PairDistances(distance_m, ratio, sure_ratio, sample), over_time_m
 
@@ -354,9 +346,10 @@ def _nearest(
     position_m: Single,
     airborne: NDArray[np.bool_],
     uncertainty_m: Single,
-    floor: tuple[float, float, float, float, float],
+    floor_m: tuple[float, float, float],
+    uncertain: tuple[float, float],
 ) -> tuple[Single, Single, Single, NDArray[np.int32], Single]:
-    horizontal_m, vertical_m, pad_m, vertical_uncertainty, deviations = floor
+    (horizontal_m, vertical_m, pad_m), (vertical_uncertainty, deviations) = floor_m, uncertain
     k, n = position_m.shape[0], position_m.shape[1]
     distance_m = np.full((n, n), np.inf, np.float32)
     ratio = np.full((n, n), np.inf, np.float32)

@@ -9,6 +9,7 @@ import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any, Final
 from zlib import crc32
 
@@ -70,49 +71,6 @@ _BLOCKS: Final = np.dtype(
 """The same bytes as `VEHICLE` with vectors as one column: each column that is set costs time."""
 
 
-def _object(**properties: object) -> dict[str, object]:
-    return {"type": "object", "properties": properties}
-
-
-def _list(item: object) -> dict[str, object]:
-    return {"type": "array", "items": item}
-
-
-_NUMBER, _TEXT, _TRUTH = {"type": "number"}, {"type": "string"}, {"type": "boolean"}
-_WHOLE: Final = {"type": "integer"}
-_BYTES: Final = {"type": "string", "contentEncoding": "base64"}
-_TIME: Final = {**_object(sec=_WHOLE, nsec=_WHOLE), "title": "time"}
-_DURATION: Final = {**_object(sec=_WHOLE, nsec=_WHOLE), "title": "duration"}
-_VECTOR: Final = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER)
-_QUATERNION: Final = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)
-_POSE: Final = _object(position=_VECTOR, orientation=_QUATERNION)
-_COLOR: Final = _object(r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
-_SOLID: Final = _list(_object(pose=_POSE, size=_VECTOR, color=_COLOR))
-_CYLINDERS: Final = _list(
-    _object(pose=_POSE, size=_VECTOR, bottom_scale=_NUMBER, top_scale=_NUMBER, color=_COLOR)
-)
-_TEXTS: Final = _list(
-    _object(pose=_POSE, billboard=_TRUTH, font_size=_NUMBER, scale_invariant=_TRUTH, color=_COLOR, text=_TEXT)
-)
-_OTHERS: Final = _list({"type": "object"})  # primitives that are not used
-_ENTITY: Final = _object(
-    timestamp=_TIME,
-    frame_id=_TEXT,
-    id=_TEXT,
-    lifetime=_DURATION,
-    frame_locked=_TRUTH,
-    metadata=_list(_object(key=_TEXT, value=_TEXT)),
-    arrows=_OTHERS,
-    cubes=_SOLID,
-    spheres=_SOLID,
-    cylinders=_CYLINDERS,
-    lines=_OTHERS,
-    triangles=_OTHERS,
-    texts=_TEXTS,
-    models=_OTHERS,
-)
-
-
 @dataclass(frozen=True, slots=True)
 class TickMessage:
     """What changes in every tick, of `/fleet/tick`; the vehicles are in `/fleet/vehicles`."""
@@ -155,38 +113,19 @@ class StatusMessage:
 TICK: Final = TypeAdapter(TickMessage)
 STATUS: Final = TypeAdapter(StatusMessage)
 
+_FOXGLOVE: Final = resources.files("gcs.recording").joinpath("foxglove_schemas.json").read_text("utf-8")
+_BY_NAME: Final = json.loads(_FOXGLOVE) | {"gcs.Tick": TICK.json_schema(), "gcs.Status": STATUS.json_schema()}
+
 SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
-    "/fleet/vehicles": (
-        "foxglove.PointCloud",
-        _object(
-            timestamp=_TIME,
-            frame_id=_TEXT,
-            pose=_POSE,
-            point_stride=_WHOLE,
-            fields=_list(_object(name=_TEXT, offset=_WHOLE, type=_WHOLE)),
-            data=_BYTES,
-        ),
-    ),
-    "/fleet/tick": ("gcs.Tick", TICK.json_schema()),
-    "/fleet/status": ("gcs.Status", STATUS.json_schema()),
-    "/fleet/scene": (
-        "foxglove.SceneUpdate",
-        _object(deletions=_list(_object(timestamp=_TIME, type=_WHOLE, id=_TEXT)), entities=_list(_ENTITY)),
-    ),
-    "/tf": (
-        "foxglove.FrameTransform",
-        _object(
-            timestamp=_TIME,
-            parent_frame_id=_TEXT,
-            child_frame_id=_TEXT,
-            translation=_VECTOR,
-            rotation=_QUATERNION,
-        ),
-    ),
-    "/log": (
-        "foxglove.Log",
-        _object(timestamp=_TIME, level=_WHOLE, message=_TEXT, name=_TEXT, file=_TEXT, line=_WHOLE),
-    ),
+    topic: (name, _BY_NAME[name])
+    for topic, name in (
+        ("/fleet/vehicles", "foxglove.PointCloud"),
+        ("/fleet/tick", "gcs.Tick"),
+        ("/fleet/status", "gcs.Status"),
+        ("/fleet/scene", "foxglove.SceneUpdate"),
+        ("/tf", "foxglove.FrameTransform"),
+        ("/log", "foxglove.Log"),
+    )
 }
 """Topic: name of the schema, and the schema."""
 
@@ -201,7 +140,13 @@ _FIELDS: Final = [
 _AT_ORIGIN: Final = {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
 _CLOUD: Final = json.dumps(
     {"frame_id": SHOW, "pose": _AT_ORIGIN, "point_stride": VEHICLE.itemsize, "fields": _FIELDS}
-)[1:-1]
+)[1:-1].encode()
+_INTO_MAP: Final = {
+    "parent_frame_id": MAP,
+    "child_frame_id": SHOW,
+    "translation": {"x": 0, "y": 0, "z": 0},
+    "rotation": {"x": 1, "y": 0, "z": 0, "w": 0},
+}
 
 
 def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]]) -> dict[str, str]:
@@ -256,12 +201,8 @@ def packed(rows: VehicleTable) -> NDArray[np.void]:
 def vehicles_message(sample: Sample) -> bytes:
     when = stamp(sample.view.unix_time_s)
     data = b64encode(packed(sample.view.rows).tobytes())
-    return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (
-        when["sec"],
-        when["nsec"],
-        _CLOUD.encode(),
-        data,
-    )
+    times = when["sec"], when["nsec"]
+    return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (*times, _CLOUD, data)
 
 
 def tick_message(sample: Sample, number: int | None = None) -> bytes:
@@ -305,31 +246,15 @@ def status_message(sample: Sample) -> bytes:
 
 def transform_message(unix_s: float) -> bytes:
     """Return a message of `/tf`: the show frame has z down; `map` is the same with z up, as in viewers."""
-    return as_json(
-        {
-            "timestamp": stamp(unix_s),
-            "parent_frame_id": MAP,
-            "child_frame_id": SHOW,
-            "translation": {"x": 0, "y": 0, "z": 0},
-            "rotation": {"x": 1, "y": 0, "z": 0, "w": 0},
-        }
-    )
+    return as_json({"timestamp": stamp(unix_s), **_INTO_MAP})
 
 
 _LEVELS: Final = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
 
 
 def log_message(unix_s: float, level: str, event: str, detail: str) -> bytes:
-    return as_json(
-        {
-            "timestamp": stamp(unix_s),
-            "level": _LEVELS.get(level, 0),
-            "message": f"{event} {detail}",
-            "name": event,
-            "file": "",
-            "line": 0,
-        }
-    )
+    message = {"level": _LEVELS.get(level, 0), "message": f"{event} {detail}", "name": event}
+    return as_json({"timestamp": stamp(unix_s), **message, "file": "", "line": 0})
 
 
 def as_json(value: Any) -> bytes:

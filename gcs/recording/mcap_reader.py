@@ -23,7 +23,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Mode, VehicleId
 from gcs.recording import mcap_layout as layout
-from gcs.recording.mcap_recovery import DAMAGED, Damage, messages, opened, records
+from gcs.recording.mcap_recovery import DAMAGED, Damage, messages, opened, plain, records
 from gcs.recording.mcap_writer import CHUNK_S, STATUS_S
 from gcs.safety.filter import SafetySettings
 
@@ -113,7 +113,7 @@ class FlightData:
         except OSError as error:
             raise GcsError(f"{path}: cannot be read: {error.strerror or error}") from None
         except DAMAGED as error:
-            raise GcsError(f"{path}: not flight data of this program: {_plain(error)}") from None
+            raise GcsError(f"{path}: not flight data of this program: {plain(error)}") from None
 
     @property
     def cut(self) -> str:
@@ -150,7 +150,9 @@ class FlightData:
         try:
             for found in self._pieces(self.offset(from_s) if isfinite(from_s) else 0):
                 if isinstance(found, Damage):
-                    waiting = found if waiting is None else _together(waiting, found)
+                    first = waiting or found  # no tick could be read between the two
+                    in_index = first.in_index and found.in_index
+                    waiting = replace(found, first_byte=first.first_byte, why=first.why, in_index=in_index)
                     continue
                 if waiting is not None:
                     self.losses.append(Loss(waiting, last_s, found.unix_s))
@@ -167,20 +169,20 @@ class FlightData:
 
     def _pieces(self, offset: int) -> Iterator[Sample | Damage]:
         """Yield ticks and damages. After a damage a tick needs a new status: the old one may be outdated."""
-        newest = _Newest()
+        topics, newest = dict(layout.TOPICS), dict[str, bytes]()  # newest message of each topic
         with opened(self.path) as data:
             for found in records(data, offset):
                 if isinstance(found, Damage):
-                    newest.forget()
+                    newest.clear()
                     yield found
                 elif isinstance(found.record, Chunk):
                     try:
                         inside = messages(found.record)
                     except DAMAGED as error:
-                        newest.forget()
-                        yield Damage(found.at, found.end, _plain(error))
+                        newest.clear()
+                        yield Damage(found.at, found.end, plain(error))
                     else:
-                        yield from newest.ticks(inside)
+                        yield from _ticks(inside, topics, newest)
 
     def decoded(self, sample: Sample) -> RecordedSample:
         """Decode a tick. Raises: GcsError naming the file, where it has another format."""
@@ -229,37 +231,19 @@ class FlightData:
         return table
 
 
-class _Newest:
-    """The newest message of each topic that a tick needs."""
-
-    def __init__(self) -> None:
-        self._topics = dict(layout.TOPICS)
-        self._messages: dict[str, bytes] = {}
-
-    def forget(self) -> None:
-        """Discard the state before a gap: it is not valid after it."""
-        self._messages.clear()
-
-    def ticks(self, inside: Sequence[McapRecord]) -> Iterator[Sample]:
-        for record in inside:
-            if isinstance(record, Channel):
-                self._topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                topic = self._topics.get(record.channel_id, "")
-                self._messages[topic] = record.data
-                if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= self._messages.keys():
-                    vehicles, status = self._messages["/fleet/vehicles"], self._messages["/fleet/status"]
-                    yield Sample(record.log_time * 1e-9, vehicles, record.data, status)
-
-
-def _together(first: Damage, second: Damage) -> Damage:
-    """Merge two damages between which no tick could be read."""
-    in_index = first.in_index and second.in_index
-    return Damage(first.first_byte, second.end_byte, first.why, is_cut=second.is_cut, in_index=in_index)
-
-
-def _plain(error: Exception) -> str:
-    return f"{error}" or type(error).__name__
+def _ticks(
+    inside: Sequence[McapRecord], topics: dict[int, str], newest: dict[str, bytes]
+) -> Iterator[Sample]:
+    """Yield the ticks of a chunk, with the newest messages of the other topics."""
+    for record in inside:
+        if isinstance(record, Channel):
+            topics[record.id] = record.topic
+        elif isinstance(record, Message):
+            topic = topics.get(record.channel_id, "")
+            newest[topic] = record.data
+            if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= newest.keys():
+                others = newest["/fleet/vehicles"], record.data, newest["/fleet/status"]
+                yield Sample(record.log_time * 1e-9, *others)
 
 
 @dataclass(frozen=True, slots=True)

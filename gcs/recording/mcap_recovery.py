@@ -90,11 +90,10 @@ def records(data: mmap, offset: int = 0) -> Iterator[Found | Damage]:
             record, end = _record(data, at)
         except DAMAGED as error:
             following = _next_chunk(data, at + 1)
-            why = f"{error}" or type(error).__name__
             if following is None:
-                yield Damage(at, len(data), why, is_cut=True, in_index=has_ended)
+                yield Damage(at, len(data), plain(error), is_cut=True, in_index=has_ended)
                 return
-            yield Damage(at, following, why)
+            yield Damage(at, following, plain(error))
             at, has_ended = following, False
             continue
         yield Found(at, end, record)
@@ -108,6 +107,10 @@ def records(data: mmap, offset: int = 0) -> Iterator[Found | Damage]:
                 return
             yield Damage(at, following, "its end stands before a chunk")
             at, has_ended = following, False
+
+
+def plain(error: Exception) -> str:
+    return f"{error}" or type(error).__name__
 
 
 def messages(chunk: Chunk) -> list[McapRecord]:

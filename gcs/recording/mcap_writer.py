@@ -8,15 +8,14 @@ begins.
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from math import isfinite
 from pathlib import Path
 from time import monotonic
 from typing import IO, Any, Final, NamedTuple, cast
 
-import numpy as np
 from mcap.writer import Writer
 
 from gcs.links.disk_writer import DiskWriter, WholeFile
-from gcs.model.state import Mask
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import SCHEMAS, SHOW, as_json, stamp
 from gcs.recording.sample import Sample
@@ -194,9 +193,18 @@ _PRIMITIVES: Final = ("arrows", "cubes", "spheres", "cylinders", "lines", "trian
 def scene_message(view: FleetView) -> bytes:
     """Message of `/fleet/scene`. An entity disappears when it is not sent again."""
     plan, time_s = view.plan, view.time_s
-    entities = [_entity(view, "target", cylinders=[_target(*plan.target.position_m(time_s))])]
+    post = {
+        "pose": _pose(*plan.target.position_m(time_s), -TARGET_HEIGHT_M / 2.0),
+        "size": _xyz(1.0, 1.0, TARGET_HEIGHT_M),
+        "bottom_scale": 1.0,
+        "top_scale": 1.0,
+        "color": _RED,
+    }
+    entities = [_entity(view, "target", cylinders=[post])]
     if view.center_m is not None and view.radius_m is not None:
-        entities.append(_entity(view, "formation", spheres=[_sphere(view.center_m, view.radius_m)]))
+        size = _xyz(*(2.0 * view.radius_m,) * 3)
+        sphere = {"pose": _pose(*view.center_m), "size": size, "color": _BLUE}
+        entities.append(_entity(view, "formation", spheres=[sphere]))
     for box in plan.obstacles:
         x_m, y_m = box.position_m(time_s)
         size = _xyz(2.0 * box.half_length_x_m, 2.0 * box.half_length_y_m, box.height_m)
@@ -208,49 +216,18 @@ def scene_message(view: FleetView) -> bytes:
 
 
 def _entity(view: FleetView, name: str, **primitives: object) -> dict[str, Any]:
-    nothing: dict[str, object] = {kind: [] for kind in _PRIMITIVES}
-    return {
-        "timestamp": stamp(view.unix_time_s),
-        "frame_id": SHOW,
-        "id": name,
-        "lifetime": LIFETIME,
-        "frame_locked": True,
-        "metadata": [],
-        **nothing,
-        **primitives,
-    }
-
-
-def _target(x_m: float, y_m: float) -> dict[str, Any]:
-    return {
-        "pose": _pose(x_m, y_m, -TARGET_HEIGHT_M / 2.0),
-        "size": _xyz(1.0, 1.0, TARGET_HEIGHT_M),
-        "bottom_scale": 1.0,
-        "top_scale": 1.0,
-        "color": _RED,
-    }
-
-
-def _sphere(center_m: tuple[float, float, float], radius_m: float) -> dict[str, Any]:
-    width_m = 2.0 * radius_m
-    return {"pose": _pose(*center_m), "size": _xyz(width_m, width_m, width_m), "color": _BLUE}
+    named = {"timestamp": stamp(view.unix_time_s), "frame_id": SHOW, "id": name}
+    kept = {"lifetime": LIFETIME, "frame_locked": True, "metadata": []}
+    return {**named, **kept, **{kind: [] for kind in _PRIMITIVES}, **primitives}
 
 
 def _names(view: FleetView) -> list[dict[str, Any]]:
-    known: Mask = np.asarray(np.isfinite(view.rows.position_m).all(axis=1))
+    drawn = {"billboard": True, "font_size": 14.0, "scale_invariant": True, "color": _WHITE}
+    places = zip(view.rows.ids, view.rows.position_m.tolist(), strict=True)
     return [
-        {
-            "pose": _pose(*place_m),
-            "billboard": True,
-            "font_size": 14.0,
-            "scale_invariant": True,
-            "color": _WHITE,
-            "text": name,
-        }
-        for name, place_m, is_known in zip(
-            view.rows.ids, view.rows.position_m.tolist(), known.tolist(), strict=True
-        )
-        if is_known
+        {"pose": _pose(*place_m), **drawn, "text": name}
+        for name, place_m in places
+        if all(map(isfinite, place_m))
     ]
 
 

@@ -49,6 +49,10 @@ class Trajectories:
     held_at: NDArray[np.intp] | None = None  # (k,) index of the limits; None: always the first
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
 
+    def elapsed_s(self, sample: int | np.signedinteger[Any]) -> float:
+        """Time of a sample since the first, to hundredths of a second."""
+        return round(float(self.time_s[sample] - self.time_s[0]), 2)
+
 
 UNKNOWN: Final = dict.fromkeys(("position_m", "velocity_m_s", "setpoint_m_s"), np.nan) | {
     "uncertainty_m": 0.0,
@@ -270,7 +274,13 @@ def read_true_states(
 
     Raises: GcsError naming file and line.
     """
-    parts = [_read(file, partial(_of_several, on_progress, at, len(files))) for at, file in enumerate(files)]
+
+    def report(before: int, share: float) -> None:
+        """Report the share of one file as a share of all, of which `before` are read."""
+        if on_progress is not None:
+            on_progress((before + share) / len(files))
+
+    parts = [_read(file, partial(report, before)) for before, file in enumerate(files)]
     start_s, end_s = max(part.time_s[0] for part in parts), min(part.time_s[-1] for part in parts)
     named = ", ".join(str(file) for file in files)
     if not start_s < end_s:
@@ -281,12 +291,6 @@ def read_true_states(
         raise GcsError(f"{named}: a vehicle is there twice")
     values = np.concatenate([_at(part, time_s) for part in parts], axis=1)
     return TrueStates(numbers, time_s, values, tuple(file for part in parts for file in part.cut))
-
-
-def _of_several(on_progress: OnProgress | None, before: int, count: int, share: float) -> None:
-    """Report the share of one file as a share of `count`, of which `before` are read."""
-    if on_progress is not None:
-        on_progress((before + share) / count)
 
 
 def _outside(beside: Trajectories, time_s: Array) -> list[str]:
@@ -308,7 +312,12 @@ def _at(part: TrueStates, time_s: Array) -> Array:
 
 
 def _read(file: Path, report: OnProgress) -> TrueStates:
-    lines = _lines(file)
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise GcsError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise GcsError(f"{file}: not a truth file: not text") from None
     samples, is_cut = [], False
     for number, line in enumerate(lines, start=1):
         if number % REPORTED_TICKS == 0:
@@ -323,23 +332,13 @@ def _read(file: Path, report: OnProgress) -> TrueStates:
     if len(samples) < 2:
         raise GcsError(f"{file}: no true states were written")
     numbers = samples[0][1]
-    for number, sample in enumerate(samples, start=1):
-        if sample[1] != numbers:
-            raise GcsError(f"{file}, line {number}: other vehicles than in line 1")
+    if odd := next((number for number, sample in enumerate(samples, 1) if sample[1] != numbers), 0):
+        raise GcsError(f"{file}, line {odd}: other vehicles than in line 1")
     time_s = np.array([sample[0] for sample in samples])
     if not (np.diff(time_s) > 0).all():
         raise GcsError(f"{file}: its times do not increase")
     values = np.array([sample[2] for sample in samples])
     return TrueStates(numbers, time_s, values, (file,) if is_cut else ())
-
-
-def _lines(file: Path) -> list[str]:
-    try:
-        return file.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise GcsError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise GcsError(f"{file}: not a truth file: not text") from None
 
 
 def _sample(raw: Mapping[str, Any]) -> tuple[float, tuple[int, ...], list[list[float]]]:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import ShowPhase
-from gcs.recording.audit_reader import commands, events
 from gcs.recording.session import Record
 from gcs.service import ShowAction
+from tests.support.audit_rows import commands, events
 from tests.support.failsafe_flights import carried_out, reacts
 from tests.support.virtual_show import Show, fly, show_config
 

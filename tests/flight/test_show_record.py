@@ -9,10 +9,11 @@ import pytest
 from gcs.cli.main import main
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.recording import mcap_layout as layout
-from gcs.recording.audit_reader import commands, events, last_known
+from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction
+from tests.support.audit_rows import commands, events
 from tests.support.views import vehicles_of
 from tests.support.virtual_show import Show, Track, fly, show_config
 

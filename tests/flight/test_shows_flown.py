@@ -9,11 +9,12 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Obstacle, Orbit, Target
-from gcs.recording.audit_reader import events, last_known
+from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import CommandRecord, Outcome, SelectedShow, ShowAction
 from gcs.shows import Timeline, parse
+from tests.support.audit_rows import events
 from tests.support.views import vehicles_of
 from tests.support.virtual_show import JUMP_M_S, Show, Track, refused
 from tests.support.written_show import NAME, TEXT, config, fly, select

@@ -12,12 +12,13 @@ import numpy as np
 
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.recording.audit_reader import commands, last_known
+from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service.commands import CommandLog
 from tests.support import record_samples
+from tests.support.audit_rows import commands
 
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 101)}
 ROOM_BYTES = 150_000

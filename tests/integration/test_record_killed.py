@@ -8,10 +8,11 @@ import signal
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from gcs.recording.audit_reader import commands, last_known
+from gcs.recording.audit_reader import last_known
 from gcs.recording.session import Record
 from gcs.service import Outcome
 from gcs.service.commands import CommandLog
+from tests.support.audit_rows import commands
 
 KILLS = 20
 VEHICLES = {f"d{row}": (row, "radio") for row in range(1, 21)}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.cli.main import main
-from gcs.recording.audit_reader import commands
+from tests.support.audit_rows import commands
 from tests.support.machine import free_ports
 
 

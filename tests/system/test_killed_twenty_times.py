@@ -17,7 +17,8 @@ from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.interrupted_flight import Offer
-from gcs.recording.audit_reader import commands, last_known
+from gcs.recording.audit_reader import last_known
+from tests.support.audit_rows import commands
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import (
     SOON_S,

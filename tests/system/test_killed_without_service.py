@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from gcs.config.schema import Config
-from gcs.recording.audit_reader import commands, interruption, last_known
+from gcs.recording.audit_reader import interruption, last_known
+from tests.support.audit_rows import commands
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, service, vehicles, wait_until
 from tests.support.started import run

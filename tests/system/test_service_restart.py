@@ -13,8 +13,9 @@ from pymavlink import mavutil
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
-from gcs.recording.audit_reader import commands, last_known
+from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
+from tests.support.audit_rows import commands
 from tests.support.machine import free_ports
 from tests.support.processes import (
     PATIENT_S,

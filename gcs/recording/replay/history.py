@@ -50,21 +50,21 @@ def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) ->
     Raises: KeyError or ValueError for invalid events.
     """
     show, cues, event_marks = list[tuple[float, ShowPhase]](), list[CueMark](), list[EventMark]()
-    flying = _Flying(duration_s)
+    changes: list[tuple[float, VehicleId, Phase, Phase]] = []
     for unix_s, level, event, vehicle, detail in events:
         at_s = min(max(unix_s - began_unix_s, 0.0), duration_s)
         if event == SHOW_PHASE:
             show += [(0.0, ShowPhase(detail["was"]))] if not show else []
             show.append((at_s, ShowPhase(detail["phase"])))
         elif event == VEHICLE_PHASE and vehicle is not None:
-            flying.change(at_s, vehicle, Phase(detail.get("was", Phase.STANDBY)), Phase(detail["phase"]))
+            changes.append((at_s, vehicle, Phase(detail.get("was", Phase.STANDBY)), Phase(detail["phase"])))
         elif event == CUE:
             cues.append(CueMark(str(detail["cue"]), at_s))
         how = severity(level)
         if event == ALARM or how is not Severity.INFO:
             event_marks.append(EventMark(at_s, how, event == ALARM, words(event, detail), vehicle))
-    phases = _phase_spans(show, duration_s)
-    return ReplayMarks(phases, tuple(cues), _fewer(event_marks), _idle(phases, flying.spans(), duration_s))
+    phases, flying = _phase_spans(show, duration_s), _flying_spans(changes, duration_s)
+    return ReplayMarks(phases, tuple(cues), _fewer(event_marks), _idle(phases, flying, duration_s))
 
 
 def _phase_spans(changes: Sequence[tuple[float, ShowPhase]], duration_s: float) -> tuple[PhaseSpan, ...]:
@@ -76,50 +76,36 @@ def _phase_spans(changes: Sequence[tuple[float, ShowPhase]], duration_s: float) 
     )
 
 
-class _Flying:
-    """Collects when any vehicle was, or may have been, in the air, under any control."""
-
-    def __init__(self, duration_s: float) -> None:
-        self._duration_s = duration_s
-        self._flies: dict[VehicleId, bool] = {}
-        self._since_s: float | None = None
-        self._spans: list[tuple[float, float]] = []
-
-    def change(self, at_s: float, vehicle: VehicleId, was: Phase, phase: Phase) -> None:
-        if vehicle not in self._flies and was not in GROUNDED:
-            self._begin(0.0)  # it flew when the record began
-        self._flies[vehicle] = phase not in GROUNDED
-        if self._flies[vehicle]:
-            self._begin(at_s)
-        elif self._since_s is not None and not any(self._flies.values()):
-            self._spans.append((self._since_s, at_s))
-            self._since_s = None
-
-    def _begin(self, at_s: float) -> None:
-        if self._since_s is None:
-            self._since_s = at_s
-
-    def spans(self) -> list[tuple[float, float]]:
-        left = [] if self._since_s is None else [(self._since_s, self._duration_s)]
-        return [*self._spans, *left]
+def _flying_spans(
+    changes: Iterable[tuple[float, VehicleId, Phase, Phase]], duration_s: float
+) -> list[tuple[float, float]]:
+    """Times when any vehicle was, or may have been, in the air; `changes`: with phases before and after."""
+    flies: dict[VehicleId, bool] = {}
+    since_s: float | None = None
+    spans: list[tuple[float, float]] = []
+    for at_s, vehicle, was, phase in changes:
+        if since_s is None and vehicle not in flies and was not in GROUNDED:
+            since_s = 0.0  # it flew when the record began
+        flies[vehicle] = phase not in GROUNDED
+        if since_s is None and flies[vehicle]:
+            since_s = at_s
+        elif since_s is not None and not any(flies.values()):
+            spans.append((since_s, at_s))
+            since_s = None
+    return spans if since_s is None else [*spans, (since_s, duration_s)]
 
 
 def _idle(
-    phases: Iterable[PhaseSpan], flying: Iterable[tuple[float, float]], duration_s: float
+    phases: Sequence[PhaseSpan], flying: Iterable[tuple[float, float]], duration_s: float
 ) -> tuple[IdleSpan, ...]:
     """Times when the show is on the ground and no vehicle flies; none where no phase is known."""
-    known = tuple(phases)
-    if not known:
+    if not phases:
         return ()
-    busy = sorted(
-        [*((span.from_s, span.until_s) for span in known if span.phase not in ON_THE_GROUND), *flying]
-    )
+    shown = ((span.from_s, span.until_s) for span in phases if span.phase not in ON_THE_GROUND)
     found, at_s = [], 0.0
-    for from_s, until_s in [*busy, (duration_s, duration_s)]:
-        begins_s, ends_s = (
-            (at_s + KEPT_S if at_s > 0.0 else 0.0),
-            from_s - (KEPT_S if from_s < duration_s else 0.0),
-        )
+    for from_s, until_s in [*sorted([*shown, *flying]), (duration_s, duration_s)]:
+        begins_s = at_s + KEPT_S if at_s > 0.0 else 0.0
+        ends_s = from_s - (KEPT_S if from_s < duration_s else 0.0)
         if ends_s - begins_s >= IDLE_LEAST_S:
             found.append(IdleSpan(begins_s, ends_s))
         at_s = max(at_s, until_s)
@@ -161,11 +147,9 @@ class EventHistory:
         if not file.is_file():
             return EventHistory(())
         try:
+            found = rows(file, EVENTS, session)
             return EventHistory(
-                [
-                    Event(*tuple(row)[:4], json.loads(row["detail"]))  # type: ignore[call-arg]
-                    for row in rows(file, EVENTS, session)
-                ]
+                [Event(**{**dict(row), "detail": json.loads(row["detail"])}) for row in found]
             )
         except (KeyError, TypeError, ValueError) as error:
             raise GcsError(f"{file}: its events are none: {error!r}") from None

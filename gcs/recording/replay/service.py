@@ -215,6 +215,7 @@ class Replay:
         self._began_s = first.unix_s
         self._event_history = EventHistory.of(data.path, data.about.session)
         self._report_task = ReportTask((data.path, *truths))
+        self.make_flight_report = self._report_task.state
         self._head = Playhead(last_s - first.unix_s, speed, self._now_s())
         self.marks = self._event_history.marks(self._began_s, self._head.duration_s)
         self._sought = False  # another position is requested
@@ -301,16 +302,8 @@ class Replay:
 
     def _playback(self, position_s: float, *, ended: bool) -> Playback:
         head = self._head
-        return Playback(
-            str(self._data.path),
-            self._began_s,
-            head.duration_s,
-            position_s,
-            head.speed,
-            head.paused,
-            ended,
-            head.skips_idle,
-        )
+        record = str(self._data.path), self._began_s, head.duration_s
+        return Playback(*record, position_s, head.speed, head.paused, ended, head.skips_idle)
 
     def change(self, **given: Unpack[PlaybackChange]) -> Playback:
         self._head.change(self._now_s(), **given)
@@ -319,9 +312,6 @@ class Replay:
         if not self._sought:
             self._show(self._moment)
         return self.playback
-
-    def make_flight_report(self) -> ReportState:
-        return self._report_task.state()
 
     def newest(self) -> Sequence[LogEvent]:
         return self._event_history.until(self._moment.unix_s)

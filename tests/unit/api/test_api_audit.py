@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from gcs.recording.audit_reader import calls
 from gcs.recording.session import Record
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
+from tests.support.audit_rows import calls
 
 VEHICLES = {"d1": (1, "radio")}
 

@@ -18,10 +18,11 @@ from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Mode
 from gcs.recording.audit_database import VERSION, Journal, Row
-from gcs.recording.audit_reader import AUDIT, calls, commands, events, exclusions, last_known
+from gcs.recording.audit_reader import AUDIT, exclusions, last_known
 from gcs.recording.session import Record
 from gcs.service import CALLER, Call, Outcome, SelectedShow
 from gcs.service.commands import CommandLog
+from tests.support.audit_rows import calls, commands, events
 from tests.support.machine import soon
 from tests.support.record_samples import PLAN, sample
 
