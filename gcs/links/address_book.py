@@ -96,7 +96,12 @@ class Addresses:
         if known is None:
             log.info("vehicle_connected", extra=about)
         elif known != address and time_s - self.received_s[row] <= SILENT_AFTER_S:
-            self._note_duplicate(row, f"system id {system_id} at {known} and at {address}", time_s, about)
+            text = f"system id {system_id} at {known} and at {address}"
+            self.counters.duplicates += 1
+            before, before_s = self._conflicts.get(row, ("", -np.inf))
+            self._conflicts[row] = text, time_s
+            if before != text or time_s - before_s > CONFLICT_KEPT_S:
+                log.error("duplicate_system_id", extra={**about, "cause": text})
             return False
         elif known != address:
             log.warning("vehicle_moved", extra=about)
@@ -105,10 +110,3 @@ class Addresses:
         self.source[row] = source
         self.received_s[row] = max(time_s, self.received_s[row])
         return True
-
-    def _note_duplicate(self, row: int, text: str, time_s: float, about: Mapping[str, object]) -> None:
-        self.counters.duplicates += 1
-        before, before_s = self._conflicts.get(row, ("", -np.inf))
-        self._conflicts[row] = text, time_s
-        if before != text or time_s - before_s > CONFLICT_KEPT_S:
-            log.error("duplicate_system_id", extra={**about, "cause": text})

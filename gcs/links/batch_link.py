@@ -8,6 +8,7 @@ import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Collection, Coroutine, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from functools import partial
 from math import radians
 from pathlib import Path
 from threading import Lock
@@ -67,27 +68,16 @@ class Part(Protocol):
 class LinkParts:
     """The parts of one run. A thread cannot be cancelled, so `close` waits for `open`, or prevents it."""
 
-    def __init__(self, *parts: Part | None) -> None:
-        """Parts that are opened in this order, and closed in the other."""
-        self._parts = [part for part in parts if part is not None]
-        self._lock = Lock()
-        self._closed = False
+    def __init__(self, parts: Sequence[Part]) -> None:
+        self._parts, self._lock, self._closed = parts, Lock(), False
 
-    async def open(self) -> None:
-        """Raises: LinkError."""
-        if self._parts:
-            await asyncio.to_thread(self._open)
-
-    async def close(self) -> None:
-        if self._parts:
-            await asyncio.to_thread(self._close)
-
-    def _open(self) -> None:
+    def open(self) -> None:
+        """Open them in their order. Raises: LinkError."""
         with self._lock:
             for part in () if self._closed else self._parts:
                 part.open()
 
-    def _close(self) -> None:
+    def close(self) -> None:
         with self._lock:
             self._closed = True
             for part in reversed(self._parts):
@@ -162,7 +152,8 @@ class Link(ABC):
             self._ports, self._addresses, self.counters, self._system_ids, self._station_id, signatures
         )
         self._telemetry = FleetTelemetry(self.ids)
-        self._streams = StreamRequests(self._system_ids, rates_hz or {}, self._request_streams)
+        request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
+        self._streams = StreamRequests(self._system_ids, rates_hz or {}, request)
         self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(
             self._addresses, self._telemetry, self._streams, self.counters, self._parameters, signatures
@@ -207,12 +198,16 @@ class Link(ABC):
     @asynccontextmanager
     async def _parts_open(self, *parts: Part) -> AsyncIterator[None]:
         """Open signing first, so that nothing leaves unsigned; end it last, after recording."""
-        opened = LinkParts(self._signing, self._recorder, *parts)
+        given = [part for part in (self._signing, self._recorder, *parts) if part is not None]
+        if not given:
+            yield
+            return
+        opened = LinkParts(given)
         try:
-            await opened.open()
+            await asyncio.to_thread(opened.open)
             yield
         finally:
-            await opened.close()
+            await asyncio.to_thread(opened.close)
 
     @abstractmethod
     def _send_setpoints(self, desired: SetpointBatch) -> None:
@@ -354,7 +349,7 @@ class Link(ABC):
         reported = VehicleReport(self._telemetry, row)
         if command.verb is Verb.KILL:
             self._killed.add(row)
-            killing = protocol.kill(command, reported, lambda: self._send_kill(row))
+            killing = protocol.kill(command, reported, partial(self._send_kill, row))
             self._forget_commands(row)
             await killing
             return
@@ -415,12 +410,10 @@ class Link(ABC):
         connected: Mask = alive & np.isfinite(self._telemetry.heartbeat_time_s)
         return connected
 
-    def _send_message(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
-        self._outbox.send_message(message_id, messages, rows, self._clock())
-
-    def _request_streams(self, message_id: int, messages: codec.Records, rows: Whole) -> None:
-        now_s = self._clock()
-        self._outbox.send_message(message_id, messages, rows, now_s, component_id=REQUESTING_COMPONENT)
+    def _send_message(
+        self, message_id: int, messages: codec.Records, rows: Whole, component_id: int = codec.COMPONENT_ID
+    ) -> None:
+        self._outbox.send_message(message_id, messages, rows, self._clock(), component_id=component_id)
 
     def _send_kill(self, row: int) -> None:
         self._send_message(COMMAND_LONG, codec.kill_message(int(self._system_ids[row])), np.array([row]))

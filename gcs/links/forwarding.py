@@ -4,7 +4,7 @@ Only UDP, which never waits: what a slow or dead station does not accept is lost
 """
 
 import socket
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, InitVar, dataclass
 from typing import Final
 
@@ -23,18 +23,6 @@ _DATAGRAM_BYTES: Final = 1400
 _READS_PER_CALL: Final = 32
 _SETUP_SIGNING: Final = 256
 _NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
-
-
-def may_pass(frame: Frame, vehicles: Collection[int], own_system_id: int) -> bool:
-    """Whether a frame from another station may go to the vehicle it targets.
-
-    Never setpoints, manual control or a key: only this station flies the vehicles of a link. Never a frame
-    for all systems, since a heartbeat of the other station would hide from the vehicles that ours has ended.
-    Never in the name of a vehicle or of this station.
-    """
-    if frame.system_id in vehicles or frame.system_id in (0, own_system_id):
-        return False
-    return frame.message_id not in _NEVER and target_system(frame) in vehicles
 
 
 class Forwarder:
@@ -139,12 +127,20 @@ class Forwarding:
                     self.counters.refused_from_others += 1
 
     def _passes(self, frame: Frame) -> bool:
+        """Whether a frame from another station went to the vehicle that it targets.
+
+        Never setpoints, manual control or a key: only this station flies the vehicles of a link. Never a
+        frame for all systems, since a heartbeat of the other station would hide from the vehicles that ours
+        has ended. Never in the name of a vehicle or of this station.
+        """
+        target, rows = target_system(frame), self.rows
         if self.signatures is not None and not self.signatures.is_signed(frame):
             return False
-        if not may_pass(frame, self.rows, self.station_id):
+        if frame.system_id in rows or frame.system_id in (0, self.station_id):
             return False
-        target = target_system(frame)
+        if frame.message_id in _NEVER or target not in rows:
+            return False
         if self.latch.is_shut(target) and moves(frame):
             self.counters.commands_dropped += 1
             return False
-        return bool(self.outbox.send_raw([frame.raw], np.array([self.rows[target]]), self.clock())[0])
+        return bool(self.outbox.send_raw([frame.raw], np.array([rows[target]]), self.clock())[0])

@@ -162,7 +162,9 @@ class FleetTelemetry:
                 framing.HEARTBEAT: self._take_heartbeats,
                 framing.SYS_STATUS: self._take_status,
                 framing.EXTENDED_SYS_STATE: self._take_landed,
-                framing.BATTERY_STATUS: self._take_batteries,
+                framing.BATTERY_STATUS: lambda rows, reported, _time_s: self._batteries.take(
+                    rows, reported["battery_remaining"], reported["id"]
+                ),
                 framing.GPS_RAW_INT: self._take_accuracies,
                 framing.SYSTEM_TIME: self._take_times,
                 framing.ODOMETRY: self._take_reset_counters,
@@ -285,9 +287,6 @@ class FleetTelemetry:
         self.prearm_ok[rows] = (health & framing.PREARM_CHECK) != 0
         self._unhealthy_sensors[rows] = (enabled & framing.SENSORS | framing.AHRS) & ~health
         self._batteries.take(rows, reported["battery_remaining"])
-
-    def _take_batteries(self, rows: Whole, reported: Records, _time_s: Array) -> None:
-        self._batteries.take(rows, reported["battery_remaining"], reported["id"])
 
     def _take_accuracies(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         self._fix_type[rows] = reported["fix_type"]

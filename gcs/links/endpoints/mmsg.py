@@ -7,8 +7,6 @@ import ctypes
 import errno
 import os
 import socket
-from collections.abc import Sequence
-from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +20,9 @@ _UDP_SEGMENT: Final = 103  # Linux 4.18; Python does not name it
 
 _RUN_MOST: Final = 64
 """Most datagrams that the kernel splits from one piece."""
+
+_ERRORS: Final = 16
+"""Errors of earlier sends that a socket may report before a read."""
 
 REFUSALS: Final = frozenset({errno.EIO, errno.EINVAL, errno.EMSGSIZE, errno.EOPNOTSUPP})
 """Errors of a route without runs: it has no checksums of its own, or its packets are too small."""
@@ -61,11 +62,6 @@ def sends_runs(source: socket.socket) -> bool:
     except OSError:
         return False
     return True
-
-
-@cache
-def _number(host: str) -> int:
-    return int.from_bytes(socket.inet_aton(host), "big")
 
 
 class Batch:
@@ -111,11 +107,6 @@ class Batch:
         """(count,) ports; a view."""
         return self._addresses["port"]
 
-    def address(self, places: Sequence[tuple[str, int]]) -> None:
-        """Set the destinations of the first rows: IPv4 address and port of each."""
-        self.host[: len(places)] = [_number(host) for host, _ in places]
-        self.port[: len(places)] = [port for _, port in places]
-
     def receive(self, fd: int, first: int, most: int) -> int:
         """Read datagrams into row `first` and the following rows. Returns: number; never waits.
 
@@ -128,7 +119,7 @@ class Batch:
         headers["name_length"] = _ADDRESS.itemsize
         headers["control"] = self._control_places[rows]
         headers["control_length"] = self._control.itemsize
-        count = self._call(_LIBC.recvmmsg, fd, first, most, None)
+        count = _call(_LIBC.recvmmsg, fd, self._messages[rows], None)
         came = slice(first, first + count)
         self.length[came] = self._messages["length"][came]
         control = self._control[came]
@@ -141,6 +132,17 @@ class Batch:
         self.time_s[came] = np.where(stamped, time_s, np.nan)
         return count
 
+    def read(self, fd: int, first: int, most: int) -> int:
+        """As `receive`, after errors of earlier sends, which a socket reports here; 0: nothing to read."""
+        for _ in range(_ERRORS):
+            try:
+                return self.receive(fd, first, most)
+            except BlockingIOError:
+                return 0
+            except OSError:  # the socket still works
+                continue
+        return 0
+
     def send(self, fd: int, first: int, end: int) -> int:
         """Send rows `first` to `end` - 1, in order. Returns: number of rows sent; never waits.
 
@@ -151,7 +153,7 @@ class Batch:
         headers = self._messages["header"][rows]
         headers["control"] = 0
         headers["control_length"] = 0
-        return self._call(_LIBC.sendmmsg, fd, first, end - first)
+        return _call(_LIBC.sendmmsg, fd, self._messages[rows])
 
     def send_runs(self, fd: int, first: int, end: int) -> int:
         """As `send`; neighbours of equal length and destination cost the kernel little more than one."""
@@ -168,7 +170,7 @@ class Batch:
         headers["part_count"] = counts
         headers["control"] = np.where(several, self._segment_places[:k], 0)
         headers["control_length"] = np.where(several, self._segments.itemsize, 0)
-        return int(counts[: _called(_LIBC.sendmmsg, fd, self._runs.ctypes.data, k)].sum())
+        return int(counts[: _call(_LIBC.sendmmsg, fd, self._runs[:k])].sum())
 
     def _begins(self, first: int, end: int) -> Whole:
         """Where runs begin among rows `first` to `end` - 1."""
@@ -181,15 +183,11 @@ class Batch:
         begins |= (rows - np.maximum.accumulate(np.where(begins, rows, 0))) % _RUN_MOST == 0
         return np.flatnonzero(begins) + first
 
-    def _call(self, function: Any, fd: int, first: int, count: int, *more: object) -> int:
-        return _called(
-            function, fd, self._messages.ctypes.data + first * self._messages.itemsize, count, *more
-        )
 
-
-def _called(function: Any, fd: int, place: int, count: int, *more: object) -> int:
-    """Result of sendmmsg or recvmmsg with the messages at `place`. Raises: OSError."""
-    done: int = function(fd, ctypes.c_void_p(place), ctypes.c_uint(count), 0, *more)
+def _call(function: Any, fd: int, messages: NDArray[np.void], *more: object) -> int:
+    """Result of sendmmsg or recvmmsg with these messages. Raises: OSError."""
+    place, count = ctypes.c_void_p(messages.ctypes.data), ctypes.c_uint(len(messages))
+    done: int = function(fd, place, count, 0, *more)
     if done < 0:
         number = ctypes.get_errno()
         if number in (errno.EAGAIN, errno.EWOULDBLOCK):

@@ -33,9 +33,6 @@ _ANY: Final = -1
 _ROUNDS: Final = 16
 """Batches that a socket may fill in one turn, so that a flood cannot block the loop."""
 
-_ERRORS: Final = 16
-"""Errors of earlier sends that a socket may report in one turn."""
-
 _BUFFER_BYTES: Final = 4 << 20
 _SO_RCVBUFFORCE: Final = 33  # beyond the system's limit, where permitted
 
@@ -135,7 +132,7 @@ class UdpPorts(Ports):
                 if _ROOM - filled < _BATCH:
                     take(self._datagrams(filled, now_s, wall_s))
                     filled = 0
-                count = self._read(index, filled, _BATCH)
+                count = self._room.read(self._sockets[index].fileno(), filled, _BATCH)
                 self._index[filled : filled + count] = index
                 filled += count
                 if count < _BATCH:
@@ -159,23 +156,18 @@ class UdpPorts(Ports):
             order = np.argsort(index, kind="stable")
             left[order] = self.send(data[order], length[order], destination[order], until_s=until_s)
             return left
-        outbox = self._filled(data, length, destination)
-        for first, end in zip([0, *changes.tolist()], [*changes.tolist(), len(index)], strict=True):
-            if 0 <= index[first] < len(self._sockets):
-                self._send_all(outbox, self._sockets[int(index[first])], first, end, left, until_s)
-        return left
-
-    def _filled(self, data: Bytes, length: Whole, destination: Whole) -> mmsg.Batch:
-        n, longest = data.shape
-        if self._outbox.data.shape[0] < n or self._outbox.data.shape[1] < longest:
-            rows, columns = self._outbox.data.shape
+        (n, longest), (rows, columns) = data.shape, self._outbox.data.shape
+        if rows < n or columns < longest:
             self._outbox = mmsg.Batch(max(n, rows), max(longest, columns))
         outbox = self._outbox
         outbox.data[:n, :longest] = data
         outbox.length[:n] = length
         outbox.host[:n] = destination >> 16 & 0xFFFFFFFF
         outbox.port[:n] = destination & 0xFFFF
-        return outbox
+        for first, end in zip([0, *changes.tolist()], [*changes.tolist(), len(index)], strict=True):
+            if 0 <= index[first] < len(self._sockets):
+                self._send_all(outbox, self._sockets[int(index[first])], first, end, left, until_s)
+        return left
 
     def _send_all(
         self,
@@ -213,17 +205,6 @@ class UdpPorts(Ports):
             about = {"link": self._name, "address": str(self.address(destination)), "cause": str(error)}
             log.warning("send_failed", extra=about)
         self.failures[destination] = error.strerror or str(error)
-
-    def _read(self, index: int, first: int, most: int) -> int:
-        source = self._sockets[index]
-        for _ in range(_ERRORS):
-            try:
-                return self._room.receive(source.fileno(), first, most)
-            except BlockingIOError:
-                return 0
-            except OSError:  # an error of an earlier send, reported here; the socket still works
-                continue
-        return 0
 
     def _datagrams(self, count: int, now_s: float, wall_s: float) -> Datagrams:
         """Rows up to `count`, with times on our clock.

@@ -1,9 +1,10 @@
-"""MAVSDK, typed: the only module that imports it. One instance, and its vehicles."""
+"""MAVSDK, typed: the only module that imports it. Its instances behind one link, and their vehicles."""
 
 import logging
 import os
+import selectors
 import socket
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from threading import Lock
@@ -20,6 +21,7 @@ from mavsdk.plugins.telemetry import Telemetry
 
 from gcs.links.endpoints import mmsg
 from gcs.links.link import ParameterValue, Verb
+from gcs.links.settings import instances
 from gcs.model.errors import CommandError, LinkError
 
 log = logging.getLogger(__name__)
@@ -36,7 +38,6 @@ _HOST: Final = "127.0.0.1"
 _LONGEST_BYTES: Final = 2048
 _BUFFER_BYTES: Final = 4 << 20
 _GREETING_S: Final = 5.0
-_ERRORS: Final = 16
 
 
 class Loopback:
@@ -87,18 +88,19 @@ class Loopback:
 
         Returns: number of datagrams.
         """
-        most = len(room.length) - first
-        for _ in range(_ERRORS):
-            try:
-                return room.receive(self._socket.fileno(), first, most)
-            except BlockingIOError:
-                return 0
-            except OSError:  # of an earlier send: MAVSDK was not there
-                continue
-        return 0
+        return room.read(self._socket.fileno(), first, len(room.length) - first)
 
     def close(self) -> None:
         self._socket.close()
+
+
+@contextmanager
+def _failure_named() -> Iterator[None]:
+    """Raises: CommandError with MAVSDK's name for the failure."""
+    try:
+        yield
+    except MavsdkError as error:
+        raise CommandError(error.result.name) from error
 
 
 class MavsdkVehicle:
@@ -129,6 +131,7 @@ class MavsdkVehicle:
         result: int = self._set_velocity_ned(self._offboard._require_handle(), velocity)  # noqa: SLF001
         return result == _SUCCESS
 
+    @_failure_named()
     def command(self, verb: Verb, height_m: float) -> None:
         """Send a command and wait for its acknowledgement: up to 2 s, or 3 s for a parameter.
 
@@ -144,33 +147,26 @@ class MavsdkVehicle:
             Verb.RETURN: self._action.return_to_launch,
             Verb.KILL: self._action.kill,
         }
-        try:
-            calls[verb]()
-        except MavsdkError as error:
-            raise CommandError(error.result.name) from error
+        calls[verb]()
 
+    @_failure_named()
     def parameter(self, name: str) -> ParameterValue:
         """The autopilot's value; up to 3 s when it does not answer. Raises: CommandError."""
         try:
-            try:
-                whole: int = self._param.get_param_int(name)
-            except ParamError as error:
-                if error.result != ParamResult.WRONG_TYPE:
-                    raise
-            else:
-                return whole
-            number: float = self._param.get_param_float(name)
-        except MavsdkError as error:
-            raise CommandError(error.result.name) from error
+            whole: int = self._param.get_param_int(name)
+        except ParamError as error:
+            if error.result != ParamResult.WRONG_TYPE:
+                raise
+        else:
+            return whole
+        number: float = self._param.get_param_float(name)
         return number
 
+    @_failure_named()
     def set_parameter(self, name: str, value: ParameterValue) -> None:
         """Set the value and wait for the answer, up to 3 s. Raises: CommandError."""
         set_it = self._param.set_param_int if isinstance(value, int) else self._param.set_param_float
-        try:
-            set_it(name, value)
-        except MavsdkError as error:
-            raise CommandError(error.result.name) from error
+        set_it(name, value)
 
     def destroy(self) -> None:
         """Release the vehicle and its plugins; they may not be used afterwards."""
@@ -278,3 +274,74 @@ def _pass_on(level: LogLevel, message: str, _file: str | None, _line: int) -> bo
     """MAVSDK prints to stdout unless a callback takes its messages."""
     log.log(_LOG_LEVELS.get(level, logging.DEBUG), "mavsdk", extra={"reported": message})
     return True
+
+
+_DATAGRAM_BYTES: Final = 1400
+"""MAVSDK reads 2048 bytes of one."""
+
+
+class MavsdkInstances:
+    """The instances of one link.
+
+    Each has at most 64 vehicles, since its traffic grows with the square, and receives the bytes of its own
+    vehicles only.
+
+    `open`, `discover` and `close` block, see `MavsdkBinding`; all else belongs on the loop's thread,
+    between `open` and `close`.
+    """
+
+    def __init__(self, system_ids: Sequence[int], station_id: int) -> None:
+        """As many instances as needed, of similar size."""
+        count = instances(len(system_ids))
+        self._fleets = tuple(MavsdkBinding(station_id) for _ in range(count))
+        self._ids = tuple(frozenset(system_ids[index::count]) for index in range(count))
+        self._waiting: dict[MavsdkBinding, list[bytes]] = {fleet: [] for fleet in self._fleets}
+        self._of = {
+            system_id: fleet for fleet, ids in zip(self._fleets, self._ids, strict=True) for system_id in ids
+        }
+        self._written = selectors.DefaultSelector()
+
+    def open(self) -> None:
+        """Start them. Raises: LinkError."""
+        for fleet in self._fleets:
+            fleet.open()
+            self._written.register(fleet.loopback.fd, selectors.EVENT_READ, fleet)
+
+    def take(self, room: mmsg.Batch) -> int:
+        """Fill `room` with what they have written, in each one's order. Returns: number. Never blocks."""
+        count = 0
+        for key, _ in self._written.select(0):
+            count += key.data.loopback.take(room, count)
+        return count
+
+    def receive(self, system_id: int, raw: bytes) -> None:
+        """Keep a frame of a configured vehicle until `flush`."""
+        self._waiting[self._of[system_id]].append(raw)
+
+    def flush(self) -> None:
+        """Give the kept frames to MAVSDK, many to a datagram. Frames without room are lost."""
+        for fleet, frames in self._waiting.items():
+            if not frames:
+                continue
+            datagram = bytearray()
+            for raw in frames:
+                if len(datagram) + len(raw) > _DATAGRAM_BYTES:
+                    fleet.loopback.give(bytes(datagram))
+                    datagram.clear()
+                datagram += raw
+            fleet.loopback.give(bytes(datagram))
+            frames.clear()
+
+    def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
+        found: dict[int, MavsdkVehicle] = {}
+        for fleet, ids in zip(self._fleets, self._ids, strict=True):
+            missing = ids.intersection(desired)
+            if missing:
+                found |= fleet.discover(missing)
+        return found
+
+    def close(self) -> None:
+        """End all instances; their plugins may not be used afterwards."""
+        self._written.close()
+        for fleet in self._fleets:
+            fleet.destroy()

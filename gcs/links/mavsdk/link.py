@@ -6,28 +6,31 @@ threads, whatever happens to the program that set them.
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from functools import partial
 from math import inf
 from time import sleep
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
 from gcs.links.batch_link import Coroutines, Link
-from gcs.links.command_protocol import CommandProtocol
+from gcs.links.command_protocol import CLOSED, CommandProtocol
 from gcs.links.endpoints import mmsg
-from gcs.links.mavsdk.binding import MavsdkVehicle
-from gcs.links.mavsdk.instances import MavsdkInstances
+from gcs.links.link import Command, ParameterValue, Verb
+from gcs.links.mavsdk.binding import MavsdkInstances, MavsdkVehicle
 from gcs.links.mavsdk.setpoint_filter import SetpointFilter
-from gcs.links.mavsdk.workers import MavsdkCommandChannel, Workers
 from gcs.links.sender import SetpointBatch
 from gcs.links.settings import station_id
 from gcs.links.stream_requests import NOT_FOR_MAVSDK, REQUESTING_COMPONENT, SETTLE_S
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
 from gcs.mavlink.kernels import BEGIN, END, MESSAGE, Bytes, Whole
-from gcs.model.state import Array, Mask, Telemetry
+from gcs.model.errors import CommandError
+from gcs.model.state import Array, Mask, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +58,12 @@ _LONGEST_BYTES: Final = 300
 """Longest frame: 280 bytes."""
 
 
+T = TypeVar("T")
+
+_OFFBOARD_TRIES: Final = 3
+_OFFBOARD_RETRY_S: Final = 0.1
+
+
 class FrameFilter:
     """Chooses the frames for MAVSDK, whose threads pay more for each than the link does."""
 
@@ -75,6 +84,77 @@ class FrameFilter:
             reported = codec.decode(COMMAND_ACK, data, frames[answers])
             shown[answers] = reported["target_component"] != REQUESTING_COMPONENT
         return shown
+
+
+class Workers:
+    """One thread for each vehicle that is commanded, so that silent vehicles delay no other."""
+
+    def __init__(self, vehicle_ids: Iterable[VehicleId]) -> None:
+        self._closed = False
+        self._workers = {
+            vehicle_id: ThreadPoolExecutor(1, thread_name_prefix=f"command/{vehicle_id}")
+            for vehicle_id in vehicle_ids
+        }
+
+    def channel(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle) -> "MavsdkCommandChannel":
+        return MavsdkCommandChannel(vehicle, self._workers[vehicle_id], lambda: self._closed)
+
+    def open(self) -> None:
+        """Threads start with the first call."""
+
+    def stop(self) -> None:
+        """Start no further call. On the loop's thread, before `close`."""
+        self._closed = True
+
+    def close(self) -> None:
+        """Wait for the calls under way, 5 s at most. Blocks."""
+        for worker in self._workers.values():
+            worker.shutdown(wait=True)
+
+
+@dataclass(eq=False)
+class MavsdkCommandChannel:
+    """One vehicle through MAVSDK. A `gcs.links.command_protocol.CommandChannel`."""
+
+    vehicle: MavsdkVehicle
+    worker: ThreadPoolExecutor
+    closed: Callable[[], bool]
+
+    async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
+        tries = _OFFBOARD_TRIES if command.verb is Verb.OFFBOARD else 1
+        for left in reversed(range(tries)):
+            try:
+                await self._run(partial(self._call, command, may_leave))
+            except CommandError as error:
+                # Outside OFFBOARD, MAVSDK forgets a setpoint after 3 s, until the next tick sets it again.
+                if not left or str(error) != "NO_SETPOINT_SET":
+                    raise
+                await asyncio.sleep(_OFFBOARD_RETRY_S)
+            else:
+                return
+
+    async def parameter(self, name: str) -> ParameterValue:
+        return await self._run(partial(self.vehicle.parameter, name))
+
+    async def set_parameter(self, name: str, value: ParameterValue) -> None:
+        await self._run(partial(self.vehicle.set_parameter, name, value))
+
+    async def _run(self, blocking: Callable[[], T]) -> T:
+        """The result of a call on the vehicle's worker, after earlier ones. Raises: CommandError."""
+
+        def unless_closed() -> T:
+            if self.closed():
+                raise CommandError(CLOSED)
+            return blocking()
+
+        if self.closed():  # then the workers accept no more calls
+            raise CommandError(CLOSED)
+        return await asyncio.get_running_loop().run_in_executor(self.worker, unless_closed)
+
+    def _call(self, command: Command, may_leave: Callable[[], None]) -> None:
+        """On the worker: any earlier call has ended here, even one whose command was cancelled."""
+        may_leave()
+        self.vehicle.command(command.verb, command.height_m)
 
 
 class MavsdkLink(Link):
@@ -120,12 +200,6 @@ class MavsdkLink(Link):
         """Vehicles not yet discovered by MAVSDK have no position: they take no commands."""
         self._receive_for_tick()
         return self._telemetry.telemetry(may_be_ready=self._healthy, discovered=self._is_discovered)
-
-    def _poll_health(self) -> None:
-        self._polls += 1
-        for row in range(self._polls % _HEALTH_SHARES, len(self.ids), _HEALTH_SHARES):
-            vehicle = self._discovered.get(row)
-            self._healthy[row] = vehicle is not None and vehicle.healthy()
 
     def _send_setpoints(self, desired: SetpointBatch) -> None:
         self._setpoint_filter.expect(desired)  # discards the previous tick's setpoints
@@ -175,7 +249,10 @@ class MavsdkLink(Link):
 
     def _watch(self, now_s: float) -> None:
         """MAVSDK sets a rate itself when it discovers a vehicle; ours are requested afterwards."""
-        self._poll_health()
+        self._polls += 1
+        for row in range(self._polls % _HEALTH_SHARES, len(self.ids), _HEALTH_SHARES):
+            vehicle = self._discovered.get(row)
+            self._healthy[row] = vehicle is not None and vehicle.healthy()
         anew = self._is_discovered & (
             (self._telemetry.connection_count != self._connection_count) | (self._since_s == inf)
         )

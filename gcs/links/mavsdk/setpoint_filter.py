@@ -22,7 +22,7 @@ from gcs.mavlink.codec import (
 )
 from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves
 from gcs.mavlink.kernels import Whole
-from gcs.model.state import Array, Mask
+from gcs.model.state import Mask
 
 _ALL: Final = slice(None)
 
@@ -57,7 +57,7 @@ class SetpointFilter:
         """Let these setpoints leave, once each, and no earlier ones."""
         self._awaited[:] = False
         self._awaited[desired.rows] = True
-        self._velocity[desired.rows] = _encoded(desired.velocity_ned_m_s)
+        self._velocity[desired.rows] = desired.velocity_ned_m_s.astype(np.float32).view(np.uint32)
         self._until_s = desired.until_s
 
     def forbid(self, rows: Whole | slice) -> None:
@@ -107,7 +107,3 @@ class SetpointFilter:
         else:
             return True
         return False
-
-
-def _encoded(velocity_m_s: Array) -> NDArray[np.uint32]:
-    return velocity_m_s.astype(np.float32).view(np.uint32)

@@ -7,7 +7,7 @@ import async_solipsism
 import numpy as np
 import pytest
 
-from gcs.links.native.commands import ANSWER_S, TRIES, Commands
+from gcs.links.native.link import ANSWER_S, TRIES, Commands
 from gcs.mavlink.codec import Records, records, text_field
 from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
 from gcs.mavlink.kernels import Whole
