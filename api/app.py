@@ -22,9 +22,7 @@ from gcs.api.errors import echo, error_response, from_pydantic, invalid_response
 from gcs.api.map_tiles import GroundMap
 from gcs.api.middleware import Methods, SecurityHeaders, allowed
 from gcs.api.openapi import DescribedApp
-from gcs.api.routes import commands, fleet, plan, stream
-from gcs.api.routes import replay as replay_routes
-from gcs.api.routes import shows as show_routes
+from gcs.api.routes import commands, fleet, plan, shows, stream
 from gcs.api.schemas import reports
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
 from gcs.service import Service
@@ -62,7 +60,10 @@ def create_app(
     app.add_middleware(AccessMiddleware, names=host_names, authorization=authorization)
     app.add_middleware(Audited, audit=service.audit)
     app.add_middleware(SecurityHeaders)  # the last added is the outermost
-    _install(app)
+    app.add_exception_handler(GcsError, _on_gcs_error)
+    app.add_exception_handler(RequestValidationError, _on_validation_error)
+    app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_exception_handler(Exception, _on_bug)
     return app
 
 
@@ -75,9 +76,9 @@ def routed(*, demands_tokens: bool = True) -> FastAPI:
         fleet.api,
         commands.router,
         plan.router,
-        show_routes.selected,
-        show_routes.files,
-        replay_routes.router,
+        shows.selected,
+        shows.files,
+        shows.replay,
         stream.router,
     )
     for router in routers:
@@ -90,9 +91,8 @@ async def _on_gcs_error(_request: Request, error: Exception) -> Response:
     if status is None:  # a GcsError that no request can cause: a bug
         raise error
     if isinstance(error, InvalidError):
-        return invalid_response(
-            [reports.FieldProblem(field=error.field, value=echo(error.value), allowed=error.allowed)]
-        )
+        problem = reports.FieldProblem(field=error.field, value=echo(error.value), allowed=error.allowed)
+        return invalid_response([problem])
     return error_response(status, str(error))
 
 
@@ -122,13 +122,6 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
 async def _on_bug(_request: Request, _error: Exception) -> Response:
     """Answer an unexpected exception in the common error shape; the server raises it again and logs it."""
     return error_response(HTTPStatus.INTERNAL_SERVER_ERROR, "an error of this service; its log says more")
-
-
-def _install(app: FastAPI) -> None:
-    app.add_exception_handler(GcsError, _on_gcs_error)
-    app.add_exception_handler(RequestValidationError, _on_validation_error)
-    app.add_exception_handler(HTTPException, _on_http_error)
-    app.add_exception_handler(Exception, _on_bug)
 
 
 if __name__ == "__main__":  # prints the OpenAPI document, from which the console's types are generated

@@ -63,9 +63,8 @@ class TileFile:
             problem = "vector tiles (format pbf)" if kind == "pbf" else f"tiles of format {kind or 'unknown'}"
             raise ConfigError(f"map.tiles: {path}: {problem} cannot be drawn: png, jpg or webp can")
         self.media_type = MEDIA[kind]
-        self.attribution = html.unescape(re.sub(r"<[^>]*>", "", reported.get("attribution", ""))).strip()[
-            :200
-        ]
+        plain = html.unescape(re.sub(r"<[^>]*>", "", reported.get("attribution", "")))
+        self.attribution = plain.strip()[:200]
 
     def _read(self, sql: str, *values: int) -> list[tuple[object, ...]]:
         return self._file.execute(sql, values).fetchall()

@@ -74,13 +74,10 @@ class FleetCollector:
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:
     rows = view.rows
+    ready, limited = np.array(rows.ready, float), np.array([why != "" for why in rows.limited_by], float)
     columns = (
         *(rows.link_quality, rows.position_age_s, rows.heartbeat_age_s, rows.battery_remaining),
-        *(
-            rows.uncertainty_m,
-            np.array(rows.ready, float),
-            np.array([why != "" for why in rows.limited_by], float),
-        ),
+        *(rows.uncertainty_m, ready, limited),
     )
     for (name, text), column in zip(VEHICLE_GAUGES.items(), columns, strict=True):
         values = zip(rows.ids, column.tolist(), strict=True)
@@ -102,7 +99,6 @@ def _gauge(name: str, text: str, value: float | None) -> Metric:
 
 
 def _labelled(name: str, text: str, label: str, values: Mapping[str, float]) -> Metric:
-    """Make a gauge with one value for each value of a label."""
     family = GaugeMetricFamily(name, text, labels=[label])
     for key, value in values.items():
         family.add_metric([key], value)
@@ -142,12 +138,8 @@ async def metrics(context: ContextDep) -> Response:
     collector = FleetCollector(
         context.view, problem, age_s, authorization.text, authorization.denied, authorization.shed
     )
-    # in a thread: a thousand vehicles need thousands of lines, which would delay ticks on the event loop
-    text = await asyncio.to_thread(_text, collector)
-    return Response(text, media_type=CONTENT_TYPE_PLAIN_1_0_0)
-
-
-def _text(collector: FleetCollector) -> bytes:
     registry = CollectorRegistry(auto_describe=False)
     registry.register(collector)
-    return generate_latest(registry)
+    # in a thread: a thousand vehicles need thousands of lines, which would delay ticks on the event loop
+    text = await asyncio.to_thread(generate_latest, registry)
+    return Response(text, media_type=CONTENT_TYPE_PLAIN_1_0_0)

@@ -88,7 +88,6 @@ class Methods:
         self._routes = routes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer OPTIONS, convert HEAD to GET, and pass on all other methods."""
         method = scope.get("method")
         if method == "OPTIONS" and (names := allowed(self._routes(), scope)):
             await Response(status_code=204, headers={"Allow": ", ".join(names)})(scope, receive, send)
@@ -115,8 +114,6 @@ class SecurityHeaders:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Add the headers that the response lacks."""
-
         async def answer(message: Message) -> None:
             if message["type"] in STARTS:
                 headers = MutableHeaders(scope=message)

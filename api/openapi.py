@@ -93,9 +93,8 @@ class DescribedApp(FastAPI):
             document = super().openapi()
             if not self._asks_for_tokens:
                 document.get("components", {}).pop("securitySchemes", None)
-                for operation in (
-                    each for methods in document["paths"].values() for each in methods.values()
-                ):
-                    operation.pop("security", None)
+                for methods in document["paths"].values():
+                    for operation in methods.values():
+                        operation.pop("security", None)
             self.openapi_schema = document
         return self.openapi_schema

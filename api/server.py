@@ -66,11 +66,6 @@ class Sparse(logging.Filter):
 SPARSE: Final = Sparse()
 
 
-def bound_log() -> None:
-    """Add the shared filter to the server's log; a second call changes nothing."""
-    logging.getLogger("uvicorn.error").addFilter(SPARSE)
-
-
 class Http(H11Protocol):
     """HTTP/1.1 with a limit of connections and errors in the common shape."""
 
@@ -178,7 +173,6 @@ class _Server(uvicorn.Server):
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, then set `listening` to the port."""
         await super().startup(sockets=sockets)
         if sockets and self._listening is not None and not self._listening.done():
             self._listening.set_result(sockets[0].getsockname()[1])
@@ -202,11 +196,6 @@ class _Server(uvicorn.Server):
                 self._silent[connection] = (request, since_s)
         return await super().on_tick(counter)
 
-    def cut(self) -> None:
-        """Abort the connections that did not close in time because their peers read nothing."""
-        for connection in list(self.server_state.connections):
-            connection.transport.abort()
-
 
 async def serve(
     app: ASGIApp,
@@ -229,7 +218,7 @@ async def serve(
     """
     _check_tls(tls)
     listener = await _listen(host, port)
-    bound_log()
+    logging.getLogger("uvicorn.error").addFilter(SPARSE)  # a second call changes nothing
     config = uvicorn.Config(
         AbsoluteTarget(app),
         log_config=None,
@@ -255,7 +244,8 @@ async def serve(
         try:
             await running
         finally:
-            server.cut()
+            for connection in list(server.server_state.connections):  # whose peers read nothing
+                connection.transport.abort()
             listener.close()
 
 
@@ -296,11 +286,8 @@ async def _listen(host: str, port: int) -> socket.socket:
         listener.setblocking(False)
     except OSError as error:
         listener.close()
-        raise LinkError(_cause(host, port, error)) from error
+        text = f"cannot listen on {host} port {port}: {error}"
+        if error.errno == errno.EADDRINUSE:
+            text = f"port {port} is in use on {host}: stop what listens there, or choose another port"
+        raise LinkError(text) from error
     return listener
-
-
-def _cause(host: str, port: int, error: OSError) -> str:
-    if error.errno == errno.EADDRINUSE:
-        return f"port {port} is in use on {host}: stop what listens there, or choose another port"
-    return f"cannot listen on {host} port {port}: {error}"

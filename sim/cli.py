@@ -89,7 +89,6 @@ def parameter(text: str) -> tuple[str, Value | Sequence[Value]]:
 
 
 def parameter_options(parameters: Mapping[str, Value | Sequence[Value]]) -> list[str]:
-    """The options of this command line that set these parameters."""
     texts = {
         name: ",".join(f"{each:g}" for each in (value if isinstance(value, Sequence) else [value]))
         for name, value in parameters.items()

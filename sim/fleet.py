@@ -72,7 +72,6 @@ class Settings:
     rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
 
     def parameters_of(self, index: int) -> dict[str, Value]:
-        """Return the parameters of vehicle `index`, with its system id."""
         own = {
             name: value[index] if isinstance(value, Sequence) else value
             for name, value in self.parameters.items()

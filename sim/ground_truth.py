@@ -31,7 +31,6 @@ class GroundTruthFile:
     """Writes one line per sample, and flushes it: killed at any moment, at most one line is lost."""
 
     def __init__(self, file: TextIO) -> None:
-        """Write to an open text file, which the caller closes."""
         self._file = file
         self._due = Period(PERIOD_S)
 

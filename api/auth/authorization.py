@@ -7,6 +7,7 @@ import asyncio
 import logging
 import secrets
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum, auto
@@ -155,10 +156,11 @@ class Authorization:
     ) -> None:
         """Without `tokens` every caller has every right, which is safe on the loopback interface only."""
         self._tokens = tokens
-        self._calls_per_s, self._burst = calls_per_s, burst
+        self._calls_per_s = calls_per_s
         self._audit = audit
         self._clock_s = clock_s
-        self._buckets: dict[tuple[str, Lane], Bucket] = {}  # one for each name and lane
+        # one for each name and lane
+        self._buckets: defaultdict[tuple[str, Lane], Bucket] = defaultdict(lambda: Bucket(calls_per_s, burst))
         self._audit_bucket = Bucket(AUDIT_PER_S, AUDIT_BURST)
         self._not_audited = 0
         self.denied = 0
@@ -194,7 +196,7 @@ class Authorization:
         in_lane = right is Right.EMERGENCY and right in principal.rights
         is_probe = call.path in PROBES and call.method in READING
         lane = Lane.EMERGENCY if in_lane else Lane.MAP if call.path.startswith(MAP) else Lane.OTHERS
-        if not is_probe and not self._bucket(principal.name, lane).take(self._clock_s()):
+        if not is_probe and not self._buckets[principal.name, lane].take(self._clock_s()):
             self.shed += 1
             return Refusal(429, f"too many calls: {self._calls_per_s:g} a second may come")
         if right is None or right in principal.rights:
@@ -207,15 +209,8 @@ class Authorization:
     def log_refusal(self, principal: Principal, call: Request, refusal: Refusal) -> None:
         """Report a denied call to the audit, at a limited rate."""
         self.denied += 1
-        reported = Denied(
-            time.time(),
-            principal.name,
-            call.address,
-            call.method,
-            call.path[:200],
-            refusal.status,
-            refusal.reason,
-        )
+        called = principal.name, call.address, call.method, call.path[:200]
+        reported = Denied(time.time(), *called, refusal.status, refusal.reason)
         if self._audit_bucket.take(self._clock_s()):
             self._audit(reported)
             return
@@ -226,12 +221,6 @@ class Authorization:
     def _audit_rest(self, first: Denied) -> None:
         count, self._not_audited = self._not_audited, 0
         self._audit(replace(first, count=count))
-
-    def _bucket(self, name: str, lane: Lane) -> Bucket:
-        key = (name, lane)
-        if key not in self._buckets:
-            self._buckets[key] = Bucket(self._calls_per_s, self._burst)
-        return self._buckets[key]
 
 
 def _token(headers: Headers) -> str:

@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs.api.auth.authorization import Authorization, Principal, Refusal, Request, is_emergency, needed
@@ -43,7 +44,6 @@ class Audited:
         self._audit = audit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the call on; record it before its response is sent."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -119,26 +119,12 @@ class AccessMiddleware:
         try:
             async with asyncio.timeout(BODY_S):
                 body = await _read(receive)
+            refusal = _refused_body(Headers(scope=scope), body)
         except TimeoutError:
-            await error_response(408, f"the body did not come within {BODY_S:g} s")(scope, receive, send)
-            return
+            body, refusal = b"", error_response(408, f"the body did not come within {BODY_S:g} s")
         except ClientDisconnect:  # the request is incomplete, and no client is left to answer
             return
-        if body is None:
-            detail = f"the body is larger than {BODY_MAX_BYTES} bytes"
-            await error_response(413, detail)(scope, receive, send)
-            return
-        headers = Headers(scope=scope)
-        coding = headers.get("content-encoding", "identity").strip().lower()
-        if coding not in ("", "identity"):
-            detail = f"Content-Encoding: {cut(coding)} is not accepted; send the body uncompressed"
-            await error_response(415, detail)(scope, receive, send)
-            return
-        problem = find_problem(headers, body)
-        if problem is not None:
-            await invalid_response([problem])(scope, receive, send)
-            return
-        await self._app(scope, _replay(body, receive), send)
+        await (refusal or self._app)(scope, _replay(body or b"", receive), send)
 
     def _foreign(self, call: Request) -> str:
         """Why this request is not accepted by its host, origin or embedding page; empty when it is."""
@@ -225,6 +211,18 @@ async def _read(receive: Receive) -> bytes | None:
     return body if size <= BODY_MAX_BYTES else None
 
 
+def _refused_body(headers: Headers, body: bytes | None) -> Response | None:
+    """The refusal of a body that is too large (None), compressed or invalid JSON; None: accepted."""
+    if body is None:
+        return error_response(413, f"the body is larger than {BODY_MAX_BYTES} bytes")
+    coding = headers.get("content-encoding", "identity").strip().lower()
+    if coding not in ("", "identity"):
+        detail = f"Content-Encoding: {cut(coding)} is not accepted; send the body uncompressed"
+        return error_response(415, detail)
+    problem = find_problem(headers, body)
+    return None if problem is None else invalid_response([problem])
+
+
 def _replay(body: bytes, receive: Receive) -> Receive:
     """Return a receive channel that yields the body in one message, then continues with `receive`."""
     waiting: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
@@ -270,13 +268,16 @@ def find_problem(headers: Headers, body: bytes) -> reports.FieldProblem | None:
     try:
         text = body.decode()
     except UnicodeDecodeError as error:
-        return reports.FieldProblem(
-            field="body", value=None, allowed=f"JSON in UTF-8; byte {error.start} is not"
-        )
+        allowed = f"JSON in UTF-8; byte {error.start} is not"
+        return reports.FieldProblem(field="body", value=None, allowed=allowed)
     if text.count("[") + text.count("{") > DEPTH_MAX and _depth(text) > DEPTH_MAX:
         return reports.FieldProblem(field="body", value=None, allowed=f"JSON at most {DEPTH_MAX} levels deep")
     try:
-        value = json.loads(text, object_pairs_hook=_json_object, parse_int=_whole)
+        value = json.loads(
+            text,
+            object_pairs_hook=lambda pairs: _Twice(pairs) if len(dict(pairs)) < len(pairs) else dict(pairs),
+            parse_int=lambda digits: int(digits) if len(digits) <= DIGITS_MAX else _Long(digits),
+        )
     except json.JSONDecodeError:
         return None
     return next(_problems(value, ()), None)
@@ -291,15 +292,6 @@ def _depth(text: str) -> int:
         if deepest > DEPTH_MAX:
             break
     return deepest
-
-
-def _json_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    made = dict(pairs)
-    return made if len(made) == len(pairs) else _Twice(pairs)
-
-
-def _whole(digits: str) -> int | _Long:
-    return int(digits) if len(digits) <= DIGITS_MAX else _Long(digits)
 
 
 def _problems(value: object, path: tuple[str, ...]) -> Iterator[reports.FieldProblem]:

@@ -15,7 +15,7 @@ from gcs.api.schemas import requests
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
-from gcs.service import CALLER, CommandRecord, ShowAction, VehicleAction
+from gcs.service import CALLER, CommandRecord, Service, ShowAction, VehicleAction
 
 router = APIRouter(dependencies=TOKEN)
 
@@ -82,6 +82,13 @@ def _add_routes(
         )
 
 
+def _command(execute: Callable[[Service], CommandRecord]) -> Route:
+    async def command(context: ContextDep, response: Response) -> CommandRecord:
+        return _accepted(response, execute(context.service))
+
+    return command
+
+
 def _vehicle_command(action: VehicleAction) -> Route:
     async def command(vehicle_id: VehicleId, context: ContextDep, response: Response) -> CommandRecord:
         return _accepted(response, context.service.commands.command_vehicle(vehicle_id, action))
@@ -95,20 +102,6 @@ def _fleet_command(action: VehicleAction) -> Route:
     ) -> CommandRecord:
         given = None if body is None else body.vehicles
         return _accepted(response, context.service.commands.command_vehicles(action, given))
-
-    return command
-
-
-def _show_command(action: ShowAction) -> Route:
-    async def command(context: ContextDep, response: Response) -> CommandRecord:
-        return _accepted(response, context.service.commands.command_show(action))
-
-    return command
-
-
-def _offer_command(offer: Offer) -> Route:
-    async def command(context: ContextDep, response: Response) -> CommandRecord:
-        return _accepted(response, context.service.recovery.settle(offer))
 
     return command
 
@@ -156,7 +149,7 @@ _add_routes(
     "/show",
     "show",
     ON_SHOW,
-    _show_command,
+    lambda action: _command(lambda service: service.commands.command_show(action)),
     "Accepted as a command; `409` when the show's phase forbids it.",
     tag="show",
 )
@@ -164,7 +157,7 @@ _add_routes(
     "/show",
     "show",
     ON_OFFER,
-    _offer_command,
+    lambda offer: _command(lambda service: service.recovery.settle(offer)),
     "Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.",
     tag="show",
 )
@@ -225,9 +218,8 @@ async def arm_kill(context: ContextDep, body: requests.GroupBody | None = None) 
             raise UnknownError(f"there is no vehicle {name!r}; there are {', '.join(phases)}")
         if phases[name] is Phase.OFFLINE:
             raise RefusedError(f"{name} is offline: this service does not know where; gcs kill --direct may")
-    chosen = list(
-        dict.fromkeys(named or (name for name, phase in phases.items() if phase is not Phase.OFFLINE))
-    )
+    known = (name for name, phase in phases.items() if phase is not Phase.OFFLINE)
+    chosen = list(dict.fromkeys(named or known))
     if not chosen:
         raise RefusedError("all vehicles are offline, at unknown addresses: gcs kill --direct may know them")
     armed = context.kill_switch.arm(chosen, CALLER.get(), context.now_s())

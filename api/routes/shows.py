@@ -1,4 +1,4 @@
-"""Routes of written shows. They only translate."""
+"""Routes of written shows and of a replay. They only translate."""
 
 from http import HTTPStatus
 from typing import Annotated, Any, Final
@@ -6,11 +6,20 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path
 from starlette.requests import Request
 
-from gcs.api.context import ContextDep
+from gcs.api.context import Context, ContextDep
 from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
-from gcs.service import SelectedShow, ShowCheck, StoredShow
+from gcs.model.errors import RefusedError
+from gcs.service import (
+    Playback,
+    Replaying,
+    ReplayMarks,
+    ReportState,
+    SelectedShow,
+    ShowCheck,
+    StoredShow,
+)
 
 Name = Annotated[str, Path(pattern=requests.NAME_PATTERN, examples=["lighthouse"])]
 
@@ -29,6 +38,7 @@ YAML_BODY: Final[dict[str, Any]] = {
 
 files = APIRouter(prefix="/shows", tags=["shows"], dependencies=TOKEN)
 selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
+replay = APIRouter(prefix="/replay", tags=["replay"], dependencies=TOKEN)
 
 
 @selected.get("", summary="Phase of the show")
@@ -95,3 +105,35 @@ async def deselect_show(context: ContextDep) -> None:
 async def seek_show(body: requests.SeekBody, context: ContextDep) -> SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
     return context.service.player.seek(body.cue)
+
+
+def _replaying(context: Context) -> Replaying:
+    """Return the replay of the service. Raises: RefusedError when the service controls real vehicles."""
+    replaying = context.service.replaying
+    if replaying is None:
+        raise RefusedError("this service flies vehicles, and replays nothing: gcs replay FILE shows a record")
+    return replaying
+
+
+@replay.get("", summary="How the record is played", responses=READ | errors(409))
+async def get_replay(context: ContextDep) -> Playback:
+    """Position and speed of the replay; `409` when the service controls vehicles."""
+    return _replaying(context).playback
+
+
+@replay.post("", summary="Pause, continue, change speed or position", **command())
+async def change_replay(body: requests.ReplayChange, context: ContextDep) -> Playback:
+    """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
+    return _replaying(context).change(**body.given())
+
+
+@replay.get("/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
+async def get_replay_marks(context: ContextDep) -> ReplayMarks:
+    """Phases, cues, events and idle times of the whole record, for a timeline; they never change."""
+    return _replaying(context).marks
+
+
+@replay.get("/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))
+async def get_flight_report(context: ContextDep) -> ReportState:
+    """Answers at once. The first call starts the analysis beside the replay; poll until it is done."""
+    return _replaying(context).make_flight_report()

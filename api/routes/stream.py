@@ -77,18 +77,15 @@ async def _watched(websocket: WebSocket, context: Context, messages: Messages) -
     try:
         period_s = 1.0 / rate_hz(websocket.query_params.get("rate_hz"))
         with context.viewer_slot():
-            await _watch(websocket, context, period_s, messages)
+            async with asyncio.TaskGroup() as group:
+                sending = _send(websocket, context, period_s, messages)
+                sender = group.create_task(sending, name="stream/send")
+                await _gone(websocket)
+                sender.cancel()
     except InvalidError as error:
         await websocket.close(POLICY_VIOLATION, str(error))
     except RefusedError as error:
         await websocket.close(TRY_AGAIN_LATER, str(error))
-
-
-async def _watch(websocket: WebSocket, context: Context, period_s: float, messages: Messages) -> None:
-    async with asyncio.TaskGroup() as group:
-        sender = group.create_task(_send(websocket, context, period_s, messages), name="stream/send")
-        await _gone(websocket)
-        sender.cancel()
 
 
 async def _send(websocket: WebSocket, context: Context, period_s: float, messages: Messages) -> None:

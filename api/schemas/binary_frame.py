@@ -74,7 +74,11 @@ def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> 
 
 def _fill_header(header: NDArray[np.void], view: FleetView, *, revision: int, alive: bool) -> None:
     x_m, y_m, z_m = (np.nan,) * 3 if view.center_m is None else view.center_m
-    tick, selected = view.tick, view.selected
+    tick, selected, found = view.tick, view.selected, view.estimates
+    times: tuple[float | None, ...] = (None,) * 4
+    if found is not None:
+        times = (found.battery_least, found.battery_median, found.assembled_s, found.home_s)
+    least_row = None if found is None else found.battery_least_row
     header[0] = (
         VERSION,
         alive,
@@ -91,17 +95,9 @@ def _fill_header(header: NDArray[np.void], view: FleetView, *, revision: int, al
         *(tick.rate_hz, tick.duration_p50_ms, tick.duration_p99_ms, tick.lateness_p99_ms),
         np.nan if selected is None else selected.clock_s,
         _or_nan(view.countdown_s),
-        *_fleet_estimates(view.estimates),
+        *map(_or_nan, times),
+        NO_ROW if least_row is None else least_row,
     )
-
-
-def _fleet_estimates(found: Estimates | None) -> tuple[float, float, float, float, int]:
-    if found is None:
-        return np.nan, np.nan, np.nan, np.nan, NO_ROW
-    known = (found.battery_least, found.battery_median, found.assembled_s, found.home_s)
-    least, median, assembled_s, home_s = map(_or_nan, known)
-    row = found.battery_least_row
-    return least, median, assembled_s, home_s, NO_ROW if row is None else row
 
 
 def _or_nan(value: float | None) -> float:

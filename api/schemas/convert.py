@@ -12,9 +12,9 @@ from gcs.api.schemas import fleet as schemas
 from gcs.api.schemas import reports, requests
 from gcs.api.schemas.binary_frame import FLOATS, fill_floats
 from gcs.model import plan
-from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.errors import InvalidError
 from gcs.model.frames import ShowFrame
-from gcs.model.lifecycle import AIRBORNE, ShowEvent, ShowPhase, advance_show
+from gcs.model.lifecycle import AIRBORNE, SHOW_NEXT, ShowEvent
 from gcs.model.state import Array
 from gcs.service import FleetView, ShowAction
 from gcs.service.alarms import CAUSES, Alarm, AlarmCause, overall
@@ -220,7 +220,7 @@ def show(view: FleetView) -> schemas.Show:
     possible = [
         action
         for action in ShowAction
-        if _possible(view.show, action) or (flies and action in ALWAYS_IN_THE_AIR)
+        if (view.show, ShowEvent(action.value)) in SHOW_NEXT or (flies and action in ALWAYS_IN_THE_AIR)
     ]
     return schemas.Show(
         phase=view.show,
@@ -230,14 +230,6 @@ def show(view: FleetView) -> schemas.Show:
         start_unix_time_s=view.start_unix_time_s,
         countdown_s=view.countdown_s,
     )
-
-
-def _possible(phase: ShowPhase, action: ShowAction) -> bool:
-    try:
-        advance_show(phase, ShowEvent(action.value))
-    except RefusedError:
-        return False
-    return True
 
 
 def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
@@ -253,16 +245,18 @@ def formation(desired: plan.Formation, view: FleetView) -> schemas.Formation:
 def center(view: FleetView, frame: ShowFrame) -> schemas.Center | None:
     if view.center_m is None:
         return None
-    latitude_deg, longitude_deg, altitude_amsl_m = frame.geodetic(np.array([view.center_m]))
     x_m, y_m, z_m = view.center_m
     vx_m_s, vy_m_s, vz_m_s = view.center_velocity_m_s or (None, None, None)
+    latitude_deg, longitude_deg, altitude_amsl_m = (
+        float(column[0]) for column in frame.geodetic(np.array([view.center_m]))
+    )
     return schemas.Center(
         x_m=x_m,
         y_m=y_m,
         height_m=_above(z_m),
-        latitude_deg=float(latitude_deg[0]),
-        longitude_deg=float(longitude_deg[0]),
-        altitude_amsl_m=float(altitude_amsl_m[0]),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        altitude_amsl_m=altitude_amsl_m,
         vx_m_s=vx_m_s,
         vy_m_s=vy_m_s,
         vup_m_s=None if vz_m_s is None else _above(vz_m_s),

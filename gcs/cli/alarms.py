@@ -44,7 +44,9 @@ def alarm_lines(severity: str, alarms: Sequence[Alarm]) -> RenderableType:
     table = Table.grid(padding=(0, 1))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
-    table.add_row(Text(f" {severity.upper()} ", style=STYLE[severity]), Text(_counted(alarms)))
+    is_open = sum(alarm.acknowledged_by is None for alarm in alarms)
+    counted = f"{len(alarms)} alarm{'' if len(alarms) == 1 else 's'}, {is_open} not acknowledged"
+    table.add_row(Text(f" {severity.upper()} ", style=STYLE[severity]), Text(counted))
     for alarm in alarms:
         is_over = alarm.ended_unix_time_s is not None
         style = ENDED if is_over else STYLE[alarm.severity]
@@ -66,11 +68,6 @@ def _entry(alarm: Alarm) -> Text:
     else:
         entry.append(", not acknowledged", style="bold")
     return entry
-
-
-def _counted(alarms: Sequence[Alarm]) -> str:
-    is_open = sum(alarm.acknowledged_by is None for alarm in alarms)
-    return f"{len(alarms)} alarm{'' if len(alarms) == 1 else 's'}, {is_open} not acknowledged"
 
 
 def _clock(unix_s: float) -> str:
@@ -115,10 +112,13 @@ def show_state(
     live = Live(console=console, screen=True, auto_refresh=False)
     with suppress(KeyboardInterrupt), nullcontext() if arguments.json else live:
         while True:
-            if arguments.json:
-                _print_newest(read, arguments)
-            else:
-                live.update(newest(read, render), refresh=True)
+            try:
+                if arguments.json:
+                    print_json(document(read()), indent=None)
+                else:
+                    live.update(newest(read, render), refresh=True)
+            except GcsError as error:
+                failed(error, arguments)
             time.sleep(period_s)
     return 0
 
@@ -129,13 +129,6 @@ def newest(read: Callable[[], M], render: Callable[[M], RenderableType]) -> Rend
         return render(read())
     except GcsError as error:
         return Text(f"NO STATE: {error}", style=STYLE["emergency"])
-
-
-def _print_newest(read: Callable[[], BaseModel], arguments: argparse.Namespace) -> None:
-    try:
-        print_json(document(read()), indent=None)
-    except GcsError as error:
-        failed(error, arguments)
 
 
 def add_acknowledge_arguments(parser: argparse.ArgumentParser) -> None:

@@ -132,7 +132,6 @@ def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
 
 
 def _columns(count: int) -> int:
-    """Grid on which the fake fleet stands."""
     return ceil(sqrt(count))
 
 
@@ -158,8 +157,8 @@ async def _fly(
             describe(
                 f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs", url=url
             )
-            history = History()
-            recorder = asyncio.create_task(history.follow(orchestrator), name="history")
+            rows: list[tuple[float, ...]] = []
+            recorder = asyncio.create_task(_follow(orchestrator, rows), name="history")
             with Client(url) as client:
                 whole = arguments.seconds >= whole_s(arguments.vehicles, _top_m(config))
                 landing_s = home_s(_top_m(config))
@@ -171,11 +170,18 @@ async def _fly(
             sent = orchestrator.view.value.setpoints_sent
     if failure is not None:
         raise failure
-    figures = _judge(truth, history.commanded(), marks, config)
-    return figures | {
-        "tick_p99_ms": round(tick_p99_ms, 3),
-        "setpoints_sent": sent,
-    }
+    table = np.array(rows, dtype=np.float64)
+    commanded = report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
+    figures = _judge(truth, commanded, marks, config)
+    return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
+
+
+async def _follow(orchestrator: Orchestrator, rows: list[tuple[float, ...]]) -> None:
+    """Record what the service commanded in every tick."""
+    async for view in orchestrator.view.values():
+        center_m = view.center_m or (np.nan, np.nan, np.nan)
+        radius_m = np.nan if view.radius_m is None else view.radius_m
+        rows.append((view.time_s, *center_m, radius_m, *view.target_m))
 
 
 async def _fly_script(script: DemoScript) -> GcsError | None:
@@ -190,23 +196,6 @@ async def _fly_script(script: DemoScript) -> GcsError | None:
     except GcsError as failure:
         return failure
     return None
-
-
-class History:
-    """Records what the service commanded in every tick."""
-
-    def __init__(self) -> None:
-        self._rows: list[tuple[float, ...]] = []
-
-    async def follow(self, orchestrator: Orchestrator) -> None:
-        async for view in orchestrator.view.values():
-            center_m = view.center_m or (np.nan, np.nan, np.nan)
-            radius_m = np.nan if view.radius_m is None else view.radius_m
-            self._rows.append((view.time_s, *center_m, radius_m, *view.target_m))
-
-    def commanded(self) -> report.Commanded:
-        table = np.array(self._rows, dtype=np.float64)
-        return report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
 
 
 @contextmanager

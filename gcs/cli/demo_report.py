@@ -116,8 +116,5 @@ def penetrations(truth: GroundTruth, obstacle: Obstacle) -> int:
 
 def summary(figures: Mapping[str, object]) -> str:
     width = max(len(name) for name in figures)
-    return "\n".join(f"  {name:<{width}}  {_plain(value)}" for name, value in figures.items())
-
-
-def _plain(value: object) -> str:
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    plain = {name: f"{each:.5g}" if isinstance(each, float) else each for name, each in figures.items()}
+    return "\n".join(f"  {name:<{width}}  {value}" for name, value in plain.items())

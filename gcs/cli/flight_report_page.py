@@ -36,6 +36,10 @@ svg { width: 100%; height: auto; } .pairs { columns: 2; } p.note { background: #
 
 def page(flight_report: FlightReport, source: str) -> str:
     trajectories = flight_report.trajectories
+    with mpl.rc_context({"svg.hashsalt": "gcs", "svg.fonttype": "none", "font.size": 9}):
+        text = StringIO()
+        figure(flight_report).savefig(text, format="svg", metadata={"Date": None})
+    svg = text.getvalue()
     kind, word = flight_report.verdict, WORDS[flight_report.verdict]
     reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in flight_report.missing))
     notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in reported)
@@ -49,7 +53,7 @@ From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and
 {TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).</p>
 {notes}
 {_checks(flight_report)}
-{_plots(flight_report)}
+{svg[svg.index("<svg") :]}
 {_pairs(flight_report)}
 </html>
 """
@@ -87,14 +91,6 @@ def _pairs(flight_report: FlightReport) -> str:
     return f"<h2>Nearest pairs</h2><table>{head}{''.join(rows)}</table>"
 
 
-def _plots(flight_report: FlightReport) -> str:
-    with mpl.rc_context({"svg.hashsalt": "gcs", "svg.fonttype": "none", "font.size": 9}):
-        text = StringIO()
-        figure(flight_report).savefig(text, format="svg", metadata={"Date": None})
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :]
-
-
 def figure(flight_report: FlightReport) -> Figure:
     drawn = Figure(figsize=(11.0, 7.4), layout="constrained")
     above, separation, height, speed = drawn.subplots(2, 2).ravel()
@@ -118,10 +114,8 @@ def _from_above(axes: Axes, flight_report: FlightReport) -> None:
     samples, rows = _shown(flight_report)
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, len(rows)))
     for row, colour in zip(rows, colours, strict=True):
-        place_m = np.where(
-            trajectories.airborne[samples, row, None], trajectories.position_m[samples, row], np.nan
-        )
-        axes.plot(place_m[:, 1], place_m[:, 0], color=colour, linewidth=0.7)
+        flies, place_m = trajectories.airborne[samples, row], trajectories.position_m[samples, row]
+        axes.plot(*np.where(flies[:, None], place_m, np.nan)[:, 1::-1].T, color=colour, linewidth=0.7)
     axes.set_aspect("equal", adjustable="datalim")
     axes.apply_aspect()
     box = axes.get_xlim(), axes.get_ylim()
@@ -141,9 +135,8 @@ def _separation(axes: Axes, flight_report: FlightReport) -> None:
     k = len(least_m)
     starts = np.unique(np.linspace(0, k - 1, min(k, POINTS_MAX)).astype(int))
     lowest_m = np.minimum.reduceat(least_m, starts)  # over all samples, including those not drawn
-    axes.plot(
-        _time_s(flight_report)[starts], np.where(np.isfinite(lowest_m), lowest_m, np.nan), linewidth=0.9
-    )
+    known_m = np.where(np.isfinite(lowest_m), lowest_m, np.nan)
+    axes.plot(_time_s(flight_report)[starts], known_m, linewidth=0.9)
     axes.axhspan(0.0, floor.horizontal_m, color="#b3140c", alpha=0.15)
     axes.axhline(floor.vertical_m, color="#b3140c", linestyle=":", linewidth=0.9)
     axes.set_ylim(bottom=0.0)
@@ -158,9 +151,8 @@ def _heights(axes: Axes, flight_report: FlightReport) -> None:
     highest_m = float(np.nanmax(-trajectories.position_m[..., 2], initial=0.0))
     if highest_m > 0.6 * fence.height_max_m:
         axes.axhline(fence.height_max_m, color="#b3140c", linestyle="--", linewidth=0.9)
-    axes.set(
-        title=f"Heights (fence: {fence.height_min_m:g} to {fence.height_max_m:g} m)", xlabel="s", ylabel="m"
-    )
+    title = f"Heights (fence: {fence.height_min_m:g} to {fence.height_max_m:g} m)"
+    axes.set(title=title, xlabel="s", ylabel="m")
 
 
 def _speeds(axes: Axes, flight_report: FlightReport) -> None:

@@ -46,7 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
                 return _through_service(client, arguments)
         except LinkError as error:
             note(f"{error}; without the service then", as_json=arguments.json)
-    return _without_service(arguments)
+    from gcs.cli.kill_without_service import kill_by_record  # noqa: PLC0415 (numpy and the links take a second)
+
+    outcomes = kill_by_record(arguments, partial(is_confirmed, arguments))
+    return REFUSED if outcomes is None else describe(outcomes, arguments)
 
 
 def _through_service(client: Client, arguments: argparse.Namespace) -> int:
@@ -63,14 +66,6 @@ def _through_service(client: Client, arguments: argparse.Namespace) -> int:
         note(str(error), as_json=arguments.json)
         command = client.command_record(command.id)
     return describe({name: (part.outcome, part.reason) for name, part in command.outcomes.items()}, arguments)
-
-
-def _without_service(arguments: argparse.Namespace) -> int:
-    """Kill with the addresses in the record. Its imports load only now, because they may take a second."""
-    from gcs.cli.kill_without_service import kill_by_record  # noqa: PLC0415 (numpy, pydantic and the links)
-
-    outcomes = kill_by_record(arguments, partial(is_confirmed, arguments))
-    return REFUSED if outcomes is None else describe(outcomes, arguments)
 
 
 DONE: Final = "done"
@@ -102,7 +97,6 @@ def is_confirmed(arguments: argparse.Namespace, names: Sequence[str], code: str,
 
 
 def describe(outcomes: Mapping[str, tuple[str, str]], arguments: argparse.Namespace) -> int:
-    """Print outcome and reason for each vehicle. Returns: the exit code."""
     if arguments.json:
         parts = {name: {"outcome": outcome, "reason": reason} for name, (outcome, reason) in outcomes.items()}
         print_json({"action": "kill", "vehicles": parts})

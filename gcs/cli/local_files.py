@@ -48,13 +48,13 @@ def _create_token(arguments: argparse.Namespace) -> int:
 def _list_tokens(arguments: argparse.Namespace) -> int:
     entries = read_tokens(arguments.file)
     document = [entry.model_dump(mode="json", exclude={"sha256"}) for entry in entries]
-    lines = [f"{entry.name:<24} {entry.role:<10} {_time(entry.created_unix_time_s)}" for entry in entries]
+    made = [datetime.fromtimestamp(entry.created_unix_time_s, UTC) for entry in entries]
+    lines = [
+        f"{entry.name:<24} {entry.role:<10} {at.isoformat(timespec='seconds')}"
+        for entry, at in zip(entries, made, strict=True)
+    ]
     answer(arguments, document, "\n".join(lines))
     return 0
-
-
-def _time(unix_s: float) -> str:
-    return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="seconds")
 
 
 def _revoke_token(arguments: argparse.Namespace) -> int:

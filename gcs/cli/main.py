@@ -9,7 +9,6 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from functools import partial
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
@@ -65,17 +64,8 @@ def version() -> str:
 
 
 def overview() -> str:
-    return "\n".join(
-        [
-            "usage: gcs COMMAND ...",
-            "       gcs COMMAND --help",
-            "       gcs --version",
-            "",
-            DESCRIPTION,
-            "",
-            *_listed(names()),
-        ]
-    )
+    usage = "usage: gcs COMMAND ...\n       gcs COMMAND --help\n       gcs --version"
+    return "\n".join([usage, "", DESCRIPTION, "", *_listed(names())])
 
 
 def find_parser(given: Sequence[str]) -> tuple[Parser, Sequence[str]]:
@@ -117,13 +107,9 @@ def fill(parser: Parser, name: str) -> None:
         parser.set_defaults(error_code=command.error_code)
         load(command.options)(parser)
         if command.run:
-            parser.set_defaults(run=partial(_run, command.run))
+            parser.set_defaults(run=lambda parsed: int(load(command.run)(parsed)))
     for leaf in parser.leaves():
         leaf.add_argument(JSON, action="store_true", help=DOCUMENT if command is None else command.json)
-
-
-def _run(where: str, parsed: argparse.Namespace) -> int:
-    return int(load(where)(parsed))
 
 
 def whole_parser() -> Parser:

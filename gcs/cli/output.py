@@ -50,7 +50,6 @@ class Parser(argparse.ArgumentParser):
         self._is_json = False
 
     def add_subparsers(self, **options: Any) -> Any:
-        """As in argparse, and remember the subparsers."""
         added = super().add_subparsers(**options)
         self._inside = added.choices
         return added
@@ -86,7 +85,6 @@ def print_json(value: Any, *, indent: int | None = 2) -> None:
 
 
 def answer(arguments: argparse.Namespace, document: Any, text: str, *, indent: int | None = 2) -> None:
-    """Print the document with `--json`, else the text."""
     if arguments.json:
         print_json(document, indent=indent)
     elif text:

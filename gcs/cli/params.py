@@ -37,7 +37,6 @@ class Row:
 
     @property
     def good(self) -> bool:
-        """Whether the parameter needs no change any more."""
         return self.verdict in {"ok", "set"}
 
 
@@ -51,15 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     failures: list[str] = []
     rows: list[Row] = []
     try:
-        rows = asyncio.run(
-            _with_links(
-                config,
-                chosen,
-                arguments.wait,
-                named=arguments.vehicles is not None,
-                apply=arguments.action == "apply",
-            )
-        )
+        named, apply = arguments.vehicles is not None, arguments.action == "apply"
+        rows = asyncio.run(_with_links(config, chosen, arguments.wait, named=named, apply=apply))
     except* LinkError as group:
         failures = [str(error) for error in leaves(group)]
     if failures:
@@ -118,9 +110,11 @@ async def inspect(
     link_of = {name: link for link in links for name in link.ids}
     received = await _received(link_of, chosen, wait_s)
     needed = requirements_of(config)
-    parts = await asyncio.gather(
-        *(_one(link_of[name], name, needed[name], apply=apply) for name in chosen if name in received)
-    )
+
+    async def rows_of(name: VehicleId) -> list[Row]:
+        return [await _row(link_of[name], name, requirement, apply=apply) for requirement in needed[name]]
+
+    parts = await asyncio.gather(*(rows_of(name) for name in chosen if name in received))
     silent = [name for name in chosen if name not in received] if named or not received else []
     not_received = [Row(name, "-", None, "-", f"not received within {wait_s:g} s") for name in silent]
     return [row for part in parts for row in part] + not_received
@@ -144,10 +138,6 @@ async def _received(
         await asyncio.sleep(POLL_S)
 
 
-async def _one(link: Link, name: VehicleId, needed: Sequence[Requirement], *, apply: bool) -> list[Row]:
-    return [await _row(link, name, requirement, apply=apply) for requirement in needed]
-
-
 async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: bool) -> Row:
     value: ParameterValue | None = None
 
@@ -166,9 +156,8 @@ async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: 
         value = await _read(link, name, requirement.name)
     except CommandError as error:
         return row(str(error).removeprefix(f"{name}: "))
-    return row(
-        "set" if requirement.holds(value) else f"set to {requirement.set_to:g}, but the vehicle keeps it"
-    )
+    kept = f"set to {requirement.set_to:g}, but the vehicle keeps it"
+    return row("set" if requirement.holds(value) else kept)
 
 
 async def _read(link: Link, vehicle_id: VehicleId, name: str) -> ParameterValue:

@@ -30,19 +30,15 @@ class JsonLines(JsonFormatter):
         return {"time": time, **log_data, "level": log_data["level"].lower()}
 
 
-OURS = ("gcs",)
-
-
 def set_up_log(level: int) -> None:
     """Log this project's packages from `level`, and others' warnings. A record may receive lower levels."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines())
-    handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] not in OURS)
+    handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] != "gcs")
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(logging.WARNING)
-    for name in OURS:
-        logging.getLogger(name).setLevel(level)
+    logging.getLogger("gcs").setLevel(level)
 
 
 T = TypeVar("T")

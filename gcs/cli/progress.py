@@ -28,7 +28,9 @@ def working(
 ) -> Iterator[Callable[[], None]]:
     """Show the current work, its duration and, with a `total` of parts, how many are done; call for each."""
     counted = () if total is None or total < 2 else (BarColumn(), MofNCompleteColumn(), TaskProgressColumn())
-    with _bar((SpinnerColumn(), *_text(), *counted, TimeElapsedColumn()), console, shown=shown) as progress:
+    text_column = TextColumn("{task.description}", markup=False)
+    columns = (SpinnerColumn(), text_column, *counted, TimeElapsedColumn())
+    with _bar(columns, console, shown=shown) as progress:
         task = progress.add_task(text, total=total)
         yield lambda: progress.advance(task)
 
@@ -36,7 +38,8 @@ def working(
 @contextmanager
 def share_of(text: str, console: Console | None = None, *, shown: bool = True) -> Iterator[Report]:
     """Show the share of one long piece of work; call with it. The display never goes back."""
-    columns = (*_text(), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    text_column = TextColumn("{task.description}", markup=False)
+    columns = (text_column, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with _bar(columns, console, shown=shown) as progress:
         task = progress.add_task(text, total=1.0)
         done = 0.0
@@ -52,10 +55,6 @@ def share_of(text: str, console: Console | None = None, *, shown: bool = True) -
 def part_of(report: Report, first: float, last: float) -> Report:
     """Map the progress of one part of the work to the shares `first` to `last` of the whole."""
     return lambda share: report(first + (last - first) * share)
-
-
-def _text() -> tuple[ProgressColumn, ...]:
-    return (TextColumn("{task.description}", markup=False),)
 
 
 def _bar(columns: tuple[ProgressColumn, ...], console: Console | None, *, shown: bool) -> Progress:

@@ -99,25 +99,17 @@ def _add_parameters(
     if call.alone:
         parameters = [each for each in parameters if each.name in call.positional]
     for parameter in parameters:
-        kind, is_list = _kind(str(parameter.annotation))
-        options: dict[str, Any] = {"type": kind}
-        if is_list:
-            parser.add_argument(parameter.name, nargs="*", metavar=parameter.name.upper(), **options)
-        elif parameter.kind is inspect.Parameter.KEYWORD_ONLY and parameter.name not in call.positional:
-            parser.add_argument(f"--{parameter.name.replace('_', '-')}", **options)
+        name = parameter.name
+        # the first of a union; the annotation is text: evaluating it would load every schema of the API
+        hint = str(parameter.annotation).partition(" | ")[0]
+        kind = KINDS[hint.removeprefix("list[").removesuffix("]")]
+        if hint.startswith("list["):
+            parser.add_argument(name, nargs="*", metavar=name.upper(), type=kind)
+        elif parameter.kind is inspect.Parameter.KEYWORD_ONLY and name not in call.positional:
+            parser.add_argument(f"--{name.replace('_', '-')}", type=kind)
         else:
-            parser.add_argument(parameter.name, metavar=parameter.name.upper(), **options)
+            parser.add_argument(name, metavar=name.upper(), type=kind)
     return tuple(parameter.name for parameter in parameters)
-
-
-def _kind(hint: str) -> tuple[Callable[[str], Any], bool]:
-    """Return the conversion for an annotation (the first of a union), and whether it is a list.
-
-    The annotation is text: evaluating it would load every schema of the API.
-    """
-    only = hint.partition(" | ")[0]
-    is_list = only.startswith("list[")
-    return KINDS[only.removeprefix("list[").removesuffix("]")], is_list
 
 
 def _truth(text: str) -> bool:
@@ -150,29 +142,26 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
 
 
 def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.Namespace) -> int:
-    """Command one, several or all vehicles; a refusal for one vehicle does not stop the others."""
+    """Command one, several or all vehicles; a refusal for one vehicle does not stop the others.
+
+    Raises: GcsError when nothing was accepted. Returns: the exit code.
+    """
     names, everything = arguments.vehicles, getattr(arguments, "all", False)
     if names and everything:
         parser.error("either names of vehicles or --all, not both")
     if not names and not everything and action != LAND:
         parser.error("name at least one vehicle" + ("" if action == CONFIRM_DOWN else ", or give --all"))
     with connected(arguments) as client:
-        return _commanded(client, action, arguments)
-
-
-def _commanded(client: Client, action: str, arguments: argparse.Namespace) -> int:
-    """Send the command. Raises: GcsError when nothing was accepted. Returns: the exit code."""
-    names = arguments.vehicles
-    if action == CONFIRM_DOWN or len(names) == 1:
-        return _one_by_one(client, action, arguments)
-    if not names and not arguments.all:
-        return _reported(client, [client.abort()], arguments)
-    try:
-        command = client.command_vehicles(action, names or None)
-    except UnknownError:  # a misspelt name must not stop the command for the others
-        return _one_by_one(client, action, arguments)
-    missed = any(command.outcomes[name].outcome == NOT_INCLUDED for name in names)
-    return _reported(client, [command], arguments) or (REFUSED if missed else 0)
+        if action == CONFIRM_DOWN or len(names) == 1:
+            return _one_by_one(client, action, arguments)
+        if not names and not everything:
+            return _reported(client, [client.abort()], arguments)
+        try:
+            command = client.command_vehicles(action, names or None)
+        except UnknownError:  # a misspelt name must not stop the command for the others
+            return _one_by_one(client, action, arguments)
+        missed = any(command.outcomes[name].outcome == NOT_INCLUDED for name in names)
+        return _reported(client, [command], arguments) or (REFUSED if missed else 0)
 
 
 def _one_by_one(client: Client, action: str, arguments: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from math import hypot, inf
+from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rich.console import Console, Group, RenderableType
@@ -47,10 +48,15 @@ GAP: Final = 2
 
 
 class Column(NamedTuple):
-    """One column: its head, and the cell for a vehicle."""
+    """One column: its head, and the cell for a vehicle.
+
+    `key` sorts vehicles by it, those that need attention first: unknown values, low battery or link, old
+    position.
+    """
 
     head: str
     cell: Callable[[schemas.Vehicle], Text]
+    key: Callable[[schemas.Vehicle], float | str] = attrgetter("id")
     is_number: bool = True
 
 
@@ -68,23 +74,39 @@ def _why(each: schemas.Vehicle) -> str:
     return "" if ordinary else each.reason
 
 
+def _or(value: float | None, unknown: float) -> float:
+    return unknown if value is None else value
+
+
 COLUMNS: Final = {
     "vehicle": Column("vehicle", lambda each: Text(each.id), is_number=False),
-    "phase": Column("phase", lambda each: Text(each.phase, STYLE.get(each.phase, "")), is_number=False),
+    "phase": Column(
+        "phase",
+        lambda each: Text(each.phase, STYLE.get(each.phase, "")),
+        lambda each: each.phase,
+        is_number=False,
+    ),
     "mode": Column("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
-    "height": Column("height m", lambda each: Text(number(each.height_m))),
-    "speed": Column("speed m/s", lambda each: Text(number(_speed_m_s(each)))),
+    "height": Column(
+        "height m", lambda each: Text(number(each.height_m)), lambda each: _or(each.height_m, -inf)
+    ),
+    "speed": Column(
+        "speed m/s", lambda each: Text(number(_speed_m_s(each))), lambda each: -(_speed_m_s(each) or inf)
+    ),
     "battery": Column(
-        "battery", lambda each: _warned(percent(each.battery), _below(each.battery, LOW_BATTERY))
+        "battery",
+        lambda each: _warned(percent(each.battery), _or(each.battery, inf) < LOW_BATTERY),
+        lambda each: _or(each.battery, -inf),
     ),
     "link": Column(
-        "link", lambda each: _warned(percent(each.link_quality), _below(each.link_quality or 0.0, POOR_LINK))
+        "link",
+        lambda each: _warned(percent(each.link_quality), _or(each.link_quality, 0.0) < POOR_LINK),
+        lambda each: _or(each.link_quality, -inf),
     ),
     "age": Column(
         "age s",
-        lambda each: _warned(
-            number(each.position_age_s), each.position_age_s is None or each.position_age_s > OLD_S
-        ),
+        lambda each: _warned(number(each.position_age_s), _or(each.position_age_s, inf) > OLD_S),
+        lambda each: -_or(each.position_age_s, inf),
     ),
     "why": Column("why", lambda each: Text(_why(each)), is_number=False),
 }
@@ -99,25 +121,11 @@ def board(
     fleet: schemas.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
 ) -> RenderableType:
     """Format alarms, fleet and vehicles, `width` characters wide; without `columns` as many as fit."""
-    vehicles = _sorted(fleet.vehicles, sort)
+    vehicles = fleet.vehicles if sort is None else sorted(fleet.vehicles, key=COLUMNS[sort].key)
     chosen = _fitting(vehicles, width) if columns is None else tuple(columns)
     alarms = alarm_lines(fleet.severity, fleet.alarms)
     reasons = [] if "why" in chosen else _reasons(vehicles)
     return Group(alarms, _head(fleet), Text(), _table(vehicles, chosen, width), *reasons)
-
-
-def _sorted(vehicles: Sequence[schemas.Vehicle], by: str | None) -> Sequence[schemas.Vehicle]:
-    """Sort vehicles, those that need attention first: unknown values, low battery or link, old position."""
-    key: dict[str, Callable[[schemas.Vehicle], float | str]] = {
-        "vehicle": lambda each: each.id,
-        "phase": lambda each: each.phase,
-        "battery": lambda each: -inf if each.battery is None else each.battery,
-        "link": lambda each: -inf if each.link_quality is None else each.link_quality,
-        "age": lambda each: -inf if each.position_age_s is None else -each.position_age_s,
-        "height": lambda each: -inf if each.height_m is None else each.height_m,
-        "speed": lambda each: -(_speed_m_s(each) or inf),
-    }
-    return vehicles if by is None else sorted(vehicles, key=key[by])
 
 
 def _needed(vehicles: Sequence[schemas.Vehicle], name: str) -> int:
@@ -181,24 +189,19 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         f" late p99 {number(tick.lateness_p99_ms)} ms, {tick.missed} missed"
     )
     table.add_row("control", Text.assemble(alive, times))
-    table.add_row(
-        "formation",
-        Text(
-            f"radius {number(formation.radius_now_m)} of {number(formation.radius_m)} m,"
-            f" height {number(formation.height_now_m)} of {number(formation.height_m)} m,"
-            f" nearest two {number(fleet.minimum_separation_m)} m"
-        ),
+    shape = (
+        f"radius {number(formation.radius_now_m)} of {number(formation.radius_m)} m,"
+        f" height {number(formation.height_now_m)} of {number(formation.height_m)} m,"
+        f" nearest two {number(fleet.minimum_separation_m)} m"
     )
-    summary = f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline"
-    table.add_row(
-        "vehicles",
-        Text.assemble(
-            summary,
-            (f", {counts.uncontrolled} not under control", "magenta") if counts.uncontrolled else "",
-            (f", {counts.unknown} unknown", BAD) if counts.unknown else "",
-        ),
-    )
-    if (energy := _energy(fleet.estimates)) != "":
+    table.add_row("formation", Text(shape))
+    summary = Text(f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline")
+    if counts.uncontrolled:
+        summary.append(f", {counts.uncontrolled} not under control", "magenta")
+    if counts.unknown:
+        summary.append(f", {counts.unknown} unknown", BAD)
+    table.add_row("vehicles", summary)
+    if energy := _energy(fleet.estimates):
         table.add_row("energy", Text(energy))
     table.add_row("possible", Text(", ".join(show.possible) or "-"))
     table.add_row("access", Text(fleet.access))
@@ -215,20 +218,13 @@ def _energy(found: schemas.Estimates | None) -> str:
     if found.battery_median is not None:
         summary.append(f"median {found.battery_median:.0%}")
     if found.low_s is not None:
-        summary.append(f"low in {_minutes(found.low_s)} ({found.low_vehicle})")
+        left = f"{found.low_s:.0f} s" if found.low_s < 90.0 else f"{found.low_s / 60.0:.0f} min"
+        summary.append(f"low in ~{left} ({found.low_vehicle})")
     if found.assembled_s is not None:
         summary.append(f"assembled in ~{found.assembled_s:.0f} s")
     if found.home_s is not None:
         summary.append(f"home in ~{found.home_s:.0f} s")
     return ", ".join(summary)
-
-
-def _minutes(left_s: float) -> str:
-    return f"~{left_s:.0f} s" if left_s < 90.0 else f"~{left_s / 60.0:.0f} min"
-
-
-def _below(value: float | None, limit: float) -> bool:
-    return value is not None and value < limit
 
 
 def _warned(text: str, bad: bool) -> Text:

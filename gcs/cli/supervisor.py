@@ -77,7 +77,6 @@ class Supervisor:
         self._selector = selectors.DefaultSelector()
 
     def run(self) -> int:
-        """Supervise until asked to stop. Returns: the exit code."""
         wake_in, wake_out = os.pipe()
         for end in (wake_in, wake_out):
             os.set_blocking(end, False)
@@ -90,14 +89,15 @@ class Supervisor:
             notify.setblocking(False)
             self._selector.register(notify, selectors.EVENT_READ)
             self._selector.register(wake_in, selectors.EVENT_READ)
+
+            def note(_number: int, _frame: FrameType | None) -> None:
+                self._stop_requests += 1
+
             for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, self._note_signal)
+                signal.signal(number, note)
             signal.signal(signal.SIGCHLD, lambda _number, _frame: None)  # wakes the selector
             signal.set_wakeup_fd(wake_out, warn_on_full_buffer=False)
             return self._keep(path, notify, wake_in)
-
-    def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._stop_requests += 1
 
     def _keep(self, path: Path, notify: socket.socket, wake: int) -> int:
         failures = 0
@@ -110,15 +110,11 @@ class Supervisor:
             failures = 0 if was_ready else failures + 1
             wait_s = self._waits_s[min(failures, len(self._waits_s) - 1)]
             _log("error", "service_ended", code=code, restarted=True, wait_s=wait_s)
-            self._pause(wait_s, notify, wake)
+            until_s = time.monotonic() + wait_s
+            while not self._must_stop() and (left_s := until_s - time.monotonic()) > 0:
+                self._wait(left_s, notify, wake)
             if self._must_stop():
                 return 0
-
-    def _pause(self, wait_s: float, notify: socket.socket, wake: int) -> None:
-        """Wait until the next restart, or until asked to stop."""
-        until_s = time.monotonic() + wait_s
-        while not self._must_stop() and (left_s := until_s - time.monotonic()) > 0:
-            self._wait(left_s, notify, wake)
 
     def _must_stop(self) -> bool:
         return self._stop_requests > 0  # a signal handler changes it
@@ -140,9 +136,8 @@ class Supervisor:
                 is_ready = True
                 _log("info", "service_ready", pid=child.pid)
             if is_ready and (messages & {b"READY=1", b"WATCHDOG=1"} or now_s - looked_s > STOOD_STILL_S):
-                due_s = (
-                    now_s + self._watchdog_s
-                )  # also if this process stood still: the service may have, too
+                # also if this process stood still: the service may have, too
+                due_s = now_s + self._watchdog_s
             looked_s = now_s
             while self._passed_on < self._stop_requests:
                 self._passed_on += 1

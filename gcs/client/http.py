@@ -67,7 +67,6 @@ RAISED: Final[dict[int, type[GcsError]]] = {
 
 
 def part(name: str) -> str:
-    """Quote a name as one part of a path."""
     return quote(name, safe="")
 
 

@@ -52,7 +52,6 @@ def checksum(data: Bytes, start: Number, end: Number, extra: Number) -> np.int64
 
 @kernel
 def _message_id(data: Bytes, start: Number) -> np.int64:
-    """Message id of the frame whose header begins at `start`."""
     if data[start] == _MAGIC_1:
         return np.int64(data[start + 5])
     return np.int64(data[start + 7]) | np.int64(data[start + 8]) << 8 | np.int64(data[start + 9]) << 16

@@ -178,7 +178,6 @@ class OfflineAudit:
     """Rows for the newest session. A disk error is reported by `problem`, and stops nothing."""
 
     def __init__(self, root: Path, known: LastKnown, caller: str) -> None:
-        """Writes nothing before it is entered."""
         vehicles = {one.id: (one.system_id, one.link) for one in known.vehicles.values()}
         self._known = known
         self._caller = caller
@@ -187,7 +186,6 @@ class OfflineAudit:
         self.problem = ""
 
     def __enter__(self) -> Self:
-        """Begin to write, as soon as the disk allows."""
         self._journal.open()
         return self
 

@@ -122,7 +122,6 @@ class FlightData:
 
     @property
     def damages(self) -> tuple[str, ...]:
-        """After `ticks`: each damage."""
         return tuple(loss.describe(self._began_s or loss.from_s or 0.0) for loss in self.losses)
 
     def _metadata(self) -> Mapping[str, str] | None:

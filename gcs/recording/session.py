@@ -59,7 +59,6 @@ class Record:
         self._whereabouts_due_s = 0.0
 
     def __enter__(self) -> Self:
-        """Begin to write, as soon as the disk allows."""
         self._journal.open()
         self.audit.begin(self.folder, self._config_json, self.found)
         if self._flight is not None:

@@ -48,7 +48,6 @@ class Way(Generic[Tag]):
     """One direction of a vehicle's link. A tag travels with each packet."""
 
     def __init__(self, random: np.random.Generator) -> None:
-        """Faultless at first; all chance comes from `random`."""
         self.faults = DirectionFaults()
         self._random = random
         self._queue: list[tuple[float, int, bytes, Tag]] = []
@@ -90,7 +89,6 @@ class Jammer:
     """A source of garbage at a steady rate."""
 
     def __init__(self, random: np.random.Generator) -> None:
-        """Quiet until rate_hz is set."""
         self.rate_hz = 0.0
         self._random = random
         self._reported_s: float | None = None

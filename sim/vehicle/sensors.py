@@ -116,7 +116,6 @@ class Tangent:
     """The plane that touches the earth at an origin."""
 
     def __init__(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
-        """Place the origin of north, east, down."""
         sin, cos = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
         east, ahead = math.sin(math.radians(longitude_deg)), math.cos(math.radians(longitude_deg))
         normal_m = MAJOR_M / math.sqrt(1.0 - SQUARED * sin * sin)

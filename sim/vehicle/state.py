@@ -45,7 +45,6 @@ class State:
     """
 
     def __init__(self, count: int, yaw_rad: float) -> None:
-        """Boot `count` vehicles with heading yaw_rad."""
         self.count = count
         self.now_s = 0.0
         self.system_id = np.zeros(count, dtype=np.uint8)

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pytest
 
-from gcs.api.console_feed import Feed
+from gcs.api.context import Feed
 from gcs.failsafe.policy import Cause
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase

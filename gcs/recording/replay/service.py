@@ -276,7 +276,6 @@ class Replay:
                 self._sought = True
 
     def _left_s(self, sample: Sample) -> float:
-        """Time until the sample is due."""
         return self._head.left_s(sample.unix_s - self._began_s, self._now_s())
 
     async def _wait(self, most_s: float) -> None:
