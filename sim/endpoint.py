@@ -34,7 +34,12 @@ def own_ports(first: int, count: int, namespace_size: int, base: int | None) -> 
     indices = range(first, first + count)
     if base is not None:
         return [Port(0, base + i, (i - first,)) for i in indices]
-    return [Port(PX4_BIND + i, _px4_destination(i, namespace_size), (i - first,)) for i in indices]
+    ports = []
+    for i in indices:
+        namespace, place = divmod(i, namespace_size)
+        to = PX4_DESTINATION - PX4_NAMESPACE_PORTS * namespace + min(place, PX4_SHARED_FROM)
+        ports.append(Port(PX4_BIND + i, to, (i - first,)))
+    return ports
 
 
 def shared_ports(first: int, count: int, namespace_size: int, base: int | None) -> list[Port]:
@@ -49,11 +54,6 @@ def shared_ports(first: int, count: int, namespace_size: int, base: int | None) 
         else Port(0, base + k, tuple(rows))
         for k, rows in groups
     ]
-
-
-def _px4_destination(index: int, namespace_size: int) -> int:
-    namespace, place = divmod(index, namespace_size)
-    return PX4_DESTINATION - PX4_NAMESPACE_PORTS * namespace + min(place, PX4_SHARED_FROM)
 
 
 Address: TypeAlias = tuple[str, int]
@@ -124,11 +124,9 @@ class Endpoint:
         for address in (self._peer, *self._other_senders):
             self._send(packets, address)
 
-    def send(self, frames: Iterable[bytes]) -> None:
-        self._send(_packed(frames), self._peer)
-
-    def send_alone(self, datagram: bytes) -> None:
-        self._send([datagram], self._peer)
+    def send(self, packets: Iterable[bytes]) -> None:
+        """Send datagrams to the peer."""
+        self._send(packets, self._peer)
 
     def answered(self) -> None:
         self._other_senders.clear()
@@ -161,6 +159,9 @@ def _packed(frames: Iterable[bytes]) -> list[bytes]:
     return packets
 
 
+Origin: TypeAlias = tuple[Endpoint, Address]
+"""Source of a datagram."""
+
 SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
 TARGET_AT = 10 + 50  # header, and the fields before target_system
 
@@ -183,27 +184,25 @@ class Radio:
         fleet, broken = self.fleet, self.fault_injector.broken
         if self._changes != self.fault_injector.changes:
             self._separate_faulty()
-        batch: list[tuple[int, bytes]] = []
-        origins: list[tuple[Endpoint, Address]] = []
+        batch: list[tuple[int, bytes, Origin]] = []
         for endpoint in ready:
             for datagram, address in endpoint.read():
-                batch.append((endpoint.circle, datagram))
-                origins.append((endpoint, address))
+                batch.append((endpoint.circle, datagram, (endpoint, address)))
                 for row, system_id in self._separate.get(endpoint, ()):
                     if _concerns(datagram, system_id):
                         broken[row].into.put(datagram, (endpoint, address), fleet.time_s)
-        self._receive(batch, origins)
+        self._receive(batch)
         self.deliver()
 
     def deliver(self) -> None:
         """Process what links with faults have let through by now, and send all answers."""
-        batch: list[tuple[int, bytes]] = []
-        origins: list[tuple[Endpoint, Address]] = []
-        for row, channel in self.fault_injector.broken.items():
-            for datagram, origin in channel.into.take(self.fleet.time_s):
-                batch.append((row, datagram))
-                origins.append(origin)
-        self._receive(batch, origins)
+        self._receive(
+            [
+                (row, datagram, origin)
+                for row, channel in self.fault_injector.broken.items()
+                for datagram, origin in channel.into.take(self.fleet.time_s)
+            ]
+        )
         sent = self.fleet.take_frames(streams=False)
         if sent:
             self._send(sent, answers=True)
@@ -213,11 +212,11 @@ class Radio:
     def send(self) -> None:
         self._send(self.fleet.take_frames(), answers=False)
 
-    def _receive(self, batch: list[tuple[int, bytes]], origins: list[tuple[Endpoint, Address]]) -> None:
+    def _receive(self, batch: list[tuple[int, bytes, Origin]]) -> None:
         if not batch:
             return
-        valid = self.fleet.receiver.receive(batch)
-        for (endpoint, address), is_valid in zip(origins, valid, strict=True):
+        valid = self.fleet.receiver.receive([(circle, datagram) for circle, datagram, _ in batch])
+        for (_, _, (endpoint, address)), is_valid in zip(batch, valid, strict=True):
             if is_valid:
                 endpoint.received(address, self.fleet.time_s)
 
@@ -234,13 +233,10 @@ class Radio:
             if answers:
                 endpoint.answer(frames)
             else:
-                endpoint.send(frames)
+                endpoint.send(_packed(frames))
         for row, channel in broken.items():
-            endpoint = self._by_row[row]
-            for packet, _ in channel.out.take(now_s):
-                endpoint.send_alone(packet)
-            for garbage in channel.jammer.take(now_s):
-                endpoint.send_alone(garbage)
+            packets = [packet for packet, _ in channel.out.take(now_s)]
+            self._by_row[row].send([*packets, *channel.jammer.take(now_s)])
 
     def _separate_faulty(self) -> None:
         """Separate vehicles with link faults: they receive datagrams only through their fault models."""

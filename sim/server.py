@@ -113,22 +113,15 @@ def serve(
         for endpoint in endpoints:
             selector.register(endpoint, selectors.EVENT_READ, endpoint)
         for control in controls:
-            _register(selector, control, fault_injector)
+            try:
+                selector.register(control, selectors.EVENT_READ, control)
+            except PermissionError:  # a file cannot be waited for: its commands are executed now
+                while control.read(fault_injector):
+                    pass
         print(greeting, flush=True)  # noqa: T201 - the command's output
         radio = Radio(fleet, fault_injector, endpoints)
         for waited_s in _paced(fleet, radio, fault_injector, truth, simulator, stops):
             _read(selector, waited_s, radio, fault_injector)
-
-
-def _register(
-    selector: selectors.BaseSelector, control: StandardInput | ControlPort, fault_injector: FaultInjector
-) -> None:
-    """Wait for fault commands; those in a file, which cannot be waited for, are executed now."""
-    try:
-        selector.register(control, selectors.EVENT_READ, control)
-    except PermissionError:
-        while control.read(fault_injector):
-            pass
 
 
 def _paced(

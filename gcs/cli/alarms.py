@@ -77,12 +77,12 @@ def _clock(unix_s: float) -> str:
 PERIOD_S: Final = 0.5
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_alarms_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
     add_connection(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_alarms(arguments: argparse.Namespace) -> int:
     with connected(arguments) as client:
         period_s = PERIOD_S if arguments.watch else None
         return show_state(

@@ -13,17 +13,17 @@ WATCHED: Final = "print one JSON document, with --watch one a line; also of an e
 
 
 class Command(NamedTuple):
-    """A command with a module of its own.
+    """A command with functions of its own, in modules of `gcs.cli`.
 
-    `options` is the function that adds its arguments to a parser, as `module:function` below `gcs.cli`. `run`
-    is the function that executes it; empty when the options set it. `json` says what it prints with `--json`,
-    which every command accepts. `error_code` is its exit code for every error; None: that of the error.
+    `run_NAME` of `module` executes it; `add_NAME_arguments` of `options`, or of `module`, fills its parser.
+    `json` says what it prints with `--json`, which every command accepts. `error_code` is its exit code for
+    every error; None: that of the error.
     """
 
-    options: str
-    run: str
+    module: str
     text: str
     json: str = DOCUMENT
+    options: str | None = None
     error_code: int | None = None
 
 
@@ -49,59 +49,31 @@ class Action(NamedTuple):
     all_: bool = True
 
 
+OPTIONS: Final = "options"
+"""The module with the arguments of commands whose own modules are slow to import."""
+
 COMMANDS: Final = {
-    "demo": Command("options:demo", "demo:run", "fly the whole story with an embedded fake fleet", LINES),
-    "serve": Command("options:serve", "serve:run_serve", "run the service and its REST API", LINES),
-    "show": Command("options:show", "simulate:run_show", "check, draw or hash a show file"),
+    "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
+    "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
+    "show": Command("simulate", "check, draw or hash a show file", options=OPTIONS),
     "params": Command(
-        "options:params", "params:run", "check or set the vehicles' parameters that decide what is safe"
+        "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),
-    "simulate": Command(
-        "options:simulate", "simulate:run_simulate", "fly scenarios in virtual time and judge them", LINES
-    ),
-    "replay": Command(
-        "options:replay", "replay:run", "show a recorded flight through the API, as if live", LINES, 2
-    ),
+    "simulate": Command("simulate", "fly scenarios in virtual time and judge them", LINES, OPTIONS),
+    "replay": Command("replay", "show a recorded flight through the API, as if live", LINES, OPTIONS, 2),
     "report": Command(
-        "options:report",
-        "flight_report:run",
-        "judge a recorded flight: separation, fence, limits",
-        error_code=2,
+        "flight_report", "judge a recorded flight: separation, fence, limits", options=OPTIONS, error_code=2
     ),
-    "key": Command("local_files:add_key_arguments", "", "make keys for MAVLink signatures"),
-    "token": Command(
-        "local_files:add_token_arguments", "", "make, list and revoke tokens for the API", error_code=1
-    ),
-    "status": Command(
-        "status:add_arguments", "status:run", "the fleet of a running service, as a table", WATCHED
-    ),
-    "alarms": Command(
-        "alarms:add_arguments",
-        "alarms:run",
-        "what an operator should know now, the most severe first",
-        WATCHED,
-    ),
-    "acknowledge": Command(
-        "alarms:add_acknowledge_arguments", "alarms:run_acknowledge", "say that an alarm was seen"
-    ),
-    "preflight": Command("status:add_preflight_arguments", "status:run_preflight", "what a start would find"),
-    "kill": Command(
-        "kill:add_arguments", "kill:run", "stop motors now, even in the air; works without the service"
-    ),
-    "sim": Command(
-        "gcs.sim.cli:add_arguments",
-        "main:run_sim",
-        "run a fake fleet alone, as python -m gcs.sim does",
-        LINES,
-    ),
-    "completion": Command(
-        "main:add_completion_arguments", "main:run_completion", "print what a shell needs to complete gcs"
-    ),
-    "files": Command(
-        "local_files:add_files_arguments",
-        "local_files:run_files",
-        "documents, dashboard and unit file that came along",
-    ),
+    "key": Command("local_files", "make keys for MAVLink signatures"),
+    "token": Command("local_files", "make, list and revoke tokens for the API", error_code=1),
+    "status": Command("status", "the fleet of a running service, as a table", WATCHED),
+    "alarms": Command("alarms", "what an operator should know now, the most severe first", WATCHED),
+    "acknowledge": Command("alarms", "say that an alarm was seen"),
+    "preflight": Command("status", "what a start would find"),
+    "kill": Command("kill", "stop motors now, even in the air; works without the service"),
+    "sim": Command("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
+    "completion": Command("main", "print what a shell needs to complete gcs"),
+    "files": Command("local_files", "documents, dashboard and unit file that came along"),
 }
 
 _BOX: Final = ("x_m", "y_m", "half_length_x_m", "half_length_y_m", "height_m")

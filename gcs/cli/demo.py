@@ -54,7 +54,7 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as in shells."""
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_demo(arguments: argparse.Namespace) -> int:
     """Fly. Returns: 0 when all landed, kept the floor and entered no obstacle; else nonzero."""
     set_up_log(logging.INFO if arguments.verbose else logging.ERROR)
     config = make_config(arguments)

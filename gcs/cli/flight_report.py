@@ -28,7 +28,7 @@ FLIGHT = "flight*.mcap"
 TRUTH = "truth*.jsonl"
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_report(arguments: argparse.Namespace) -> int:
     """Make the report. Returns: 0 limits kept, 1 broken, 3 incomplete (not all judged), 2 invalid input."""
     if arguments.html:
         require_matplotlib("--html")

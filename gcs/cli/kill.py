@@ -19,7 +19,7 @@ ANSWER_S: Final = 2.0
 WAIT_S: Final = 6.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_kill_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("vehicles", metavar="VEHICLE", nargs="*")
     parser.add_argument("--all", action="store_true", help="every vehicle, instead of names")
     parser.add_argument("--confirm", metavar="CODE", help="the second step, without a dialogue")
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_connection(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_kill(arguments: argparse.Namespace) -> int:
     """Kill vehicles. Returns: 0 when all motors are off, 1 when not, or when the kill was not confirmed.
 
     Raises: GcsError when nothing was sent.

@@ -22,13 +22,11 @@ SHELLS: Final = ("bash", "zsh", "fish")
 HELP: Final = frozenset({"--help", "-h"})
 
 
-def load(where: str) -> Callable[..., Any]:
-    """Import `module:function`. The garbage collector skips the modules now and later."""
-    module, _, name = where.partition(":")
-    module = module if module.startswith("gcs.") else f"gcs.cli.{module}"
+def load(module: str, name: str) -> Callable[..., Any]:
+    """Import a function of `gcs.cli`. The garbage collector skips the modules now and later."""
     gc.disable()
     try:
-        found: Callable[..., Any] = getattr(import_module(module), name)
+        found: Callable[..., Any] = getattr(import_module(f"gcs.cli.{module}"), name)
     finally:
         gc.freeze()
         gc.enable()
@@ -101,13 +99,12 @@ def fill(parser: Parser, name: str) -> None:
     """Add the arguments of one command to a parser, `--json` included, and set the function that runs it."""
     command = COMMANDS.get(name)
     if command is None:
-        load("remote:add_arguments")(parser, name)
+        load("remote", "add_arguments")(parser, name)
     else:
         parser.description = command.text
         parser.set_defaults(error_code=command.error_code)
-        load(command.options)(parser)
-        if command.run:
-            parser.set_defaults(run=lambda parsed: int(load(command.run)(parsed)))
+        parser.set_defaults(run=lambda parsed: int(load(command.module, f"run_{name}")(parsed)))
+        load(command.options or command.module, f"add_{name}_arguments")(parser)
     for leaf in parser.leaves():
         leaf.add_argument(JSON, action="store_true", help=DOCUMENT if command is None else command.json)
 
@@ -163,6 +160,12 @@ def run_completion(arguments: argparse.Namespace) -> int:
     script = shtab.complete(whole_parser(), shell=arguments.shell)
     answer(arguments, {"shell": arguments.shell, "script": script}, script)
     return 0
+
+
+def add_sim_arguments(parser: argparse.ArgumentParser) -> None:
+    from gcs.sim import cli as sim  # noqa: PLC0415 (only this command needs it)
+
+    sim.add_arguments(parser)
 
 
 def run_sim(arguments: argparse.Namespace) -> int:

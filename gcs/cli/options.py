@@ -11,7 +11,7 @@ RECEIVED_S: Final = 8.0
 """Default time to wait for the vehicles' first messages."""
 
 
-def demo(parser: argparse.ArgumentParser) -> None:
+def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vehicles", type=int, default=8, metavar="N", help="2 to 50, native: to 1000; 8")
     parser.add_argument(
         "--transport",
@@ -28,7 +28,7 @@ def demo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--verbose", action="store_true", help="log every change of state, on stderr")
 
 
-def serve(parser: argparse.ArgumentParser) -> None:
+def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
     )
@@ -40,7 +40,7 @@ def serve(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def show(parser: argparse.ArgumentParser) -> None:
+def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     check = actions.add_parser("check", help="fly it in virtual time; say what is wrong, by line and cue")
     _show(check)
@@ -58,7 +58,7 @@ def show(parser: argparse.ArgumentParser) -> None:
     _show(digest)
 
 
-def params(parser: argparse.ArgumentParser) -> None:
+def add_params_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     for name, text in (
         ("check", "say which parameters make it unsafe to lose this ground station"),
@@ -72,7 +72,7 @@ def params(parser: argparse.ArgumentParser) -> None:
         action.add_argument("--wait", type=float, default=RECEIVED_S, metavar="S", help="for vehicles; 8")
 
 
-def simulate(parser: argparse.ArgumentParser) -> None:
+def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scenario", nargs="*", metavar="SCENARIO", help="a YAML file, or the name of a shipped one"
     )
@@ -88,14 +88,14 @@ def simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plot", metavar="FILE.png", help="draw the flight; one scenario, one seed")
 
 
-def replay(parser: argparse.ArgumentParser) -> None:
+def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="flight.mcap, or a folder that holds it")
     parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times as fast as flown; 1")
     parser.add_argument("--host", default="127.0.0.1", help="where the API listens; 127.0.0.1")
     parser.add_argument("--port", type=int, default=8000, help="of the API; 8000, 0: any that is free")
 
 
-def report(parser: argparse.ArgumentParser) -> None:
+def add_report_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "exit code: 0 kept, 1 broken, 3 incomplete (not all could be judged), 2 no record"
     parser.add_argument(
         "files",

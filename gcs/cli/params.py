@@ -40,7 +40,7 @@ class Row:
         return self.verdict in {"ok", "set"}
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_params(arguments: argparse.Namespace) -> int:
     """Check or apply. Returns: 0 when all parameters have their required values, 1 otherwise."""
     set_up_log(logging.ERROR)
     config = load_here(arguments.config)

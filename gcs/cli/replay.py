@@ -23,7 +23,7 @@ from gcs.recording.replay.service import SPEED_MAX, Replay
 from gcs.service.map_settings import MapSettings
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_replay(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C. Returns: 0; 2 for an invalid file or argument."""
     set_up_log(logging.WARNING)
     if not 0.0 < arguments.speed <= SPEED_MAX:

@@ -241,7 +241,7 @@ def percent(share: float | None) -> str:
     return "?" if share is None else f"{share:.0%}"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_status_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--watch",
         nargs="?",
@@ -260,7 +260,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_connection(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_status(arguments: argparse.Namespace) -> int:
     """Print the table, or with `--json` the state as `gcs state` does. Returns: 0. Raises: GcsError."""
     width = Console().width
     with connected(arguments) as client:

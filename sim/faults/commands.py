@@ -144,22 +144,24 @@ def parse(line: str | bytes) -> FaultCommand:
         if fault in EVENTS:
             raise FaultCommandError(f"{fault} happens once: for_s does not go with it")
         for_s = float(Number(0.0, 1e6).read("for_s", fields.pop("for_s")))
-    form = FAULTS[fault]
+    return FaultCommand(fault, vehicles, _values(fault, fields), for_s)
+
+
+def _values(fault: str, fields: Mapping[str, object]) -> dict[str, Value]:
+    """The values of a fault's own fields. Raises: FaultCommandError."""
+    form, values = FAULTS[fault], dict[str, Value]()
     for name in fields:
         if name not in form:
             takes = ", ".join(["vehicle", "vehicles", "fault", "for_s", *form])
             raise FaultCommandError(f"{name}: {fault} has no such field; it takes {takes}")
-    return FaultCommand(
-        fault, vehicles, {name: _value(fields, name, field) for name, field in form.items()}, for_s
-    )
-
-
-def _value(fields: Mapping[str, object], name: str, field: Field) -> Value:
-    if name in fields:
-        return field.read(name, fields[name])
-    if field.default is None:
-        raise FaultCommandError(f"{name} is missing")
-    return field.default
+    for name, field in form.items():
+        if name in fields:
+            values[name] = field.read(name, fields[name])
+        elif field.default is None:
+            raise FaultCommandError(f"{name} is missing")
+        else:
+            values[name] = field.default
+    return values
 
 
 def _vehicles(fields: dict[str, object]) -> tuple[int, ...] | None:

@@ -172,9 +172,6 @@ class Autopilot:
         if name is not None and name in self.parameters:
             self.reply(self.parameter(name))
 
-    def _receive_parameter_list(self, _message: Message) -> None:
-        self._shared.outbox.list_parameters(self.row, self.parameters.names())
-
     def _receive_parameter_set(self, message: Message) -> None:
         """Answer with the resulting value; only a change is announced a second time."""
         name = message.param_id
@@ -209,9 +206,6 @@ class Autopilot:
             return self.arm(force=force)
         return self.commander.disarm(force=force) if desired == 0.0 else Result.DENIED
 
-    def _terminate(self, params: Params) -> Result:
-        return self.commander.disarm(force=True) if params[0] > 0.5 else Result.ACCEPTED
-
     def _set_mode(self, params: Params) -> Result:
         base, main, sub = params[:3]
         if not all(map(math.isfinite, params[:3])) or not int(base) & CUSTOM_MODE_ENABLED:
@@ -235,7 +229,7 @@ class Autopilot:
             return Result.FAILED
         interval_s = interval_us * 1e-6 if interval_us > 0 else None
         if interval_us == 0:
-            interval_s = self._shared.schedule.default_s(message_id)
+            interval_s = self._shared.schedule.default_s.get(message_id)
         self._shared.schedule.set_interval(self.row, message_id, interval_s, self._state.now_s)
         return Result.ACCEPTED
 
@@ -250,12 +244,12 @@ class Autopilot:
         return Result.ACCEPTED
 
     def _request(self, params: Params) -> Result:
-        message_id = _message_id(params)
+        message_id, has_home = _message_id(params), bool(self._state.home_set[self.row])
         if message_id == AUTOPILOT_VERSION_ID:
             return self._request_version(params)
         if message_id == PROTOCOL_VERSION_ID:
             self.reply(common.MAVLink_protocol_version_message(200, 100, 200, [0] * 8, [0] * 8))
-        elif message_id in reports.ALWAYS or (message_id in reports.WITH_A_FIX and self._has_home):
+        elif message_id in reports.ALWAYS or (message_id in reports.WITH_A_FIX and has_home):
             self.reply(message_id)
         else:
             return Result.DENIED
@@ -271,10 +265,6 @@ class Autopilot:
         )
         return Result.ACCEPTED
 
-    @property
-    def _has_home(self) -> bool:
-        return bool(self._state.home_set[self.row])
-
     _COMMANDS: ClassVar[Mapping[int, Callable[["Autopilot", Params], Result]]] = MappingProxyType(
         {
             common.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda self, _: self.change_mode(Mode.RETURN),
@@ -283,7 +273,9 @@ class Autopilot:
                 params[6] if math.isfinite(params[6]) else None
             ),
             common.MAV_CMD_DO_SET_MODE: _set_mode,
-            common.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+            common.MAV_CMD_DO_FLIGHTTERMINATION: lambda self, params: (
+                self.commander.disarm(force=True) if params[0] > 0.5 else Result.ACCEPTED
+            ),
             common.MAV_CMD_COMPONENT_ARM_DISARM: _arm_or_disarm,
             common.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
             common.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
@@ -301,7 +293,9 @@ class Autopilot:
             "PING": _receive_ping,
             "TIMESYNC": _receive_timesync,
             "PARAM_REQUEST_READ": _receive_parameter_read,
-            "PARAM_REQUEST_LIST": _receive_parameter_list,
+            "PARAM_REQUEST_LIST": lambda self, _: self._shared.outbox.list_parameters(
+                self.row, self.parameters.names()
+            ),
             "PARAM_SET": _receive_parameter_set,
         }
     )

@@ -16,7 +16,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol.frames import Fields
-from gcs.sim.vehicle.commander import Transitions
+from gcs.sim.vehicle.commander import Transitions, can_arm
 from gcs.sim.vehicle.dynamics import GRAVITY_M_S2, Array, Mask
 from gcs.sim.vehicle.px4 import BASE_MODES, CUSTOM_MODES, Mode
 from gcs.sim.vehicle.sensors import Batteries, Sensors
@@ -52,7 +52,7 @@ class Snapshot:
 
     @property
     def can_arm(self) -> Mask:
-        return self.transitions.can_arm()[self.rows]
+        return can_arm(self.state, self.transitions.parameters, self.transitions.quirks)[self.rows]
 
     @property
     def position_m(self) -> Array:

@@ -66,7 +66,7 @@ class Schedule:
 
     def __init__(self, count: int, rates_hz: Mapping[int, float]) -> None:
         """Nothing is due before start; rates_hz are those that each vehicle sends without a request."""
-        self._default_s = {message_id: 1.0 / rate_hz for message_id, rate_hz in rates_hz.items()}
+        self.default_s = {message_id: 1.0 / rate_hz for message_id, rate_hz in rates_hz.items()}
         self._places = {message_id: place for place, message_id in enumerate(RECORDED_HZ)}
         self._interval_s = np.full((len(RECORDED_HZ), count), np.inf)
         self._due_s = np.full((len(RECORDED_HZ), count), np.inf)
@@ -77,15 +77,11 @@ class Schedule:
         self._interval_s[:, row] = self._due_s[:, row] = np.inf
         for message_id, place in self._places.items():
             phase = random.random()
-            interval_s = self._default_s.get(message_id)
+            interval_s = self.default_s.get(message_id)
             if interval_s is not None:
                 self._interval_s[place, row] = interval_s
                 self._due_s[place, row] = now_s + interval_s * phase
         self._next_s = -math.inf
-
-    def default_s(self, message_id: int) -> float | None:
-        """The interval of a stream that was never changed, or None where it is not sent without a request."""
-        return self._default_s.get(message_id)
 
     def interval_s(self, row: int, message_id: int) -> float | None:
         interval_s = float(self._interval_s[self._places[message_id], row])

@@ -73,20 +73,21 @@ OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.n
 NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
 
 
-def fed(state: State, patience_s: Array | float, quirks: Quirks) -> Mask:
-    """(n,): whether a setpoint has arrived within `patience_s`, COM_OF_LOSS_T (items 5 and 13)."""
+def fed(state: State, parameters: Parameters | Columns, quirks: Quirks) -> Mask:
+    """(n,): whether a setpoint has arrived within COM_OF_LOSS_T (items 5 and 13)."""
+    patience_s = parameters["COM_OF_LOSS_T"]
     if not quirks.patient_offboard:
         patience_s = np.minimum(patience_s, IMPATIENT_S)
     fed: Mask = state.now_s - state.setpoint_s < patience_s
     return fed
 
 
-def can_arm(state: State, patience_s: Array | float, quirks: Quirks) -> Mask:
+def can_arm(state: State, parameters: Parameters | Columns, quirks: Quirks) -> Mask:
     """(n,): the prearm check: started up, in a mode that allows arming, with the setpoints that it needs."""
     able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
     able &= state.unhealthy_sensors == 0
     if quirks.starved_offboard:
-        able &= (state.intended != OFFBOARD) | fed(state, patience_s, quirks)
+        able &= (state.intended != OFFBOARD) | fed(state, parameters, quirks)
     return able
 
 
@@ -116,11 +117,11 @@ class Commander:
 
     @property
     def can_arm(self) -> bool:
-        return bool(can_arm(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)[self.row])
+        return bool(can_arm(self.state, self.parameters, self.quirks)[self.row])
 
     @property
     def fed(self) -> bool:
-        return bool(fed(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)[self.row])
+        return bool(fed(self.state, self.parameters, self.quirks)[self.row])
 
     def arm(self, *, force: bool = False) -> Result:
         """Start the motors, if the checks allow it (item 2, 4, 7) or are overridden."""
@@ -301,12 +302,6 @@ class Transitions:
         if standing.any():
             self._watch_disarming(standing)
 
-    def fed(self) -> Mask:
-        return fed(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)
-
-    def can_arm(self) -> Mask:
-        return can_arm(self.state, self.parameters["COM_OF_LOSS_T"], self.quirks)
-
     def landed_state(self) -> Numbers:
         """(n,): MAV_LANDED_STATE, as in EXTENDED_SYS_STATE."""
         state = self.state
@@ -316,7 +311,8 @@ class Transitions:
 
     def _watch_setpoints(self, armed: Mask) -> None:
         state = self.state
-        due = armed & (state.intended == OFFBOARD) & (self.fed() == state.failsafe)
+        is_fed = fed(state, self.parameters, self.quirks)
+        due = armed & (state.intended == OFFBOARD) & (is_fed == state.failsafe)
         if not self.quirks.resume:
             due &= ~state.failsafe
         if not self.quirks.setpoint_loss:

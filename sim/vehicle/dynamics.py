@@ -104,8 +104,11 @@ class PointMasses:
             powered: (n,), False where the motors stand still and the vehicle falls; all powered without it.
         """
         self._commands_m_s.appendleft(np.array(command_m_s))
+        kept, oldest = self._commands_m_s, len(self._commands_m_s) - 1
+        newer, older = kept[min(self._late, oldest)], kept[min(self._late + 1, oldest)]  # `delay_s` ago
+        delayed_m_s = newer if self._share == 0.0 else (1 - self._share) * newer + self._share * older
         measured_m_s = self.velocity_m_s + velocity_error_m_s
-        thrust_m_s2, integral_m_s2 = self._control(self._delayed_m_s() - measured_m_s)
+        thrust_m_s2, integral_m_s2 = self._control(delayed_m_s - measured_m_s)
         acceleration_m_s2 = self.acceleration_m_s2 + self._blend * (thrust_m_s2 - self.acceleration_m_s2)
         if powered is not None and not powered.all():
             on = powered[:, np.newaxis]
@@ -131,12 +134,6 @@ class PointMasses:
             lifting_m_s2 = np.minimum(self.acceleration_m_s2, 0.0) * (0.0, 0.0, 1.0)
             self.acceleration_m_s2 = np.where(down, lifting_m_s2, self.acceleration_m_s2)
         return touching
-
-    def _delayed_m_s(self) -> Array:
-        """(n, 3) the commands as they were `delay_s` ago."""
-        kept, oldest = self._commands_m_s, len(self._commands_m_s) - 1
-        newer, older = kept[min(self._late, oldest)], kept[min(self._late + 1, oldest)]
-        return newer if self._share == 0.0 else (1 - self._share) * newer + self._share * older
 
     def _control(self, error_m_s: Array) -> tuple[Array, Array]:
         """PI per axis, bounded; returns the bounded acceleration and the next integrator, both (n, 3)."""

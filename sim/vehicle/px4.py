@@ -153,11 +153,6 @@ def defaults() -> Mapping[str, Value]:
     return MappingProxyType(dict(sorted(table.items())))
 
 
-@cache
-def _indices() -> Mapping[str, int]:
-    return MappingProxyType({name: index for index, name in enumerate(defaults())})
-
-
 class Parameters:
     """One vehicle's parameters. Only existing ones can be set, only to finite values of their type."""
 
@@ -243,8 +238,9 @@ def kind(name: str) -> int:
     return INT32 if isinstance(defaults()[name], int) else REAL32
 
 
+@cache
 def index(name: str) -> int:
-    return _indices()[name]
+    return tuple(defaults()).index(name)
 
 
 def name_at(place: int) -> str | None:

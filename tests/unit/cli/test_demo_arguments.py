@@ -15,7 +15,7 @@ from gcs.preflight.parameters import settings_of
 
 def config_of(*words: str) -> Config:
     parser = argparse.ArgumentParser()
-    options.demo(parser)
+    options.add_demo_arguments(parser)
     return demo.make_config(parser.parse_args(words))
 
 
