@@ -12,19 +12,12 @@ from gcs.sim.protocol.frames import Codec
 from gcs.sim.protocol.receiver import Receiver
 from gcs.sim.protocol.reports import Snapshot
 from gcs.sim.protocol.streams import RECORDED_HZ, Outbox, Schedule
+from gcs.sim.vehicle import sensors as measured
 from gcs.sim.vehicle.commander import Transitions
 from gcs.sim.vehicle.dynamics import Array, PointMasses, Response
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Parameters, Quirks, Value
-from gcs.sim.vehicle.sensors import (
-    Batteries,
-    Sensors,
-    Tangent,
-    accuracy_m,
-    draw_errors,
-    fix_type,
-    step_errors,
-)
+from gcs.sim.vehicle.sensors import Batteries, Sensors, Tangent
 from gcs.sim.vehicle.state import Rows, State
 
 STEP_S = 0.01
@@ -105,15 +98,15 @@ class Fleet:
         self._random = np.random.default_rng(
             np.random.SeedSequence(settings.seed, spawn_key=(settings.first, 1))
         )
-        self._error = draw_errors(count, settings.noise_scale, self._random)
+        self._error = measured.draw_errors(count, settings.noise_scale, self._random)
         self._randoms = [
             np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(i,))) for i in indices
         ]
         self.state = State(count, math.remainder(math.radians(settings.heading_deg), math.tau))
         self.state.now_s = start_s
-        self.accuracy_m = accuracy_m(settings.noise_scale)
+        self.accuracy_m = measured.accuracy_m(settings.noise_scale)
         self.state.horizontal_accuracy_m[:], self.state.vertical_accuracy_m[:] = self.accuracy_m
-        self.state.fix_type[:] = self.fix_type = fix_type(settings.noise_scale)
+        self.state.fix_type[:] = self.fix_type = measured.fix_type(settings.noise_scale)
         self.state.system_id[:] = [i % settings.namespace_size + 1 for i in indices]
         self._outbox, self._codec = Outbox(), Codec()
         self._schedule = Schedule(count, settings.rates_hz)
@@ -142,7 +135,7 @@ class Fleet:
         self._steps += 1
         self.time_s = self.state.now_s = self._start_s + self._steps * step_s
         if self.settings.noise_scale > 0.0:
-            self._error = step_errors(self._error, step_s, self.settings.noise_scale, self._random)
+            self._error = measured.step_errors(self._error, step_s, self.settings.noise_scale, self._random)
         state, sensors = self.state, self._sense()
         self._sensors = sensors
         awake = self.time_s >= state.fix_at_s

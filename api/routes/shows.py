@@ -6,20 +6,12 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path
 from starlette.requests import Request
 
+from gcs import service
 from gcs.api.context import Context, ContextDep
 from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError
-from gcs.service import (
-    Playback,
-    Replaying,
-    ReplayMarks,
-    ReportState,
-    SelectedShow,
-    ShowCheck,
-    StoredShow,
-)
 
 Name = Annotated[str, Path(pattern=requests.NAME_PATTERN, examples=["lighthouse"])]
 
@@ -48,7 +40,7 @@ async def get_show(context: ContextDep) -> schemas.Show:
 
 
 @files.get("", summary="Every show file", responses=errors(409))
-async def list_shows(context: ContextDep) -> list[StoredShow]:
+async def list_shows(context: ContextDep) -> list[service.StoredShow]:
     """All uploaded show files, by name."""
     return await context.service.shows.list_shows()
 
@@ -60,7 +52,7 @@ async def get_show_file(name: Name, context: ContextDep) -> reports.ShowText:
 
 
 @files.put("/{name}", summary="Upload a show file", openapi_extra=YAML_BODY, **command())
-async def put_show_file(name: Name, request: Request, context: ContextDep) -> StoredShow:
+async def put_show_file(name: Name, request: Request, context: ContextDep) -> service.StoredShow:
     """Stores the file, and replaces one of the same name. A selected or flying show does not change."""
     return await context.service.shows.store(name, await request.body())
 
@@ -74,19 +66,19 @@ async def remove_show_file(name: Name, context: ContextDep) -> None:
 
 
 @files.post("/{name}/check", summary="Check a show", **command(404, status=HTTPStatus.ACCEPTED, no_body=True))
-async def check_show(name: Name, context: ContextDep) -> ShowCheck:
+async def check_show(name: Name, context: ContextDep) -> service.ShowCheck:
     """Flies the show in virtual time, in a process of the lowest priority; GET returns its progress."""
     return context.service.shows.check(name)
 
 
 @files.get("/{name}/check", summary="Result of a show check", responses=READ | errors(404))
-async def get_show_check(name: Name, context: ContextDep) -> ShowCheck:
+async def get_show_check(name: Name, context: ContextDep) -> service.ShowCheck:
     """The newest check of this show since the service started."""
     return context.service.shows.checked(name)
 
 
 @files.post("/{name}/select", summary="Select a show to fly next", **command(404))
-async def select_show(name: Name, body: requests.SelectBody, context: ContextDep) -> SelectedShow:
+async def select_show(name: Name, body: requests.SelectBody, context: ContextDep) -> service.SelectedShow:
     """Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet."""
     return context.service.player.select(name, body.hash)
 
@@ -102,12 +94,12 @@ async def deselect_show(context: ContextDep) -> None:
 
 
 @selected.post("/seek", summary="Start at a cue", **command(404))
-async def seek_show(body: requests.SeekBody, context: ContextDep) -> SelectedShow:
+async def seek_show(body: requests.SeekBody, context: ContextDep) -> service.SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
     return context.service.player.seek(body.cue)
 
 
-def _replaying(context: Context) -> Replaying:
+def _replaying(context: Context) -> service.Replaying:
     """Return the replay of the service. Raises: RefusedError when the service controls real vehicles."""
     replaying = context.service.replaying
     if replaying is None:
@@ -116,24 +108,24 @@ def _replaying(context: Context) -> Replaying:
 
 
 @replay.get("", summary="How the record is played", responses=READ | errors(409))
-async def get_replay(context: ContextDep) -> Playback:
+async def get_replay(context: ContextDep) -> service.Playback:
     """Position and speed of the replay; `409` when the service controls vehicles."""
     return _replaying(context).playback
 
 
 @replay.post("", summary="Pause, continue, change speed or position", **command())
-async def change_replay(body: requests.ReplayChange, context: ContextDep) -> Playback:
+async def change_replay(body: requests.ReplayChange, context: ContextDep) -> service.Playback:
     """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
     return _replaying(context).change(**body.given())
 
 
 @replay.get("/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
-async def get_replay_marks(context: ContextDep) -> ReplayMarks:
+async def get_replay_marks(context: ContextDep) -> service.ReplayMarks:
     """Phases, cues, events and idle times of the whole record, for a timeline; they never change."""
     return _replaying(context).marks
 
 
 @replay.get("/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))
-async def get_flight_report(context: ContextDep) -> ReportState:
+async def get_flight_report(context: ContextDep) -> service.ReportState:
     """Answers at once. The first call starts the analysis beside the replay; poll until it is done."""
     return _replaying(context).make_flight_report()

@@ -17,15 +17,8 @@ from typing import Any
 import numpy as np
 
 from gcs.cli import demo_report as report
-from gcs.cli.demo_script import (
-    ORBIT_RADIUS_M,
-    DemoScript,
-    Marks,
-    StoppedEarlyError,
-    home_s,
-    shortest_s,
-    whole_s,
-)
+from gcs.cli import demo_script
+from gcs.cli.demo_script import DemoScript, Marks, StoppedEarlyError
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
 from gcs.cli.process import run_exactly, set_up_log
 from gcs.cli.serve import running
@@ -102,7 +95,11 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     fence["height_max_m"] = max(fence["height_max_m"], 2.0 * radius_m + 30.0)
     config = configuration.Config.model_validate(raw)
     stagger_s = config.operation.takeoff_stagger_s
-    needed_s = shortest_s(count, stagger_s, _top_m(config)) if large else whole_s(count, _top_m(config))
+    needed_s = (
+        demo_script.shortest_s(count, stagger_s, _top_m(config))
+        if large
+        else demo_script.whole_s(count, _top_m(config))
+    )
     if arguments.seconds < needed_s:
         raise ConfigError(f"--seconds {arguments.seconds:g}: at least {needed_s:g} for {count} vehicles")
     return config
@@ -160,8 +157,8 @@ async def _fly(
             rows: list[tuple[float, ...]] = []
             recorder = asyncio.create_task(_follow(orchestrator, rows), name="history")
             with Client(url) as client:
-                whole = arguments.seconds >= whole_s(arguments.vehicles, _top_m(config))
-                landing_s = home_s(_top_m(config))
+                whole = arguments.seconds >= demo_script.whole_s(arguments.vehicles, _top_m(config))
+                landing_s = demo_script.home_s(_top_m(config))
                 script = DemoScript(client, arguments.seconds, describe, landing_s=landing_s, whole=whole)
                 failure = await _fly_script(script)
             marks = script.marks
@@ -248,7 +245,7 @@ def _judge(
         figures[name] = worst(values.values(), default=None)
         figures |= {f"{name}_{part}": value for part, value in values.items()}
     if marks.orbit is not None:
-        error_m = report.orbit_error_m(truth.between(*marks.orbit), commanded, ORBIT_RADIUS_M)
+        error_m = report.orbit_error_m(truth.between(*marks.orbit), commanded, demo_script.ORBIT_RADIUS_M)
         figures["orbit_radius_error_m"] = round(error_m, 3)
     if marks.target_from_m and marks.target_to_m:
         moved_m = np.hypot(*np.subtract(marks.target_to_m, marks.target_from_m))

@@ -16,28 +16,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from gcs.model.errors import (
-    AccessError,
-    CommandError,
-    ConfigError,
-    FileError,
-    GcsError,
-    InvalidError,
-    LinkError,
-    ShowError,
-    quoted,
-)
+from gcs.model import errors
+from gcs.model.errors import ConfigError, GcsError
 
 JSON: Final = "--json"
 WRONG: Final = 2
 REFUSED: Final = 1
 
 EXIT_CODES: Final[dict[type[GcsError], int]] = {
-    AccessError: 4,
+    errors.AccessError: 4,
     ConfigError: WRONG,
-    InvalidError: WRONG,
-    CommandError: REFUSED,
-    LinkError: 3,
+    errors.InvalidError: WRONG,
+    errors.CommandError: REFUSED,
+    errors.LinkError: 3,
 }
 
 
@@ -139,15 +130,15 @@ def lines(arguments: argparse.Namespace) -> Say:
 
 def _problems(error: GcsError) -> list[dict[str, object]]:
     """List the single problems of an error, if known: lines of a file, or a field as the API names it."""
-    if isinstance(error, FileError):
-        cues = isinstance(error, ShowError)
+    if isinstance(error, errors.FileError):
+        cues = isinstance(error, errors.ShowError)
         return [
             {"file": error.file, "line": one.line, **({"cue": one.cue} if cues else {}), "text": one.text}
             for one in error.problems
         ]
-    if isinstance(error, InvalidError):
+    if isinstance(error, errors.InvalidError):
         plain = error.value is None or isinstance(error.value, str | int | float | bool)
-        value = error.value if plain else quoted(error.value)
+        value = error.value if plain else errors.quoted(error.value)
         return [{"field": error.field, "value": value, "allowed": error.allowed}]
     return []
 

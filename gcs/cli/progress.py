@@ -6,17 +6,8 @@ Standard output is not affected; in a pipe, in a log and with `--json` nothing i
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    SpinnerColumn,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-)
 
 Report = Callable[[float], None]
 """Called with the finished share of the work, from 0 to 1."""
@@ -27,9 +18,13 @@ def working(
     text: str, total: int | None = None, console: Console | None = None, *, shown: bool = True
 ) -> Iterator[Callable[[], None]]:
     """Show the current work, its duration and, with a `total` of parts, how many are done; call for each."""
-    counted = () if total is None or total < 2 else (BarColumn(), MofNCompleteColumn(), TaskProgressColumn())
-    text_column = TextColumn("{task.description}", markup=False)
-    columns = (SpinnerColumn(), text_column, *counted, TimeElapsedColumn())
+    counted = (
+        ()
+        if total is None or total < 2
+        else (bars.BarColumn(), bars.MofNCompleteColumn(), bars.TaskProgressColumn())
+    )
+    text_column = bars.TextColumn("{task.description}", markup=False)
+    columns = (bars.SpinnerColumn(), text_column, *counted, bars.TimeElapsedColumn())
     with _bar(columns, console, shown=shown) as progress:
         task = progress.add_task(text, total=total)
         yield lambda: progress.advance(task)
@@ -38,8 +33,8 @@ def working(
 @contextmanager
 def share_of(text: str, console: Console | None = None, *, shown: bool = True) -> Iterator[Report]:
     """Show the share of one long piece of work; call with it. The display never goes back."""
-    text_column = TextColumn("{task.description}", markup=False)
-    columns = (text_column, BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    text_column = bars.TextColumn("{task.description}", markup=False)
+    columns = (text_column, bars.BarColumn(), bars.TaskProgressColumn(), bars.TimeElapsedColumn())
     with _bar(columns, console, shown=shown) as progress:
         task = progress.add_task(text, total=1.0)
         done = 0.0
@@ -57,6 +52,8 @@ def part_of(report: Report, first: float, last: float) -> Report:
     return lambda share: report(first + (last - first) * share)
 
 
-def _bar(columns: tuple[ProgressColumn, ...], console: Console | None, *, shown: bool) -> Progress:
+def _bar(columns: tuple[bars.ProgressColumn, ...], console: Console | None, *, shown: bool) -> bars.Progress:
     console = console or Console(stderr=True)
-    return Progress(*columns, console=console, transient=True, disable=not (shown and console.is_terminal))
+    return bars.Progress(
+        *columns, console=console, transient=True, disable=not (shown and console.is_terminal)
+    )

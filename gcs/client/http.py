@@ -15,15 +15,8 @@ from urllib.parse import quote
 
 import httpx
 
-from gcs.model.errors import (
-    AccessError,
-    ConfigError,
-    GcsError,
-    InvalidError,
-    LinkError,
-    RefusedError,
-    UnknownError,
-)
+from gcs.model import errors
+from gcs.model.errors import ConfigError, GcsError, InvalidError, LinkError
 
 
 class Deferred:
@@ -57,11 +50,11 @@ CONNECT_S: Final = 2.0
 """Longest time to connect; after it an emergency call tries the other listener."""
 
 RAISED: Final[dict[int, type[GcsError]]] = {
-    httpx.codes.UNAUTHORIZED: AccessError,
-    httpx.codes.FORBIDDEN: AccessError,
-    httpx.codes.TOO_MANY_REQUESTS: AccessError,
-    httpx.codes.CONFLICT: RefusedError,
-    httpx.codes.NOT_FOUND: UnknownError,
+    httpx.codes.UNAUTHORIZED: errors.AccessError,
+    httpx.codes.FORBIDDEN: errors.AccessError,
+    httpx.codes.TOO_MANY_REQUESTS: errors.AccessError,
+    httpx.codes.CONFLICT: errors.RefusedError,
+    httpx.codes.NOT_FOUND: errors.UnknownError,
     httpx.codes.SERVICE_UNAVAILABLE: LinkError,
 }
 

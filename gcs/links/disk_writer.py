@@ -191,10 +191,9 @@ class DiskWriter(ABC, Generic[Item]):
     def _wait(self) -> bool:
         """Wait for the next batch. Returns: whether the writer is being closed."""
         with self._changed:
-            if self._failure:
-                self._changed.wait_for(lambda: self._closed, RETRY_S)
-            elif self.PERIOD_S:
-                self._changed.wait_for(lambda: self._closed, self.PERIOD_S)
+            wait_s = RETRY_S if self._failure else self.PERIOD_S
+            if wait_s:
+                self._changed.wait_for(lambda: self._closed, wait_s)
             else:
                 self._changed.wait_for(lambda: self._closed or self._queue)
             return self._closed

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar
 
@@ -54,6 +55,11 @@ class _Reported(Generic[Value]):
         if now != self._column:
             self._column, self._values = now, tuple(map(self._value_of, column.tolist()))
         return self._values
+
+
+@lru_cache(256)
+def mode_of(custom_mode: int) -> Mode:
+    return Mode.UNKNOWN if custom_mode == _UNKNOWN else framing.px4_mode(custom_mode)
 
 
 class BatteryPacks:
@@ -149,11 +155,10 @@ class FleetTelemetry:
         self.texts = tuple(StatusTexts() for _ in ids)
         self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self.waiting: dict[int, asyncio.Event] = {}
-        self._modes: dict[int, Mode] = {_UNKNOWN: Mode.UNKNOWN, _OTHER: Mode.OTHER}
         self._armed_reported, self._ready_reported = _Reported(bool), _Reported(bool)
         self._failsafe_reported = _Reported(bool)
         self._reboot_count_reported, self._resets_reported = _Reported(int), _Reported(int)
-        self._modes_reported, self._landed_reported = _Reported(self.mode_of), _Reported(_LANDED.__getitem__)
+        self._modes_reported, self._landed_reported = _Reported(mode_of), _Reported(_LANDED.__getitem__)
         self._readers: MappingProxyType[int, Callable[[Whole, Records, Array], None]] = MappingProxyType(
             {
                 framing.GLOBAL_POSITION_INT: self._take_positions,
@@ -229,14 +234,6 @@ class FleetTelemetry:
             clock_base_s=self._clock_base_s.copy(),
             texts=self._texts_reported,
         )
-
-    def mode_of(self, custom_mode: int) -> Mode:
-        known = self._modes.get(custom_mode)
-        if known is None:
-            known = framing.px4_mode(custom_mode)
-            if known is not Mode.OTHER:  # the others are too many to cache
-                self._modes[custom_mode] = known
-        return known
 
     def _take_clocks(self, rows: Whole, reported: Records, _time_s: Array) -> None:
         """From messages not requested, but sent by an autopilot that has just restarted."""
@@ -334,7 +331,7 @@ class VehicleReport:
 
     @property
     def mode(self) -> Mode:
-        return self.fleet.mode_of(int(self.fleet.custom_mode[self.row]))
+        return mode_of(int(self.fleet.custom_mode[self.row]))
 
     @property
     def landed(self) -> Landed:

@@ -11,16 +11,8 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.sim.faults.commands import (
-    FIXES,
-    LINK_FAULTS,
-    SENSORS,
-    VEHICLE_FAULTS,
-    FaultCommand,
-    FaultCommandError,
-    Value,
-    parse,
-)
+from gcs.sim.faults import commands
+from gcs.sim.faults.commands import FaultCommand, FaultCommandError, Value
 from gcs.sim.fleet import Fleet
 from gcs.sim.vehicle.commander import Stuck
 from gcs.sim.vehicle.px4 import NEEDS_PILOT, Mode
@@ -158,7 +150,7 @@ class FaultInjector:
         Returns: a line of JSON, with "ok", and with "error" where nothing changed.
         """
         try:
-            command = parse(line)
+            command = commands.parse(line)
             rows = self._rows(command)
         except FaultCommandError as error:
             return json.dumps({"ok": False, "error": str(error)})
@@ -195,7 +187,7 @@ class FaultInjector:
             return True
         took = (
             self._break_link(row, fault, values)
-            if fault in LINK_FAULTS
+            if fault in commands.LINK_FAULTS
             else self._break_vehicle(row, command)
         )
         if took and command.for_s < math.inf:
@@ -250,9 +242,9 @@ class FaultInjector:
                 if not math.isnan(float(value)):
                     column[row] = float(value)
         elif fault == "fix":
-            state.fix_type[row] = FIXES[str(values["type"])]
+            state.fix_type[row] = commands.FIXES[str(values["type"])]
         elif fault == "sensor":
-            state.unhealthy_sensors[row] |= SENSORS[str(values["which"])]
+            state.unhealthy_sensors[row] |= commands.SENSORS[str(values["which"])]
         else:
             state.unix_ahead_s[row] = float(values["ahead_s"])
 
@@ -280,7 +272,7 @@ class FaultInjector:
     def _fix(self, row: int) -> None:
         if self.broken.pop(row, None) is not None:
             self.changes += 1
-        for fault in VEHICLE_FAULTS:
+        for fault in commands.VEHICLE_FAULTS:
             self._end(row, fault)
         for key in [key for key in self._ends if key[0] == row]:
             del self._ends[key]
@@ -288,7 +280,7 @@ class FaultInjector:
     def _end(self, row: int, fault: str) -> None:
         self._ends.pop((row, fault), None)
         channel = self.broken.get(row)
-        if channel is not None and fault in LINK_FAULTS:
+        if channel is not None and fault in commands.LINK_FAULTS:
             channel.jammer.rate_hz *= fault != "jam"
             for faults in channel.ways.values():
                 _set(faults, fault, asdict(DirectionFaults()))

@@ -11,18 +11,9 @@ from enum import Enum, IntEnum
 
 import numpy as np
 
+from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import (
-    MODES,
-    NEEDS_PILOT,
-    OFFBOARD_LOSS_MODE,
-    PREVENTS_ARMING,
-    STATION_LOSS_MODE,
-    Columns,
-    Mode,
-    Parameters,
-    Quirks,
-)
+from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
 from gcs.sim.vehicle.sensors import Batteries
 from gcs.sim.vehicle.state import Charge, Numbers, State
 
@@ -70,7 +61,7 @@ class Stuck(Enum):
 
 
 OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
-NOT_ARMABLE = np.array([mode in PREVENTS_ARMING for mode in MODES])
+NOT_ARMABLE = np.array([mode in px4.PREVENTS_ARMING for mode in px4.MODES])
 
 
 def fed(state: State, parameters: Parameters | Columns, quirks: Quirks) -> Mask:
@@ -105,7 +96,7 @@ class Commander:
 
     @property
     def mode(self) -> Mode:
-        return MODES[int(self.state.mode[self.row])]
+        return px4.MODES[int(self.state.mode[self.row])]
 
     @property
     def armed(self) -> bool:
@@ -155,7 +146,7 @@ class Commander:
         if self.stuck is not Stuck.NO:
             return Result.ACCEPTED if self.stuck is Stuck.SAYS_YES else Result.TEMPORARILY_REJECTED
         starved = mode is Mode.OFFBOARD and self.quirks.starved_offboard and not self.fed
-        missing = starved or (mode in NEEDS_PILOT and not self.state.piloted[self.row])
+        missing = starved or (mode in px4.NEEDS_PILOT and not self.state.piloted[self.row])
         if self.armed and missing:
             self._report(CRITICAL, f"Switching to {mode.title} is currently not available")
             return Result.TEMPORARILY_REJECTED
@@ -177,7 +168,7 @@ class Commander:
         """Whether moving the sticks takes the vehicle over from its present mode (COM_RC_OVERRIDE)."""
         bits = int(self.parameters["COM_RC_OVERRIDE"])
         mode = self.mode
-        if mode in NEEDS_PILOT:
+        if mode in px4.NEEDS_PILOT:
             return False
         return bool(bits & (OVERRIDE_OFFBOARD if mode is Mode.OFFBOARD else OVERRIDE_AUTO))
 
@@ -191,15 +182,15 @@ class Commander:
         state.failsafe[row] = True
         self._report(CRITICAL, "Failsafe activated")
         action = int(self.parameters["COM_OBL_RC_ACT"])
-        if action in OFFBOARD_LOSS_MODE:
-            state.mode[row] = OFFBOARD_LOSS_MODE[action].number
+        if action in px4.OFFBOARD_LOSS_MODE:
+            state.mode[row] = px4.OFFBOARD_LOSS_MODE[action].number
             self.changed()
         else:
             self.stop("Disarmed by failsafe")
 
     def lose_station(self) -> None:
         """Apply NAV_DLL_ACT; it never ends a landing, nor a return in favour of a hold."""
-        mode = STATION_LOSS_MODE.get(int(self.parameters["NAV_DLL_ACT"]))
+        mode = px4.STATION_LOSS_MODE.get(int(self.parameters["NAV_DLL_ACT"]))
         if self.mode is Mode.LAND or (self.mode is Mode.RETURN and mode is Mode.HOLD):
             return
         self._report(INFO, "GCS connection lost")
@@ -247,7 +238,7 @@ class Commander:
         state, row = self.state, self.row
         state.failsafe[row] = state.intervenes[row] = False
         state.intended[row] = state.mode[row] = mode.number
-        if mode not in PREVENTS_ARMING:
+        if mode not in px4.PREVENTS_ARMING:
             state.after_disarming[row] = mode.number
         self.changed()
 

@@ -18,17 +18,8 @@ from gcs.links.batch_link import Coroutines, Link
 from gcs.links.command_protocol import CLOSED, TIMEOUT, CommandProtocol
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.sender import SetpointBatch
-from gcs.mavlink.codec import (
-    ARM_DISARM,
-    FLOAT,
-    INT32,
-    SYSTEM_ID,
-    Records,
-    addressed,
-    parameter_values,
-    setpoint_messages,
-    text_field,
-)
+from gcs.mavlink import codec
+from gcs.mavlink.codec import Records, addressed
 from gcs.mavlink.framing import COMMAND_LONG, SET_POSITION_TARGET_LOCAL_NED
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import CommandError
@@ -61,8 +52,8 @@ _CUSTOM: Final = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 _FROM_HERE: Final = (nan,) * 7  # at its position, with the configured parameters
 
 _COMMANDS: Final[dict[Verb, tuple[int, tuple[float, ...]]]] = {
-    Verb.ARM: (ARM_DISARM, (1.0,)),
-    Verb.DISARM: (ARM_DISARM, (0.0,)),
+    Verb.ARM: (codec.ARM_DISARM, (1.0,)),
+    Verb.DISARM: (codec.ARM_DISARM, (0.0,)),
     Verb.TAKEOFF: (TAKEOFF, _FROM_HERE),
     Verb.HOLD: (SET_MODE, (_CUSTOM, 4.0, 3.0)),
     Verb.OFFBOARD: (SET_MODE, (_CUSTOM, 6.0, 0.0)),
@@ -123,7 +114,7 @@ class Commands:
 
     async def get_parameter(self, row: int, name: str, may_leave: Gate) -> ParameterValue:
         """A parameter's value. Raises: CommandError, TIMEOUT for one that the vehicle does not have."""
-        text = text_field(name, _NAME_LENGTH)
+        text = codec.text_field(name, _NAME_LENGTH)
         message = addressed(PARAM_REQUEST_READ, self.system_ids[[row]], param_index=-1, param_id=text)
         return (await self._request((row, name), PARAM_REQUEST_READ, message, may_leave)).value
 
@@ -133,8 +124,8 @@ class Commands:
         Raises: CommandError when the vehicle answers with another value, or not at all.
         """
         bits = np.array([value], np.int32).view(np.float32) if isinstance(value, int) else value
-        fields = {"param_id": text_field(name, _NAME_LENGTH), "param_value": bits}
-        fields["param_type"] = INT32 if isinstance(value, int) else FLOAT
+        fields = {"param_id": codec.text_field(name, _NAME_LENGTH), "param_value": bits}
+        fields["param_type"] = codec.INT32 if isinstance(value, int) else codec.FLOAT
         message = addressed(PARAM_SET, self.system_ids[[row]], **fields)
         reported = (await self._request((row, name), PARAM_SET, message, may_leave)).value
         if reported != (value if isinstance(value, int) else float(np.float32(value))):
@@ -148,7 +139,7 @@ class Commands:
             self._resolve((row, command), Answer(result))
 
     def take_values(self, rows: Whole, reported: Records) -> None:
-        for row, (name, value) in zip(rows.tolist(), parameter_values(reported), strict=True):
+        for row, (name, value) in zip(rows.tolist(), codec.parameter_values(reported), strict=True):
             self._resolve((row, name), Answer(value=value))
 
     def _resolve(self, key: tuple[int, int | str], answer: Answer) -> None:
@@ -216,7 +207,7 @@ class NativeLink(Link):
     """Up to 250 vehicles, without MAVSDK. A `gcs.links.Link`. Used on the loop's thread only."""
 
     def _own_id(self) -> int:
-        return SYSTEM_ID
+        return codec.SYSTEM_ID
 
     def _prepare(self) -> None:
         self._commands = Commands(self._system_ids, self._send_message)
@@ -239,7 +230,7 @@ class NativeLink(Link):
         rows, now_s = desired.rows, self._clock()
         if not len(rows):
             return
-        messages = setpoint_messages(
+        messages = codec.setpoint_messages(
             self._system_ids[rows], desired.velocity_ned_m_s, desired.yaw_rad, time_s=now_s
         )
         frames = self._outbox.encode(SET_POSITION_TARGET_LOCAL_NED, messages, rows)

@@ -11,6 +11,7 @@ from typing import Any, Final, NoReturn, Unpack
 import numpy as np
 from pydantic import TypeAdapter
 
+from gcs import service
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Plan
@@ -19,19 +20,7 @@ from gcs.recording import mcap_layout as layout
 from gcs.recording.flight_report import EXIT_CODES
 from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample, Standard
 from gcs.recording.replay.history import EventHistory, replay_alarm
-from gcs.service import (
-    Audit,
-    CheckState,
-    CommandRecord,
-    FleetView,
-    FlightEnvelope,
-    Latest,
-    NoAudit,
-    Playback,
-    PlaybackChange,
-    ReportState,
-    StoredShow,
-)
+from gcs.service import FleetView, Latest, Playback, PlaybackChange, ReportState
 from gcs.service.alarms import ordered
 from gcs.service.check_process import LOWER, answered
 from gcs.service.event_log import LogEvent
@@ -125,7 +114,7 @@ class NoShows(ReadOnly):
     def why_not_kept(self) -> str:
         return self._why
 
-    async def list_shows(self) -> list[StoredShow]:
+    async def list_shows(self) -> list[service.StoredShow]:
         return []
 
     def checked(self, name: str) -> NoReturn:
@@ -152,7 +141,7 @@ class NoCommands:
             f"there is no command {command_id}: this is a replay; past commands are in the audit"
         )
 
-    def newest(self) -> Sequence[CommandRecord]:
+    def newest(self) -> Sequence[service.CommandRecord]:
         return ()
 
 
@@ -162,7 +151,7 @@ class ReportTask:
     def __init__(self, files: Sequence[Path]) -> None:
         """Flight data, and files of true positions if there are any."""
         self._files = tuple(files)
-        self._found = ReportState(CheckState.RUNNING)
+        self._found = ReportState(service.CheckState.RUNNING)
         self._task: asyncio.Task[None] | None = None
 
     def state(self) -> ReportState:
@@ -180,11 +169,11 @@ class ReportTask:
                 codes=tuple(EXIT_CODES.values()),
                 memory_max_bytes=REPORT_MEMORY_MAX_BYTES,
             )
-            self._found = ReportState(CheckState.DONE, report=REPORT.validate_python(report))
+            self._found = ReportState(service.CheckState.DONE, report=REPORT.validate_python(report))
         except TimeoutError:
-            self._found = ReportState(CheckState.FAILED, f"not done within {REPORT_WITHIN_S:g} s")
+            self._found = ReportState(service.CheckState.FAILED, f"not done within {REPORT_WITHIN_S:g} s")
         except (GcsError, OSError, ValueError) as error:
-            self._found = ReportState(CheckState.FAILED, str(error))
+            self._found = ReportState(service.CheckState.FAILED, str(error))
 
     async def close(self) -> None:
         if self._task is not None:
@@ -225,7 +214,7 @@ class Replay:
         self.events = self.replaying = self  # its own events, and its own controls
         self.view = Latest(self._state(first, self._shown_s, ended=False))
         refusal = f"this is a replay of {data.path}: nothing can be commanded or changed"
-        self.audit: Audit = NoAudit()
+        self.audit: service.Audit = service.NoAudit()
         self.plan: Any = RecordedPlan(refusal, self.view)
         self.shows: Any = NoShows(f"this is a replay of {data.path}: it keeps no shows")
         self.command_log = NoCommands()
@@ -326,7 +315,7 @@ class Replay:
             reason=status.reason,
             rows=self._rows(flown),
             plan=status.plan.moved(now_s - tick.time_s),
-            flight_envelope=FlightEnvelope.of(self._standard.under(status.limits).safety),
+            flight_envelope=service.FlightEnvelope.of(self._standard.under(status.limits).safety),
             playback=self._playback(flown.unix_s - self._began_s, ended=ended),
             center_m=tick.center_m,
             center_velocity_m_s=tick.center_velocity_m_s,
