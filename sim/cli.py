@@ -185,16 +185,12 @@ class FleetError(Exception):
         self.code = code
 
 
-def build_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="sim", description="A fleet of fake PX4 vehicles that speak MAVLink 2."
-    )
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly until interrupted. Returns: exit code 0, 1 for a taken port or file, 2 for bad arguments."""
+    text = "A fleet of fake PX4 vehicles that speak MAVLink 2."
+    parser = argparse.ArgumentParser(prog="sim", description=text)
     add_arguments(parser)
-    return parser
-
-
-def run(given: argparse.Namespace) -> int:
-    """Fly until interrupted. Returns the exit code: 0, 1 for a taken port or file, 2 for bad arguments."""
+    given = parser.parse_args(argv)
     try:
         fly(given, greeting(given))
     except FleetError as error:
@@ -228,10 +224,6 @@ def fly(given: argparse.Namespace, greeting: str) -> None:
         except PortError as error:
             advice = "Stop it, or choose other ports with --first or --port-base"
             raise FleetError(1, f"{error}; is another sim or PX4 running? {advice}") from error
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    return run(build_parser().parse_args(argv))
 
 
 def _settings(given: argparse.Namespace) -> Settings:

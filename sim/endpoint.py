@@ -85,7 +85,7 @@ class Endpoint:
         self.circle = circle
         self._peer = (host, port.destination)
         self._received_s = -PEER_SILENT_AFTER_S
-        self._other_senders: set[Address] = set()
+        self.other_senders: set[Address] = set()  # since the last answers
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         if len(port.rows) > 1:
@@ -116,20 +116,17 @@ class Endpoint:
         if address == self._peer or now_s - self._received_s >= PEER_SILENT_AFTER_S:
             self._peer, self._received_s = address, now_s
         else:
-            self._other_senders.add(address)
+            self.other_senders.add(address)
 
     def answer(self, frames: Iterable[bytes]) -> None:
         """Send answers: to the peer, and to other senders since the last answers."""
         packets = _packed(frames)
-        for address in (self._peer, *self._other_senders):
+        for address in (self._peer, *self.other_senders):
             self._send(packets, address)
 
     def send(self, packets: Iterable[bytes]) -> None:
         """Send datagrams to the peer."""
         self._send(packets, self._peer)
-
-    def answered(self) -> None:
-        self._other_senders.clear()
 
     def close(self) -> None:
         self._socket.close()
@@ -207,7 +204,7 @@ class Radio:
         if sent:
             self._send(sent, answers=True)
         for endpoint in self.endpoints if sent else ():
-            endpoint.answered()
+            endpoint.other_senders.clear()
 
     def send(self) -> None:
         self._send(self.fleet.take_frames(), answers=False)

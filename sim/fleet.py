@@ -249,7 +249,7 @@ class Fleet:
     def _report(self, message_id: int, rows: Rows, sent: dict[int, list[bytes]]) -> None:
         unix_s = self.time_s + self.unix_ahead_s
         snapshot = Snapshot(rows, unix_s, self.state, self._sensors, self._transitions, self._batteries)
-        fields = reports.report(message_id, snapshot)
+        fields = reports.ALL[message_id](snapshot)
         sequence = self.state.sequence[rows]
         self.state.sequence[rows] = sequence + np.uint8(1)
         packed = frames.pack(message_id, fields, self.state.system_id[rows], sequence)

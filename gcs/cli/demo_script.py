@@ -126,10 +126,9 @@ class DemoScript:
         self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
         self._say(f"orbit: {ORBIT_RADIUS_M:g} m around the target at {ORBIT_SPEED_M_S:g} m/s")
         self._sleep(12.0)
-        target = self._client.target()
-        self.marks.target_from_m = (target.x_m or 0.0, target.y_m or 0.0)
+        self.marks.target_from_m = self._target_m()
         x, y = TARGET_VELOCITY_M_S
-        self._client.set_target(target.x_m or 0.0, target.y_m or 0.0, velocity_x_m_s=x, velocity_y_m_s=y)
+        self._client.set_target(*self.marks.target_from_m, velocity_x_m_s=x, velocity_y_m_s=y)
         self._say(f"the target moves off at ({x:g}, {y:g}) m/s; they follow")
         self._sleep(max(20.0, self._left_s() * 0.14))
         self.marks.before = (steady_s, time.monotonic() - 0.5)
@@ -145,17 +144,11 @@ class DemoScript:
 
     def _obstacle(self) -> None:
         for try_s in range(6):
-            x_m, y_m = self._ahead_m(AHEAD_S + 2.0 * try_s)
-            box = Obstacle("tower", round(x_m, 1), round(y_m, 1), 3.0, 3.0, 45.0)
+            x_m, y_m = (round(each, 1) for each in self._ahead_m(AHEAD_S + 2.0 * try_s))
+            size = {"half_length_x_m": 3.0, "half_length_y_m": 3.0, "height_m": 45.0}
+            box = Obstacle("tower", x_m, y_m, **size)
             try:
-                self._client.add_obstacle(
-                    x_m=box.x_m,
-                    y_m=box.y_m,
-                    half_length_x_m=box.half_length_x_m,
-                    half_length_y_m=box.half_length_y_m,
-                    height_m=box.height_m,
-                    obstacle_id=box.id,
-                )
+                self._client.add_obstacle(x_m=x_m, y_m=y_m, **size, obstacle_id=box.id)
             except RefusedError as refused:
                 self._say(f"not there: {refused}")
                 continue
@@ -173,8 +166,7 @@ class DemoScript:
         steady_s = time.monotonic()
         self._sleep(max(20.0, self._left_s() - self._landing_s))
         self.marks.after = self.marks.orbit = (steady_s, time.monotonic() - 0.5)
-        target = self._client.target()
-        self.marks.target_to_m = (target.x_m or 0.0, target.y_m or 0.0)
+        self.marks.target_to_m = self._target_m()
 
     def _come_home(self) -> None:
         self._stopped = False  # the return that Ctrl-C requested begins here
@@ -192,6 +184,10 @@ class DemoScript:
 
     def _phase(self) -> str:
         return self._client.show().phase
+
+    def _target_m(self) -> tuple[float, float]:
+        target = self._client.target()
+        return target.x_m or 0.0, target.y_m or 0.0
 
     def _left_s(self) -> float:
         return self._end_s - time.monotonic()
@@ -238,8 +234,7 @@ class DemoScript:
 
     def _move_target_away(self, box: Obstacle) -> None:
         """Move the target straight away from the box, so that nothing disturbs the rest of the orbit."""
-        target = self._client.target()
-        x_m, y_m = target.x_m or 0.0, target.y_m or 0.0
+        x_m, y_m = self._target_m()
         away_m = np.array([x_m - box.x_m, y_m - box.y_m])
         vx_m_s, vy_m_s = (AWAY_SPEED_M_S / max(float(np.hypot(*away_m)), 1.0) * away_m).tolist()
         self._client.set_target(x_m, y_m, velocity_x_m_s=vx_m_s, velocity_y_m_s=vy_m_s)

@@ -24,7 +24,7 @@ from gcs.links.endpoints.ports import Datagrams, host_number, source_of
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.settings import station_id
 from gcs.links.signing import Signing
-from gcs.mavlink.codec import ARM_DISARM, encode, find, frame, joined, kill_message
+from gcs.mavlink.codec import ARM_DISARM, AUTOPILOT_COMPONENT, encode, find, frame, joined, kill_message
 from gcs.mavlink.framing import COMMAND_ACK, COMMAND_LONG, HEARTBEAT, Frame, is_armed
 from gcs.mavlink.kernels import DATAGRAM
 from gcs.mavlink.signing import Judgement
@@ -47,7 +47,14 @@ def kill_by_record(
         the code's time. Raises: GcsError when nothing was sent.
     """
     known = last_known(Path(arguments.record))
-    config, chosen = _config(known, arguments.record), _chosen(known, arguments)
+    if known.session is None:
+        raise ConfigError(f"{arguments.record}: no session is in this record")
+    try:
+        config = Config.model_validate(dict(known.session.config))
+    except ValidationError as error:
+        text = f"{arguments.record}: session {known.session.id}"
+        raise explained(error, text, Config, None) from None
+    chosen = _chosen(known, arguments)
     names = [vehicle.id for vehicle in chosen]
     codes = [_code(known, chosen, time.time() - age_s) for age_s in (0.0, CODE_S)]
     if arguments.confirm is None:
@@ -64,15 +71,6 @@ def kill_by_record(
     if record.problem:
         note(f"not recorded: {record.problem}", as_json=arguments.json)
     return {name: (part.outcome, part.reason) for name, part in outcomes.items()}
-
-
-def _config(known: LastKnown, record: str) -> Config:
-    if known.session is None:
-        raise ConfigError(f"{record}: no session is in this record")
-    try:
-        return Config.model_validate(dict(known.session.config))
-    except ValidationError as error:
-        raise explained(error, f"{record}: session {known.session.id}", Config, None) from None
 
 
 def _chosen(known: LastKnown, arguments: argparse.Namespace) -> list[KnownVehicle]:
@@ -104,7 +102,6 @@ WITHIN_S: Final = 5.0
 
 REPEAT_S: Final = 0.1
 LOOK_S: Final = 0.01
-_AUTOPILOT: Final = 1
 
 
 @dataclass(slots=True)
@@ -189,17 +186,13 @@ class _KillLink:
         for found in find(arrived.data, arrived.start, arrived.length).frames.tolist():
             received = frame(arrived.data, found)
             target = self.targets.get(received.system_id)
-            if target is None or received.component_id != _AUTOPILOT:
+            if target is None or received.component_id != AUTOPILOT_COMPONENT:
                 continue
             if self.signing is not None and self.signing.signer.judge(received) is not Judgement.GOOD:
                 continue
             target.received_at = int(arrived.source[found[DATAGRAM]])
             if target.sent:
                 _note(target, received)
-
-    @property
-    def done(self) -> bool:
-        return all(target.armed is False for target in self.targets.values())
 
 
 def _note(target: _Target, received: Frame) -> None:
@@ -226,7 +219,7 @@ def direct_kill(
         for line in lines:
             line.open()
         until_s, due_s = time.monotonic() + within_s, 0.0
-        while time.monotonic() < until_s and not all(line.done for line in lines):
+        while time.monotonic() < until_s and not all(target.armed is False for target in targets):
             if time.monotonic() >= due_s:
                 due_s = time.monotonic() + REPEAT_S
                 for line in lines:

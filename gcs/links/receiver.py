@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -16,8 +15,6 @@ from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
 from gcs.mavlink.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Bytes, Whole
 from gcs.model.state import Array, VehicleId
-
-_AUTOPILOT_COMPONENT = 1
 
 
 class ParameterUpdates:
@@ -43,22 +40,13 @@ class ParameterUpdates:
         return updates
 
 
-class Answers(Protocol):
-    """Reads vehicles' answers to a transport's commands."""
-
-    def take_acks(self, rows: Whole, reported: codec.Records) -> None:
-        """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""
-
-    def take_values(self, rows: Whole, reported: codec.Records) -> None: ...
-
-
 @dataclass(eq=False)
 class Inbox:
     """Reads what arrived. Whatever the bytes, it never raises.
 
     Attributes:
         observers: receive every frame; replace the tuple, do not mutate it.
-        commands: reads answers; None: no reader.
+        take_acks, take_values: read (k,) rows and their COMMAND_ACKs or PARAM_VALUEs, in order of arrival.
         pass_on: called with (data, frames, rows, times) of accepted frames, as `FleetTelemetry.take`; None:
             not called.
     """
@@ -72,7 +60,8 @@ class Inbox:
 
     def __post_init__(self) -> None:
         self.observers: tuple[Observer, ...] = ()
-        self.commands: Answers | None = None
+        self.take_acks: Callable[[Whole, codec.Records], None] = lambda _rows, _reported: None
+        self.take_values: Callable[[Whole, codec.Records], None] = self.take_acks
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
 
     def take(self, arrived: Datagrams) -> None:
@@ -96,19 +85,17 @@ class Inbox:
                 observer(at_s, Direction.RECEIVED, raw, frame[SYSTEM])
 
     def _take_answers(self, data: Bytes, frames: Whole, rows: Whole) -> None:
-        message = np.where(frames[:, COMPONENT] == _AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
+        message = np.where(frames[:, COMPONENT] == codec.AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
         self.streams.count(rows, message)
         acks = np.flatnonzero(message == COMMAND_ACK)
         if len(acks):
             ack_records = codec.decode(COMMAND_ACK, data, frames[acks])
             self.streams.take_acks(rows[acks], ack_records)
-            if self.commands is not None:
-                self.commands.take_acks(rows[acks], ack_records)
+            self.take_acks(rows[acks], ack_records)
         values = np.flatnonzero(message == PARAM_VALUE)
         if len(values):
             value_records = codec.decode(PARAM_VALUE, data, frames[values])
-            if self.commands is not None:
-                self.commands.take_values(rows[values], value_records)
+            self.take_values(rows[values], value_records)
             named = codec.parameter_values(value_records)
             for row, (name, value) in zip(rows[values].tolist(), named, strict=True):
                 self.parameters.take(row, name, value)

@@ -13,14 +13,12 @@ from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.address_book import SILENT_AFTER_S
 from gcs.mavlink import framing
-from gcs.mavlink.codec import Records, decode, frame
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT, Records, decode, frame
 from gcs.mavlink.framing import TextChunk
 from gcs.mavlink.kernels import COMPONENT, MESSAGE, Bytes, Whole
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 Value = TypeVar("Value")
-
-_AUTOPILOT_COMPONENT: Final = 1
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 _CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 _PX4: Final = int(dialect.MAV_AUTOPILOT_PX4)
@@ -185,7 +183,7 @@ class FleetTelemetry:
             rows: (k,) vehicle of each.
             time_s: (k,) of arrival.
         """
-        autopilots = frames[:, COMPONENT] == _AUTOPILOT_COMPONENT
+        autopilots = frames[:, COMPONENT] == AUTOPILOT_COMPONENT
         self.life_time_s[rows[autopilots]] = time_s[autopilots]  # in order of arrival: the newest stays
         message = np.where(autopilots, frames[:, MESSAGE], -1)
         present = set(message.tolist())

@@ -38,7 +38,7 @@ _NUMPY: Final = {"b": "i1", "h": "i2", "i": "i4", "q": "i8", "B": "u1", "H": "u2
 VELOCITY_AND_YAW: Final = 0x9C7
 """Type mask: velocity and yaw count; the same as MAVSDK's."""
 
-_AUTOPILOT_COMPONENT: Final = 1
+AUTOPILOT_COMPONENT: Final = 1
 
 ARM_DISARM: Final = int(dialect.MAV_CMD_COMPONENT_ARM_DISARM)
 _KILL_MAGIC: Final = 21196.0  # param2: also in flight
@@ -197,11 +197,8 @@ def decode(message_id: int, data: Bytes, frames: Whole) -> Records:
     """Messages from (k, FRAME_COLUMNS) frames of one kind, as `find` found them in `data`."""
     dtype = layout(message_id).dtype
     payloads = np.empty((len(frames), dtype.itemsize), np.uint8)
-    starts, lengths = (
-        np.ascontiguousarray(frames[:, kernels.PAYLOAD]),
-        np.ascontiguousarray(frames[:, kernels.LENGTH]),
-    )
-    kernels.cut_out(data, starts, lengths, payloads)
+    starts, lengths = frames[:, kernels.PAYLOAD], frames[:, kernels.LENGTH]
+    kernels.cut_out(data, np.ascontiguousarray(starts), np.ascontiguousarray(lengths), payloads)
     return payloads.view(dtype)[:, 0]
 
 
@@ -218,7 +215,7 @@ def text_field(value: str, length: int) -> Bytes:
 def addressed(message_id: int, system_ids: Whole, **fields: ArrayLike) -> Records:
     """Messages to the autopilots of (n,) systems; `fields` by their own names, (n,) or one value for all."""
     messages = records(message_id, len(system_ids))
-    for name, values in {"target_component": _AUTOPILOT_COMPONENT, **fields}.items():
+    for name, values in {"target_component": AUTOPILOT_COMPONENT, **fields}.items():
         messages[name] = values
     messages["target_system"] = system_ids
     return messages

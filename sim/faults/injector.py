@@ -288,17 +288,11 @@ class FaultInjector:
             column[row] = healthy
         if fault == "stuck-mode":
             self._fleet.autopilots[row].commander.stuck = Stuck.NO
-        elif fault == "pilot":
-            self._let_go(row)
-
-    def _let_go(self, row: int) -> None:
-        """End the pilot's control: the vehicle holds, where it was flown by hand."""
-        state, commander = self._fleet.state, self._fleet.autopilots[row].commander
-        by_hand = state.piloted[row] and commander.mode in NEEDS_PILOT
-        state.piloted[row] = False
-        state.stick_m_s[row] = 0.0
-        if by_hand:
-            commander.intend(Mode.HOLD)
+        elif fault == "pilot":  # the vehicle holds, where it was flown by hand
+            state, commander = self._fleet.state, self._fleet.autopilots[row].commander
+            if state.piloted[row] and commander.mode in NEEDS_PILOT:
+                commander.intend(Mode.HOLD)
+            state.piloted[row], state.stick_m_s[row] = False, 0.0
 
 
 def _set(faults: DirectionFaults, fault: str, values: Mapping[str, float | str]) -> None:

@@ -5,6 +5,7 @@ fleet at once (sim.fleet); this is a view of one row of its state.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -225,7 +226,7 @@ class Autopilot:
     def _set_interval(self, params: Params) -> Result:
         """SET_MESSAGE_INTERVAL: microseconds; 0 is the default rate, -1 stops."""
         message_id, interval_us = _message_id(params), params[1]
-        if message_id is None or not reports.exists(message_id) or not math.isfinite(interval_us):
+        if message_id not in reports.ALL or not math.isfinite(interval_us):
             return Result.FAILED
         interval_s = interval_us * 1e-6 if interval_us > 0 else None
         if interval_us == 0:
@@ -237,7 +238,7 @@ class Autopilot:
         message_id = _message_id(params)
         if message_id is None:
             return Result.DENIED
-        exists = reports.exists(message_id)
+        exists = message_id in reports.ALL
         interval_s = self._shared.schedule.interval_s(self.row, message_id) if exists else None
         interval_us = -1 if interval_s is None else round(interval_s * 1e6)
         self.reply(common.MAVLink_message_interval_message(message_id, interval_us))
@@ -249,7 +250,7 @@ class Autopilot:
             return self._request_version(params)
         if message_id == PROTOCOL_VERSION_ID:
             self.reply(common.MAVLink_protocol_version_message(200, 100, 200, [0] * 8, [0] * 8))
-        elif message_id in reports.ALWAYS or (message_id in reports.WITH_A_FIX and has_home):
+        elif message_id in (reports.ALL if has_home else reports.ALWAYS):
             self.reply(message_id)
         else:
             return Result.DENIED
@@ -293,8 +294,8 @@ class Autopilot:
             "PING": _receive_ping,
             "TIMESYNC": _receive_timesync,
             "PARAM_REQUEST_READ": _receive_parameter_read,
-            "PARAM_REQUEST_LIST": lambda self, _: self._shared.outbox.list_parameters(
-                self.row, self.parameters.names()
+            "PARAM_REQUEST_LIST": lambda self, _: self._shared.outbox.listed.update(
+                {self.row: deque(self.parameters.names())}
             ),
             "PARAM_SET": _receive_parameter_set,
         }

@@ -7,10 +7,9 @@ report parts of a vehicle that a point mass does not have.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 from pymavlink.dialects.v20 import common
@@ -331,29 +330,18 @@ def home_position(s: Snapshot) -> Fields:
     }
 
 
-def _by_id(*makers: Callable[[Snapshot], Fields]) -> Mapping[int, Callable[[Snapshot], Fields]]:
-    ids = [getattr(common, f"MAVLINK_MSG_ID_{make.__name__.upper()}") for make in makers]
-    return MappingProxyType(dict(zip(ids, makers, strict=True)))
+def _by_id(*makers: Callable[[Snapshot], Fields]) -> dict[int, Callable[[Snapshot], Fields]]:
+    return {getattr(common, f"MAVLINK_MSG_ID_{make.__name__.upper()}"): make for make in makers}
 
 
 ALWAYS = _by_id(
     *(heartbeat, sys_status, extended_sys_state, battery_status, attitude, attitude_quaternion),
     *(attitude_target, ping, system_time, timesync, mission_current, position_target_local_ned, highres_imu),
 )
-WITH_A_FIX = _by_id(
+ALL = ALWAYS | _by_id(
     *(global_position_int, local_position_ned, odometry, altitude, distance_sensor, vfr_hud),
     *(gps_raw_int, home_position),
 )
-
-
-def exists(message_id: int) -> bool:
-    return message_id in ALWAYS or message_id in WITH_A_FIX
-
-
-def report(message_id: int, snapshot: Snapshot) -> Fields:
-    """The fields of a message. Raises: KeyError for a message that does not exist."""
-    make = ALWAYS.get(message_id) or WITH_A_FIX[message_id]
-    return make(snapshot)
 
 
 def _split(names: tuple[str, ...], columns: Array) -> dict[str, Array]:

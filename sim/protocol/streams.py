@@ -6,7 +6,7 @@ The rates are those recorded on PX4 v1.16's offboard link.
 import heapq
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from itertools import count
 from types import MappingProxyType
 from typing import TypeAlias
@@ -123,19 +123,15 @@ class Outbox:
     def __init__(self) -> None:
         self._timed: list[tuple[float, int, int, Item]] = []
         self._order = count()  # keeps equal times in order; messages do not compare
-        self._listed: dict[int, deque[str]] = {}
+        self.listed: dict[int, deque[str]] = {}  # parameters by row, sent a few at a time
 
     def post(self, row: int, item: Item, due_s: float) -> None:
         heapq.heappush(self._timed, (due_s, next(self._order), row, item))
 
-    def list_parameters(self, row: int, names: Iterable[str]) -> None:
-        """Send these parameters a few at a time; a new list replaces the old one."""
-        self._listed[row] = deque(names)
-
     def forget(self, row: int) -> None:
         self._timed = [entry for entry in self._timed if entry[2] != row]
         heapq.heapify(self._timed)
-        self._listed.pop(row, None)
+        self.listed.pop(row, None)
 
     def take(self, now_s: float) -> list[tuple[int, Item]]:
         items = []
@@ -147,9 +143,9 @@ class Outbox:
     def take_parameters(self) -> list[tuple[int, str]]:
         taken = [
             (row, names.popleft())
-            for row, names in self._listed.items()
+            for row, names in self.listed.items()
             for _ in range(min(BURST, len(names)))
         ]
         if taken:
-            self._listed = {row: names for row, names in self._listed.items() if names}
+            self.listed = {row: names for row, names in self.listed.items() if names}
         return taken

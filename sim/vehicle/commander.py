@@ -148,7 +148,7 @@ class Commander:
         starved = mode is Mode.OFFBOARD and self.quirks.starved_offboard and not self.fed
         missing = starved or (mode in px4.NEEDS_PILOT and not self.state.piloted[self.row])
         if self.armed and missing:
-            self._report(CRITICAL, f"Switching to {mode.title} is currently not available")
+            self._report(CRITICAL, f"Switching to {mode.name.capitalize()} is currently not available")
             return Result.TEMPORARILY_REJECTED
         self.intend(mode)
         if mode is Mode.LAND:

@@ -35,35 +35,19 @@ class Mode(Enum):
     STABILIZED = (7, 0, MANUAL_INPUT | STABILIZE | CUSTOM)
 
     @property
-    def custom_mode(self) -> int:
-        return self.value[0] << 16 | self.value[1] << 24
-
-    @property
-    def base_mode(self) -> int:
-        """The HEARTBEAT's base_mode field while disarmed."""
-        return self.value[2]
-
-    @property
     def number(self) -> int:
         return NUMBERS[self]
 
-    @property
-    def title(self) -> str:
-        """The name PX4 uses in texts."""
-        return self.name.capitalize()
-
     @staticmethod
     def find(main: int, sub: int) -> "Mode | None":
-        for mode in Mode:
-            if mode.value[0] == main and mode.value[1] == sub:
-                return mode
-        return None
+        return next((mode for mode in Mode if mode.value[:2] == (main, sub)), None)
 
 
 MODES = tuple(Mode)
 NUMBERS = {mode: number for number, mode in enumerate(MODES)}
-CUSTOM_MODES = np.array([mode.custom_mode for mode in MODES], dtype=np.uint32)
-BASE_MODES = np.array([mode.base_mode for mode in MODES], dtype=np.uint8)
+CUSTOM_MODES = np.array([mode.value[0] << 16 | mode.value[1] << 24 for mode in MODES], dtype=np.uint32)
+BASE_MODES = np.array([mode.value[2] for mode in MODES], dtype=np.uint8)
+"""The HEARTBEAT's fields by mode; base_mode while disarmed."""
 NEEDS_PILOT = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.STABILIZED})
 PREVENTS_ARMING = frozenset({Mode.LAND, Mode.RETURN})
 # COM_OBL_RC_ACT to the mode flown after setpoints are lost; 6 and 7 stop the motors instead.

@@ -210,19 +210,23 @@ class NativeLink(Link):
         return codec.SYSTEM_ID
 
     def _prepare(self) -> None:
-        self._commands = Commands(self._system_ids, self._send_message)
+        self._begin_commands()
         self._all: Mask = np.ones(len(self.ids), np.bool_)
+
+    def _begin_commands(self) -> None:
+        self._commands = Commands(self._system_ids, self._send_message)
+        self._inbox.take_acks, self._inbox.take_values = self._commands.take_acks, self._commands.take_values
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Coroutines]:
         protocol = CommandProtocol(self._vehicles, self._latch, self._clock)
         async with self._parts_open():
-            self._commands = self._inbox.commands = Commands(self._system_ids, self._send_message)
+            self._begin_commands()
             self._protocol = protocol
             try:
                 yield {}
             finally:
-                self._protocol, self._inbox.commands = None, None
+                self._protocol = None
                 protocol.close()
                 self._commands.close()
 
