@@ -44,7 +44,7 @@ def rate_hz(text: str | None) -> float:
     try:
         rate = float(text)
     except ValueError:
-        raise InvalidError("rate_hz", text[:20], allowed) from None
+        rate = 0.0
     if not RATE_MIN_HZ <= rate <= RATE_MAX_HZ:
         raise InvalidError("rate_hz", text[:20], allowed)
     return rate

@@ -10,7 +10,7 @@ from gcs.formation.repulsion import best_configuration, energy, nearest_m
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
-from gcs.recording.trajectories import read_true_states
+from gcs.recording.trajectories import interpolated, read_true_states
 from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, scaled_distance_m
 
 SAMPLE_S = 0.02
@@ -45,12 +45,8 @@ class Commanded:
     target_m: Array  # (k, 2)
 
     def at(self, time_s: Array) -> "Commanded":
-        def values(array: Array) -> Array:
-            columns = array.reshape(len(self.time_s), -1)
-            picked = [np.interp(time_s, self.time_s, columns[:, i]) for i in range(columns.shape[1])]
-            return np.stack(picked, axis=1).reshape(len(time_s), *array.shape[1:])
-
-        return Commanded(time_s, values(self.center_m), values(self.radius_m), values(self.target_m))
+        columns = self.center_m, self.radius_m, self.target_m
+        return Commanded(time_s, *(interpolated(self.time_s, values, time_s) for values in columns))
 
 
 def ground_truth(file: Path, frame: ShowFrame, vehicles: int) -> GroundTruth:

@@ -24,12 +24,12 @@ WAIT_S: Final = 1.0
 
 
 class WholeFile:
-    """A new file to which each `append` writes all of its data, or nothing."""
+    """A new file to which each `flush` writes all that was given to `write` before, or nothing."""
 
     def __init__(self, path: Path) -> None:
         """Raises: OSError; FileExistsError when there is such a file."""
-        self.path = path
-        self.size_bytes = 0
+        self._size_bytes = 0
+        self._rest = bytearray()
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
 
     @property
@@ -37,20 +37,28 @@ class WholeFile:
         """False also once the disk was gone: if it comes back, then with a new file."""
         return self._file >= 0
 
-    def append(self, data: bytes | bytearray) -> None:
+    def write(self, data: bytes) -> int:
+        self._rest += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self._size_bytes + len(self._rest)
+
+    def flush(self) -> None:
         """Raises: OSError, on a full disk for instance: half a record would hide all that follow."""
+        data, self._rest = self._rest, bytearray()
         written = 0
         try:
             while written < len(data):
                 written += os.write(self._file, data[written:])
         except OSError:
             try:
-                os.ftruncate(self._file, self.size_bytes)
+                os.ftruncate(self._file, self._size_bytes)
             except OSError:
                 with suppress(OSError):
                     self.close()
             raise
-        self.size_bytes += written
+        self._size_bytes += written
 
     def close(self) -> None:
         """Raises: OSError."""

@@ -56,7 +56,8 @@ class Recorder(DiskWriter[bytes]):
         if batch:
             if self._file is None or not self._file.is_open:
                 self._file = self._create()
-            self._file.append(b"".join(batch))
+            self._file.write(b"".join(batch))
+            self._file.flush()
 
     def _create(self) -> WholeFile:
         self._folder.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import development as dialect
 
 from gcs.mavlink import kernels
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED, Frame
-from gcs.mavlink.kernels import Bytes, Number, Whole
+from gcs.mavlink.kernels import MAGIC_2, Bytes, Number, Whole
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
@@ -274,8 +274,6 @@ SETPOINT_FRAME: Final = np.dtype(
 """A MAVLink 2 frame with a SET_POSITION_TARGET_LOCAL_NED; its last byte is never 0 and so never cut off."""
 
 NO_ROW: Final = -1
-
-_MAGIC_2: Final = 0xFD
 _LONG: Final = SETPOINT_FRAME.itemsize
 _PAYLOAD_LONG: Final = SETPOINT_FRAME.itemsize - HEADER_LENGTH
 _SETPOINT: Final = int(SET_POSITION_TARGET_LOCAL_NED)
@@ -303,7 +301,7 @@ def are_setpoints(data: Bytes, length: Whole, count: Number) -> Mask:
     for at in range(count):
         message = data[at]
         number = np.int64(message[7]) | np.int64(message[8]) << 8 | np.int64(message[9]) << 16
-        whole = length[at] == _LONG and message[0] == _MAGIC_2 and message[1] == _PAYLOAD_LONG
+        whole = length[at] == _LONG and message[0] == MAGIC_2 and message[1] == _PAYLOAD_LONG
         are[at] = whole and message[2] == 0 and number == _SETPOINT
     return are
 

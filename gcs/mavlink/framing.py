@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.mavlink.kernels import MAGIC_2, SIGNED
 from gcs.model.state import Mode
 
 HEARTBEAT: Final = 0
@@ -45,9 +46,6 @@ SENSORS: Final = 0x2F
 
 UNIX_KNOWN_S: Final = 1_234_567_890
 """PX4 trusts its clock from this time on, and reports 0 before."""
-
-_MAGIC_2: Final = 0xFD
-_SIGNED: Final = 0x01
 _ARMED: Final = 0x80
 _BASE_MODE_AT: Final = 6  # in HEARTBEAT
 PARAM_VALUE: Final = 22
@@ -95,7 +93,7 @@ class TextChunk(NamedTuple):
 
 def is_signed(frame: Frame) -> bool:
     """Whether the frame has a signature, right or wrong."""
-    return frame.raw[0] == _MAGIC_2 and bool(frame.raw[2] & _SIGNED)
+    return frame.raw[0] == MAGIC_2 and bool(frame.raw[2] & SIGNED)
 
 
 def moves(frame: Frame) -> bool:

@@ -24,10 +24,10 @@ DATAGRAM, MESSAGE, SYSTEM, COMPONENT, PAYLOAD, LENGTH, BEGIN, END = range(FRAME_
 
 SHORTEST_FRAME: Final = 8
 
-_MAGIC_1: Final = 0xFE
-_MAGIC_2: Final = 0xFD
-_SIGNED: Final = 0x01
-_SIGNATURE_LENGTH: Final = 13
+MAGIC_1: Final = 0xFE
+MAGIC_2: Final = 0xFD
+SIGNED: Final = 0x01
+SIGNATURE_LENGTH: Final = 13
 
 
 def _table() -> NDArray[np.uint16]:
@@ -52,7 +52,7 @@ def checksum(data: Bytes, start: Number, end: Number, extra: Number) -> np.int64
 
 @kernel
 def _message_id(data: Bytes, start: Number) -> np.int64:
-    if data[start] == _MAGIC_1:
+    if data[start] == MAGIC_1:
         return np.int64(data[start + 5])
     return np.int64(data[start + 7]) | np.int64(data[start + 8]) << 8 | np.int64(data[start + 9]) << 16
 
@@ -64,14 +64,14 @@ def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) 
     Negative: end of a possible frame of an unknown message, whose checksum cannot be verified.
     """
     room = end - start
-    if data[start] == _MAGIC_2 and room >= 12:
+    if data[start] == MAGIC_2 and room >= 12:
         flags = data[start + 2]
-        if flags & ~_SIGNED:
+        if flags & ~SIGNED:
             return 0  # unknown flags may change everything that follows
         message = _message_id(data, start)
         last = start + 12 + np.int64(data[start + 1])
-        tail = _SIGNATURE_LENGTH if flags else 0
-    elif data[start] == _MAGIC_1 and room >= SHORTEST_FRAME:
+        tail = SIGNATURE_LENGTH if flags else 0
+    elif data[start] == MAGIC_1 and room >= SHORTEST_FRAME:
         message = _message_id(data, start)
         last = start + 8 + np.int64(data[start + 1])
         tail = 0
@@ -111,7 +111,7 @@ def find_frames(
         while place < end:
             behind = _behind(data, place, end, extras)
             if behind > 0:
-                is_new = data[place] == _MAGIC_2
+                is_new = data[place] == MAGIC_2
                 header = 10 if is_new else 6
                 row = frames[found]
                 row[0] = datagram
@@ -125,7 +125,7 @@ def find_frames(
                 found += 1
                 place = behind
                 continue
-            if behind < 0 and (-behind == end or data[-behind] in (_MAGIC_1, _MAGIC_2)):
+            if behind < 0 and (-behind == end or data[-behind] in (MAGIC_1, MAGIC_2)):
                 unknown_end = -behind
             # Only one byte further: length and message themselves may be wrong, and hide a good frame.
             if place < unknown_end:
@@ -145,14 +145,14 @@ def whole_until(data: Bytes, extras: NDArray[np.int16]) -> Number:
     while place < end:
         room = end - place
         magic = data[place]
-        if magic in (_MAGIC_1, _MAGIC_2):
+        if magic in (MAGIC_1, MAGIC_2):
             if room < 3:
                 return place
             length, flags = np.int64(data[place + 1]), data[place + 2]
-            if magic == _MAGIC_1 and room < length + 8:
+            if magic == MAGIC_1 and room < length + 8:
                 return place
-            tail = _SIGNATURE_LENGTH if flags else 0
-            if magic == _MAGIC_2 and not flags & ~_SIGNED and room < length + 12 + tail:
+            tail = SIGNATURE_LENGTH if flags else 0
+            if magic == MAGIC_2 and not flags & ~SIGNED and room < length + 12 + tail:
                 return place
         behind = _behind(data, place, end, extras)
         place = behind if behind > 0 else place + 1
@@ -199,7 +199,7 @@ def put_frames(
         while length > 1 and payloads[row, length - 1] == 0:
             length -= 1
         frame = frames[row]
-        frame[0] = _MAGIC_2
+        frame[0] = MAGIC_2
         frame[1] = length
         frame[2] = 0
         frame[3] = 0

@@ -9,6 +9,7 @@ from typing import Final
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.mavlink.framing import Frame, is_signed
+from gcs.mavlink.kernels import MAGIC_1, MAGIC_2, SIGNATURE_LENGTH, SIGNED
 
 KEY_BYTES: Final = 32
 EPOCH_S: Final = 1_420_070_400  # 2015-01-01 in Unix time; a signature's time counts 10 us from here
@@ -19,10 +20,6 @@ _STREAM_LATE_UNITS: Final = 60 * UNITS_PER_S
 """The first signature of a sender may be this much behind the newest time known, as the standard says."""
 
 _STREAMS_MAX: Final = 4096
-_SIGNED: Final = 0x01
-_MAGIC_1: Final = 0xFE
-_MAGIC_2: Final = 0xFD
-_SIGNATURE_BYTES: Final = 13
 _HASH_BYTES: Final = 6
 
 
@@ -68,19 +65,19 @@ class Signer:
 
         MAVLink 1 has no signatures: such a frame becomes MAVLink 2.
         """
-        if raw[0] == _MAGIC_1:
+        if raw[0] == MAGIC_1:
             raw = _as_version_2(raw)
-        if raw[2] & _SIGNED:
+        if raw[2] & SIGNED:
             return raw
         message = dialect.mavlink_map.get(int.from_bytes(raw[7:10], "little"))
         if message is None:
             return None
-        body = bytes((*raw[1:2], raw[2] | _SIGNED, *raw[3:10])) + raw[10:-2]
+        body = bytes((*raw[1:2], raw[2] | SIGNED, *raw[3:10])) + raw[10:-2]
         checksum: int = dialect.x25crc(body + bytes((message.crc_extra,))).crc
         # our clock may be behind the vehicles': our signatures must not look old to them
         self._sent_time = min(TIME_MAX, max(self._sent_time + 1, self._received_time + 1, self._clock()))
         stamp = bytes((self._link_id,)) + self._sent_time.to_bytes(6, "little")
-        signed = bytes((_MAGIC_2,)) + body + checksum.to_bytes(2, "little") + stamp
+        signed = bytes((MAGIC_2,)) + body + checksum.to_bytes(2, "little") + stamp
         return signed + sha256(self._key + signed).digest()[:_HASH_BYTES]
 
     def judge(self, frame: Frame) -> Judgement:
@@ -91,7 +88,7 @@ class Signer:
         expected = sha256(self._key + raw[:-_HASH_BYTES]).digest()[:_HASH_BYTES]
         if not hmac.compare_digest(expected, raw[-_HASH_BYTES:]):
             return Judgement.WRONG
-        stamp = raw[-_SIGNATURE_BYTES:-_HASH_BYTES]
+        stamp = raw[-SIGNATURE_LENGTH:-_HASH_BYTES]
         time = int.from_bytes(stamp[1:], "little")
         stream = (frame.system_id, frame.component_id, stamp[0])
         last = self._streams.get(stream)
@@ -108,4 +105,4 @@ class Signer:
 def _as_version_2(raw: bytes) -> bytes:
     """The same message as MAVLink 2; its checksum is not yet valid."""
     payload = raw[6:-2].rstrip(b"\0") or raw[6:-2][:1]
-    return bytes((_MAGIC_2, len(payload), 0, 0, *raw[2:5], raw[5], 0, 0)) + payload + b"\0\0"
+    return bytes((MAGIC_2, len(payload), 0, 0, *raw[2:5], raw[5], 0, 0)) + payload + b"\0\0"

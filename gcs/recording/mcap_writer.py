@@ -87,7 +87,8 @@ class _OpenFile:
     def __init__(self, path: Path, about: Mapping[str, str]) -> None:
         """Raises: OSError."""
         self.path = path
-        self._output = _Output(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._output = WholeFile(path)
         self._writer = Writer(cast("IO[bytes]", self._output))  # it uses only write, tell and flush
         self._writer.start(layout.PROFILE)
         self._writer.add_metadata(layout.PROFILE, dict(about))
@@ -144,28 +145,6 @@ class _OpenFile:
         """Leave the file as it is on the disk: whole chunks, and no index."""
         with suppress(OSError):
             self._output.close()
-
-
-class _Output:
-    """A new file for MCAP's writer: all bytes since the last flush are stored, or none of them."""
-
-    def __init__(self, path: Path) -> None:
-        """Raises: OSError."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = WholeFile(path)
-        self._rest = bytearray()
-        self.close = self._file.close
-
-    def write(self, data: bytes) -> int:
-        self._rest += data
-        return len(data)
-
-    def tell(self) -> int:
-        return self._file.size_bytes + len(self._rest)
-
-    def flush(self) -> None:
-        self._file.append(self._rest)
-        self._rest.clear()
 
 
 def _free_name(folder: Path) -> Path:

@@ -289,7 +289,7 @@ def read_true_states(
     numbers = tuple(number for part in parts for number in part.numbers)
     if len(set(numbers)) < len(numbers):
         raise GcsError(f"{named}: a vehicle is there twice")
-    values = np.concatenate([_at(part, time_s) for part in parts], axis=1)
+    values = np.concatenate([interpolated(part.time_s, part.values, time_s) for part in parts], axis=1)
     return TrueStates(numbers, time_s, values, tuple(file for part in parts for file in part.cut))
 
 
@@ -304,11 +304,10 @@ def _outside(beside: Trajectories, time_s: Array) -> list[str]:
     return [f"true positions are known from {known}, and a vehicle flew from {flew}"]
 
 
-def _at(part: TrueStates, time_s: Array) -> Array:
-    """(k, n, 9) Interpolated at other times."""
-    flat = part.values.reshape(len(part.time_s), -1)
-    columns = [np.interp(time_s, part.time_s, column) for column in flat.T]
-    return np.stack(columns, axis=1).reshape(len(time_s), *part.values.shape[1:])
+def interpolated(time_s: Array, values: Array, at_s: Array) -> Array:
+    """(j, ...) Values (k, ...), known at (k,) times, at (j,) other times."""
+    columns = [np.interp(at_s, time_s, column) for column in values.reshape(len(time_s), -1).T]
+    return np.stack(columns, axis=1).reshape(len(at_s), *values.shape[1:])
 
 
 def _read(file: Path, report: OnProgress) -> TrueStates:
