@@ -7,11 +7,10 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
-from gcs.sim.endpoint import HOST, MAX_PORT, Port, PortError, own_ports, shared_ports
+from gcs.sim.endpoint import MAX_PORT, Port, PortError, own_ports, serve, shared_ports
 from gcs.sim.fleet import MAX_SYSTEM_ID, Origin, Settings
-from gcs.sim.ground_truth import FIRST_PORT, GroundTruthFile
+from gcs.sim.ground_truth import FIRST_PORT, HOST, GroundTruthFile
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
-from gcs.sim.server import serve
 from gcs.sim.vehicle.px4 import ParameterError, Parameters, QuirkError, Quirks, Value, defaults, quirk_names
 
 

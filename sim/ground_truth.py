@@ -7,9 +7,9 @@ from typing import TextIO
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.endpoint import HOST
 from gcs.sim.fleet import Fleet
 
+HOST = "127.0.0.1"
 PERIOD_S = 0.05
 
 

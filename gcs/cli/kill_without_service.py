@@ -25,9 +25,8 @@ from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.settings import station_id
 from gcs.links.signing import Signing
 from gcs.mavlink.codec import ARM_DISARM, AUTOPILOT_COMPONENT, encode, find, frame, joined, kill_message
-from gcs.mavlink.framing import COMMAND_ACK, COMMAND_LONG, HEARTBEAT, Frame, is_armed
+from gcs.mavlink.framing import COMMAND_ACK, COMMAND_LONG, HEARTBEAT, Frame, Judgement, is_armed
 from gcs.mavlink.kernels import DATAGRAM
-from gcs.mavlink.signing import Judgement
 from gcs.model.errors import ConfigError, InvalidError, LinkError, RefusedError, UnknownError
 from gcs.model.state import VehicleId
 from gcs.recording.audit import OfflineAudit

@@ -17,9 +17,17 @@ import numpy as np
 
 from gcs.links.link import Address, Counters
 from gcs.mavlink.codec import Frames, frame, joined
-from gcs.mavlink.framing import RADIO_STATUS, Frame
+from gcs.mavlink.framing import (
+    KEY_BYTES,
+    RADIO_STATUS,
+    TIME_MAX,
+    UNITS_PER_S,
+    Frame,
+    Judgement,
+    Signer,
+    signing_time,
+)
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Bytes, Whole
-from gcs.mavlink.signing import KEY_BYTES, TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
 from gcs.model.errors import ConfigError, LinkError
 from gcs.model.state import Mask
 

@@ -4,8 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.mavlink.codec import split
-from gcs.mavlink.framing import Frame
-from gcs.mavlink.signing import TIME_MAX, UNITS_PER_S, Judgement, Signer, signing_time
+from gcs.mavlink.framing import TIME_MAX, UNITS_PER_S, Frame, Judgement, Signer, signing_time
 
 KEY = bytes(range(32))
 NOW = signing_time(1_790_000_000.0)
