@@ -17,7 +17,6 @@ from gcs.api.schemas import binary_frame as frames
 from gcs.api.schemas import convert
 from gcs.api.schemas.fleet import Status
 from gcs.model.errors import RefusedError
-from gcs.model.frames import ShowFrame
 from gcs.model.plan import Plan
 from gcs.service import FleetView, Service
 
@@ -109,7 +108,7 @@ class Context:
         self, service: Service, authorization: Authorization, ground: GroundMap | None = None
     ) -> None:
         self.service = service
-        self.ground = ground
+        self.ground, self.frame = ground, service.frame
         self.authorization = authorization
         self.kill_switch = KillSwitch()
         self.feed = Feed(service, authorization.text, self.health_problem, ground)
@@ -122,10 +121,6 @@ class Context:
     @property
     def view(self) -> FleetView:
         return self.service.view.value
-
-    @property
-    def frame(self) -> ShowFrame:
-        return self.service.frame
 
     @property
     def plan(self) -> Plan:

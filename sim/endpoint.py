@@ -76,6 +76,20 @@ class PortError(OSError):
     """A vehicle's port cannot be opened; the message names it."""
 
 
+def _bound(host: str, port: int, buffer: int = 0) -> socket.socket:
+    """A UDP socket that never blocks. Raises: PortError when the port is taken."""
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    bound.setblocking(False)
+    for option in (socket.SO_RCVBUF, socket.SO_SNDBUF) if buffer else ():
+        bound.setsockopt(socket.SOL_SOCKET, option, buffer)
+    try:
+        bound.bind((host, port))
+    except OSError as error:
+        bound.close()
+        raise PortError(f"udp port {port}: {error.strerror}") from error
+    return bound
+
+
 class Endpoint:
     """At first the vehicles send to their configured destination.
 
@@ -93,19 +107,8 @@ class Endpoint:
         self._peer = (host, port.destination)
         self._received_s = -PEER_SILENT_AFTER_S
         self.other_senders: set[Address] = set()  # since the last answers
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        if len(port.rows) > 1:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
-        try:
-            self._socket.bind((host, port.bind))
-        except OSError as error:
-            self._socket.close()
-            raise PortError(f"udp port {port.bind}: {error.strerror}") from error
-
-    def fileno(self) -> int:
-        return self._socket.fileno()
+        self._socket = _bound(host, port.bind, BUFFER if len(port.rows) > 1 else 0)
+        self.fileno = self._socket.fileno
 
     def read(self) -> list[tuple[bytes, Address]]:
         arrived: list[tuple[bytes, Address]] = []
@@ -290,16 +293,8 @@ class ControlPort:
 
     def __init__(self, host: str, port: int) -> None:
         """Open it. Raises: PortError when the port is taken."""
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind((host, port))
-        except OSError as error:
-            self._socket.close()
-            raise PortError(f"udp port {port}: {error.strerror}") from error
-
-    def fileno(self) -> int:
-        return self._socket.fileno()
+        self._socket = _bound(host, port)
+        self.fileno = self._socket.fileno
 
     def read(self, fault_injector: FaultInjector) -> bool:
         try:

@@ -156,6 +156,9 @@ class Authorization:
     ) -> None:
         """Without `tokens` every caller has every right, which is safe on the loopback interface only."""
         self._tokens = tokens
+        self.demands_tokens = tokens is not None
+        off = "off: every client of this service may do everything; it listens on the loopback interface"
+        self.text = "tokens" if self.demands_tokens else off
         self._calls_per_s = calls_per_s
         self._audit = audit
         self._clock_s = clock_s
@@ -165,16 +168,6 @@ class Authorization:
         self._not_audited = 0
         self.denied = 0
         self.shed = 0
-
-    @property
-    def demands_tokens(self) -> bool:
-        return self._tokens is not None
-
-    @property
-    def text(self) -> str:
-        if self._tokens is None:
-            return "off: every client of this service may do everything; it listens on the loopback interface"
-        return "tokens"
 
     def principal(self, headers: Headers) -> Principal:
         """The caller, from its token; anonymous without a valid one."""

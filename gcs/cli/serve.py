@@ -89,8 +89,18 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
     links = [make_link(link, config, folder) for link in config.links]
     orchestrator = Orchestrator(config, links, record, heart=heart, problems=problems)
     with nullcontext() if record is None else record:
-        async with _flying(orchestrator, config, ground) as port:
-            yield orchestrator, port
+        names, authorization = ("localhost", config.api.host), make_authorization(config)
+        app = create_app(orchestrator, host_names=names, authorization=authorization, ground=ground)
+        app.openapi()  # takes a quarter of a second: do it now, not at a request during a flight
+        async with (
+            _listening(app, config, "api.port", config.api.port) as port,
+            _listening(EmergencyLane(app), config, "api.emergency_port", config.api.lane_port) as lane_port,
+        ):
+            app.state.context.emergency_port = lane_port
+            async with asyncio.TaskGroup() as group:
+                control = group.create_task(orchestrator.run(), name="service")
+                yield orchestrator, port
+                control.cancel()
 
 
 def make_record(config: Config) -> Record | None:
@@ -123,23 +133,6 @@ def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
     except ConfigError as error:
         log.warning("map_missing", extra={"cause": str(error)})
         return None, [f"no map: {error}"]
-
-
-@asynccontextmanager
-async def _flying(orchestrator: Orchestrator, config: Config, ground: GroundMap | None) -> AsyncIterator[int]:
-    """Run control and API until the block ends. Yields the API's port."""
-    names = ("localhost", config.api.host)
-    app = create_app(orchestrator, host_names=names, authorization=make_authorization(config), ground=ground)
-    app.openapi()  # takes a quarter of a second: do it now, not at a request during a flight
-    async with (
-        _listening(app, config, "api.port", config.api.port) as port,
-        _listening(EmergencyLane(app), config, "api.emergency_port", config.api.lane_port) as lane_port,
-    ):
-        app.state.context.emergency_port = lane_port
-        async with asyncio.TaskGroup() as group:
-            control = group.create_task(orchestrator.run(), name="service")
-            yield port
-            control.cancel()
 
 
 def make_authorization(config: Config, audit: Audit = log_denied) -> Authorization:

@@ -171,6 +171,8 @@ class Link(ABC):
         )
         if forward:
             self._inbox.observers = (self._forwarding.offer,)
+        # vehicles that the transport can send commands to, connected or not
+        self._commandable: Mask = np.ones(len(self.ids), np.bool_)
         self._killed: set[int] = set()
         self._sent = SentSetpoints(len(self.ids))
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
@@ -220,10 +222,6 @@ class Link(ABC):
     @abstractmethod
     def _forget_commands(self, row: int) -> None:
         """A kill was commanded: end what is under way with this vehicle."""
-
-    @abstractmethod
-    def _commandable(self) -> Mask:
-        """(n,) vehicles that the transport can send commands to, connected or not."""
 
     @abstractmethod
     def _is_awaiting(self) -> bool:
@@ -330,7 +328,7 @@ class Link(ABC):
         velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s[at])
         yaw_rad = wrap_rad(setpoints.yaw_rad[at] + radians(self._frame.heading_deg))
         fit = np.isfinite(velocity_ned_m_s).all(axis=1) & np.isfinite(yaw_rad)
-        fit &= (self._connected(now_s) & self._commandable())[rows]
+        fit &= (self._connected(now_s) & self._commandable)[rows]
         for row in [row for row in self._killed if self._latch.is_shut(int(self._system_ids[row]))]:
             fit &= rows != row
         until_s = min(now_s, setpoints.time_s) + self._hold_s
@@ -438,7 +436,7 @@ class Link(ABC):
             await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
 
     def _watch(self, now_s: float) -> None:
-        may_be_asked = self._connected(now_s) & self._commandable()
+        may_be_asked = self._connected(now_s) & self._commandable
         self._streams.watch(may_be_asked, self._telemetry.connection_count, now_s)
 
     async def _keep_beating(self) -> None:

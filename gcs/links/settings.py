@@ -196,11 +196,9 @@ class Forward(Settings):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port. Raises: ConfigError."""
-        found = _FORWARD.match(self.url)
-        if found is None:
-            raise ConfigError(f"forward: {self.url}: udp://ADDRESS:PORT is needed")
-        return found["host"], int(found["port"])
+        """Host and port."""
+        host, _, port = self.url.removeprefix("udp://").partition(":")
+        return host, int(port)
 
     @model_validator(mode="after")
     def _check(self) -> "Forward":

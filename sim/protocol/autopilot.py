@@ -117,7 +117,7 @@ class Autopilot:
     def parameter(self, name: str) -> Message:
         value = px4.encoded_value(name, self.parameters[name])
         return common.MAVLink_param_value_message(
-            name.encode("ascii"), value, px4.kind(name), len(self.parameters), px4.index(name)
+            name.encode("ascii"), value, px4.kind(name), len(px4.defaults()), px4.index(name)
         )
 
     def report_invalid(self) -> None:
@@ -170,13 +170,13 @@ class Autopilot:
         """By index, or by name where the index is -1; there is no answer for an unknown parameter."""
         by_name = message.param_index < 0
         name = message.param_id if by_name else px4.name_at(message.param_index)
-        if name is not None and name in self.parameters:
+        if name is not None and name in px4.defaults():
             self.reply(self.parameter(name))
 
     def _receive_parameter_set(self, message: Message) -> None:
         """Answer with the resulting value; only a change is announced a second time."""
         name = message.param_id
-        if name not in self.parameters:
+        if name not in px4.defaults():
             return
         try:
             self.parameters.set(name, px4.decoded_value(name, message.param_type, message.param_value))
@@ -295,7 +295,7 @@ class Autopilot:
             "TIMESYNC": _receive_timesync,
             "PARAM_REQUEST_READ": _receive_parameter_read,
             "PARAM_REQUEST_LIST": lambda self, _: self._shared.outbox.listed.update(
-                {self.row: deque(self.parameters.names())}
+                {self.row: deque(px4.defaults())}
             ),
             "PARAM_SET": _receive_parameter_set,
         }

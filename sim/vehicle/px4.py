@@ -147,19 +147,10 @@ class Parameters:
         for name, value in (settings or {}).items():
             self.set(name, value)
 
-    def __len__(self) -> int:
-        return len(defaults())
-
-    def __contains__(self, name: object) -> bool:
-        return name in defaults()
-
     def __getitem__(self, name: str) -> Value:
         """The value; KeyError where there is no such parameter."""
         value = self._changed.get(name)
         return defaults()[name] if value is None else value
-
-    def names(self) -> Iterable[str]:
-        return defaults().keys()
 
     def set(self, name: str, value: Value) -> None:
         """Change one value.

@@ -30,6 +30,7 @@ class SocketChannel:
 
     def __init__(self, connected: socket.socket) -> None:
         self._socket = connected
+        self.read, self.write, self.fileno = connected.recv, connected.send, connected.fileno
         connected.setblocking(False)
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -41,15 +42,6 @@ class SocketChannel:
         ):
             connected.setsockopt(socket.IPPROTO_TCP, option, value)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-
-    def fileno(self) -> int:
-        return self._socket.fileno()
-
-    def read(self, size: int) -> bytes:
-        return self._socket.recv(size)
-
-    def write(self, data: bytes) -> int:
-        return self._socket.send(data)
 
     def delay_s(self) -> float:
         """Delay of the bytes that have not left yet; 0 where the kernel does not report them."""

@@ -79,6 +79,7 @@ class Batch:
         self.length: Whole = np.zeros(count, np.int64)
         self.time_s = np.full(count, np.nan)
         self._addresses = np.zeros(count, _ADDRESS)
+        self.host, self.port = self._addresses["host"], self._addresses["port"]
         self._parts = np.zeros(count, _PART)
         self._control = np.zeros(count, _CONTROL)
         self._messages = np.zeros(count, _MESSAGE)
@@ -96,16 +97,6 @@ class Batch:
         self._segments["length"] = socket.CMSG_LEN(2)
         self._segments["level"], self._segments["kind"] = socket.IPPROTO_UDP, _UDP_SEGMENT
         self._segment_places = self._segments.ctypes.data + rows * np.uint64(self._segments.itemsize)
-
-    @property
-    def host(self) -> NDArray[Any]:
-        """(count,) IPv4 addresses as numbers; a view."""
-        return self._addresses["host"]
-
-    @property
-    def port(self) -> NDArray[Any]:
-        """(count,) ports; a view."""
-        return self._addresses["port"]
 
     def receive(self, fd: int, first: int, most: int) -> int:
         """Read datagrams into row `first` and the following rows. Returns: number; never waits.

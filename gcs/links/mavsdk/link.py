@@ -174,7 +174,7 @@ class MavsdkLink(Link):
         self._fleet: MavsdkInstances | None = None
         self._workers: Workers | None = None
         self._discovered: Mapping[int, MavsdkVehicle] = {}  # by row
-        self._is_discovered: Mask = np.zeros(n, np.bool_)
+        self._is_discovered = self._commandable = np.zeros(n, np.bool_)
         self._healthy: Mask = np.zeros(n, np.bool_)
         self._polls = 0
         self._ticked = asyncio.Event()
@@ -235,9 +235,6 @@ class MavsdkLink(Link):
 
     def _forget_commands(self, row: int) -> None:
         self._setpoint_filter.forbid(np.array([row]))  # the latch drops what MAVSDK still repeats
-
-    def _commandable(self) -> Mask:
-        return self._is_discovered
 
     def _is_awaiting(self) -> bool:
         return (self._protocol is not None and self._protocol.awaited) or bool(self._undiscovered().any())

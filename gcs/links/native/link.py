@@ -23,7 +23,6 @@ from gcs.mavlink.codec import Records, addressed
 from gcs.mavlink.framing import COMMAND_LONG, SET_POSITION_TARGET_LOCAL_NED
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import CommandError
-from gcs.model.state import Mask
 
 PARAM_REQUEST_READ: Final = 20
 PARAM_SET: Final = 23
@@ -211,7 +210,6 @@ class NativeLink(Link):
 
     def _prepare(self) -> None:
         self._begin_commands()
-        self._all: Mask = np.ones(len(self.ids), np.bool_)
 
     def _begin_commands(self) -> None:
         self._commands = Commands(self._system_ids, self._send_message)
@@ -252,9 +250,6 @@ class NativeLink(Link):
 
     def _forget_commands(self, row: int) -> None:
         self.counters.commands_dropped += self._commands.fail(lambda other: other == row, "killed meanwhile")
-
-    def _commandable(self) -> Mask:
-        return self._all
 
     def _is_awaiting(self) -> bool:
         return self._commands.awaited

@@ -35,7 +35,7 @@ def test_every_recorded_parameter_survives_encoding() -> None:
 
 def test_the_recorded_defaults_are_there() -> None:
     parameters = Parameters()
-    assert len(parameters) == 905
+    assert len(defaults()) == 905
     assert (parameters["COM_OF_LOSS_T"], parameters["COM_OBL_RC_ACT"], parameters["MPC_XY_VEL_MAX"]) == (
         1.0,
         0,
