@@ -12,8 +12,6 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import READ, TOKEN, AlarmId, VehicleId, command, errors
 from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas.fleet import AlarmList, Status
-from gcs.api.schemas.reports import Access
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.preflight_report import PreflightReport
 from gcs.service.alarms import Alarm, AlarmCause, overall
@@ -43,7 +41,8 @@ async def readyz(context: ContextDep) -> reports.Readiness:
     problem = convert.readiness_problem(context.view, context.now_s())
     if problem:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, problem)
-    return convert.readiness(context.view)
+    counts = {"vehicles": len(context.view.rows.ids), "vehicles_airborne": context.view.counts.airborne}
+    return reports.Readiness(ready=True, vehicles_ready=sum(map(bool, context.view.rows.ready)), **counts)
 
 
 # Fleet
@@ -55,17 +54,19 @@ async def get_fleet(context: ContextDep) -> Response:
     return Response(context.fleet_json(), media_type="application/json")
 
 
-@api.get("/status", tags=["fleet"], summary="Slowly changing state, for displays", response_model=Status)
+@api.get(
+    "/status", tags=["fleet"], summary="Slowly changing state, for displays", response_model=schemas.Status
+)
 async def get_status(context: ContextDep) -> Response:
     """The status message of the console's stream: data that changes seldom (docs/stream.md)."""
     return Response(context.feed.newest().model_dump_json(), media_type="application/json")
 
 
 @api.get("/access", tags=["fleet"], summary="Name and rights of the token")
-async def get_access(connection: HTTPConnection, context: ContextDep) -> Access:
+async def get_access(connection: HTTPConnection, context: ContextDep) -> reports.Access:
     """The name of the request's token, and its rights."""
     principal = context.authorization.principal(connection.headers)
-    return Access(name=principal.name, rights=sorted(principal.rights))
+    return reports.Access(name=principal.name, rights=sorted(principal.rights))
 
 
 @api.get("/vehicles", tags=["fleet"], summary="Every vehicle")
@@ -88,10 +89,10 @@ async def get_vehicle(vehicle_id: VehicleId, context: ContextDep) -> schemas.Veh
 
 
 @api.get("/alarms", tags=["alarms"], summary="Alarms and the overall severity")
-async def list_alarms(context: ContextDep) -> AlarmList:
+async def list_alarms(context: ContextDep) -> schemas.AlarmList:
     """Every alarm, the most severe first, and the overall severity."""
     alarms = convert.current_alarms(context.view, context.health_problem())
-    return AlarmList(severity=overall(alarms), alarms=list(alarms))
+    return schemas.AlarmList(severity=overall(alarms), alarms=list(alarms))
 
 
 @api.post("/alarms/acknowledge", tags=["alarms"], summary="Acknowledge every alarm", **command(no_body=True))

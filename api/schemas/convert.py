@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from gcs.api.schemas import fleet as schemas
-from gcs.api.schemas import reports, requests
+from gcs.api.schemas import requests
 from gcs.api.schemas.binary_frame import FLOATS, fill_floats
 from gcs.model import plan
 from gcs.model.errors import InvalidError
@@ -57,15 +57,6 @@ def readiness_problem(view: FleetView, now_s: float) -> str:
         first = f"{rows.ids[0]} is {rows.phases[0]}: {rows.reasons[0]}"
         return f"no vehicle of {len(rows.ids)} is ready or flies; {first}"
     return ""
-
-
-def readiness(view: FleetView) -> reports.Readiness:
-    return reports.Readiness(
-        ready=True,
-        vehicles_ready=sum(map(bool, view.rows.ready)),
-        vehicles_airborne=view.counts.airborne,
-        vehicles=len(view.rows.ids),
-    )
 
 
 # Alarms

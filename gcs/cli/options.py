@@ -43,19 +43,18 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
 def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     check = actions.add_parser("check", help="fly it in virtual time; say what is wrong, by line and cue")
-    _show(check)
-    check.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
+    plot = actions.add_parser("plot", help="draw it: paths, and what happens when")
+    digest = actions.add_parser("hash", help="what a start must name: the hash of all that is flown")
+    for action in (check, plot, digest):
+        action.add_argument("file", metavar="FILE", help="a show file, or the name of one that is shipped")
+    for action in (check, plot):
+        action.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
+    plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
     check.add_argument(
         "--model",
         action="store_true",
         help="with --json: and everything that is flown, as a service takes it",
     )
-    plot = actions.add_parser("plot", help="draw it: paths, and what happens when")
-    _show(plot)
-    plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
-    plot.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
-    digest = actions.add_parser("hash", help="what a start must name: the hash of all that is flown")
-    _show(digest)
 
 
 def add_params_arguments(parser: argparse.ArgumentParser) -> None:
@@ -112,10 +111,6 @@ def add_report_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", help="what holds, for truth files without flight data")
     parser.add_argument("--report", metavar="FILE", help="write the report as JSON")
     parser.add_argument("--html", metavar="FILE", help="write one page with plots")
-
-
-def _show(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="a show file, or the name of one that is shipped")
 
 
 def _seeds(text: str) -> range:

@@ -71,7 +71,10 @@ class Exchange:
     ) -> None:
         """Raises: ConfigError for an invalid certificate file or URL."""
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-        trusted = _trusted(ca_file)
+        try:
+            trusted = True if ca_file is None else ssl.create_default_context(cafile=str(ca_file))
+        except OSError as error:  # includes SSLError
+            raise ConfigError(f"{ca_file}: no PEM certificate: {error}") from None
         timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
 
         def client(to: str) -> httpx.Client:
@@ -181,12 +184,3 @@ def _error(answer: httpx.Response) -> GcsError:
             invalid.add_note(detail)
         return invalid
     return RAISED.get(answer.status_code, GcsError)(detail)
-
-
-def _trusted(ca_file: Path | None) -> ssl.SSLContext | bool:
-    if ca_file is None:
-        return True
-    try:
-        return ssl.create_default_context(cafile=str(ca_file))
-    except OSError as error:  # includes SSLError
-        raise ConfigError(f"{ca_file}: no PEM certificate: {error}") from None
