@@ -112,13 +112,9 @@ def fill_floats(
     table[3:6] = (rows.velocity_m_s * UPWARDS).T
     table[6] = (np.degrees(rows.yaw_rad) + frame.heading_deg) % 360.0
     table[7:10] = (rows.setpoint_m_s * UPWARDS).T
-    table[10] = rows.battery_remaining
-    table[11] = rows.position_age_s
-    table[12] = rows.heartbeat_age_s
-    table[13] = rows.uncertainty_m
-    table[14] = rows.link_quality
-    table[15] = np.nan if found is None else found.low_s
-    table[16] = np.nan if found is None else found.empty_s
+    table[10:13] = rows.battery_remaining, rows.position_age_s, rows.heartbeat_age_s
+    table[13:15] = rows.uncertainty_m, rows.link_quality
+    table[15:17] = np.nan if found is None else (found.low_s, found.empty_s)
     table[6][table[6] == 360.0] = 0.0  # single precision rounds headings just below 360 up
     table += 0.0  # no -0
     table[~np.isfinite(table)] = np.nan

@@ -114,8 +114,9 @@ def _from_above(axes: Axes, flight_report: FlightReport) -> None:
     samples, rows = _shown(flight_report)
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, len(rows)))
     for row, colour in zip(rows, colours, strict=True):
-        flies, place_m = trajectories.airborne[samples, row], trajectories.position_m[samples, row]
-        axes.plot(*np.where(flies[:, None], place_m, np.nan)[:, 1::-1].T, color=colour, linewidth=0.7)
+        flies = trajectories.airborne[samples, row, None]
+        place_m = np.where(flies, trajectories.position_m[samples, row], np.nan)
+        axes.plot(place_m[:, 1], place_m[:, 0], color=colour, linewidth=0.7)
     axes.set_aspect("equal", adjustable="datalim")
     axes.apply_aspect()
     box = axes.get_xlim(), axes.get_ylim()

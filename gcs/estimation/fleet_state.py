@@ -280,7 +280,9 @@ class Table:
         time_s, exists, armed = np.full(n, -np.inf), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         resets = self._resets.copy()
         for part in telemetry:
-            rows = self._rows_of(part.ids)
+            rows = self._rows.get(part.ids)
+            if rows is None:
+                rows = self._rows[part.ids] = np.array([self._row[name] for name in part.ids], dtype=np.intp)
             into_frame(
                 rows,
                 part.latitude_deg,
@@ -307,12 +309,6 @@ class Table:
     def last_velocity_m_s(self) -> Array:
         """(n, 3) the whole velocity that came with each vehicle's last accepted position."""
         return self._believed[2].copy()
-
-    def _rows_of(self, ids: tuple[VehicleId, ...]) -> NDArray[np.intp]:
-        rows = self._rows.get(ids)
-        if rows is None:
-            rows = self._rows[ids] = np.array([self._row[vehicle_id] for vehicle_id in ids], dtype=np.intp)
-        return rows
 
 
 def _unknown(n: int) -> Array:

@@ -175,6 +175,7 @@ class Link(ABC):
         self._commandable: Mask = np.ones(len(self.ids), np.bool_)
         self._killed: set[int] = set()
         self._sent = SentSetpoints(len(self.ids))
+        # ids of the newest batch, the indices of this link's vehicles in it (k,), their rows here (k,)
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
         self._ticked_s = -np.inf
         self._received_s = -np.inf
@@ -323,7 +324,8 @@ class Link(ABC):
         if self._protocol is None:
             return
         if setpoints.ids != self._listed[0]:
-            self._listed = self._places(setpoints.ids)
+            ours = {self._row[name]: at for at, name in enumerate(setpoints.ids) if name in self._row}
+            self._listed = setpoints.ids, np.array(list(ours.values()), int), np.array(list(ours), int)
         _, at, rows = self._listed
         velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s[at])
         yaw_rad = wrap_rad(setpoints.yaw_rad[at] + radians(self._frame.heading_deg))
@@ -388,11 +390,6 @@ class Link(ABC):
 
     def _never_connected(self, row: int, otherwise: str) -> CommandError:
         return CommandError(f"{self.ids[row]}: {otherwise}: never received on link {self.name}")
-
-    def _places(self, ids: tuple[VehicleId, ...]) -> tuple[tuple[VehicleId, ...], Whole, Whole]:
-        """The ids; the indices of this link's vehicles (k,); their rows here (k,). A later mention counts."""
-        ours = {self._row[name]: at for at, name in enumerate(ids) if name in self._row}
-        return ids, np.array(list(ours.values()), np.int64), np.array(list(ours), np.int64)
 
     def _by_urgency(self, rows: Whole) -> Whole:
         """(k,) an order of `rows`: the oldest newest telemetry first, vehicles without any last."""

@@ -6,7 +6,7 @@ version is refused, and left as it is.
 
 import sqlite3
 from collections.abc import Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, suppress
 from importlib import resources
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
@@ -33,7 +33,10 @@ def open_to_write(path: Path) -> sqlite3.Connection:
     with ExitStack() as unless_good:
         connection = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
         unless_good.callback(connection.close)
-        if _is_empty(connection, path):
+        numbers = (_number(connection, path, name) for name in ("application_id", "user_version"))
+        tables = "SELECT count(*) FROM sqlite_schema"
+        # nothing was written yet; a file of another program is never taken for an empty one
+        if not any(numbers) and connection.execute(tables).fetchone()[0] == 0:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.executescript(
                 f"BEGIN IMMEDIATE; {SCHEMA}"
@@ -63,14 +66,6 @@ def open_to_read(path: Path) -> sqlite3.Connection:
         _require_ours(connection, path)
         unless_good.pop_all()
     return connection
-
-
-def _is_empty(connection: sqlite3.Connection, path: Path) -> bool:
-    """Whether nothing was written yet; a file of another program is never taken for an empty one."""
-    if _number(connection, path, "application_id") or _number(connection, path, "user_version"):
-        return False
-    with closing(connection.execute("SELECT count(*) FROM sqlite_schema")) as found:
-        return bool(found.fetchone()[0] == 0)
 
 
 def _require_ours(connection: sqlite3.Connection, path: Path) -> None:

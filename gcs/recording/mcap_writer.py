@@ -181,7 +181,8 @@ def scene_message(view: FleetView) -> bytes:
     }
     entities = [_entity(view, "target", cylinders=[post])]
     if view.center_m is not None and view.radius_m is not None:
-        size = _xyz(*(2.0 * view.radius_m,) * 3)
+        width_m = 2.0 * view.radius_m
+        size = _xyz(width_m, width_m, width_m)
         sphere = {"pose": _pose(*view.center_m), "size": size, "color": _BLUE}
         entities.append(_entity(view, "formation", spheres=[sphere]))
     for box in plan.obstacles:

@@ -27,6 +27,9 @@ from gcs.service.event_log import LogEvent
 from gcs.service.snapshots import ReportBody
 from gcs.service.vehicle_table import VehicleTable
 
+_COLUMNS: Final = ("yaw_rad", "battery_remaining", "position_age_s", "heartbeat_age_s")
+"""Of the record, as in `VehicleTable`."""
+
 SPEED_MAX: Final = 100.0
 
 REPEAT_S: Final = 0.5
@@ -355,16 +358,12 @@ class Replay:
             position_m=position_m,
             velocity_m_s=layout.vectors(table, layout.VELOCITY).astype(np.float64),
             setpoint_m_s=layout.vectors(table, layout.SETPOINT).astype(np.float64),
-            yaw_rad=column("yaw_rad"),
             latitude_deg=latitude_deg,
             longitude_deg=longitude_deg,
             altitude_amsl_m=altitude_m,
-            battery_remaining=column("battery_remaining"),
-            position_age_s=column("position_age_s"),
             uncertainty_m=column("position_uncertainty_m"),
-            heartbeat_age_s=column("heartbeat_age_s"),
-            link_quality=np.full(n, np.nan),
-            fix_type=np.full(n, np.nan),
+            **{name: column(name) for name in _COLUMNS},
+            **dict.fromkeys(("link_quality", "fix_type"), np.full(n, np.nan)),
             limited_by=[limited_by.get(name, "") for name in about.ids],
             colour=colour,
             lit=lit,
