@@ -284,9 +284,6 @@ class StandardInput:
                 print(fault_injector.obey(line), flush=True)  # noqa: T201 - the command's output
         return bool(data)
 
-    def close(self) -> None:
-        """Standard input stays open."""
-
 
 class ControlPort:
     """The same commands in UDP datagrams, answered to the sender."""

@@ -56,14 +56,8 @@ class Loopback:
         except OSError as error:
             self._socket.close()
             raise LinkError(f"{name}: a UDP port on {_HOST}: {error}") from error
-
-    @property
-    def fd(self) -> int:
-        return self._socket.fileno()
-
-    @property
-    def url(self) -> str:
-        return f"udpout://{_HOST}:{self._socket.getsockname()[1]}"
+        self.fd = self._socket.fileno()
+        self.url = f"udpout://{_HOST}:{self._socket.getsockname()[1]}"
 
     def await_mavsdk(self) -> None:
         """Wait for MAVSDK's first heartbeat, and accept no other sender from then on. Raises: LinkError."""
