@@ -40,6 +40,7 @@ class TileFile:
             # immutable: the file can then be read in a folder that is not writable
             address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
             self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
+            self.close = self._file.close
             reported = {
                 str(name): str(value) for name, value in self._read("SELECT name, value FROM metadata")
             }
@@ -100,9 +101,6 @@ class TileFile:
         """As `tile`, one at a time in a thread, so that a slow disk does not block the event loop."""
         async with self._turn:
             return await asyncio.to_thread(self.tile, zoom, column, row)
-
-    def close(self) -> None:
-        self._file.close()
 
 
 @dataclass(frozen=True, slots=True)

@@ -108,7 +108,7 @@ class Endpoint:
         self._received_s = -PEER_SILENT_AFTER_S
         self.other_senders: set[Address] = set()  # since the last answers
         self._socket = _bound(host, port.bind, BUFFER if len(port.rows) > 1 else 0)
-        self.fileno = self._socket.fileno
+        self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self) -> list[tuple[bytes, Address]]:
         arrived: list[tuple[bytes, Address]] = []
@@ -137,9 +137,6 @@ class Endpoint:
     def send(self, packets: Iterable[bytes]) -> None:
         """Send datagrams to the peer."""
         self._send(packets, self._peer)
-
-    def close(self) -> None:
-        self._socket.close()
 
     def _send(self, packets: Iterable[bytes], address: Address) -> None:
         for packet in packets:
@@ -291,7 +288,7 @@ class ControlPort:
     def __init__(self, host: str, port: int) -> None:
         """Open it. Raises: PortError when the port is taken."""
         self._socket = _bound(host, port)
-        self.fileno = self._socket.fileno
+        self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self, fault_injector: FaultInjector) -> bool:
         try:
@@ -302,9 +299,6 @@ class ControlPort:
         except OSError:  # ICMP: the sender no longer listens
             pass
         return True
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 CATCH_UP_S = 0.25  # a longer stall is dropped, as if the vehicles had been paused

@@ -128,7 +128,7 @@ class Fleet:
         self._contact = np.ones(count, dtype=np.bool_)
         for row in range(count):
             self._boot(row, start_s)
-        self._sensors = self._sense()
+        self.sensors = self._sense()
 
     def step(self) -> None:
         step_s = self.step_s
@@ -137,7 +137,7 @@ class Fleet:
         if self.settings.noise_scale > 0.0:
             self._error = measured.step_errors(self._error, step_s, self.settings.noise_scale, self._random)
         state, sensors = self.state, self._sense()
-        self._sensors = sensors
+        self.sensors = sensors
         awake = self.time_s >= state.fix_at_s
         for row in (awake & ~state.home_set).nonzero()[0].tolist():
             self._set_home(row)
@@ -154,11 +154,6 @@ class Fleet:
             powered=powered,
         )
         self._contact = self.bodies.rest_on_ground()
-
-    @property
-    def estimate_m(self) -> Array:
-        """(n, 3): the vehicles' estimated positions, in the fleet's common NED."""
-        return self._sensors.estimate_m
 
     def take_frames(self, *, streams: bool = True) -> dict[int, list[bytes]]:
         """Frames that each vehicle (by row) sends now: answers and texts, and with `streams` the streams."""
@@ -235,8 +230,8 @@ class Fleet:
         if self.time_s < state.fix_at_s[row]:
             return
         state.home_set[row] = True
-        state.home_m[row] = self._sensors.position_m[row]
-        state.home_place[row] = self._sensors.place(np.array([row]))[0]
+        state.home_m[row] = self.sensors.position_m[row]
+        state.home_place[row] = self.sensors.place(np.array([row]))[0]
         state.home_yaw_rad[row] = state.yaw_rad[row]
         state.home_boot_ms[row] = state.boot_ms(row)
 
@@ -248,7 +243,7 @@ class Fleet:
 
     def _report(self, message_id: int, rows: Rows, sent: dict[int, list[bytes]]) -> None:
         unix_s = self.time_s + self.unix_ahead_s
-        snapshot = Snapshot(rows, unix_s, self.state, self._sensors, self._transitions, self._batteries)
+        snapshot = Snapshot(rows, unix_s, self.state, self.sensors, self._transitions, self._batteries)
         fields = reports.ALL[message_id](snapshot)
         sequence = self.state.sequence[rows]
         self.state.sequence[rows] = sequence + np.uint8(1)

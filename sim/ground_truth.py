@@ -94,11 +94,9 @@ class SimulatorLink:
         self._first_port = first_port
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self.close = self._socket.close
         self._encoders = [common.MAVLink(None) for _ in range(count)]
         self._due = Period(SIMULATOR_PERIOD_S)
-
-    def close(self) -> None:
-        self._socket.close()
 
     def offer(self, fleet: Fleet, time_s: float) -> None:
         """Send one message per vehicle when it is due; `time_s` is the fleet's simulated time."""

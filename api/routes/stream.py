@@ -80,7 +80,8 @@ async def _watched(websocket: WebSocket, context: Context, messages: Messages) -
             async with asyncio.TaskGroup() as group:
                 sending = _send(websocket, context, period_s, messages)
                 sender = group.create_task(sending, name="stream/send")
-                await _gone(websocket)
+                while (await websocket.receive())["type"] != "websocket.disconnect":
+                    pass  # the viewer's messages are ignored
                 sender.cancel()
     except InvalidError as error:
         await websocket.close(POLICY_VIOLATION, str(error))
@@ -118,9 +119,3 @@ async def _moments(websocket: WebSocket, context: Context, period_s: float) -> A
         with suppress(TimeoutError):
             async with asyncio.timeout(REPEAT_S):
                 await context.service.view.changed()
-
-
-async def _gone(websocket: WebSocket) -> None:
-    """Return when the viewer disconnects; its messages are ignored."""
-    while (await websocket.receive())["type"] != "websocket.disconnect":
-        pass

@@ -28,14 +28,11 @@ def run_replay(arguments: argparse.Namespace) -> int:
     set_up_log(logging.WARNING)
     if not 0.0 < arguments.speed <= SPEED_MAX:
         raise ConfigError(f"--speed {arguments.speed:g}: above 0, at most {SPEED_MAX:g}")
-    file = flight_file(Path(arguments.file))
-    asyncio.run(_replay(FlightData(file), truths(Path(arguments.file), file), arguments))
+    path = Path(arguments.file)
+    # of a folder the first file, of a record that in its newest session's folder
+    file = session_folder(path) / "flight.mcap" if path.is_dir() else path
+    asyncio.run(_replay(FlightData(file), truths(path, file), arguments))
     return 0
-
-
-def flight_file(path: Path) -> Path:
-    """Return the file itself, or the first one in a folder; for a record, in its newest session's folder."""
-    return session_folder(path) / "flight.mcap" if path.is_dir() else path
 
 
 def truths(path: Path, file: Path) -> list[Path]:

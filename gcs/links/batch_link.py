@@ -408,7 +408,8 @@ class Link(ABC):
     def _send_message(
         self, message_id: int, messages: codec.Records, rows: Whole, component_id: int = codec.COMPONENT_ID
     ) -> None:
-        self._outbox.send_message(message_id, messages, rows, self._clock(), component_id=component_id)
+        frames = self._outbox.encode(message_id, messages, rows, component_id=component_id)
+        self._outbox.send(frames, rows, self._clock())
 
     def _send_kill(self, row: int) -> None:
         self._send_message(COMMAND_LONG, codec.kill_message(int(self._system_ids[row])), np.array([row]))

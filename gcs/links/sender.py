@@ -107,17 +107,6 @@ class Outbox:
         """
         return self._send(frames, self.addresses.source[rows], self.system_ids[rows], now_s, until_s)
 
-    def send_message(
-        self,
-        message_id: int,
-        messages: Records,
-        rows: Whole,
-        now_s: float,
-        *,
-        component_id: int = COMPONENT_ID,
-    ) -> Mask:
-        return self.send(self.encode(message_id, messages, rows, component_id=component_id), rows, now_s)
-
     def send_raw(self, raws: Sequence[bytes], rows: Whole, now_s: float) -> Mask:
         return self.send(joined(raws), rows, now_s)
 

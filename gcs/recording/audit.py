@@ -48,7 +48,7 @@ class Audit:
 
     def __init__(self, journal: Journal, session: str, vehicles: Mapping[VehicleId, tuple[int, str]]) -> None:
         """Writes nothing before `begin`. `vehicles`: system id and link of each."""
-        self._journal = journal
+        self._journal, self.kept = journal, journal.kept
         self._session = session
         self._vehicles = dict(vehicles)
         count = len(vehicles)
@@ -83,9 +83,6 @@ class Audit:
         body = call.body if len(call.body) <= BODY_MAX else f"{call.body[:BODY_MAX]}…"
         values = (self._session, time.time(), call.caller, call.method, call.path, body, call.status)
         self._put("INSERT INTO calls VALUES (?, ?, ?, ?, ?, ?, ?)", *values)
-
-    async def kept(self) -> bool:
-        return await self._journal.kept()
 
     def opened(self, record: CommandRecord, caller: str) -> None:
         """Record an accepted command, and its first outcome for every vehicle."""

@@ -217,7 +217,7 @@ class FaultInjector:
             state.offset_m[row] += _vector(values, "m")
             state.reset_counter[row] += np.uint8(fault == "position-reset")
         elif fault == "gps-freeze":
-            state.frozen_m[row] = self._fleet.estimate_m[row]
+            state.frozen_m[row] = self._fleet.sensors.estimate_m[row]
         elif fault in REPORTED:
             self._report(row, fault, values)
         elif fault == "wind":

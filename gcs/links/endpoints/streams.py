@@ -37,13 +37,11 @@ class Stream:
     def __init__(self, channel: Channel, source: int, now_s: float) -> None:
         self.source = source
         self._channel = channel
+        self.fileno, self.close = channel.fileno, channel.close
         self._arrived = b""
         self._half_sent = b""
         self._looked_s = now_s
         self._unread = False
-
-    def fileno(self) -> int:
-        return self._channel.fileno()
 
     def read(self, now_s: float) -> Iterator[tuple[bytes, float]]:
         """Whole frames that have arrived, and their time. Raises: OSError when the stream has ended.
@@ -84,9 +82,6 @@ class Stream:
         if not self._unread:
             self._looked_s = now_s
         self._finish_half_sent()
-
-    def close(self) -> None:
-        self._channel.close()
 
     def _finish_half_sent(self) -> None:
         if self._half_sent:

@@ -56,7 +56,7 @@ class Loopback:
         except OSError as error:
             self._socket.close()
             raise LinkError(f"{name}: a UDP port on {_HOST}: {error}") from error
-        self.fd = self._socket.fileno()
+        self.fd, self.close = self._socket.fileno(), self._socket.close
         self.url = f"udpout://{_HOST}:{self._socket.getsockname()[1]}"
 
     def await_mavsdk(self) -> None:
@@ -84,9 +84,6 @@ class Loopback:
         """
         return room.read(self._socket.fileno(), first, len(room.length) - first)
 
-    def close(self) -> None:
-        self._socket.close()
-
 
 @contextmanager
 def _failure_named() -> Iterator[None]:
@@ -102,7 +99,9 @@ class MavsdkVehicle:
 
     def __init__(self, system: Any) -> None:
         """Raises: RuntimeError from MAVSDK when the system is gone already."""
-        self._system = system
+        self.destroy = (
+            system.destroy
+        )  # releases the vehicle and its plugins, which may not be used afterwards
         self._telemetry: Any = Telemetry(system)
         self._offboard: Any = Offboard(system)
         self._action: Any = Action(system)
@@ -161,10 +160,6 @@ class MavsdkVehicle:
         """Set the value and wait for the answer, up to 3 s. Raises: CommandError."""
         set_it = self._param.set_param_int if isinstance(value, int) else self._param.set_param_float
         set_it(name, value)
-
-    def destroy(self) -> None:
-        """Release the vehicle and its plugins; they may not be used afterwards."""
-        self._system.destroy()
 
     def _take_off(self, height_m: float) -> None:
         self._action.set_takeoff_altitude(height_m)
