@@ -178,6 +178,11 @@ def _newest(root: Path) -> Interruption | None:
         if found is None:
             return None
         return replace(found, vehicles=vehicles)
+    raw = own.plan.get("written")
+    written = None
+    if raw is not None:
+        place = raw["name"], raw["hash"], raw["cue"], float(raw["clock_s"])
+        written = Written(*place, dict(raw["parts"]))
     sql = "SELECT max(unix_s) AS unix_s FROM events WHERE session = ?"
     newest_s = rows(root, sql, session.id)[0]["unix_s"]
     return Interruption(
@@ -187,7 +192,7 @@ def _newest(root: Path) -> Interruption | None:
         reason=own.reason,
         frame=session.config["show_frame"],
         vehicles=vehicles,
-        written=_written(own),
+        written=written,
         plan=own.plan,
     )
 
@@ -222,10 +227,3 @@ def _in_the_air(
         elif before is not None and phase in {Phase.OFFLINE, Phase.PILOT}:
             vehicles[name] = before
     return vehicles
-
-
-def _written(show: KnownShow) -> Written | None:
-    raw: Mapping[str, Any] | None = show.plan.get("written")
-    if raw is None:
-        return None
-    return Written(raw["name"], raw["hash"], raw["cue"], float(raw["clock_s"]), dict(raw["parts"]))

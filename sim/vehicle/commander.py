@@ -106,20 +106,12 @@ class Commander:
     def landed(self) -> bool:
         return bool(self.state.landed[self.row])
 
-    @property
-    def can_arm(self) -> bool:
-        return bool(can_arm(self.state, self.parameters, self.quirks)[self.row])
-
-    @property
-    def fed(self) -> bool:
-        return bool(fed(self.state, self.parameters, self.quirks)[self.row])
-
     def arm(self, *, force: bool = False) -> Result:
         """Start the motors, if the checks allow it (item 2, 4, 7) or are overridden."""
         state, row = self.state, self.row
         if state.armed[row]:
             return Result.ACCEPTED
-        if not (self.can_arm or force):
+        if not (force or can_arm(state, self.parameters, self.quirks)[row]):
             self._report(CRITICAL, "Arming denied: Resolve system health failures first")
             return Result.TEMPORARILY_REJECTED
         state.armed[row], state.armed_s[row] = True, state.now_s
@@ -145,7 +137,8 @@ class Commander:
         """Change the mode, as DO_SET_MODE requests; in the air only to modes that can be flown (item 4)."""
         if self.stuck is not Stuck.NO:
             return Result.ACCEPTED if self.stuck is Stuck.SAYS_YES else Result.TEMPORARILY_REJECTED
-        starved = mode is Mode.OFFBOARD and self.quirks.starved_offboard and not self.fed
+        is_fed = bool(fed(self.state, self.parameters, self.quirks)[self.row])
+        starved = mode is Mode.OFFBOARD and self.quirks.starved_offboard and not is_fed
         missing = starved or (mode in px4.NEEDS_PILOT and not self.state.piloted[self.row])
         if self.armed and missing:
             self._report(CRITICAL, f"Switching to {mode.name.capitalize()} is currently not available")

@@ -63,8 +63,11 @@ def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) ->
         how = severity(level)
         if event == ALARM or how is not Severity.INFO:
             event_marks.append(EventMark(at_s, how, event == ALARM, words(event, detail), vehicle))
+    if len(event_marks) > EVENTS_MAX:
+        kept = sorted(event_marks, key=lambda mark: not mark.is_alarm)[:EVENTS_MAX]
+        event_marks = sorted(kept, key=lambda mark: mark.at_s)
     phases, flying = _phase_spans(show, duration_s), _flying_spans(changes, duration_s)
-    return ReplayMarks(phases, tuple(cues), _fewer(event_marks), _idle(phases, flying, duration_s))
+    return ReplayMarks(phases, tuple(cues), tuple(event_marks), _idle(phases, flying, duration_s))
 
 
 def _phase_spans(changes: Sequence[tuple[float, ShowPhase]], duration_s: float) -> tuple[PhaseSpan, ...]:
@@ -110,13 +113,6 @@ def _idle(
             found.append(IdleSpan(begins_s, ends_s))
         at_s = max(at_s, until_s)
     return tuple(found)
-
-
-def _fewer(event_marks: list[EventMark]) -> tuple[EventMark, ...]:
-    if len(event_marks) <= EVENTS_MAX:
-        return tuple(event_marks)
-    kept = sorted(event_marks, key=lambda mark: not mark.is_alarm)[:EVENTS_MAX]
-    return tuple(sorted(kept, key=lambda mark: mark.at_s))
 
 
 class EventHistory:
