@@ -237,11 +237,12 @@ def _descent(flat: Array) -> tuple[float, Array]:
     points = flat.reshape(-1, 3)
     length = np.linalg.norm(points, axis=1, keepdims=True)
     direction = points / length
-    offset = direction[:, None] - direction[None]
-    distance = np.linalg.norm(offset, axis=2) + np.diag(np.full(len(points), np.inf))
-    pull = -(offset / np.maximum(distance, TINY)[..., None] ** 3).sum(axis=1)
+    squared = 2.0 - 2.0 * direction @ direction.T
+    np.fill_diagonal(squared, np.inf)
+    inverse = 1.0 / np.sqrt(np.maximum(squared, TINY))
+    pull = inverse**3 @ direction  # of -(d_i - d_j) / r^3 only what is tangential at d_i counts
     gradient = (pull - direction * (pull * direction).sum(axis=1, keepdims=True)) / length
-    return float((1.0 / distance).sum() / 2), gradient.ravel()
+    return float(inverse.sum() / 2), gradient.ravel()
 
 
 def smallest_radius_m(count: int, separation_m: float) -> float:
