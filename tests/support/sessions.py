@@ -99,8 +99,9 @@ class Vehicles:
             excluded=exclusions(root),
         )
         with record:
-            service = Orchestrator(config, [link], record, unix_s=self._unix, planning=AtOnce())
-            show = Show(config, self._fleet, link, service, self._unix)
+            planning = AtOnce()
+            service = Orchestrator(config, [link], record, unix_s=self._unix, planning=planning)
+            show = Show(config, self._fleet, link, service, self._unix, planning)
             tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record(record))}
             await show.wait(0.0)
             reported = asyncio.ensure_future(story(show))

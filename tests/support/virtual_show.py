@@ -7,7 +7,6 @@ import json
 import re
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cache, partial
@@ -159,10 +158,17 @@ class Show:
     """A running service and its fake fleet, as a story gets them."""
 
     def __init__(
-        self, config: Config, fleet: Fleet, link: VirtualLink, service: Orchestrator, unix: UnixClock
+        self,
+        config: Config,
+        fleet: Fleet,
+        link: VirtualLink,
+        service: Orchestrator,
+        unix: UnixClock,
+        planning: AtOnce,
     ) -> None:
         self.config = config
         self.unix = unix
+        self.planning = planning
         self.fleet = fleet
         self.link = link
         self.ports = link.ports
@@ -349,7 +355,6 @@ class Flight:
         plan: Config,
         failures: Sequence[LinkError] = (),
         record: Record | None = None,
-        planning: Executor | None = None,
         heart: Heart | None = None,
         **fleet_settings: Any,
     ) -> None:
@@ -358,7 +363,7 @@ class Flight:
         self._settings = {"count": len(plan.ids), **usual, **fleet_settings}
         self._settings["parameters"] = {**SOON_DISARMED, **proper, **fleet_settings.get("parameters", {})}
         self._loop = Loop()
-        self._show, self._services = self._loop.play(self._begin(plan, failures, record, planning, heart))
+        self._show, self._services = self._loop.play(self._begin(plan, failures, record, heart))
 
     def play(self, story: Story[T]) -> T:
         """Play the next story."""
@@ -373,20 +378,17 @@ class Flight:
         plan: Config,
         failures: Sequence[LinkError],
         record: Record | None,
-        planning: Executor | None,
         heart: Heart | None,
     ) -> tuple[Show, set[asyncio.Task[None]]]:
-        unix, now_s = UnixClock(), asyncio.get_running_loop().time()
+        unix, planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
         settings = Settings(**self._settings)
         fleet = Fleet(settings, start_s=now_s, unix_at_start_s=unix(), step_s=FLEET_STEP_S)
         link = VirtualLink(plan, fleet)
         for failure in failures:
             link.failures.put_nowait(failure)
         links: list[Link] = [link]
-        orchestrator = Orchestrator(
-            plan, links, record, unix_s=unix, heart=heart, planning=planning or AtOnce()
-        )
-        show = Show(plan, fleet, link, orchestrator, unix)
+        orchestrator = Orchestrator(plan, links, record, unix_s=unix, heart=heart, planning=planning)
+        show = Show(plan, fleet, link, orchestrator, unix, planning)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
             asyncio.create_task(show.record(record), name="record"),
@@ -423,7 +425,6 @@ def fly(
     after: Story[None] | None = None,
     failures: Sequence[LinkError] = (),
     record: Record | None = None,
-    planning: Executor | None = None,
     heart: Heart | None = None,
     **fleet_settings: Any,
 ) -> T:
@@ -436,13 +437,12 @@ def fly(
             settings. Each continues it in a copy of the process, from which only the result comes back.
         failures: of the link, set before it first runs.
         record: the recording of the flight, already entered.
-        planning: planner of return paths; None: planning ends at once.
         heart: receives the heartbeats of control.
         fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
     if after is not None:
-        assert (failures, record, planning, heart) == ((), None, None, None), "they belong to one story"
+        assert (failures, record, heart) == ((), None, None), "they belong to one story"
         made_of = f"{after.__module__}.{after.__qualname__} {plan.model_dump_json()} {fleet_settings}"
         if made_of not in _led_so_far:
             load_machine_code()
@@ -451,5 +451,5 @@ def fly(
             flight.play(after)
             _led_so_far[made_of] = flight
         return in_a_copy(partial(_led_so_far[made_of].play, story))
-    with closing(Flight(plan, failures, record, planning, heart, **fleet_settings)) as flight:
+    with closing(Flight(plan, failures, record, heart, **fleet_settings)) as flight:
         return flight.play(story)
