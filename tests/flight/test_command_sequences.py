@@ -21,7 +21,12 @@ NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 
 
 @pytest.mark.parametrize(
-    ("after_s", "action"), [(0.0, ShowAction.STOP), (0.3, ShowAction.STOP), (0.1, ShowAction.ABORT)]
+    ("after_s", "action"),
+    [
+        (0.0, ShowAction.STOP),
+        pytest.param(0.3, ShowAction.STOP, marks=pytest.mark.soak),
+        (0.1, ShowAction.ABORT),
+    ],
 )
 def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action: ShowAction) -> None:
     async def story(show: Show) -> None:

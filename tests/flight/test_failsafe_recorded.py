@@ -3,11 +3,9 @@
 from pathlib import Path
 
 from gcs.failsafe.policy import Cause
-from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
-from gcs.service import ShowAction
 from tests.support.audit_rows import commands, events
-from tests.support.failsafe_flights import carried_out, reacts
+from tests.support.failsafe_flights import carried_out, failsafe, reacts
 from tests.support.virtual_show import Show, fly, show_config
 
 
@@ -15,8 +13,8 @@ async def low_battery(show: Show) -> None:
     await show.start()
     show.befall("d2", "battery", remaining=0.17)
     await carried_out(show, await reacts(show, Cause.LOW_BATTERY))
-    await show.show(ShowAction.STOP)
-    await show.reach(ShowPhase.LANDED)
+    await show.until(lambda: failsafe(show, Cause.LOW_BATTERY) is None)
+    await show.wait(0.1)
 
 
 def test_failsafe_is_audited_as_a_command_with_its_cause(tmp_path: Path) -> None:

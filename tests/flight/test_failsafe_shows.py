@@ -13,6 +13,7 @@ from tests.support.failsafe_flights import by_itself, carried_out, failsafe, off
 from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
+FOUR = show_config(4, operation=HOLDS_WHEN_LOST)
 STORM_M_S = 12.0
 """More than the fake vehicles can fly against: they lean as far as they may, and drift with 2 m/s."""
 
@@ -46,10 +47,9 @@ def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
         await show.reach(ShowPhase.RUNNING)
         await show.wait(2.0)
         assert off_sphere_m(show, *show.config.ids) < 1.5
-        show.service.commands.command_show(ShowAction.STOP)
-        await home(show)
+        assert show.floor_violations() == 0
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
@@ -67,7 +67,7 @@ def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
         assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_flyable_wind_triggers_nothing() -> None:
@@ -77,8 +77,7 @@ def test_flyable_wind_triggers_nothing() -> None:
         await show.wait(30.0)
         assert show.view.failsafes == ()
         assert show.view.show is ShowPhase.RUNNING
-        show.service.commands.command_show(ShowAction.STOP)
-        await home(show)
+        assert show.floor_violations() == 0
 
     fly(story, show_config(4, orbit={"radius_m": 12.0, "speed_m_s": 2.0}))
 
@@ -150,8 +149,7 @@ def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
         await show.until(lambda: failsafe(show, Cause.TARGET_STALE) is None, 8.0)
         assert show.view.target_m[0] < stands_m[0]
         assert show.track.between(reported_s).hardest_change_m_s() < 1.5, "without a jump"
-        show.service.commands.command_show(ShowAction.STOP)
-        await home(show)
+        assert show.floor_violations() == 0
 
     written_show.fly(story, written_show.config(tmp_path, failsafes={"clear_s": 1.0}))
 
@@ -163,7 +161,7 @@ def test_target_reported_once_without_a_show_goes_on() -> None:
         assert show.view.failsafes == ()
         assert show.view.plan.target.speed_m_s == 0.3
 
-    fly(story, show_config(2), after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_service_late_pauses_the_show_then_brings_it_home() -> None:
@@ -181,7 +179,7 @@ def test_service_late_pauses_the_show_then_brings_it_home() -> None:
         assert (command.action, command.by, command.outcome) == ("stop", "service", Outcome.DONE)
         await home(show)
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_service_late_once_changes_nothing() -> None:
@@ -193,4 +191,4 @@ def test_service_late_once_changes_nothing() -> None:
         assert Cause.SERVICE_LATE.value not in {each.cause for each in show.view.failsafes}
         assert ShowPhase.PAUSED not in show.track.show_phases()
 
-    fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
+    fly(story, FOUR, after=running)

@@ -19,6 +19,7 @@ from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 OTHERS = ("d1", "d2", "d4", "d5")
+FOUR, FIVE = (show_config(count, operation=HOLDS_WHEN_LOST) for count in (4, 5))
 
 
 async def lands_all(show: Show) -> None:
@@ -30,7 +31,6 @@ async def lands_all(show: Show) -> None:
 
 def test_vehicle_lost_the_rest_re_form() -> None:
     async def story(show: Show) -> None:
-        await show.start()
         await show.wait(6.0)
         before_m = nearest_m(show, *OTHERS)
         show.ports.silence("d3")
@@ -51,12 +51,18 @@ def test_vehicle_lost_the_rest_re_form() -> None:
         await show.until(lambda: failsafe(show, Cause.VEHICLE_LOST) is None)
         await lands_all(show)
 
-    fly(story, show_config(5, operation=HOLDS_WHEN_LOST))
+    fly(story, FIVE, after=running)
 
 
-def test_vehicle_lost_pauses_the_show_where_that_is_set() -> None:
+def test_low_battery_is_ignored_and_a_loss_pauses_where_set() -> None:
+    """An ignored battery is left to the autopilot; a lost vehicle pauses the show until it is resumed."""
+
     async def story(show: Show) -> None:
         await show.start()
+        show.befall("d3", "battery", remaining=0.15)
+        await show.wait(10.0)
+        assert show.view.failsafes == ()
+        assert show.vehicle("d3").phase is Phase.FORMATION
         show.ports.silence("d2")
         await show.reach(ShowPhase.PAUSED)
         assert "vehicle lost" in show.view.reason
@@ -65,12 +71,11 @@ def test_vehicle_lost_pauses_the_show_where_that_is_set() -> None:
         await show.wait(10.0)
         assert show.view.show is ShowPhase.RUNNING, "the operator's later order counts"
         assert failsafe(show, Cause.VEHICLE_LOST) is not None
-        await lands_all(show)
+        assert failsafe(show, Cause.LOW_BATTERY) is None
+        assert show.floor_violations() == 0
 
-    config = show_config(
-        4, operation=HOLDS_WHEN_LOST, failsafes={"vehicle_lost": {"action": "pause"}, "clear_s": 2.0}
-    )
-    fly(story, config)
+    failsafes = {"vehicle_lost": {"action": "pause"}, "low_battery": {"action": "ignore"}, "clear_s": 2.0}
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST, failsafes=failsafes))
 
 
 def test_low_battery_returns_home_while_the_rest_re_form() -> None:
@@ -91,9 +96,9 @@ def test_low_battery_returns_home_while_the_rest_re_form() -> None:
         assert {show.vehicle(name).phase for name in OTHERS} == {Phase.FORMATION}
         assert off_sphere_m(show, *OTHERS) < 1.2
         assert failsafe(show, Cause.LOW_BATTERY) is None, "it is down"
-        await lands_all(show)
+        assert show.floor_violations() == 0
 
-    fly(story, show_config(5), after=running)
+    fly(story, FIVE, after=running)
 
 
 def test_critical_battery_lands_it_where_it_is_safe() -> None:
@@ -110,9 +115,9 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
         beside_m = np.hypot(*(pads_m - show.true_m[row])[:, :2].T)
         assert beside_m.min() > show.config.operation.landing_site_spacing_m - 1.0, "clear of all pads"
         assert show.view.show is ShowPhase.RUNNING
-        await lands_all(show)
+        assert show.floor_violations() == 0
 
-    fly(story, show_config(5), after=running)
+    fly(story, FIVE, after=running)
 
 
 def test_low_battery_overruled_acts_again_only_when_critical() -> None:
@@ -129,9 +134,9 @@ def test_low_battery_overruled_acts_again_only_when_critical() -> None:
         show.befall("d2", "battery", remaining=0.08)
         await show.phase("d2", Phase.LANDING)
         await show.phase("d2", Phase.STANDBY)
-        await lands_all(show)
+        assert show.floor_violations() == 0
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_low_battery_of_many_returns_the_fleet() -> None:
@@ -150,7 +155,7 @@ def test_low_battery_of_many_returns_the_fleet() -> None:
         assert max(off_pad_m(show, name) for name in show.config.ids) < 1.5
         assert show.floor_violations() == 0
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
@@ -164,7 +169,7 @@ def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
         assert show.view.failsafes == ()
         assert show.view.show is ShowPhase.RUNNING
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_low_battery_during_the_climb_lands_straight_down() -> None:
@@ -179,40 +184,29 @@ def test_low_battery_during_the_climb_lands_straight_down() -> None:
         assert off_pad_m(show, "d2") < 1.0
         await show.reach(ShowPhase.RUNNING)
         assert {show.vehicle(name).phase for name in ("d1", "d3")} == {Phase.FORMATION}
-        await lands_all(show)
+        assert show.floor_violations() == 0
 
     fly(story, show_config(3, failsafes={"low_battery": {"for_s": 0.5}}))
-
-
-def test_low_battery_ignored_is_left_to_the_autopilot() -> None:
-    async def story(show: Show) -> None:
-        await show.start()
-        show.befall("d2", "battery", remaining=0.15)
-        await show.wait(10.0)
-        assert show.view.failsafes == ()
-        assert show.vehicle("d2").phase is Phase.FORMATION
-
-    fly(story, show_config(3, failsafes={"low_battery": {"action": "ignore"}}))
 
 
 def test_bad_position_holds_then_lands() -> None:
     async def story(show: Show) -> None:
         await show.wait(4.0)
-        show.befall("d3", "accuracy", eph_m=9.0, epv_m=20.0)
+        show.befall("d4", "accuracy", eph_m=9.0, epv_m=20.0)
         reported = await reacts(show, Cause.BAD_POSITION)
-        assert (reported.action, reported.vehicles) == ("hold", ("d3",))
+        assert (reported.action, reported.vehicles) == ("hold", ("d4",))
         assert "9.0 m" in reported.reason
         held = await carried_out(show, reported)
         assert (held.action, held.by, held.outcome) == ("hold", "service", Outcome.DONE)
-        assert show.vehicle("d3").phase is Phase.HOLD
-        await show.phase("d3", Phase.STANDBY)
+        assert show.vehicle("d4").phase is Phase.HOLD
+        await show.phase("d4", Phase.STANDBY)
         assert [command.action for command in by_itself(show)[1:]] == ["hold", "land"]
         assert (await show.settled(by_itself(show)[-1])).outcome is Outcome.DONE
         assert show.view.show is ShowPhase.RUNNING
-        assert off_sphere_m(show, *OTHERS) < 1.2
-        await lands_all(show)
+        assert off_sphere_m(show, "d1", "d2", "d3", "d5") < 1.2
+        assert show.floor_violations() == 0
 
-    fly(story, show_config(5), after=running)
+    fly(story, FIVE, after=running)
 
 
 def test_bad_position_that_recovers_holds_until_commanded() -> None:
@@ -224,9 +218,9 @@ def test_bad_position_that_recovers_holds_until_commanded() -> None:
         await show.wait(10.0)
         assert show.vehicle("d2").phase is Phase.HOLD
         assert (await show.command("d2", VehicleAction.JOIN)).outcome is Outcome.DONE
-        await lands_all(show)
+        assert show.floor_violations() == 0
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_bad_position_by_jumping_again_and_again() -> None:
@@ -240,9 +234,9 @@ def test_bad_position_by_jumping_again_and_again() -> None:
         reported = await reacts(show, Cause.BAD_POSITION)
         assert "3 times" in reported.reason
         await show.phase("d2", Phase.HOLD)
-        await lands_all(show)
+        assert show.floor_violations() == 0
 
-    fly(story, after=running)
+    fly(story, FOUR, after=running)
 
 
 def test_bad_position_kilometres_away_is_held_then_landed() -> None:
@@ -256,7 +250,7 @@ def test_bad_position_kilometres_away_is_held_then_landed() -> None:
         show.befall("d2", "none")
         await lands_all(show)
 
-    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
+    fly(story, FOUR, after=running)
 
 
 @pytest.mark.parametrize("action", ["return", "hold"])
@@ -279,7 +273,7 @@ def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
         if action == "return":
             assert off_pad_m(show, blown) < 1.5
         assert show.view.show is ShowPhase.RUNNING
-        await lands_all(show)
+        assert show.floor_violations() == 0
 
     config = show_config(
         4,

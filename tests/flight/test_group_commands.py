@@ -4,7 +4,7 @@ import pytest
 
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.service import Outcome, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
@@ -52,7 +52,5 @@ def test_take_control_of_all_skips_pilots_unless_named() -> None:
         assert [show.vehicle(name).phase for name in ("d1", "d2")] == [Phase.PILOT, Phase.HOLD]
         await show.settled(show.service.commands.command_vehicles(VehicleAction.TAKE_CONTROL, ["d1"]))
         assert show.vehicle("d1").phase is Phase.HOLD
-        await show.show(ShowAction.STOP)
-        await show.reach(ShowPhase.LANDED)
 
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)

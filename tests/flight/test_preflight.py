@@ -222,7 +222,7 @@ def test_show_at_a_clock_time_is_called_off_by_a_failed_check(tmp_path: Path) ->
         await show.standby()
         show_hash = select(show)
         record = show.service.commands.command_show(
-            ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + 15.0
+            ShowAction.START, show_hash=show_hash, at_unix_time_s=show.unix() + 10.0
         )
         assert (await refused(show, lambda: show.service.preflight.exclude("d2", ""))).kind is RefusedError
         show.befall("d2", "fix", type="none")

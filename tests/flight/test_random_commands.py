@@ -104,7 +104,7 @@ async def all_come_down(show: Show, story: list[str]) -> None:
     assert show.floor_violations() == 0, story
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *map(in_soak, (3, 4, 5))])
+@pytest.mark.parametrize("seed", [0, *map(in_soak, (1, 2, 3, 4, 5))])
 def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
     async def flight(show: Show) -> None:
         story: list[str] = []

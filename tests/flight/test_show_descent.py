@@ -31,7 +31,7 @@ async def ordered(show: Show, action: ShowAction, started: CommandRecord) -> Des
     began_s = show.now_s
     record = await show.show(action)
     await show.reach(ShowPhase.LANDED)
-    await show.wait(8.0)
+    await show.wait(4.0)  # longer than between two take-offs
     arm_commands = {
         name: sum(command.verb is Verb.ARM for command in commands)
         for name, commands in show.ports.commands.items()

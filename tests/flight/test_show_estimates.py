@@ -42,7 +42,7 @@ async def out_and_home(show: Show) -> Flight:
     return Flight(show.track, assembled_s, stop_s, landed_s)
 
 
-@pytest.fixture(scope="module", params=[4, 12])
+@pytest.fixture(scope="module", params=[4, pytest.param(12, marks=pytest.mark.soak)])
 def flight(request: pytest.FixtureRequest) -> Flight:
     count: int = request.param
     formation = {"radius_m": 6.0, "height_m": 14.0} if count == 4 else {"radius_m": 10.0, "height_m": 20.0}

@@ -86,8 +86,6 @@ def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
         assert show.track.hardest_change_m_s() < JUMP_M_S
         turned_down = await refused(show, lambda: show.service.recovery.settle(Offer.BRING_HOME))
         assert turned_down.kind is RefusedError
-        await show.show(ShowAction.STOP)
-        await show.reach(ShowPhase.LANDED)
         assert show.floor_violations() == 0
 
     after_interruption(tmp_path, (four(), go_on))
@@ -154,7 +152,6 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
         await show.until(lambda: show.view.selected is not None and show.view.selected.runs)
         assert None not in [show.vehicle(name).light for name in ALL]
         await show.until(lambda: show.view.selected is not None and show.view.selected.cue == "turn")
-        await show.show(ShowAction.STOP)
 
     configs = four(shows={"folder": str(shows)})
     sessions(root, (configs, into_the_walk), (configs, changed), (configs, flies_on))
@@ -206,10 +203,12 @@ def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> Non
         show.befall("d3", "pilot")
         await show.until(lambda: show.vehicle("d3").mode is Mode.POSITION)
         await show.wait(0.2)
-        record = await show.settled(show.service.recovery.settle(Offer.BRING_HOME), 120.0)
+        record = show.service.recovery.settle(Offer.BRING_HOME)
         assert record.outcomes["d3"].outcome is Outcome.NOT_INCLUDED
         assert "in mode position" in record.outcomes["d3"].reason
         assert record.outcomes["d2"].outcome is Outcome.NOT_INCLUDED
+        others = ("d1", "d4")
+        await show.until(lambda: {show.vehicle(name).reason for name in others} == {"on its way home"})
         assert [show.vehicle(name).phase for name in ("d2", "d3")] == [Phase.PILOT] * 2
         assert not show.ports.sent["d2"]
 
@@ -240,6 +239,15 @@ COMMANDS: dict[str, Callable[[Show], CommandRecord]] = {
 }
 
 
+FLOWN_THEN = {
+    "take-over": Phase.FORMATION,
+    "bring-home": Phase.RETURN,
+    "stop": Phase.RETURN,
+    "abort": Phase.LANDING,
+    "pause": Phase.HOLD,
+}
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command: str) -> None:
     async def go_on(show: Show) -> None:
@@ -248,9 +256,14 @@ def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command:
         record = COMMANDS[command](show)
         await show.wait(1.0)
         show.ports.restore(*LATE)
-        record = await show.settled(record, 150.0)
-        reported = {name: (part.outcome, part.reason) for name, part in record.outcomes.items()}
-        assert [reported[name][0] for name in ("d1", "d2", "d3")] == [Outcome.DONE] * 3, reported
+        flown = FLOWN_THEN[command]
+        await show.until(lambda: {show.vehicle(name).phase for name in ("d1", "d2", "d3")} == {flown})
+        if command in {"take-over", "pause"}:  # the others end on the ground
+            record = await show.settled(record)
+        outcomes = show.service.command_log.get(record.id).outcomes
+        reported = {name: (part.outcome, part.reason) for name, part in outcomes.items()}
+        expected = Outcome.PENDING if flown in {Phase.RETURN, Phase.LANDING} else Outcome.DONE
+        assert [reported[name][0] for name in ("d1", "d2", "d3")] == [expected] * 3, reported
         assert reported["d4"][0] is Outcome.NOT_INCLUDED
         assert "take-control" in reported["d4"][1]
         assert show.vehicle("d4").phase is Phase.PILOT

@@ -8,8 +8,9 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from gcs.service.alarms import AlarmCause
 from tests.support.show_phases import running
-from tests.support.virtual_show import Refusal, Show, Track, fly, refused
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, Track, fly, refused, show_config
 
 
 class Killed(NamedTuple):
@@ -35,7 +36,9 @@ async def killed(show: Show) -> Killed:
     sent = sum(setpoint.time_s > kill_s + 0.06 for setpoint in show.ports.sent["d2"])
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
-    await show.wait(3.0)
+    await show.wait(1.0)
+    assert show.view.alarms[0].cause is AlarmCause.KILLED
+    assert show.view.alarms[0].lasts
     start = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
     confirmed = await show.command("d2", VehicleAction.CONFIRM_DOWN)
     await show.wait(1.0)
@@ -44,7 +47,7 @@ async def killed(show: Show) -> Killed:
 
 @pytest.fixture(scope="module")
 def kill() -> Killed:
-    return fly(killed, after=running)
+    return fly(killed, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
 def test_kill_stops_the_motors_at_once(kill: Killed) -> None:

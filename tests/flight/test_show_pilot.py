@@ -162,13 +162,15 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
     show.ports.restore("d2")
     await show.phase("d2", Phase.PILOT, 5.0)
     reason = show.vehicle("d2").reason
-    await show.wait(30.0 if action in {ShowAction.STOP, ShowAction.ABORT} else 10.0)  # the others land first
+    if action in {ShowAction.STOP, ShowAction.ABORT}:
+        await show.until(lambda: {show.vehicle(name).phase for name in ("d1", "d3")} == {Phase.STANDBY})
+    await show.wait(6.0)
     track = show.track.between(back_s)
     sent = sum(setpoint.time_s > taken_s for setpoint in show.ports.sent["d2"])
     sent += sum(command.time_s > taken_s for command in show.ports.commands["d2"])
     given_s = show.now_s
     control_taken = await show.command("d2", VehicleAction.TAKE_CONTROL)
-    await show.wait(5.0)
+    await show.wait(4.0)
     return SilentPilot(track, sent, hold, reason, control_taken, show.track.between(given_s).phases("d2"))
 
 
@@ -194,7 +196,7 @@ async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
     show.pilot("d2", PilotMode.HOLD)
     back_s = show.now_s
     show.ports.restore("d2")
-    await show.wait(10.0)
+    await show.wait(6.0)
     verbs = [command.verb for command in show.ports.commands["d2"] if command.time_s > back_s]
     return show.track.between(back_s).phases("d2"), verbs
 

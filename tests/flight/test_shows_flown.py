@@ -20,7 +20,7 @@ from tests.support.virtual_show import JUMP_M_S, Show, Track, refused
 from tests.support.written_show import NAME, TEXT, config, fly, select
 
 GUEST_M = (12.0, 4.0)
-PAUSED_S = 50.0  # longer than the whole show
+PAUSED_S = 32.0  # longer than the rest of the show
 CRANE = Obstacle("crane", 60.0, -60.0, 2.0, 2.0, 20.0)
 
 

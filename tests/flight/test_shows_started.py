@@ -8,14 +8,14 @@ import pytest
 
 from gcs.api.app import create_app
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
-from gcs.model.lifecycle import ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle
 from gcs.service import Outcome, ShowAction, VehicleAction
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
 from tests.support.written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 ALL = ("d1", "d2", "d3", "d4")
-AHEAD_S = 20.0
+AHEAD_S = 12.0
 LINES = {
     "origin": "origin:",
     "origin.heading_deg": "origin:",
@@ -302,8 +302,8 @@ def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -
             service.player.deselect,
         ):
             assert "home first" in (text := (await refused(show, change)).text) or "stop it" in text
-        await show.show(ShowAction.STOP)
-        await show.reach(ShowPhase.LANDED)
+        service.commands.command_show(ShowAction.STOP)
+        await show.phase("d1", Phase.LANDING)
         assert show.view.selected.clock_s < 42.0
 
     fly(story, config(tmp_path))
@@ -325,7 +325,7 @@ def test_vehicle_found_airborne_does_not_begin_an_unstarted_show(tmp_path: Path)
         await show.reach(ShowPhase.PAUSED)
         refusal = await refused(show, lambda: service.commands.command_show(ShowAction.RESUME))
         assert "was never started: stop brings home" in refusal.text
-        await show.show(ShowAction.STOP)
-        await show.reach(ShowPhase.LANDED)
+        service.commands.command_show(ShowAction.STOP)
+        await show.phase("d1", Phase.LANDING)
 
     fly(story, config(tmp_path, operation=HOLDS_WHEN_LOST))
