@@ -3,6 +3,7 @@
 Pairs are deliberately computed without the code that flies.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -126,22 +127,19 @@ STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (1, -2), (2, 1), (2, -1))
 
 def penetrations_and_clearance_m(record: Record) -> tuple[int, float]:
     """Number of vehicles inside a box grown by 1 m, sides and top; and least distance to a box."""
-    inside = np.zeros(record.count, dtype=bool)
-    least_m = np.inf
-    for tick, boxes in enumerate(record.boxes):
-        position_m, flying = record.position_m[tick], record.in_air[tick]
-        for box in boxes:
-            beyond_m = _beyond_m(box, position_m)
-            within = (beyond_m[:, :2] < PENETRATION_M).all(axis=1) & (beyond_m[:, 2] < PENETRATION_M)
-            inside |= flying & within
-            gap_m = np.linalg.norm(np.maximum(beyond_m, 0.0), axis=1)
-            least_m = min(least_m, float(gap_m[flying].min(initial=np.inf)))
+    inside, least_m = np.zeros(record.count, dtype=bool), np.inf
+    for boxes, position_m, flying in zip(record.boxes, record.position_m, record.in_air, strict=True):
+        if boxes:
+            beyond_m = _beyond_m(boxes, position_m[flying])
+            inside[flying] |= (beyond_m < PENETRATION_M).all(axis=2).any(axis=0)
+            gap_m = np.linalg.norm(np.maximum(beyond_m, 0.0), axis=2)
+            least_m = min(least_m, float(gap_m.min(initial=np.inf)))
     return int(inside.sum()), least_m
 
 
 def last_passing_tick(record: Record) -> int:
     """The last tick at which a vehicle approached a box; 0 without any."""
-    return max((tick for tick in range(1, len(record.time_s)) if approaching(record, tick)), default=0)
+    return next((tick for tick in range(len(record.time_s) - 1, 0, -1) if approaching(record, tick)), 0)
 
 
 def approaching(record: Record, tick: int) -> bool:
@@ -149,18 +147,17 @@ def approaching(record: Record, tick: int) -> bool:
     headroom_m = record.scenario.control.law.avoidance.headroom_m
     step_m = NEARER_M_S / record.scenario.world.tick_rate_hz
     before = {box.id: box for box in record.boxes[tick - 1]}
-    for box in record.boxes[tick]:
-        if box.id not in before:
-            return True
-        here_m = _beyond_m(box, record.position_m[tick])
-        gap_m = np.hypot(*np.maximum(here_m[:, :2], 0.0).T)
-        near = (gap_m < NEAR_M) & (here_m[:, 2] < headroom_m)
-        if near.any():
-            there_m = _beyond_m(before[box.id], record.position_m[tick - 1])
-            nearer = np.hypot(*np.maximum(there_m[:, :2], 0.0).T) - gap_m > step_m
-            if (nearer & near).any():
-                return True
-    return False
+    boxes = record.boxes[tick]
+    if not boxes or any(box.id not in before for box in boxes):
+        return bool(boxes)
+    here_m = _beyond_m(boxes, record.position_m[tick])
+    gap_m = np.hypot(*np.maximum(here_m[:, :, :2], 0.0).transpose(2, 0, 1))
+    near = (gap_m < NEAR_M) & (here_m[:, :, 2] < headroom_m)
+    if not near.any():
+        return False
+    there_m = _beyond_m([before[box.id] for box in boxes], record.position_m[tick - 1])
+    nearer = np.hypot(*np.maximum(there_m[:, :, :2], 0.0).transpose(2, 0, 1)) - gap_m > step_m
+    return bool((nearer & near).any())
 
 
 def same_side(record: Record) -> bool:
@@ -231,7 +228,10 @@ def _meets(ellipse: Ellipse, start_m: Array, ahead: Array) -> Mask:
     return meets
 
 
-def _beyond_m(box: Obstacle, position_m: Array) -> Array:
-    """(n, 3) distance beyond the box's faces in x and y, and above its top; negative inside."""
-    level_m = np.abs(position_m[:, :2] - (box.x_m, box.y_m)) - (box.half_length_x_m, box.half_length_y_m)
-    return np.column_stack([level_m, -position_m[:, 2] - box.height_m]).astype(np.float64)
+def _beyond_m(boxes: Sequence[Obstacle], position_m: Array) -> Array:
+    """(k, n, 3) distances beyond the faces of k boxes in x and y, and above their tops; negative inside."""
+    middle_m = np.array([(box.x_m, box.y_m) for box in boxes])
+    half_m = np.array([(box.half_length_x_m, box.half_length_y_m) for box in boxes])
+    top_m = np.array([box.height_m for box in boxes])
+    level_m = np.abs(position_m[:, :2] - middle_m[:, None]) - half_m[:, None]
+    return np.concatenate([level_m, (-position_m[:, 2] - top_m[:, None])[:, :, None]], axis=2)
