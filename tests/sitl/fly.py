@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
 def _run(given: argparse.Namespace, folder: Path) -> int:
     if not 2 <= given.vehicles <= VEHICLES_MAX:
         return _not_flown(f"--vehicles {given.vehicles}: 2 to {VEHICLES_MAX} is possible")
-    config = make_config(given.vehicles, given.port_base)
+    config = make_config(given.vehicles, given.port_base, fake=given.fake)
     lost = given.vehicles - 1
     pads = Pads(config.frame, given.vehicles, configuration_spacing_m())
     service = Service(config, folder)
@@ -100,12 +100,21 @@ def _run(given: argparse.Namespace, folder: Path) -> int:
     return 0 if figures["verdict"] == "kept" else 1
 
 
-def make_config(count: int, port: int) -> configuration.Config:
-    """The shipped configuration for PX4 SITL, for so many vehicles, with an API port that is free."""
+def make_config(count: int, port: int, *, fake: bool) -> configuration.Config:
+    """The shipped configuration for PX4 SITL, for so many vehicles, with an API port that is free.
+
+    `fake`: the program is tested, not the machine. No failsafe against a slow machine acts, and the formation
+    is small and low.
+    """
     raw = configuration.load(configuration.find(CONFIG)).model_dump()
     raw["links"][0].update(listen=f"udpin://127.0.0.1:{port}", ports=count)
     raw["links"][0]["vehicles"]["count"] = count
     raw["api"]["port"] = 0
+    if fake:
+        raw["formation"] = {"radius_m": 12.0, "height_m": 16.0}
+        raw["operation"] |= {"takeoff_height_m": 3.0, "takeoff_stagger_s": 0.5}
+        for cause in ("service_late", "links_late", "wind"):
+            raw["failsafes"][cause]["action"] = "ignore"
     return configuration.Config.model_validate(raw)
 
 

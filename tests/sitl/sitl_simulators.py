@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from gcs.model.frames import ShowFrame
+from tests.support.processes import AT_ONCE
 
 PX4_PORT, PX4_SIMULATOR_PORT = 14540, 19410
 PX4_MODEL = "sihsim_quadx"
@@ -192,6 +193,7 @@ class FakeFleet:
             ),
             *("--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"),
             *("--grid-columns", str(COLUMNS), "--spacing", f"{pads.spacing_m:g}"),
+            *AT_ONCE,
         ]
         self._count, self._lost, self._folder = pads.count, lost, folder
         self._processes = Processes()

@@ -1,9 +1,11 @@
 """The programs in docs/examples, one after the other against one station with the fake fleet."""
 
+import runpy
 import signal
-import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 from gcs.config.schema import Config
 from tests.support.machine import free_ports
@@ -13,18 +15,19 @@ EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 COUNT = 3
 
 
-def output_of(name: str, argument: str) -> str:
-    """What the program `name` prints."""
-    command = [sys.executable, str(EXAMPLES / f"{name}.py"), argument]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=SOON_S)
-    assert done.returncode == 0, f"{name}: {done.stderr}"
-    return done.stdout
+def test_the_examples_run_against_one_station(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def output_of(name: str, argument: str) -> str:
+        """What the program `name` prints."""
+        monkeypatch.setattr(sys, "argv", [name, argument])
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        return capsys.readouterr().out
 
-
-def test_the_examples_run_against_one_station(tmp_path: Path) -> None:
     port_base, port = free_ports(COUNT), free_ports(2)
     flown = flying_config(COUNT, port_base, silence_s=5.0)
-    config = Config.model_validate(flown.model_dump() | {"api": {"port": port}})
+    higher = {"formation": {"radius_m": 15.0, "height_m": 20.0}}  # an example makes the radius 14 m
+    config = Config.model_validate(flown.model_dump() | higher | {"api": {"port": port}})
     url, folder = f"http://127.0.0.1:{port}", tmp_path / "record"
     run = {path.stem for path in EXAMPLES.glob("*.py")}
     with vehicles(COUNT, port_base, tmp_path, *proper(config)), service(config, folder) as (client, process):

@@ -18,9 +18,7 @@ NO_ROW = "http://127.0.0.1:9"
 
 
 def config_of(port_base: int) -> Config:
-    raw = flying_config(len(IDS), port_base, silence_s=20.0, takeoff_height_m=3.0).model_dump()
-    raw["formation"] = {"radius_m": 3.0, "height_m": 6.0}
-    return Config.model_validate(raw)
+    return flying_config(len(IDS), port_base, silence_s=20.0)
 
 
 def gcs_kill(record: Path, *words: str, url: str = NO_ROW) -> "subprocess.CompletedProcess[str]":

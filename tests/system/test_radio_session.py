@@ -9,8 +9,8 @@ COUNT = 20
 
 
 def test_twenty_behind_one_radio_are_set_up_flown_and_landed(tmp_path: Path) -> None:
-    options = ("--count", str(COUNT), "--shared-port")
-    with session_of("radio", tmp_path, *options) as (address, _), Client(address, timeout_s=30.0) as client:
+    session = session_of("radio", tmp_path, "--count", str(COUNT), "--shared-port", height_m=23.0)
+    with session as (address, _), Client(address, timeout_s=30.0) as client:
 
         def phases() -> set[str]:
             return {vehicle.phase for vehicle in client.vehicles()}

@@ -43,7 +43,8 @@ def test_readme_sets_parameters_before_the_service_runs() -> None:
 def test_the_readme_session_flies(tmp_path: Path) -> None:
     commands = session()
     assert [command[:2] for command in commands][-1] == ("POST", "/show/stop")
-    with session_of("px4-sitl", tmp_path, "--count", "4") as (address, service), open_api(address) as api:
+    flown = session_of("px4-sitl", tmp_path, "--count", "4", height_m=20.0)
+    with flown as (address, service), open_api(address) as api:
 
         def phase() -> str:
             return str(api.get("/show").json()["phase"])

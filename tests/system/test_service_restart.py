@@ -36,9 +36,7 @@ LEFT_ALONE_S = PATIENT_S + 2.0
 
 
 def config_of(port_base: int) -> Config:
-    raw = flying_config(len(IDS), port_base, silence_s=20.0).model_dump()  # no vehicle is lost
-    raw["formation"] = {"radius_m": 6.0, "height_m": 12.0}
-    return Config.model_validate(raw)
+    return flying_config(len(IDS), port_base, silence_s=20.0)  # no vehicle is lost
 
 
 def phases(client: Client) -> list[str]:

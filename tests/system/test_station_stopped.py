@@ -20,9 +20,7 @@ STOPPED_S = 6.0
 
 
 def config_of(port_base: int) -> Config:
-    raw = flying_config(COUNT, port_base, silence_s=20.0, setpoint_loss_s=LOSS_S).model_dump()
-    raw["formation"] = {"radius_m": 6.0, "height_m": 12.0}
-    return Config.model_validate(raw)
+    return flying_config(COUNT, port_base, silence_s=20.0, setpoint_loss_s=LOSS_S)
 
 
 def test_stopped_service_reports_losses_and_one_command_returns(tmp_path: Path) -> None:
