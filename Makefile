@@ -31,20 +31,16 @@ computed: .venv/ready console
 	@$(IDLE) $(MAKE) --no-print-directory check console-test
 	$(IDLE) $(BIN)/pytest -m "not realtime and not soak" $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
-# $(call twice,WHAT,HOW): a real-time test fails when it fails twice, the second time alone, with fixtures of its
-# own. A real defect ends the second run at once. docs/testing.md
-FLOWN_CACHE := -o cache_dir=.pytest_cache/flown
-define twice
-	@rm -rf .pytest_cache/flown
-	$(BIN)/pytest $(FLOWN_CACHE) $(1) $(2) || { [ $$? = 1 ] && echo "Again, one by one:" && \
-	  $(BIN)/pytest $(FLOWN_CACHE) $(1) -n 0 --again --exitfirst; }
-endef
 # Long files first; the many short ones fill what is left at the end.
-REALTIME := $(addprefix tests/,system browser integration unit/api unit/recording)
+FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" \
+  $(addprefix tests/,system browser integration unit/api unit/recording)
 
+# A real-time test fails when it fails twice, the second time alone, with fixtures of its own. A real defect ends
+# the second run at once. docs/testing.md
 flown: .venv/ready console
-	$(call twice,-m "realtime and not alone and not soak" $(REALTIME),-n 4 --no-loadscope-reorder)
-	$(call twice,-m "alone and not soak" tests/system,-n 0)
+	@rm -rf .pytest_cache/flown
+	$(BIN)/pytest $(FLOWN) -n 5 --no-loadscope-reorder || { [ $$? = 1 ] && echo "Again, one by one:" && \
+	  $(BIN)/pytest $(FLOWN) -n 0 --again --exitfirst; }
 
 soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo, ten times the examples
 	$(BIN)/pytest -m soak -n 0 --timeout 1800 tests

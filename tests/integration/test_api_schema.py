@@ -26,8 +26,8 @@ from tests.support.views import vehicles_of
 from tests.support.virtual_link import VirtualLink
 from tests.support.virtual_show import show_config
 
-EXAMPLES = settings().max_examples // 20
-"""Of each operation and of each way to make one wrong: 5, in `make soak` 50."""
+EXAMPLES = settings().max_examples // 33
+"""Of each operation and of each way to make one wrong: 3, in `make soak` 30."""
 
 
 async def serve_fleet(

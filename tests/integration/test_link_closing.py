@@ -17,11 +17,13 @@ from tests.support.link_peer import Peer
 from tests.support.machine import free_ports
 
 VEHICLES = 6
-ROUNDS = 12
+ROUNDS, ROUNDS_SOAK = 6, 24
 """Each aborted one time in three while vehicles were left to the collector."""
 
-OPENINGS = 20
+OPENINGS, OPENINGS_SOAK = 10, 40
 """They ended in a segmentation fault while each instance took MAVSDK's messages anew."""
+
+SOON_S = 300.0
 
 
 async def open_and_close(port: int) -> None:
@@ -47,17 +49,17 @@ async def open_and_close(port: int) -> None:
     collector.join()
 
 
-def open_and_close_often() -> None:
+def open_and_close_often(times: int) -> None:
     """In a process of its own: MAVSDK aborts the whole process."""
     with ExitStack() as peers:
         port = free_ports()
         for system_id in range(1, VEHICLES + 1):
             peers.enter_context(Peer(port, system_id, beat_s=0.1))
-        for _ in range(ROUNDS):
+        for _ in range(times):
             asyncio.run(open_and_close(port))
 
 
-def open_side_by_side_often() -> None:
+def open_side_by_side_often(times: int) -> None:
     """In a process of its own, four at a time."""
 
     def one() -> None:
@@ -65,7 +67,7 @@ def open_side_by_side_often() -> None:
         fleet.open()
         fleet.destroy()
 
-    for _ in range(OPENINGS):
+    for _ in range(times):
         threads = [Thread(target=one) for _ in range(4)]
         for thread in threads:
             thread.start()
@@ -73,9 +75,17 @@ def open_side_by_side_often() -> None:
             thread.join()
 
 
-@pytest.mark.parametrize("what", [open_and_close_often, open_side_by_side_often])
-def test_opening_and_closing_links_never_ends_the_process(what: Callable[[], None]) -> None:
-    process = multiprocessing.get_context("spawn").Process(target=what)
+@pytest.mark.parametrize(
+    ("what", "times"),
+    [
+        (open_and_close_often, ROUNDS),
+        (open_side_by_side_often, OPENINGS),
+        pytest.param(open_and_close_often, ROUNDS_SOAK, marks=pytest.mark.soak),
+        pytest.param(open_side_by_side_often, OPENINGS_SOAK, marks=pytest.mark.soak),
+    ],
+)
+def test_opening_and_closing_links_never_ends_the_process(what: Callable[[int], None], times: int) -> None:
+    process = multiprocessing.get_context("spawn").Process(target=what, args=(times,))
     process.start()
-    process.join(120.0)
+    process.join(SOON_S)
     assert process.exitcode == 0

@@ -1,4 +1,7 @@
-"""What every link must do: each transport over each kind of connection, signed, and forwarded."""
+"""What every link must do: each transport over each kind of connection, signed, and forwarded.
+
+In `make test` the first story runs so, and each other one over each kind of connection with one transport.
+"""
 
 import asyncio
 import socket
@@ -148,6 +151,7 @@ async def answered(station: socket.socket, link: AnyLink, peer: Peer) -> None:
     assert not peer.messages("MANUAL_CONTROL")
 
 
+@pytest.mark.alternates(0)
 def test_setpoints_flow_and_stop_with_the_ticks(fly: Callable[[Story], None]) -> None:
     async def story(_setup: Setup, link: AnyLink, peer: Peer) -> None:
         ticks = Ticks(link, "v1")
@@ -171,6 +175,7 @@ def test_setpoints_flow_and_stop_with_the_ticks(fly: Callable[[Story], None]) ->
     fly(story)
 
 
+@pytest.mark.alternates(1)
 def test_kill_overtakes_and_outlives_a_waiting_command(fly: Callable[[Story], None]) -> None:
     async def story(_setup: Setup, link: AnyLink, peer: Peer) -> None:
         ticks = Ticks(link, "v1")
@@ -212,6 +217,7 @@ async def second(setup: Setup) -> AsyncIterator[Peer]:
         peer.line.lose()
 
 
+@pytest.mark.alternates(0)
 def test_garbage_duplicates_and_a_lost_connection(fly: Callable[[Story], None]) -> None:
     async def story(setup: Setup, link: AnyLink, peer: Peer) -> None:
         peer.send_bytes(b"\xfd\x09\x00" + bytes(400) + b"\xfe\x02")
