@@ -9,7 +9,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from gcs.api.schemas import convert
+from gcs.service import check_process
 from tests.support.browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
+from tests.support.machine import restrict_at_usual_priority
 
 gc.disable()  # until collection ends: a quarter of its time
 
@@ -36,14 +38,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line(
-        "markers",
-        "alone: of those the ones that are judged by the clock; none of the others flies beside them",
-    )
     if is_required() and chromium() is None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
     config.addinivalue_line(
         "markers", "soak: shown by endurance only; run by `make soak`, and no part of `make test`"
+    )
+    config.addinivalue_line(
+        "markers", "alternates(start): every second combination of the parameters is run by `make soak` only"
     )
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
@@ -64,10 +65,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in failed])
         items[:] = [item for item in items if item.nodeid in failed]
     for item in items:
+        alternates = item.get_closest_marker("alternates")
+        if alternates is not None:
+            assert isinstance(item, pytest.Function)
+            if (sum(item.callspec.indices.values()) + alternates.args[0]) % 2:
+                item.add_marker(pytest.mark.soak)
         in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
         if in_real_time and item.get_closest_marker("computes") is None:
             item.add_marker(pytest.mark.realtime)
-        elif any(item.get_closest_marker(name) for name in ("alone", "realtime")):
+        elif item.get_closest_marker("realtime"):
             folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
             raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
 
@@ -95,6 +101,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test holds for both transports: changes what `link_bench.a_link` makes."""
     monkeypatch.setattr("tests.support.link_bench.chosen", request.param)
+
+
+@pytest.fixture
+def prompt_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Checks of shows run at the usual priority."""
+    monkeypatch.setattr(check_process, "_restrict", restrict_at_usual_priority)
 
 
 @pytest.fixture

@@ -1,12 +1,14 @@
 """Vehicles selected in the scene and in the table, and the commands that act on them."""
 
+import re
 from math import dist
 from pathlib import Path
 from typing import Final
 
 from playwright.sync_api import Browser, expect
 
-from tests.support.console_bench import FLIGHT_MS, LOOK_MS, SOON_MS, Console, console, station
+from gcs.client import Client
+from tests.support.console_bench import AGAIN_MS, FLIGHT_MS, LOOK_MS, SOON_MS, Console, console, station
 from tests.support.processes import SOON_S, wait_until
 
 BOX_PX: Final = 16.0
@@ -38,6 +40,15 @@ def selected(ui: Console) -> set[str]:
     """Rows of the fleet's table that are selected."""
     found = ui.page.locator("tr.selected").evaluate_all("(rows) => rows.map((row) => row.dataset.testid)")
     return set(found)
+
+
+def commanded(ui: Console, client: Client, button: str, action: str) -> None:
+    """Press a button until the service has this command: a page that was busy refuses to act on old state."""
+
+    def received(within_ms: float) -> None:
+        wait_until(action, within_ms / 1000.0, lambda: client.commands()[0].action == action)
+
+    ui.until(lambda: ui.press(button), received)
 
 
 def test_box_dragged_in_the_scene_selects_its_vehicles(chrome: Browser, tmp_path: Path) -> None:
@@ -88,15 +99,17 @@ def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser
         client.start()
         ui.says("show-phase", "running", FLIGHT_MS)
 
-        ui.part("row-d2").click()
-        ui.part("row-d4").click(modifiers=["Shift"])
-        ui.says("selection-count", "3 vehicles")
-        ui.part("row-d3").click(modifiers=["Control"])
-        ui.says("selection-count", "2 vehicles")
-        ui.press("selection-hold")
+        def select() -> None:
+            ui.part("row-d2").click()
+            ui.part("row-d4").click(modifiers=["Shift"])
+            ui.says("selection-count", "3 vehicles", AGAIN_MS)
+            ui.part("row-d3").click(modifiers=["Control"])
+
+        ui.until(select, lambda ms: ui.says("selection-count", "2 vehicles", ms))
+        commanded(ui, client, "selection-hold", "hold")
         wait_until("hold", SOON_S, lambda: phases("hold") == {"d2", "d4"})
         assert phases("formation") == {"d1", "d3", "d5"}
-        ui.part("selection-open").click()
+        ui.opens(lambda: ui.part("selection-open").click(), "group-page")
         for name in ("d2", "d4"):
             expect(ui.part(f"selected-command-{name}")).to_contain_text("done", timeout=SOON_MS)
         assert ui.serious() == []
@@ -104,14 +117,14 @@ def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser
         ui.opens("Shift+K", "kill-arm")
         expect(ui.part("kill-names")).to_have_text("d2, d4")
         ui.closes("Escape", "sheet-kill")
-        ui.press("selection-return")
+        commanded(ui, client, "selection-return", "return")
         wait_until("return", SOON_S, lambda: phases("hold") == set())
         ui.page.keyboard.press("Escape")
         expect(ui.part("group-page")).to_have_count(0)
         ui.opens("Shift+K", "kill-arm")
         expect(ui.part("kill-arm")).to_have_attribute("aria-disabled", "true")  # nothing is selected
         ui.closes("Escape", "sheet-kill")
-        assert [sequence.action for sequence in client.commands()][:2] == ["return", "hold"]
-        ui.press("stop")
+        assert [sequence.action for sequence in client.commands()] == ["return", "hold", "start"]
+        ui.phase("Shift+H", re.compile("returning home|landed"))
         ui.says("show-phase", "landed", FLIGHT_MS)
         assert ui.wrong == []

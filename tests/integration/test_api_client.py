@@ -82,6 +82,7 @@ def test_the_client_calls_everything() -> None:
         assert [box.id for box in service.plan.current.obstacles] == [made.id]
 
 
+@pytest.mark.usefixtures("prompt_checks")
 def test_client_uploads_checks_and_selects_shows(tmp_path: Path) -> None:
     service = FakeService(folder=tmp_path)
     lighthouse = next(path for path in shipped() if path.stem == "lighthouse")

@@ -86,9 +86,12 @@ def test_the_status_comes_first_then_frames_that_belong_to_it() -> None:
         service.happen("formation: offboard", "d1")
         async with console_of(port, "?rate_hz=20") as viewer, httpx.AsyncClient() as http:
             status = json.loads(await viewer.recv())
-            answered = (await http.get(f"http://127.0.0.1:{port}/api/v1/status")).json()
-            while status["revision"] < answered["revision"]:  # the machine paused between: control was late
-                status = await next_of(viewer, str)
+            answered: dict[str, Any] = {"revision": -1}
+            while status["revision"] != answered["revision"]:  # the machine paused between: control was late
+                if status["revision"] < answered["revision"]:
+                    status = await next_of(viewer, str)
+                else:
+                    answered = (await http.get(f"http://127.0.0.1:{port}/api/v1/status")).json()
             assert content(status) == content(answered)
             assert [each["id"] for each in status["vehicles"]] == ["d1", "d2", "d3"]
             assert status["vehicles"][1]["home"] == {"x_m": 0.0, "y_m": 5.0, "height_m": 0.0}

@@ -9,12 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from gcs.links.endpoints import channels, streams
 from gcs.links.settings import SerialPort, TcpIn, TcpOut, UdpOut
 from gcs.model.errors import LinkError
 from tests.support.link_bench import until
 from tests.support.link_lines import Cable
 from tests.support.machine import free_ports
 from tests.support.wire_bench import a_socket, arrived, beat, bench, command, is_our_heartbeat, setpoint
+
+ROOM_BYTES = 4096
 
 
 def free_tcp_port() -> int:
@@ -39,8 +42,10 @@ async def accepted(listener: socket.socket) -> socket.socket:
     return connection
 
 
-async def connected(port: int) -> socket.socket:
+async def connected(port: int, room_bytes: int | None = None) -> socket.socket:
     made = socket.socket()
+    if room_bytes is not None:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, room_bytes)
     made.setblocking(False)
     async with asyncio.timeout(120):
         await asyncio.get_running_loop().sock_connect(made, ("127.0.0.1", port))
@@ -145,11 +150,19 @@ def test_a_tcp_port_in_use_is_named() -> None:
     asyncio.run(main())
 
 
-def test_slow_reader_loses_whole_frames_and_delays_no_other() -> None:
+def test_slow_reader_loses_whole_frames_and_delays_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    def narrow(host: str, port: int) -> socket.socket:
+        """What it accepts has little room: with the kernel's 4 MB the test takes 90,000 frames."""
+        made = channels.listen(host, port)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM_BYTES)
+        return made
+
+    monkeypatch.setattr(streams, "listen", narrow)
+
     async def main() -> None:
         port = free_tcp_port()
         async with bench(1, listen=TcpIn("127.0.0.1", port)) as made:
-            with closing(await connected(port)) as slow:
+            with closing(await connected(port, ROOM_BYTES)) as slow:
                 slow.send(beat(1))
                 await until(lambda: made.delivered)
                 slowest_s = 0.0

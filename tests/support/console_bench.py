@@ -157,6 +157,16 @@ class Console:
     def _pressing(self, act: str | Callable[[], None]) -> Callable[[], None]:
         return partial(self.page.keyboard.press, act) if isinstance(act, str) else act
 
+    def settles(self, script: str, argument: object = None, *, at: object) -> None:
+        """Wait until the page answers `at`: it lays itself out a moment after what changed it."""
+        found: object = None
+        for _ in range(SOON_MS // LOOK_MS):
+            found = self.page.evaluate(script, argument)
+            if found == at:
+                return
+            self.page.wait_for_timeout(LOOK_MS)
+        assert found == at
+
     def says(self, name: str, text: str | re.Pattern[str], timeout_ms: float = SOON_MS) -> None:
         """Wait until that part of the page has this text."""
         expect(self.part(name)).to_contain_text(text, timeout=timeout_ms)

@@ -10,6 +10,8 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
+from gcs.service import check_process
+
 FIRST_PORT, LAST_PORT = 16000, 32000
 """Below the ports that the kernel assigns (32768 and up on Linux): no program is given one meanwhile."""
 
@@ -38,6 +40,17 @@ def free_ports(count: int = 1) -> int:
                 continue
             return first
     raise OSError("no free ports")
+
+
+_restrict = check_process._restrict
+
+
+def restrict_at_usual_priority(pid: int, _: int, memory_max_bytes: int) -> None:
+    """Restrict a check beside a service in its memory only.
+
+    At the lowest priority it takes minutes beside two busy processes.
+    """
+    _restrict(pid, 0, memory_max_bytes)
 
 
 class Pauses:
@@ -78,6 +91,22 @@ class Pauses:
             if now_s - before_s > STALL_S:
                 self._stalls_s.append((before_s, now_s))
             before_s = now_s
+
+
+class TickTimes:
+    """Notes when each tick of a control loop ended, as its `Heart`. A busy machine drops ticks."""
+
+    problem = ""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+
+    def beat(self) -> None:
+        self.times_s.append(time.monotonic())
+
+    def count(self, begin_s: float, end_s: float) -> int:
+        """Ticks in this interval of the monotonic clock."""
+        return sum(begin_s <= time_s < end_s for time_s in self.times_s)
 
 
 def soon(holds: Callable[[], bool]) -> None:

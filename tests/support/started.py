@@ -26,6 +26,8 @@ import gcs.sim.cli  # noqa: F401
 from gcs import control
 from gcs.mavlink import codec
 from gcs.planning.return_paths import planner
+from gcs.service import check_process
+from tests.support.machine import restrict_at_usual_priority
 
 PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 
@@ -122,6 +124,7 @@ def _loaded() -> socket.socket:
 
 def _load() -> None:
     """Load machine code; the modules are loaded with this one."""
+    vars(check_process)["_restrict"] = restrict_at_usual_priority
     for warm_up in (control.warm_up, planner.warm_up, codec.warm_up):
         warm_up()
     gc.collect()

@@ -93,6 +93,7 @@ async def fly(config: Config) -> None:
         await asyncio.wait(tasks)
 
 
+@pytest.mark.usefixtures("prompt_checks")
 def test_show_is_uploaded_checked_flown_paused_and_returned(tmp_path: Path) -> None:
     base = free_ports(3)
     config = flying_config(3, base, silence_s=20.0)

@@ -186,7 +186,8 @@ def test_at_most_two_checks_run(api: Api) -> None:
     asyncio.run(three())
 
 
-@pytest.mark.parametrize("levels", [5, 9])
+@pytest.mark.usefixtures("prompt_checks")
+@pytest.mark.parametrize("levels", [pytest.param(5, marks=pytest.mark.soak), 9])
 def test_yaml_bomb_is_a_short_problem_with_line_and_column(api: Api, levels: int) -> None:
     """Before: 351 MB of text with 8 levels, parsed on the loop."""
     lines = ["about: &a0 [" + "lol, " * 9 + "]"]
