@@ -109,5 +109,6 @@ def test_api_flooded(tmp_path: Path) -> None:
         times_s = np.array(links[transport].setpoint_times_s(vehicle_id))
         flooded_s = times_s[(times_s >= began_s) & (times_s <= ended_s)].tolist()
         assert len(flooded_s) >= 0.9 * ticks.count(began_s, ended_s), vehicle_id
+        assert len(flooded_s) >= 10.0 * machine.awake_s(began_s, ended_s), vehicle_id
         waits_s = [machine.awake_s(first_s, next_s) for first_s, next_s in pairwise(flooded_s)]
         assert max(waits_s) < LONGEST_GAP_S, vehicle_id
