@@ -41,13 +41,11 @@ def shape_setpoints(
     *,
     knows_center: bool,
     yields: Mask,
-    parts: Mask,
 ) -> ShapedSetpoints:
     """Apply inner loop, lead and trim to the velocities (n, 3) that the safety filter allows.
 
     With `knows_center` the vehicles in formation know the centre's motion beforehand. The trim of those in
-    `yields` (n,) does not grow: it would ask for what they do not reach. Setpoints of those in `parts` (n,)
-    are shortened sideways first.
+    `yields` (n,) does not grow: it would ask for what they do not reach.
     """
     settings, limits = now.settings, now.settings.safety.limits
     stable = 1.0 / (1.0 + settings.safety.link_delay_s / HALVES_S)
@@ -61,7 +59,7 @@ def shape_setpoints(
         settings.lead_s,
     )
     requested_m_s += memory.trim_m_s
-    setpoint_m_s = cap(requested_m_s, limits, now.traits.speed_max_m_s, parts)
+    setpoint_m_s = cap(requested_m_s, limits, now.traits.speed_max_m_s)
     trim_m_s, expected_m_s = correct_trim(
         memory.trim_m_s,
         memory.expected_m_s,

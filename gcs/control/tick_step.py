@@ -19,7 +19,7 @@ from gcs.formation.route import warm_up as routes_warm_up
 from gcs.model.jit import kernel
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
-from gcs.safety.authority import Authority, measured, parting_constraints, yielding
+from gcs.safety.authority import Authority, measured, yielding
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.filter import warm_up as safety_warm_up
 from gcs.safety.separation import Floor, minimum_separation
@@ -86,16 +86,11 @@ def tick(
         least.lack_m_s,
         least.reserve_m_s,
     )
-    around = _surroundings(now, authority, routes)
-    allowed_m_s, limited_by = filter_velocities(reached_m_s, around, settings.safety)
+    allowed_m_s, limited_by = filter_velocities(
+        reached_m_s, _surroundings(now, authority, routes), settings.safety
+    )
     shaped = shape_setpoints(
-        now,
-        allowed_m_s,
-        lead.center,
-        memory,
-        knows_center=places.knows_center,
-        yields=yields,
-        parts=around.parting.rows(len(now.commanded)),
+        now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
     )
     yaw_rad, held_rad = _yaw(now, memory)
     commanded_m_s, asked_m_s = _of_commanded(now.commanded, allowed_m_s, desired_m_s, yields)
@@ -209,16 +204,6 @@ def _surroundings(now: TickInputs, authority: Authority, routes: GoalRoutes | No
         now.tasks.segments_of,
         now.tasks.drift,
         None if routes is None else routes.passage,
-        parting_constraints(
-            position_m,
-            velocity_m_s,
-            now.commanded,
-            airborne,
-            authority.lack_m_s,
-            kept_m=safety.floor.kept_m(0.0),
-            threshold_m_s=safety.authority.lack_m_s,
-            delay_s=safety.link_delay_s,
-        ),
     )
 
 

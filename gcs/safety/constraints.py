@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gcs.model.errors import ShapeError
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array, Mask
+from gcs.model.state import Array
 from gcs.safety.neighbours import Rows
 
 NO_ROW = -1
@@ -79,12 +79,6 @@ class Constraints:
         )
         slack: Array = (self.normal * relative).sum(axis=1) - self.bound_m_s
         return slack
-
-    def rows(self, count: int) -> Mask:
-        """(n,) which of `count` rows are in one of them."""
-        among = np.zeros(count, np.bool_)
-        among[self.first] = among[self.second[self.second != NO_ROW]] = True
-        return among
 
     @staticmethod
     @cache

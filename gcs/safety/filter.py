@@ -1,7 +1,7 @@
 """The safety filter: all constraints, the nearest velocities that keep them, and the reasons."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from math import hypot
 from typing import TypeAlias
@@ -13,7 +13,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
-from gcs.safety.authority import AuthoritySettings, parting_constraints, reach_constraints
+from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
 from gcs.safety.neighbours import FEW, Rows
 from gcs.safety.separation import (
@@ -81,7 +81,6 @@ class Surroundings:
     segments_of: Rows | None = None  # (m,) row of each path's lost vehicle; None: not known
     drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
     passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
-    parting: Constraints = field(default_factory=Constraints.none)  # of pairs that part up and down
 
 
 def filter_velocities(
@@ -107,14 +106,13 @@ def filter_velocities(
     )
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
     walls = _walls(position_m, here, settings, braking)
-    parts = here.parting.rows(len(position_m))
-    walls = Constraints.joined(walls, _reach(here, walls, settings), here.parting)
+    walls = Constraints.joined(walls, _reach(here, walls, settings))
     allowed_m_s = searched_m_s = desired_m_s
     pairs = _pairs(position_m, searched_m_s, SPARE_M_S, here, settings, braking)
     for attempt in range(ATTEMPTS):
         joined = _joined(walls, pairs)
         if attempt < SOLUTIONS:
-            allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s, parts)
+            allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s)
         allowed_m_s = shortened(allowed_m_s, *joined)
         strays = _lengths(searched_m_s, allowed_m_s) > SPARE_M_S
         if not np.count_nonzero(strays):
@@ -242,38 +240,24 @@ def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> 
     )
 
 
-def cap(
-    velocity_m_s: Array, limits: Limits, speed_max_m_s: Array | float = np.inf, parts: Mask | None = None
-) -> Array:
-    """(n, 3) within the limits and each vehicle's own speed (n,): long rows shortened; not finite: rest.
-
-    Rows in `parts` (n,) are shortened sideways first: up and down they part.
-    """
-    n = len(velocity_m_s)
+def cap(velocity_m_s: Array, limits: Limits, speed_max_m_s: Array | float = np.inf) -> Array:
+    """(n, 3) within the limits and each vehicle's own speed (n,): long rows shortened; not finite: rest."""
+    own_m_s = np.full(len(velocity_m_s), speed_max_m_s) if np.ndim(speed_max_m_s) == 0 else speed_max_m_s
     return _capped(
-        np.array(velocity_m_s),
-        np.full(n, speed_max_m_s) if np.ndim(speed_max_m_s) == 0 else np.array(speed_max_m_s),
-        np.zeros(n, np.bool_) if parts is None else parts,
-        (limits.horizontal_m_s, limits.up_m_s, limits.down_m_s),
+        np.array(velocity_m_s), np.array(own_m_s), limits.horizontal_m_s, limits.up_m_s, limits.down_m_s
     )
 
 
 @kernel
 def _capped(
-    velocity_m_s: Array, own_m_s: Array, parts: Mask, limits_m_s: tuple[float, float, float]
+    velocity_m_s: Array, own_m_s: Array, horizontal_m_s: float, up_m_s: float, down_m_s: float
 ) -> Array:
-    """As `cap`, for (n, 3), (n,) and (n,); the limits are those sideways, up and down."""
-    horizontal_m_s, up_m_s, down_m_s = limits_m_s
+    """As `cap`, for (n, 3) and (n,)."""
     capped = np.zeros_like(velocity_m_s)
     for i in range(len(velocity_m_s)):
         x, y, z = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
             continue
-        if parts[i]:
-            z = max(min(z, down_m_s, own_m_s[i]), -up_m_s, -own_m_s[i])
-            level = min(1.0, np.sqrt(own_m_s[i] ** 2 - z * z) / max(np.hypot(x, y), TINY))
-            level = min(level, horizontal_m_s / max(np.hypot(x, y), TINY))
-            x, y = level * x, level * y
         share = min(1.0, own_m_s[i] / max(np.sqrt(x * x + y * y + z * z), TINY))
         share = min(share, horizontal_m_s / max(np.hypot(x, y), TINY))
         share = min(share, (up_m_s if z < 0.0 else down_m_s) / max(abs(z), TINY))
@@ -342,15 +326,5 @@ def warm_up() -> None:
         floor=settings.floor,
         braking=settings.braking,
         uncertainty_m=zero,
-    )
-    parting_constraints(
-        position_m,
-        velocity_m_s,
-        all_rows,
-        all_rows,
-        velocity_m_s + 5.0,
-        kept_m=settings.floor.kept_m(0.0),
-        threshold_m_s=settings.authority.lack_m_s,
-        delay_s=0.0,
     )
     minimum_separation(position_m, all_rows, settings.floor)

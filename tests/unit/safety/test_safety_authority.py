@@ -8,19 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.model.state import Array, Traits
-from gcs.safety.authority import (
-    Authority,
-    AuthoritySettings,
-    measured,
-    parting_constraints,
-    reach_constraints,
-    yielding,
-)
+from gcs.safety.authority import Authority, AuthoritySettings, measured, reach_constraints, yielding
 from gcs.safety.constraints import NO_ROW, Constraints
-from gcs.safety.filter import cap
 from tests.support.law_fleets import within
 from tests.support.safety_fleets import CALM, SAFETY, TICK_S
-from tests.support.safety_world import filtered, surroundings
 
 SETTINGS = AuthoritySettings()
 FASTEST_M_S = 6.0
@@ -176,46 +167,3 @@ def test_less_authority_never_shrinks_a_margin(off: float, more: float, lack: fl
     led, farther = known.wander_m(SETTINGS), less.wander_m(SETTINGS)
     assert (farther >= led).all()
     assert SAFETY.floor.worst_reserve_m(farther) >= SAFETY.floor.worst_reserve_m(led)
-
-
-def parted(place_m: Array, velocity_m_s: Array, lack_m_s: Array, desired_m_s: Array) -> Array:
-    """(n, 3) allowed, with those that are to part."""
-    around, commanded = surroundings(place_m, velocity=velocity_m_s), np.ones(len(place_m), np.bool_)
-    parting = parting_constraints(
-        place_m,
-        velocity_m_s,
-        commanded,
-        commanded,
-        lack_m_s,
-        kept_m=(3.0, 4.0),
-        threshold_m_s=0.5,
-        delay_s=0.1,
-    )
-    return filtered(desired_m_s, replace(around, parting=parting))
-
-
-@pytest.mark.parametrize("below_m", [0.4, -0.4])
-def test_pair_parts_up_and_down_when_one_is_blown_off(below_m: float) -> None:
-    """It flies at 6 m/s towards the other, 9 m away, and was commanded to stand; sideways nothing is left."""
-    place_m = np.array([[0.0, 0.0, -40.0], [9.0, 0.0, -40.0 + below_m]])
-    moving_m_s, desired_m_s = along_x(6.0, 0.0), along_x(6.0, 6.0)
-    allowed = parted(place_m, moving_m_s, along_x(-4.0, 0.0), desired_m_s)
-    above, below = (0, 1) if below_m > 0.0 else (1, 0)
-    assert allowed[below, 2] - allowed[above, 2] > 1.0
-    assert allowed[0, 2] > -0.5, "the one that is blown off does not climb"
-    by_itself = parted(place_m, moving_m_s, along_x(0.0, 0.0), desired_m_s)
-    assert np.abs(by_itself[:, 2]).max() < 1.0, "one that has its thrust brakes"
-
-
-def test_vehicle_blown_past_another_does_not_part() -> None:
-    place_m = np.array([[0.0, 0.0, -40.0], [9.0, 0.0, -40.0]])
-    allowed = parted(place_m, along_x(-6.0, 0.0), along_x(4.0, 0.0), along_x(0.0, 0.0))
-    assert np.abs(allowed[:, 2]).max() < 0.1
-
-
-def test_parting_pair_gives_up_speed_sideways_first() -> None:
-    fast_m_s = np.array([[5.0, 0.0, -2.0], [5.0, 0.0, -2.0]])
-    capped = cap(fast_m_s, SAFETY.limits, 5.0, np.array([True, False]))
-    assert capped[0, 2] == -2.0
-    assert capped[1, 2] > -2.0
-    assert np.linalg.norm(capped, axis=1) == pytest.approx(5.0)
