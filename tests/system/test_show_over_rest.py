@@ -24,6 +24,7 @@ fleet:
   vehicles: 3
   pads: {columns: 3, spacing_m: 4.0, x_m: 0.0, y_m: 4.0}
   endurance_s: 900.0
+  takeoff_height_m: 3.0
   takeoff_stagger_s: 0.2
 fence: {height_min_m: 3.0, height_max_m: 60.0, distance_max_m: 100.0}
 duration_s: 300.0
