@@ -366,10 +366,12 @@ def reported_accuracy_m(scenario: Scenario) -> tuple[float, float]:
 def reported_uncertainty_m(scenario: Scenario) -> float:
     """Uncertainty that the service gives each position, from what the receivers of this world report.
 
-    Their fix is of the kind that the error of the world can have, also where they report less than it.
+    Their fix is of the kind that has the error they report, also where the world's is greater.
     """
     world, floor = scenario.world, scenario.control.safety.floor
-    horizontal_m, vertical_m = np.hypot(np.multiply(world.noise, accuracy_m(1.0)), world.bias_m)
+    horizontal_m, vertical_m = world.reported_share * np.hypot(
+        np.multiply(world.noise, accuracy_m(1.0)), world.bias_m
+    )
     scale = max(horizontal_m, vertical_m / floor.vertical_uncertainty) / accuracy_m(1.0)[0]
     reported = *reported_accuracy_m(scenario), float(fix_type(scale)), np.inf
     level_m, up_m, fix, since_s = (np.full(1, value) for value in reported)
