@@ -213,19 +213,6 @@ def test_all_vehicles_count_as_there_only_at_one_moment() -> None:
     assert measure.arrival(record)["arrived"] == 3
 
 
-def test_on_an_orbit_each_counts_that_stays_at_its_slot() -> None:
-    trial = scenario(orbit={"radius_m": 10.0, "speed_m_s": 5.0})
-    rate_hz = trial.world.tick_rate_hz
-    lap, steady = round(4.0 * np.pi * rate_hz), round(measure.STEADY_S * rate_hz)
-    record = record_of([10.0 * TETRAHEDRON + CENTER] * (2 * lap), trial)
-    for tick in range(2 * lap):
-        of_lap = tick - lap
-        at_once = 0 <= of_lap < steady, lap - steady <= of_lap, tick < lap - 1, of_lap % steady
-        record.off_slot_m.append(np.where(at_once, 0.5, 5.0))
-    figures = measure.arrival(record)
-    assert (figures["arrived"], figures["expected"]) == (2, 4), "not before the last lap, nor with breaks"
-
-
 def test_two_lost_vehicles_that_meet_are_counted_apart() -> None:
     record = record_of([10.0 * TETRAHEDRON + CENTER] * 4)
     record.violating, record.lost_rows = {(0, 1), (1, 2)}, frozenset({1, 2})
