@@ -103,16 +103,13 @@ def _run(given: argparse.Namespace, folder: Path) -> int:
 def make_config(count: int, port: int, *, fake: bool) -> configuration.Config:
     """The shipped configuration for PX4 SITL, for so many vehicles, with an API port that is free.
 
-    `fake`: the program is tested, not the machine. No failsafe against a slow machine acts, and the formation
-    is small and low.
+    `fake`: the program is tested, not the machine. No failsafe against a slow machine acts.
     """
     raw = configuration.load(configuration.find(CONFIG)).model_dump()
     raw["links"][0].update(listen=f"udpin://127.0.0.1:{port}", ports=count)
     raw["links"][0]["vehicles"]["count"] = count
     raw["api"]["port"] = 0
     if fake:
-        raw["formation"] = {"radius_m": 12.0, "height_m": 16.0}
-        raw["operation"] |= {"takeoff_height_m": 3.0, "takeoff_stagger_s": 0.5}
         for cause in ("service_late", "links_late", "wind"):
             raw["failsafes"][cause]["action"] = "ignore"
     return configuration.Config.model_validate(raw)
