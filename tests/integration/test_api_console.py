@@ -80,6 +80,7 @@ async def watched(
     return status, seen
 
 
+@pytest.mark.usefixtures("patient_api")
 def test_the_status_comes_first_then_frames_that_belong_to_it() -> None:
     async def main(service: FakeService, port: int) -> None:
         service.fly()
