@@ -244,7 +244,7 @@ async def serve(
         try:
             await running
         finally:
-            for connection in list(server.server_state.connections):  # whose peers read nothing
+            for connection in list(server.server_state.connections):  # their peers may read nothing
                 connection.transport.abort()
             listener.close()
 

@@ -50,7 +50,7 @@ class Action(NamedTuple):
 
 
 OPTIONS: Final = "options"
-"""The module with the arguments of commands whose own modules are slow to import."""
+"""The module with the arguments of commands that have slow modules of their own."""
 
 COMMANDS: Final = {
     "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),

@@ -152,7 +152,7 @@ class MavsdkCommandChannel:
         return await asyncio.get_running_loop().run_in_executor(self.worker, unless_closed)
 
     def _call(self, command: Command, may_leave: Callable[[], None]) -> None:
-        """On the worker: any earlier call has ended here, even one whose command was cancelled."""
+        """On the worker: any earlier call has ended here, also that of a cancelled command."""
         may_leave()
         self.vehicle.command(command.verb, command.height_m)
 
