@@ -264,8 +264,11 @@ class TickInputs:
         position_m, velocity_m_s = np.array(fleet.position_m), np.array(fleet.velocity_m_s)
         task, age_s = np.array(tasks.task), np.array(fleet.age_s)
         roles = _roles(task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s)
-        off_m = tasks.goal_m[:, :2] - position_m[:, :2]
-        margin_m = settings.safety.floor.deviations * traits.uncertainty_m
+        descending = tasks.descending
+        if np.count_nonzero(descending):
+            off_m = tasks.goal_m[:, :2] - position_m[:, :2]
+            margin_m = settings.safety.floor.deviations * traits.uncertainty_m
+            descending = descending & ~(np.hypot(off_m[:, 0], off_m[:, 1]) > OFF_PLACE_M + margin_m)
         return TickInputs(
             fleet,
             tasks,
@@ -276,7 +279,7 @@ class TickInputs:
             position_m,
             velocity_m_s,
             *roles,
-            tasks.descending & ~(np.hypot(off_m[:, 0], off_m[:, 1]) > OFF_PLACE_M + margin_m),
+            descending,
             ellipses_of(plan, settings, fleet.time_s),
         )
 

@@ -8,8 +8,9 @@ import numpy as np
 from gcs.control.inputs import Memory, TickInputs
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
+from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
-from gcs.safety.filter import Limits, cap
+from gcs.safety.filter import cap
 
 PRESSED = 0.65
 """Share of the speed limit from which a setpoint has little reserve left."""
@@ -68,7 +69,13 @@ def shape_setpoints(
         base_m_s,
         now.commanded,
         yields,
-        _at_limit(requested_m_s, np.array(now.traits.speed_max_m_s), limits),
+        _at_limit(
+            requested_m_s,
+            np.array(now.traits.speed_max_m_s),
+            limits.horizontal_m_s,
+            limits.up_m_s,
+            limits.down_m_s,
+        ),
         now.dt_s,
         settings.response_s,
         settings.trim_rate_per_s,
@@ -83,15 +90,21 @@ def shape_setpoints(
     )
 
 
-def _at_limit(requested_m_s: Array, own_m_s: Array, limits: Limits) -> Mask:
+@kernel
+def _at_limit(
+    requested_m_s: Array, own_m_s: Array, horizontal_m_s: float, up_m_s: float, down_m_s: float
+) -> Mask:
     """(n, 2) whether the setpoints (n, 3) ask for more than a limit, sideways and up or down.
 
     Apart, so that a vehicle that climbs as fast as it may still learns the wind.
     """
-    level_m_s, up_m_s = np.hypot(requested_m_s[:, 0], requested_m_s[:, 1]), -requested_m_s[:, 2]
-    beyond = np.hypot(level_m_s, up_m_s) > own_m_s
-    climbs = (up_m_s > limits.up_m_s) | (up_m_s < -limits.down_m_s)
-    return np.column_stack([beyond | (level_m_s > limits.horizontal_m_s), beyond | climbs])
+    at_limit = np.empty((len(requested_m_s), 2), np.bool_)
+    for i in range(len(requested_m_s)):
+        level_m_s, climb_m_s = np.hypot(requested_m_s[i, 0], requested_m_s[i, 1]), -requested_m_s[i, 2]
+        beyond = np.hypot(level_m_s, climb_m_s) > own_m_s[i]
+        at_limit[i, 0] = beyond or level_m_s > horizontal_m_s
+        at_limit[i, 1] = beyond or climb_m_s > up_m_s or climb_m_s < -down_m_s
+    return at_limit
 
 
 def _known_beforehand(now: TickInputs, center: Center | None) -> tuple[Array, Array]:

@@ -34,7 +34,7 @@ COINCIDENT = np.float32(1e-9)
 """Added to squared distances, so that vehicles in one direction, and a vehicle and itself, do not push."""
 
 
-MUTUAL_FROM = 2_000
+MUTUAL_FROM = 500
 """Larger fleets sum both pushes of a pair at once. Below this size that costs more than it saves."""
 
 Flat: TypeAlias = NDArray[np.float32]

@@ -187,10 +187,11 @@ def correct_trim(
     """
     blend = 1.0 - np.exp(-dt_s / response_s)
     trim, expected = np.zeros_like(trim_m_s), np.full_like(expected_m_s, np.nan)
+    before, after = np.empty(2), np.empty(2)  # squares, sideways and up or down
     for i in range(len(trim)):
         if not commanded[i]:
             continue
-        before, after = np.zeros(2), np.zeros(2)  # squares, sideways and up or down
+        before[:], after[:] = 0.0, 0.0
         for k in range(3):
             was = expected_m_s[i, k]
             if np.isnan(was):

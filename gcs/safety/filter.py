@@ -205,9 +205,9 @@ def _joined(walls: Constraints, pairs: Pairs) -> Joined:
 
 def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
     """All constraints on single vehicles: paths of lost vehicles, the fence, obstacles."""
-    fastest_m_s = settings.limits.fastest_m_s
-    return Constraints.joined(
-        keepout_constraints(
+    fastest_m_s, keepout = settings.limits.fastest_m_s, Constraints.none()
+    if len(here.segments_m):
+        keepout = keepout_constraints(
             position_m,
             here.commanded,
             here.segments_m,
@@ -219,7 +219,9 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             drift=here.drift,
             passage=here.passage,
             fastest_m_s=fastest_m_s,
-        ),
+        )
+    return Constraints.joined(
+        keepout,
         fence_constraints(
             position_m, here.commanded, here.descending, settings.fence, braking, fastest_m_s=fastest_m_s
         ),
@@ -277,24 +279,46 @@ def _reasons(
 
     A row that broke none was pushed by others: the constraint that it came nearest to breaking.
     """
-    rows = (changed_m_s > NOTICEABLE_M_S).nonzero()[0]
-    if len(rows) == 0:
+    if not np.count_nonzero(changed_m_s > NOTICEABLE_M_S):
         return ("",) * len(desired_m_s)
-    reasons = np.full(len(desired_m_s), "", dtype=object)
-    which = tightest(desired_m_s, *joined)[rows]
-    paired, walled = which >= len(walls), (which != NO_ROW) & (which < len(walls))
-    pair = which[paired] - len(walls)
-    other = np.where(pairs.first[pair] == rows[paired], pairs.other[pair], pairs.first[pair])
-    reasons[rows] = "limits"
-    reasons[rows[paired]] = _separation_from(tuple(names))[other]
-    reasons[rows[walled]] = walls.reason[which[walled]]
-    return tuple(reasons.tolist())
+    texts = _texts(tuple(names))
+    if len(walls):
+        texts = np.concatenate([texts, walls.reason])
+    which = tightest(desired_m_s, *joined)
+    causes = _causes(changed_m_s, which, joined[0], pairs.other, len(walls))
+    return tuple(texts[causes].tolist())
+
+
+@kernel
+def _causes(changed_m_s: Array, which: Rows, first: Rows, other: Rows, walls: int) -> Rows:
+    """(n,) the place of each row's reason among `_texts` and the reasons of the walls after them.
+
+    Args:
+        changed_m_s: (n,) by how much the filter changed each velocity.
+        which: (n,) the tightest constraint of each row, or NO_ROW.
+        first: (k,) row i of each constraint: of the walls, then of the pairs.
+        other: row j of each of the pairs.
+        walls: number of the walls.
+    """
+    n = len(changed_m_s)
+    causes = np.full(n, n)
+    for i in range(n):
+        if not changed_m_s[i] > NOTICEABLE_M_S:
+            continue
+        k = which[i]
+        if k == NO_ROW:
+            causes[i] = n + 1
+        elif k < walls:
+            causes[i] = n + 2 + k
+        else:
+            causes[i] = other[k - walls] if first[k] == i else first[k]
+    return causes
 
 
 @lru_cache(maxsize=4)
-def _separation_from(names: tuple[str, ...]) -> NDArray[np.object_]:
-    """(n,) the reason text for keeping away from each vehicle."""
-    return np.array([f"separation from {name}" for name in names], dtype=object)
+def _texts(names: tuple[str, ...]) -> NDArray[np.object_]:
+    """(n + 2,) the reasons: keeping away from each vehicle, none, the limits."""
+    return np.array([*(f"separation from {name}" for name in names), "", "limits"], dtype=object)
 
 
 def warm_up() -> None:

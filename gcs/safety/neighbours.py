@@ -57,7 +57,7 @@ def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Ro
 def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
     """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by comparing all pairs."""
     n, found = len(position_m), 0
-    room = n * some.sum()
+    room = n * some.sum() + 1
     first, second = np.empty(room, np.intp), np.empty(room, np.intp)
     for i in range(n):
         if not (some[i] and takes_part[i]):
@@ -68,9 +68,8 @@ def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Arr
                 continue  # already found from j
             dx, dy, dz = position_m[j, 0] - x_m, position_m[j, 1] - y_m, position_m[j, 2] - z_m
             reach_m = own_m + radius_m[j]
-            if takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m:
-                first[found], second[found] = i, j
-                found += 1
+            first[found], second[found] = i, j  # the next replaces it, if it is not near
+            found += takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m
     return first[:found], second[:found]
 
 
@@ -102,6 +101,7 @@ def _write_pairs(
         for axis in range(3):
             from_[axis] = _cell(place_m[a, axis] - far_m, low_m[axis], cell_m, across)
             to[axis] = _cell(place_m[a, axis] + far_m, low_m[axis], cell_m, across) + 1
+        from_[0] = _cell(x_m, low_m[0], cell_m, across)  # the cells before hold earlier vehicles only
         for x in range(from_[0], to[0]):
             for y in range(from_[1], to[1]):
                 column = (x * across + y) * across
