@@ -1,7 +1,7 @@
 """`make bench`: speed, each figure beside a named alternative measured in the same run.
 
-The ratios are what to compare, as machines differ. One core; the first calls, which may compile, are not
-counted. With names as arguments only the rows that contain one of them are measured.
+The ratios are what to compare, as machines differ. Processor time on one core; the first calls, which may
+compile, are not counted. With names as arguments only the rows that contain one of them are measured.
 """
 
 import gc
@@ -41,15 +41,15 @@ class Timing:
 
 
 def timed(once: Callable[[], object], repeats: int = 400) -> Timing:
-    """Time one call, warmed up."""
+    """Processor time of one call, warmed up."""
     for _ in range(WARM_UPS):
         once()
     times_s: list[float] = []
     began_s = time.perf_counter()
     while len(times_s) < repeats and (len(times_s) < 3 or time.perf_counter() - began_s < LONGEST_S):
-        call_s = time.perf_counter()
+        call_s = time.process_time()
         once()
-        times_s.append(time.perf_counter() - call_s)
+        times_s.append(time.process_time() - call_s)
     return Timing(float(np.median(times_s)) * 1e3, float(np.percentile(times_s, 99)) * 1e3)
 
 
