@@ -7,6 +7,7 @@ from concurrent.futures import Executor, Future
 import numpy as np
 
 from gcs.flight.fleet import Fleet
+from gcs.flight.landing_places import homes_m
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import ShapeError, cut
 from gcs.model.lifecycle import Phase
@@ -117,6 +118,10 @@ class CollectiveReturn:
         self._led.add(vehicle.id)
         return np.asarray(self._progress.goal_m[self._rows[vehicle.id]])
 
+    def place_m(self, vehicle: Vehicle) -> Array:
+        """(3,) Where a vehicle of the plan lands: its pad, or beside it."""
+        return np.asarray(self._home_m[self._rows[vehicle.id]])
+
     def follows_path(self, vehicle: Vehicle) -> bool:
         """Whether it has a path without conflicts, and is not late at its end."""
         if self._progress is None:
@@ -125,7 +130,7 @@ class CollectiveReturn:
         return row not in self._progress.return_paths.unplanned and not self._progress.late[row]
 
     def has_arrived(self, vehicle: Vehicle) -> bool:
-        """Whether its path has led it above its start."""
+        """Whether its path has led it above its landing place."""
         return self._progress is not None and bool(self._progress.arrived[self._rows[vehicle.id]])
 
     def _all_stand(self) -> bool:
@@ -138,16 +143,16 @@ class CollectiveReturn:
         flight = self._flight
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
-        homes = [(vehicle, vehicle.home_m) for vehicle in known if vehicle.home_m is not None]
-        if not homes or len(homes) > TOGETHER_MAX:
+        homing = [vehicle for vehicle in known if vehicle.home_m is not None]
+        if not homing or len(homing) > TOGETHER_MAX:
             self._is_off = True
             return
-        self._places = rows = [vehicle.row for vehicle, _ in homes]
+        self._places = rows = [vehicle.row for vehicle in homing]
         operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
         heights_m = operation.takeoff_height_m, operation.handover_height_m
         segments_m, segments_of = flight.swept()
-        self._rows = {vehicle.id: row for row, (vehicle, _) in enumerate(homes)}
-        self._home_m = np.array([home_m for _, home_m in homes])
+        self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
+        self._home_m = homes_m(flight, homing)
         fleet = flight.fleet.position_m[rows].copy(), self._home_m, heights_m, flight.control, flight.plan
         lost = segments_m, uncertainty_m[segments_of]
         try:

@@ -6,6 +6,7 @@ from typing import Final
 
 from gcs.flight.collective_return import CollectiveReturn
 from gcs.flight.fleet import Fleet
+from gcs.flight.landing_places import landing_sites_m
 from gcs.flight.maneuvers import Done, Maneuvers
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.recovery import Recovery
@@ -13,7 +14,7 @@ from gcs.flight.refusals import why_never, with_alternative
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.start import Starting
 from gcs.flight.vehicle import Vehicle
-from gcs.flight.vehicle_commands import VehicleCommands, landing_sites_m
+from gcs.flight.vehicle_commands import VehicleCommands
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show

@@ -13,6 +13,7 @@ import numpy as np
 
 from gcs.flight.collective_return import CollectiveReturn
 from gcs.flight.fleet import Fleet
+from gcs.flight.landing_places import homes_m
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
@@ -49,6 +50,14 @@ NO_PROGRESS_S = 30.0
 
 WAY_S = 90.0
 """The same limit for returns along planned paths, on which some vehicles wait for others."""
+
+
+def comes_down(place_m: Array, home_m: Array) -> str:
+    """Describe the descent of a returning vehicle onto a place (3,), with its pad at `home_m` (3,)."""
+    if (place_m == home_m).all():
+        return "above its start, comes down"
+    away_m = float(np.hypot(*(place_m - home_m)[:2]))
+    return f"comes down {away_m:.0f} m beside its start: a lost vehicle may come down there"
 
 
 class Maneuvers:
@@ -176,12 +185,13 @@ class Maneuvers:
             return
         if not await self._under_control(vehicle, Event.COME_HOME, "on its way home"):
             return
+        place_m = homes_m(self._flight, [vehicle])[0]
         # sideways at its own height, but not lower than the take-off height of all
         here_m, least_m = self._flight.position_m(vehicle), self._settings.takeoff_height_m
-        vehicle.goal_m = above_place_m(here_m[None], home_m[None], least_m)[0]
-        await self._until(vehicle, lambda: self._above(vehicle, home_m))
-        vehicle.apply(Event.DESCEND, "above its start, comes down")
-        await self._descend_slowly(vehicle, home_m)
+        vehicle.goal_m = above_place_m(here_m[None], place_m[None], least_m)[0]
+        await self._until(vehicle, lambda: self._above(vehicle, place_m))
+        vehicle.apply(Event.DESCEND, comes_down(place_m, home_m))
+        await self._descend_slowly(vehicle, place_m)
 
     def come_home_together(self, collective_return: CollectiveReturn, stops_m: Array) -> Maneuver:
         """Stop at `stops_m` (3,), follow the path of the collective return, and land."""
@@ -203,14 +213,15 @@ class Maneuvers:
                 return
             vehicle.reason = "on its way home"
             await self._until(vehicle, lambda: self._led(vehicle, collective_return), patience_s=WAY_S)
-            vehicle.apply(Event.DESCEND, "above its start, comes down")
-            await self._descend_slowly(vehicle, home_m)
+            place_m = collective_return.place_m(vehicle)
+            vehicle.apply(Event.DESCEND, comes_down(place_m, home_m))
+            await self._descend_slowly(vehicle, place_m)
 
         return maneuver
 
     @staticmethod
     def _led(vehicle: Vehicle, collective_return: CollectiveReturn) -> bool:
-        """Move the goal along the path. Returns: whether the path has led the vehicle above its start."""
+        """Move the goal along the path. Returns: whether it has led the vehicle above its landing place."""
         vehicle.goal_m = collective_return.goal_m(vehicle)
         vehicle.follows_planned_path = collective_return.follows_path(vehicle)
         return collective_return.has_arrived(vehicle)

@@ -7,6 +7,7 @@ from typing import Final
 from gcs.flight.commander import Commander
 from gcs.flight.failsafe_monitor import FailsafeMonitor
 from gcs.flight.fleet import Fleet
+from gcs.flight.landing_places import landing_sites_m
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.show_player import ShowPlayer
@@ -14,7 +15,6 @@ from gcs.flight.start import uncontrolled, uncontrolled_reason
 from gcs.flight.telemetry_monitor import TelemetryMonitor
 from gcs.flight.ticker import TickClock
 from gcs.flight.vehicle import Vehicle
-from gcs.flight.vehicle_commands import landing_sites_m
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
 from gcs.model.state import Whereabouts

@@ -5,19 +5,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import numpy as np
-
-from gcs.control import ellipses_of
 from gcs.flight.fleet import Fleet
+from gcs.flight.landing_places import landing_sites_m
 from gcs.flight.maneuvers import Maneuver, Maneuvers
 from gcs.flight.refusals import instead, why_never, why_not_unnamed, with_alternative
 from gcs.flight.vehicle import Vehicle, require_phase
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, InvalidError, RefusedError
-from gcs.model.lifecycle import AIRBORNE, FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
-from gcs.model.state import Array, VehicleId
+from gcs.model.lifecycle import FLOWN, GROUNDED, IN_THE_AIR, NEXT, Event, Phase, ShowPhase
+from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_formation
-from gcs.planning.landing_sites import distinct_sites_m
 from gcs.service import CommandRecord, VehicleAction
 
 log = logging.getLogger(__name__)
@@ -30,31 +27,6 @@ EVENT_OF = {
     VehicleAction.TAKE_CONTROL: Event.TAKE_CONTROL,
     VehicleAction.CONFIRM_DOWN: Event.CONFIRMED_DOWN,
 }
-
-
-def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
-    """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
-    if not vehicles:
-        return {}
-    desired_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
-    coming_down = {vehicle.id for vehicle in vehicles}
-    taken_m = [
-        place_m[:2]
-        for vehicle in flight.vehicles.values()
-        if vehicle.id not in coming_down
-        for place_m in (
-            vehicle.home_m,
-            flight.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
-            vehicle.goal_m if vehicle.phase is Phase.LANDING else None,
-        )
-        if place_m is not None
-    ]
-    spacing_m = flight.config.operation.landing_site_spacing_m
-    ellipses = ellipses_of(flight.plan, flight.control, flight.fleet.time_s)
-    places_m = distinct_sites_m(desired_m, np.array(taken_m).reshape(-1, 2), spacing_m, ellipses)
-    ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
-    sites_m = np.column_stack([places_m, ground_z_m])
-    return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
 
 
 @dataclass(eq=False)

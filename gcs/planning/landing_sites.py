@@ -1,6 +1,6 @@
 """Distinct landing sites, the volume that a lost vehicle may sweep, and stacked vehicles. Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -97,6 +97,38 @@ def distinct_sites_m(
     return _nearest_free_m(place_m, taken_m, spacing_m, walls)
 
 
+def open_places_m(
+    pad_m: Array,
+    closed: Mask,
+    taken_m: Array,
+    spacing_m: float,
+    ellipses: Mapping[str, Ellipse],
+    are_open: Callable[[Array], Mask],
+) -> Array:
+    """Return each vehicle's own pad, or where that is closed the nearest place that is open.
+
+    Args:
+        pad_m: (n, 3) show frame.
+        closed: (n,) pads on which no vehicle can land.
+        taken_m: (m, 2) other sites in use or assigned.
+        spacing_m: between any two, the pads included.
+        ellipses: obstacles with their margins; places keep CLEAR_M to them.
+        are_open: which of (k, 3) places are open.
+
+    Returns: (n, 3); where no place is found, the pad.
+    """
+    place_m, walls = np.array(pad_m, dtype=np.float64), _Walls.of(ellipses)
+    for row in np.flatnonzero(closed).tolist():
+        others_m = np.vstack([np.delete(place_m[:, :2], row, axis=0), taken_m.reshape(-1, 2)])
+        ground_z_m = place_m[row, 2]
+
+        def free(level_m: Array, ground_z_m: float = ground_z_m) -> Mask:
+            return are_open(np.column_stack([level_m, np.full(len(level_m), ground_z_m)]))
+
+        place_m[row, :2] = _nearest_free_m(place_m[row : row + 1, :2], others_m, spacing_m, walls, free)[0]
+    return place_m
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Walls:
     """All ellipses at once: `Ellipse.distance_m` and `Ellipse.outward` for k of them."""
@@ -144,7 +176,13 @@ def _length(vector: Array) -> Array:
     return length
 
 
-def _nearest_free_m(place_m: Array, taken_m: Array, spacing_m: float, walls: _Walls) -> Array:
+def _nearest_free_m(
+    place_m: Array,
+    taken_m: Array,
+    spacing_m: float,
+    walls: _Walls,
+    are_open: Callable[[Array], Mask] | None = None,
+) -> Array:
     """Return, row by row, the place itself if it is free, otherwise the nearest free place."""
     turn_rad = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
@@ -155,6 +193,8 @@ def _nearest_free_m(place_m: Array, taken_m: Array, spacing_m: float, walls: _Wa
         for offset_m in (np.zeros((1, 2)), *around_m):
             candidate_m = desired_m + offset_m
             candidate_m = candidate_m[walls.distance_m(candidate_m).min(axis=1, initial=np.inf) >= CLEAR_M]
+            if are_open is not None:
+                candidate_m = candidate_m[are_open(candidate_m)]
             apart_m = _offsets(candidate_m, settled_m)[1].min(axis=1, initial=np.inf)
             fit = np.flatnonzero(apart_m >= spacing_m)
             if len(fit):

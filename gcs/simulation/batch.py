@@ -127,6 +127,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("arrival.missing", "missing", LESS_IS_BETTER, ".0f"),
     ("arrival.median_ratio", "ratio", LESS_IS_BETTER, ".2f"),
     ("arrival.worst_ratio", "worst", LESS_IS_BETTER, ".2f"),
+    ("arrival.planning_s", "plan s", LESS_IS_BETTER, ".2f"),
     ("tick.p99_ms", "p99 ms", LESS_IS_BETTER, ".2f"),
     ("realtime_factor", "x real", MORE_IS_BETTER, ".0f"),
 )

@@ -27,7 +27,8 @@ from gcs.planning.return_paths.paths import (
     lowest_beside_m,
     may_hand_over,
 )
-from gcs.planning.return_paths.planner import plan_return_paths, return_planner
+from gcs.planning.return_paths.planner import plan_return_paths, return_places_m, return_planner
+from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
@@ -58,8 +59,10 @@ class SimulatedFlight:
         self.goal_m = np.array(goal_m)
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
-        loss = Loss() if isinstance(scenario.flight, ArticleFlight) else scenario.flight.loss
-        self.losses = Losses(loss, n, seed)
+        flight = scenario.flight
+        loss = Loss() if isinstance(flight, ArticleFlight) else flight.loss
+        joining = flight.join if isinstance(flight, FormationFlight) else 0
+        self.losses = Losses(loss, n, seed, joining=joining)
         self.record.lost_rows = frozenset(np.flatnonzero(self.losses.rows).tolist())
         self.center_moves = False
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
@@ -261,9 +264,9 @@ class SimulatedFlight:
             self.record.changed_s = self.time_s
             flying = self.present & ~self.losses.known & np.isnan(self._site_m[:, 0])
             self.task[flying] = Task.GOAL
-            self.record.goal_m = self.world.home_m if self.pads_m is None else self.pads_m
-            self.record.expected = flying.copy()
             self._returning = rows = np.flatnonzero(flying)
+            self.record.goal_m = self._return_places_m(rows, takeoff_height_m)
+            self.record.expected = flying.copy()
             paths = self._return_paths(rows, takeoff_height_m)
             self._progress = PathProgress(paths, self.record.goal_m[rows])
         pads_m, progress, rows = self.record.goal_m, self._progress, self._returning
@@ -286,9 +289,30 @@ class SimulatedFlight:
         follows[self._returning[list(self._progress.return_paths.unplanned)]] = False
         return keeps_to_path(follows, self.world.received_m, self.goal_m)
 
+    def _return_places_m(self, rows: NDArray[np.intp], takeoff_height_m: float) -> Array:
+        """(n, 3) pads, or for these vehicles the places where they land instead, as in flight."""
+        place_m, losses = np.array(self.world.home_m if self.pads_m is None else self.pads_m), self.losses
+        uncertainty_m = np.array(self.traits.uncertainty_m)
+        down = ~self.world.in_air & self.present
+        taken_m = np.vstack([np.delete(place_m, rows, axis=0), self.world.received_m[down]])[:, :2]
+        place_m[rows] = return_places_m(
+            place_m[rows],
+            taken_m,
+            takeoff_height_m,
+            OperationSettings.model_fields["landing_site_spacing_m"].default,
+            self.settings,
+            self.plan,
+            self.time_s,
+            uncertainty_m[rows],
+            (losses.segments_m, uncertainty_m[losses.segments_of]),
+        )
+        return place_m
+
     def _return_paths(self, rows: NDArray[np.intp], takeoff_height_m: float) -> ReturnPaths:
         """Plan the return of these vehicles with the planner of real flights."""
         losses, uncertainty_m = self.losses, np.array(self.traits.uncertainty_m)
+        warm_up_planner()
+        began_s = time.thread_time()
         planner = return_planner(
             self.world.received_m[rows].copy(),
             self.record.goal_m[rows],
@@ -299,7 +323,9 @@ class SimulatedFlight:
             uncertainty_m[rows],
             (losses.segments_m, uncertainty_m[losses.segments_of]),
         )
-        return plan_return_paths(planner)
+        paths = plan_return_paths(planner)
+        self.record.planning_s = time.thread_time() - began_s
+        return paths
 
     def vanish(self, rows: Mask) -> None:
         self.present = self.present & ~rows

@@ -23,10 +23,11 @@ FAR_M = 1e9
 class Losses:
     """The vehicles that lose their links at one time, for good."""
 
-    def __init__(self, loss: Loss, count: int, seed: int) -> None:
-        """Draw the vehicles, by a random stream of their own."""
+    def __init__(self, loss: Loss, count: int, seed: int, *, joining: int = 0) -> None:
+        """Draw the vehicles, by a random stream of their own; none of the last `joining` of all `count`."""
         self.loss, self._operation = loss, OperationSettings(setpoint_loss_action=loss.action)
-        picked = np.random.default_rng([seed, 3]).choice(count, round(loss.share * count), replace=False)
+        among = count - joining
+        picked = np.random.default_rng([seed, 3]).choice(among, round(loss.share * among), replace=False)
         self.rows: Mask = np.isin(np.arange(count), picked)
         """(n,) the vehicles that lose their links."""
         self.known: Mask = np.zeros(count, dtype=bool)

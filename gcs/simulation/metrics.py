@@ -324,13 +324,27 @@ TOTAL_SHARE, TOTAL_SPARE_S, SPARE_OF_MANY_S, MANY = 1.5, 10.0, 30.0, 200
 """`arrival.late_s` is the last arrival minus share times the longest straight-line time minus reserve."""
 
 
+ARRIVAL = ("arrived", "median_ratio", "worst_ratio", "total_s", "late_s")
+
+AT_PAD_M = 2.0
+"""Farther than this from its pad, over the ground, a vehicle has not landed there."""
+
+
 def arrival(record: Record) -> dict[str, object]:
-    """Number of arrivals, and their delay relative to straight flight at the limits."""
+    """Number of arrivals, their delay relative to straight flight at the limits, and planning of the return.
+
+    Of a flight that ends with a return landings at pads count, of others with lost vehicles slots.
+    """
+    return _arrivals(record) | {"planning_s": rounded(record.planning_s)}
+
+
+def _arrivals(record: Record) -> dict[str, object]:
     flight, scenario = record.scenario.flight, record.scenario
-    if record.off_slot_m:
+    has_goals = bool(np.isfinite(record.goal_m).all())
+    if record.off_slot_m and not has_goals:
         return _in_slots(record)
-    if not np.isfinite(record.goal_m).all():
-        return dict.fromkeys(("arrived", "median_ratio", "worst_ratio", "total_s", "late_s"))
+    if not has_goals:
+        return dict.fromkeys(ARRIVAL)
     limits = scenario.control.safety.limits
     begin = int(np.searchsorted(record.time_s, record.changed_s - 1e-9))
     way_m = record.goal_m - record.position_m[begin]
@@ -339,7 +353,8 @@ def arrival(record: Record) -> dict[str, object]:
         path_m = record.path_m[begin:]
         there = np.linalg.norm(path_m - record.goal_m, axis=2) < flight.arrived_m
     else:
-        there = ~np.array(record.in_air[begin:])
+        off_pad_m = np.linalg.norm((record.path_m[begin:] - record.goal_m)[:, :, :2], axis=2)
+        there = ~np.array(record.in_air[begin:]) & (off_pad_m < AT_PAD_M)
     there, straight_s = there[:, record.expected], straight_s[record.expected]
     ever = there.any(axis=0)
     took_s = np.where(ever, there.argmax(axis=0) / scenario.world.tick_rate_hz, np.inf)
@@ -366,7 +381,7 @@ def _in_slots(record: Record) -> dict[str, object]:
         lasts_s = 2.0 * np.pi * flight.orbit.radius_m / flight.orbit.speed_m_s
     off_m = np.array(record.off_slot_m[-round(lasts_s * record.scenario.world.tick_rate_hz) :])
     record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
-    figures = dict.fromkeys(("arrived", "expected", "median_ratio", "worst_ratio", "total_s", "late_s"))
+    figures = dict.fromkeys(ARRIVAL)
     at_once = (off_m < THROUGH_M)[:, record.expected].sum(axis=1)
     return figures | {"arrived": int(at_once.max()), "expected": int(record.expected.sum())}
 

@@ -55,6 +55,7 @@ class Record:
     busy_s: float = 0.0  # processor time of the whole flight
     carried_s: tuple[float, ...] = ()  # when a carried vehicle was held, let go, and the flight ends
     changed_s: float = 0.0  # start of settling: engagement, or the last event
+    planning_s: float | None = None  # processor time of the collective return's plan; None: none was made
 
     def __post_init__(self) -> None:
         self.expected = np.ones(len(self.start_m), dtype=np.bool_)

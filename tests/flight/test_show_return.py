@@ -13,7 +13,7 @@ from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from tests.support.show_phases import running
 from tests.support.views import vehicles_of
-from tests.support.virtual_show import Show, Track, fly, show_config
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 from tests.support.virtual_time import AtOnce
 
 T = TypeVar("T")
@@ -161,3 +161,46 @@ def test_a_planner_that_fails_leaves_the_fleet_under_control() -> None:
 
     track = fly(story, after=running)
     assert np.diff(track.time_s).max() < 0.06
+
+
+class PastLost(NamedTuple):
+    off_pad_m: float  # of the vehicle with its pad below the lost one, over the ground
+    off_lost_m: float  # from the lost one, over the ground
+    reason: str  # of its descent
+    others_off_pad_m: float
+    floor_violations: int
+
+
+async def return_past_a_lost_one(show: Show) -> PastLost:
+    """A vehicle that hangs above the pad of another is lost; then all others return."""
+    pads_m = show.true_m
+    await show.start()
+    await show.wait(15.0)
+    away_m = np.linalg.norm((show.true_m[:, None] - pads_m[None])[..., :2], axis=2)
+    away_m += 99.0 * np.eye(len(pads_m))
+    lost, other = divmod(int(away_m.argmin()), len(pads_m))
+    assert away_m.min() < 2.0, away_m.min()
+    ids = show.config.ids
+    show.ports.silence(ids[lost])
+    await show.phase(ids[lost], Phase.LOST)
+    record = show.service.commands.command_show(ShowAction.STOP)
+    await show.phase(ids[other], Phase.LANDING, 120.0)
+    reason = vehicles_of(show.view)[other].reason
+    await show.settled(record, 60.0)
+    landed_m, rest = show.true_m, np.delete(np.arange(len(ids)), [lost, other])
+    off_m = np.linalg.norm((landed_m - pads_m)[:, :2], axis=1)
+    off_lost_m = float(np.hypot(*(landed_m[other] - landed_m[lost])[:2]))
+    return PastLost(
+        float(off_m[other]), off_lost_m, reason, float(off_m[rest].max()), show.floor_violations()
+    )
+
+
+def test_pad_below_a_lost_vehicle_is_left_for_a_free_place() -> None:
+    """It hovered beside the space of the lost vehicle until its battery was empty."""
+    config = show_config(COUNT, formation={"radius_m": 9.0, "height_m": 20.0}, operation=HOLDS_WHEN_LOST)
+    landed = fly(return_past_a_lost_one, config, grid_columns=4)
+    assert landed.off_lost_m > 2.5
+    assert 1.0 < landed.off_pad_m < 10.0
+    assert "beside its start" in landed.reason
+    assert landed.others_off_pad_m < 1.5
+    assert landed.floor_violations == 0

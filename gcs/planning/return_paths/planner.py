@@ -10,10 +10,10 @@ from gcs.model.errors import ShapeError
 from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
-from gcs.planning.landing_sites import CLEAR_M
+from gcs.planning.landing_sites import CLEAR_M, open_places_m
 from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Candidates, Closed, lay
 from gcs.planning.return_paths.conflicts import chosen_paths
-from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
+from gcs.planning.return_paths.paths import STEP_S, WELL_IN_PLACE_M, ReturnPaths
 from gcs.safety.filter import Limits
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
@@ -298,6 +298,63 @@ def return_planner(
         are_free=_are_free(control, plan, time_s),
         closed=None if lost is None else _closed(control.safety.floor, uncertainty_m, *lost),
     )
+
+
+PAD_CLOSED_M = WELL_IN_PLACE_M / 2.0
+"""Farther inside the space of a lost vehicle than this, a pad is closed: a vehicle lands beside it at most
+that much.
+"""
+
+
+def return_places_m(
+    home_m: Array,
+    taken_m: Array,
+    over_m: float,
+    spacing_m: float,
+    control: ControlSettings,
+    plan: Plan,
+    time_s: float,
+    uncertainty_m: Array,
+    lost: tuple[Array, Array],
+) -> Array:
+    """Return where returning vehicles land: at home, or if a lost vehicle closes that, at the nearest place.
+
+    Args:
+        home_m: (n, 3) their pads, show frame.
+        taken_m: (m, 2) other sites in use or assigned.
+        over_m: height from which they come down.
+        spacing_m: between any two landing places.
+        control: fence and minimum separation.
+        plan: places are clear of its obstacles at `time_s`.
+        time_s: time of the planning.
+        uncertainty_m: (n,) standard deviations of their positions, sideways.
+        lost: as of `return_planner`.
+
+    Returns: (n, 3) show frame; where no place is open, home.
+    """
+    floor = control.safety.floor
+    if not len(lost[0]):
+        return np.array(home_m)
+    space, are_free = _closed(floor, uncertainty_m, *lost), _are_free(control, plan, time_s)
+
+    def apart_m(place_m: Array) -> Array:
+        """(k,) least distance of the way down to each place (k, 3) from the closed space, scaled."""
+        least_m = np.full(len(place_m), np.inf)
+        for share in (0.0, 0.5, 1.0):
+            point_m = (place_m - (0.0, 0.0, share * over_m)) * space.scale
+            for segment_m, kept_m in zip(space.segments_m, space.kept_m, strict=True):
+                along_m = segment_m[1] - segment_m[0]
+                at = np.clip((point_m - segment_m[0]) @ along_m / max(along_m @ along_m, 1e-9), 0.0, 1.0)
+                away_m = np.linalg.norm(point_m - segment_m[0] - at[:, None] * along_m, axis=1)
+                least_m = np.minimum(least_m, away_m - kept_m)
+        return least_m
+
+    def are_open(place_m: Array) -> Mask:
+        above_m = place_m - (0.0, 0.0, over_m)
+        return np.asarray((apart_m(place_m) >= 0.0) & are_free(place_m) & are_free(above_m))
+
+    closed = apart_m(home_m) < -ReturnSettings().spare_m - PAD_CLOSED_M
+    return open_places_m(home_m, closed, taken_m, spacing_m, ellipses_of(plan, control, time_s), are_open)
 
 
 def _closed(floor: Floor, uncertainty_m: Array, segments_m: Array, lost_m: Array) -> Closed:

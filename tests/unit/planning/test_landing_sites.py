@@ -5,7 +5,7 @@ import pytest
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.plan import MAX_OBSTACLES, Obstacle
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 from gcs.planning.landing_sites import (
     CLEAR_M,
     COLUMNS_APART_M,
@@ -13,6 +13,7 @@ from gcs.planning.landing_sites import (
     OVERSHOOT_M,
     distinct_sites_m,
     expected_drift,
+    open_places_m,
     return_heights_m,
     silent_segments_m,
     swept_segments_m,
@@ -285,3 +286,34 @@ def test_vehicle_lost_in_its_climb_may_reach_its_takeoff_height() -> None:
     assert up.tolist() == COLUMN
     nowhere = swept_segments_m(low, np.zeros(3), None, "descend", 30.0, climbing_to_m=5.0)
     assert len(nowhere) == 1
+
+
+def test_a_closed_pad_is_left_for_the_nearest_open_place() -> None:
+    pad_m = np.array([[0.0, 0.0, 0.5], [4.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
+    closed = np.array([True, False, False])
+    taken_m = np.array([[0.0, 5.0]])
+
+    def are_open(place_m: Array) -> Mask:
+        return np.asarray(np.hypot(place_m[:, 0], place_m[:, 1]) > 3.0)
+
+    place_m = open_places_m(pad_m, closed, taken_m, 4.0, {}, are_open)
+    assert (place_m[1:] == pad_m[1:]).all()
+    assert place_m[0, 2] == 0.5
+    assert 3.0 < np.hypot(*place_m[0, :2]) < 4.5
+    assert np.hypot(*(pad_m[1:, :2] - place_m[0, :2]).T).min() >= 4.0
+    assert np.hypot(*(taken_m - place_m[0, :2]).T).min() >= 4.0
+
+
+def test_two_closed_pads_get_places_apart() -> None:
+    pad_m = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+
+    def are_open(place_m: Array) -> Mask:
+        return np.asarray(place_m[:, 0] > 5.0)
+
+    place_m = open_places_m(pad_m, np.ones(2, dtype=bool), np.zeros((0, 2)), 4.0, {}, are_open)
+    assert np.hypot(*(place_m[0] - place_m[1])[:2]) >= 4.0
+    assert (place_m[:, 0] > 5.0).all()
+    nowhere_m = open_places_m(
+        pad_m, np.ones(2, dtype=bool), np.zeros((0, 2)), 4.0, {}, lambda place_m: place_m[:, 0] > 1e6
+    )
+    assert (nowhere_m == pad_m).all()

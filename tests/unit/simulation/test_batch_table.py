@@ -28,7 +28,7 @@ def run(
         "obstacles": dict.fromkeys(
             ("penetrations", "minimum_clearance_m", "reformed_time_s", "path_ratio", "noticed_s")
         ),
-        "arrival": dict.fromkeys(("arrived", "median_ratio", "worst_ratio")),
+        "arrival": dict.fromkeys(("arrived", "median_ratio", "worst_ratio", "planning_s")),
         "tick": {"p50_ms": 0.1, "p99_ms": 0.2},
         "failed": list(failed),
         "missed": [],
@@ -59,6 +59,15 @@ def test_pairs_of_two_lost_vehicles_have_a_column() -> None:
     header, row = rows(runs)
     cells = dict(zip(header, row, strict=True))
     assert (cells["viol."], cells["lost p."]) == ("0", "1/2")
+
+
+def test_the_planning_of_a_return_has_a_column() -> None:
+    runs = [run(0, 8.0), run(1, 9.0)]
+    assert "plan s" not in rows(runs)[0]
+    for figures, planning_s in zip(runs, (2.0, 4.0), strict=True):
+        figures["arrival"]["planning_s"] = planning_s
+    header, row = rows(runs)
+    assert dict(zip(header, row, strict=True))["plan s"] == "3.00/4.00"
 
 
 def test_run_that_never_settled_is_the_worst() -> None:

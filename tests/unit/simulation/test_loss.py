@@ -6,6 +6,7 @@ import pytest
 from gcs.control import Task
 from gcs.failsafe.policy import FailsafePolicy, VehicleLost
 from gcs.simulation.flight import FormationRun
+from gcs.simulation.loss import Losses
 from gcs.simulation.metrics import report
 from gcs.simulation.scenario import FormationFlight, Judged, Loss, Scenario
 
@@ -65,3 +66,27 @@ def test_without_failsafes_the_others_close_the_gap() -> None:
     assert record.failsafes == []
     assert "failsafes" not in report(record)
     assert record.formed[-1].sum() == 6
+
+
+def test_vehicles_that_wait_to_join_are_never_the_lost_ones() -> None:
+    for seed in range(20):
+        losses = Losses(Loss(share=0.5), 8, seed, joining=2)
+        assert int(losses.rows.sum()) == 3
+        assert not losses.rows[6:].any()
+
+
+def test_all_others_land_although_pads_lie_below_a_lost_one() -> None:
+    """A vehicle with such a pad hovered beside the closed space for ever, and no landing was counted."""
+    flight = FormationFlight(kind="formation", ending="return", ending_s=30.0, loss=Loss(share=0.1, at_s=6.0))
+    scenario = Scenario(
+        name="loss", about="some are lost", duration_s=120.0, flight=flight, judged=Judged(vehicles=(20,))
+    )
+    run = FormationRun(scenario, flight, 20, 1)
+    record = run.fly()
+    lost = run.losses.known
+    assert np.hypot(*(record.goal_m - run.world.home_m)[~lost, :2].T).max() > 1.0
+    figures = report(record)["arrival"]
+    assert isinstance(figures, dict)
+    assert figures["arrived"] == figures["expected"] == 18
+    assert not record.violating
+    assert record.planning_s is not None

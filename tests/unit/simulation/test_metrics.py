@@ -213,6 +213,20 @@ def test_all_vehicles_count_as_there_only_at_one_moment() -> None:
     assert measure.arrival(record)["arrived"] == 3
 
 
+def test_landings_count_after_a_return_past_lost_ones() -> None:
+    """They were not counted: with lost vehicles only slots were."""
+    pads_m = 10.0 * TETRAHEDRON * (1.0, 1.0, 0.0)
+    record = record_of([10.0 * TETRAHEDRON + CENTER] * 40 + [pads_m] * 40, scenario(ending="return"))
+    record.off_slot_m = [np.zeros(4)] * 40
+    assert (measure.arrival(record)["arrived"], measure.arrival(record)["late_s"]) == (4, None)
+    record.goal_m, record.expected = pads_m, np.array([True, True, False, True])  # the third is lost
+    record.in_air[40:] = [np.zeros(4, dtype=bool)] * 40
+    figures = measure.arrival(record)
+    assert (figures["arrived"], figures["expected"], figures["total_s"]) == (3, 3, 2.0)
+    record.position_m[40:] = [pads_m + np.array([[3.0, 0.0, 0.0], *np.zeros((3, 3))])] * 40
+    assert measure.arrival(record)["arrived"] == 2  # the first lies beside its pad
+
+
 def test_two_lost_vehicles_that_meet_are_counted_apart() -> None:
     record = record_of([10.0 * TETRAHEDRON + CENTER] * 4)
     record.violating, record.lost_rows = {(0, 1), (1, 2)}, frozenset({1, 2})

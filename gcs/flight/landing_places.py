@@ -1,0 +1,65 @@
+"""Where vehicles of a flight land: near where they are, at home, or beside a pad that is closed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.control import ellipses_of
+from gcs.flight.fleet import Fleet
+from gcs.flight.vehicle import Vehicle
+from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.state import Array, VehicleId
+from gcs.planning.landing_sites import distinct_sites_m
+from gcs.planning.return_paths.planner import return_places_m
+
+
+def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+    """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
+    if not vehicles:
+        return {}
+    desired_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
+    spacing_m = flight.config.operation.landing_site_spacing_m
+    ellipses = ellipses_of(flight.plan, flight.control, flight.fleet.time_s)
+    taken_m = _taken_m(flight, vehicles, frozenset({Phase.LANDING}))
+    places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses)
+    ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
+    sites_m = np.column_stack([places_m, ground_z_m])
+    return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
+
+
+def homes_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> Array:
+    """(n, 3) Where returning vehicles land: their pads, or the nearest places clear of lost vehicles.
+
+    Every vehicle has a `home_m`.
+    """
+    rows = [vehicle.row for vehicle in vehicles]
+    segments_m, segments_of = flight.swept()
+    uncertainty_m, operation = flight.traits.uncertainty_m, flight.config.operation
+    return return_places_m(
+        np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3),
+        _taken_m(flight, vehicles, frozenset({Phase.LANDING, Phase.RETURN})),
+        operation.takeoff_height_m,
+        operation.landing_site_spacing_m,
+        flight.control,
+        flight.plan,
+        flight.fleet.time_s,
+        uncertainty_m[rows],
+        (segments_m, uncertainty_m[segments_of]),
+    )
+
+
+def _taken_m(flight: Fleet, vehicles: Sequence[Vehicle], goals_of: frozenset[Phase]) -> Array:
+    """(m, 2) Pads and positions on the ground of all other vehicles, and goals of those in such a phase."""
+    chosen = {vehicle.id for vehicle in vehicles}
+    taken_m = [
+        place_m[:2]
+        for vehicle in flight.vehicles.values()
+        if vehicle.id not in chosen
+        for place_m in (
+            vehicle.home_m,
+            flight.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
+            vehicle.goal_m if vehicle.phase in goals_of else None,
+        )
+        if place_m is not None
+    ]
+    return np.array(taken_m).reshape(-1, 2)
