@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo quick test soak computed flown console console-test schema check compiled bench mutate flight-quality screenshots docs format lock clean
+.PHONY: sitl ready demo quick test soak checked computed flown console console-test schema check compiled bench mutate flight-quality screenshots docs format lock clean
 
 # Two environments are made in parallel: one for flying, one for building the console.
 ready:
@@ -21,15 +21,19 @@ IDLE := $(shell command -v chrt >/dev/null 2>&1 && chrt --idle 0 true 2>/dev/nul
 
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
-	@$(MAKE) --no-print-directory $(if $(IDLE),-j2 --output-sync=target,-j1) computed flown
+	@$(MAKE) --no-print-directory $(if $(IDLE),-j3 --output-sync=target,-j1) checked computed flown
 	@$(BIN)/python -m tests.support.browsers  # its last line says when the console was not tested
 
-# Folders without a test that computes are not collected.
-COMPUTING := $(addprefix --ignore=tests/,browser unit/api unit/recording)
+checked: .venv/ready console
+	@$(IDLE) $(MAKE) --no-print-directory check console-test
+
+# Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
+# that only the API's tests need. In the order of the folders, flights first, the short tests fill what is left.
+COMPUTING := -m "not realtime and not soak" -p no:schemathesis --no-loadscope-reorder \
+  $(addprefix --ignore=tests/,browser integration unit/api unit/recording)
 
 computed: .venv/ready console
-	@$(IDLE) $(MAKE) --no-print-directory check console-test
-	$(IDLE) $(BIN)/pytest -m "not realtime and not soak" $(COMPUTING) --timeout 1800  # it may wait long for its turn
+	$(IDLE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
 # Long files first; the many short ones fill what is left at the end.
 FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" \

@@ -3,6 +3,7 @@
 import gc
 import logging
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,8 @@ settings.load_profile("machine")
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
 BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "recording")  # a state's age; threads that write soon
-REAL_TIME = (BROWSER, HERE / "system", HERE / "integration", *BY_THE_CLOCK)
+NOT_COMPUTED = (BROWSER, HERE / "integration", *BY_THE_CLOCK)  # `make computed` does not collect them
+REAL_TIME = (*NOT_COMPUTED, HERE / "system")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -57,7 +59,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if chromium() is None:
         unseen = [item for item in items if BROWSER in item.path.parents]
         config.hook.pytest_deselected(items=unseen)
-        items[:] = [item for item in items if item not in unseen]
+        items[:] = [item for item in items if BROWSER not in item.path.parents]
     if config.getoption("again"):
         # Not pytest's --last-failed: it finds no id of schemathesis, and then runs everything.
         assert config.cache is not None
@@ -70,12 +72,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             assert isinstance(item, pytest.Function)
             if (sum(item.callspec.indices.values()) + alternates.args[0]) % 2:
                 item.add_marker(pytest.mark.soak)
-        in_real_time = any(folder in item.path.parents for folder in REAL_TIME)
-        if in_real_time and item.get_closest_marker("computes") is None:
+        computes = item.get_closest_marker("computes") is not None
+        if computes and _is_in(NOT_COMPUTED, item.path):
+            raise pytest.UsageError(f"{item.nodeid}: `make computed` does not collect its folder")
+        if _is_in(REAL_TIME, item.path) and not computes:
             item.add_marker(pytest.mark.realtime)
         elif item.get_closest_marker("realtime"):
             folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
             raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
+
+
+@cache
+def _is_in(folders: tuple[Path, ...], module: Path) -> bool:
+    return any(folder in module.parents for folder in folders)
 
 
 def pytest_collection_finish() -> None:

@@ -17,8 +17,6 @@ from tests.support.link_bench import until
 from tests.support.machine import free_ports
 from tests.support.wire_bench import Bench, beat, bench
 
-pytestmark = pytest.mark.computes
-
 TOTAL_BYTES = 1_000_000
 GROWTH_MAX_BYTES = 3 << 20
 
