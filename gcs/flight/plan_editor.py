@@ -48,8 +48,11 @@ class PlanEditor:
         if formation.law is not flight.plan.formation.law:
             flight.need_no_countdown()
             self.show_player.need_ground("change the law")
-        flying = self._to_fly()
-        target, control, was = self._followed(), flight.control, flight.plan.formation
+        was = flight.plan.formation
+        if formation == replace(was, law=formation.law):  # as before, also where receivers are worse by now
+            flight.plan = replace(flight.plan, formation=formation)
+            return
+        flying, target, control = self._to_fly(), self._followed(), flight.control
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
             check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)
         check_formation(formation, len(flying), control.safety, flight.uncertainty_m(flying))

@@ -42,6 +42,21 @@ def test_law_chosen_on_the_ground_forms_the_sphere_and_rests(law: LawName) -> No
     fly(story)
 
 
+def test_law_is_chosen_also_where_the_radius_has_become_small() -> None:
+    """A choice of the law changes no distance; a radius too small for the accuracy blocks the start."""
+
+    async def story(show: Show) -> None:
+        show.befall("d2", "accuracy", eph_m=0.9, epv_m=1.2)
+        await show.wait(3.0)
+        chosen = replace(show.view.plan.formation, law=LawName.NEIGHBOURS)
+        refusal = await refused(show, lambda: show.service.plan.set_formation(replace(chosen, height_m=26.0)))
+        assert "uncertain by 0.9" in refusal.text
+        show.service.plan.set_formation(chosen)
+        await show.until(lambda: show.view.plan.formation == chosen)
+
+    fly(story, show_config(8, formation={"radius_m": 7.0, "height_m": 25.0}))
+
+
 def test_law_is_in_the_configuration_and_in_the_record() -> None:
     plan = show_config(4, formation={"law": "neighbours"}).plan
     assert plan.formation.law is LawName.NEIGHBOURS
