@@ -190,15 +190,17 @@ def _nearest_free_m(
     found_m = np.array(place_m)
     for row, desired_m in enumerate(place_m):
         settled_m = np.vstack([found_m[:row], taken_m])
+        away_m = _length((settled_m - desired_m).T)
         for offset_m in (np.zeros((1, 2)), *around_m):
             candidate_m = desired_m + offset_m
             candidate_m = candidate_m[walls.distance_m(candidate_m).min(axis=1, initial=np.inf) >= CLEAR_M]
-            if are_open is not None:
+            beside_m = settled_m[away_m <= _length(offset_m.T).max() + spacing_m]
+            apart_m = _offsets(candidate_m, beside_m)[1].min(axis=1, initial=np.inf)
+            candidate_m = candidate_m[apart_m >= spacing_m]
+            if are_open is not None and len(candidate_m):
                 candidate_m = candidate_m[are_open(candidate_m)]
-            apart_m = _offsets(candidate_m, settled_m)[1].min(axis=1, initial=np.inf)
-            fit = np.flatnonzero(apart_m >= spacing_m)
-            if len(fit):
-                found_m[row] = candidate_m[fit[0]]
+            if len(candidate_m):
+                found_m[row] = candidate_m[0]
                 break
     return found_m
 

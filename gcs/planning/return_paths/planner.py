@@ -336,18 +336,18 @@ def return_places_m(
     if not len(lost[0]):
         return np.array(home_m)
     space, are_free = _closed(floor, uncertainty_m, *lost), _are_free(control, plan, time_s)
+    along_m = space.segments_m[:, 1] - space.segments_m[:, 0]
+    length_m2 = np.maximum((along_m**2).sum(axis=1), 1e-9)
 
     def apart_m(place_m: Array) -> Array:
         """(k,) least distance of the way down to each place (k, 3) from the closed space, scaled."""
-        least_m = np.full(len(place_m), np.inf)
-        for share in (0.0, 0.5, 1.0):
-            point_m = (place_m - (0.0, 0.0, share * over_m)) * space.scale
-            for segment_m, kept_m in zip(space.segments_m, space.kept_m, strict=True):
-                along_m = segment_m[1] - segment_m[0]
-                at = np.clip((point_m - segment_m[0]) @ along_m / max(along_m @ along_m, 1e-9), 0.0, 1.0)
-                away_m = np.linalg.norm(point_m - segment_m[0] - at[:, None] * along_m, axis=1)
-                least_m = np.minimum(least_m, away_m - kept_m)
-        return least_m
+        down_m = (
+            place_m[:, None] - over_m * np.linspace(0.0, 1.0, 3)[:, None] * (0.0, 0.0, 1.0)
+        ) * space.scale
+        offset_m = down_m[:, :, None] - space.segments_m[:, 0]
+        at = np.clip((offset_m * along_m).sum(axis=3) / length_m2, 0.0, 1.0)
+        away_m = np.linalg.norm(offset_m - at[..., None] * along_m, axis=3) - space.kept_m
+        return np.asarray(away_m.min(axis=(1, 2), initial=np.inf))
 
     def are_open(place_m: Array) -> Mask:
         above_m = place_m - (0.0, 0.0, over_m)
