@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gcs.config.sections import OperationSettings
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
 from gcs.simulation.article import article_figures
@@ -326,8 +328,8 @@ TOTAL_SHARE, TOTAL_SPARE_S, SPARE_OF_MANY_S, MANY = 1.5, 10.0, 30.0, 200
 
 ARRIVAL = ("arrived", "median_ratio", "worst_ratio", "total_s", "late_s")
 
-AT_PAD_M = 2.0
-"""Farther than this from its pad, over the ground, a vehicle has not landed there."""
+AT_PAD_M: Final[float] = OperationSettings.model_fields["landing_site_spacing_m"].default
+"""Farther than this from its pad, over the ground, a vehicle has not landed there: other pads are as near."""
 
 
 def arrival(record: Record) -> dict[str, object]:

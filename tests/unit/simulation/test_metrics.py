@@ -223,7 +223,7 @@ def test_landings_count_after_a_return_past_lost_ones() -> None:
     record.in_air[40:] = [np.zeros(4, dtype=bool)] * 40
     figures = measure.arrival(record)
     assert (figures["arrived"], figures["expected"], figures["total_s"]) == (3, 3, 2.0)
-    record.position_m[40:] = [pads_m + np.array([[3.0, 0.0, 0.0], *np.zeros((3, 3))])] * 40
+    record.position_m[40:] = [pads_m + np.array([[5.0, 0.0, 0.0], *np.zeros((3, 3))])] * 40
     assert measure.arrival(record)["arrived"] == 2  # the first lies beside its pad
 
 
