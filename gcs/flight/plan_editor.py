@@ -45,13 +45,15 @@ class PlanEditor:
         """Change radius, height and, on the ground, the law; a refusal names values that are accepted."""
         flight = self.flight
         self.show_player.need_free("formation")
-        if formation.law is not flight.plan.formation.law:
+        was = flight.plan.formation
+        if formation.law is not was.law:
             flight.need_no_countdown()
             self.show_player.need_ground("change the law")
-        was = flight.plan.formation
-        if formation == replace(was, law=formation.law):  # as before, also where receivers are worse by now
-            flight.plan = replace(flight.plan, formation=formation)
-            return
+            if formation == replace(
+                was, law=formation.law
+            ):  # the radius stays, also where receivers are worse
+                flight.plan = replace(flight.plan, formation=formation)
+                return
         flying, target, control = self._to_fly(), self._followed(), flight.control
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
             check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)
