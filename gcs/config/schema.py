@@ -29,7 +29,7 @@ from gcs.planning.feasibility import (
     radius_allowed,
     smallest_formation_radius_m,
 )
-from gcs.planning.landing_sites import return_heights_m
+from gcs.planning.lost_space import return_heights_m
 from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 from gcs.service.access import AccessSettings, is_loopback

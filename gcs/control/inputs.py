@@ -44,7 +44,7 @@ class Tasks:
     )
     segments_of: NDArray[np.intp] | None = None  # (m,) row of each path's lost vehicle; None: not known
     drift: tuple[Array, Array] | None = None  # (n, 3) expected positions and velocities of vehicles that fell
-    # silent a few seconds ago (`gcs.planning.landing_sites.expected_drift`), else NaN; None: of none
+    # silent a few seconds ago (`gcs.planning.lost_space.expected_drift`), else NaN; None: of none
     silent_segments: int = 0  # the last of `segments_m` are of vehicles that are silent, and not lost yet
 
     def __post_init__(self) -> None:
@@ -127,6 +127,7 @@ class Memory:
     radius_m: float
     desired_m_s: Array  # (n, 3) velocity after the safety filter, NaN where not commanded
     asked_m_s: Array  # (n, 3) the same, of vehicles that yield to a lack of authority what the law requires
+    setpoint_m_s: Array  # (n, 3) as sent for it, less the trim; NaN where not commanded
     yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement
     engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
@@ -154,6 +155,7 @@ class Memory:
             center=None,
             radius_m=0.0,
             desired_m_s=nowhere,
+            setpoint_m_s=nowhere,
             asked_m_s=nowhere,
             yaw_rad=nothing,
             held_yaw_rad=nothing,

@@ -100,6 +100,7 @@ def tick(
         radius_m=lead.radius_m,
         desired_m_s=commanded_m_s,
         asked_m_s=asked_m_s,
+        setpoint_m_s=np.where(now.commanded[:, None], shaped.setpoint_m_s - memory.trim_m_s, np.nan),
         yaw_rad=yaw_rad,
         held_yaw_rad=held_rad,
         engaged_time_s=lead.engaged_time_s,

@@ -237,7 +237,7 @@ class Table:
     vehicle may fly on until its autopilot notices the loss, and other vehicles must keep clear of it by
     this estimate alone until it counts as lost. Within `brakes_s` it then fades to rest, as of a vehicle
     that brakes; a falling vehicle does not move sideways for long either. The growing uncertainty is not in
-    the velocity: from the loss on, the swept space (`gcs.planning.landing_sites.swept_segments_m`) covers
+    the velocity: from the loss on, the swept space (`gcs.planning.lost_space.swept_segments_m`) covers
     every place that the vehicle can have reached with the whole of `last_velocity_m_s`, however long ago that
     was.
 

@@ -40,7 +40,13 @@ from gcs.model.state import (
     Whereabouts,
     whereabouts,
 )
-from gcs.planning.landing_sites import STOP_S, expected_drift, silent_segments_m, swept_segments_m
+from gcs.planning.lost_space import (
+    STOP_S,
+    KeptSetpoints,
+    expected_drift,
+    silent_segments_m,
+    swept_segments_m,
+)
 from gcs.planning.return_paths.paths import keeps_to_path, lowest_beside_m
 from gcs.service.commands import CommandLog
 
@@ -147,6 +153,7 @@ class Fleet:
         self.has_heartbeat: Mask = ~self.silent  # within `operation.silence_s`
         self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
+        self._kept = KeptSetpoints(len(self.vehicles))
         self._ticked = asyncio.Event()
         self.fleet = self.receive(now_s)
 
@@ -234,10 +241,12 @@ class Fleet:
             position_age_s=float(self.fleet.age_s[vehicle.row]),
         )
 
-    def note_setpoint_gaps(self) -> None:
-        """Begin a tick, before telemetry changes phases: see `gcs.estimation.link_health.SetpointGaps`."""
+    def note_setpoints(self) -> None:
+        """Begin a tick, before telemetry changes phases: see `SetpointGaps` and `KeptSetpoints`."""
         left = np.array([vehicle.phase is Phase.PILOT for vehicle in self.vehicles.values()])
         self.setpoint_gaps.note(~np.isnan(self.memory.desired_m_s[:, 0]), left, self.fleet.time_s)
+        memory, fleet = self.memory, self.fleet
+        self._kept.note(memory.desired_m_s, memory.setpoint_m_s, fleet.age_s, fleet.time_s)
 
     @property
     def known(self) -> set[VehicleId]:
@@ -383,20 +392,25 @@ class Fleet:
         rows = np.zeros(len(self.vehicles), dtype=np.bool_)
         rows[[vehicle.row for vehicle in (*silent, *self.in_phase(Phase.LOST))]] = True
         noticed_s = self.config.operation.setpoint_loss_s
-        return expected_drift(self._seen_m, self._seen_m_s, self.fleet.age_s, rows, noticed_s=noticed_s)
+        keeps_m_s = self._kept.expected_m_s(self._seen_m_s)
+        return expected_drift(self._seen_m, keeps_m_s, self.fleet.age_s, rows, noticed_s=noticed_s)
 
     def _silent_m(self, vehicle: Vehicle, silent_s: float) -> Array:
         operation = self.config.operation
-        return silent_segments_m(
-            self._seen_m[vehicle.row],
-            self._seen_m_s[vehicle.row],
-            vehicle.home_m,
-            operation.setpoint_loss_action,
-            float(self.config.return_heights_m[vehicle.row]),
-            silent_s=silent_s,
-            noticed_s=operation.setpoint_loss_s,
-            drift_s=self._drift_s,
-        )
+        paths_m = [
+            silent_segments_m(
+                self._seen_m[vehicle.row],
+                keeps_m_s,
+                vehicle.home_m,
+                operation.setpoint_loss_action,
+                float(self.config.return_heights_m[vehicle.row]),
+                silent_s=silent_s,
+                noticed_s=operation.setpoint_loss_s,
+                drift_s=self._drift_s,
+            )
+            for keeps_m_s in self._kept.possible_m_s(vehicle.row, self._seen_m_s[vehicle.row])
+        ]
+        return np.concatenate(paths_m)
 
     @property
     def _drift_s(self) -> float:
@@ -406,12 +420,17 @@ class Fleet:
     def _swept_m(self, vehicle: Vehicle, last_m: Array) -> Array:
         operation, moved_m_s = self.config.operation, self._seen_m_s[vehicle.row]
         killed = vehicle.phase is Phase.KILLED
-        return swept_segments_m(
-            last_m,
-            moved_m_s if np.isfinite(moved_m_s).all() else None,
-            vehicle.home_m,
-            "land" if killed else operation.setpoint_loss_action,
-            float(self.config.return_heights_m[vehicle.row]),
-            climbing_to_m=None if killed else operation.takeoff_height_m,
-            drift_s=self._drift_s,
-        )
+        possible_m_s = [moved_m_s] if killed else self._kept.possible_m_s(vehicle.row, moved_m_s)
+        paths_m = [
+            swept_segments_m(
+                last_m,
+                keeps_m_s,
+                vehicle.home_m,
+                "land" if killed else operation.setpoint_loss_action,
+                float(self.config.return_heights_m[vehicle.row]),
+                climbing_to_m=None if killed else operation.takeoff_height_m,
+                drift_s=self._drift_s,
+            )
+            for keeps_m_s in possible_m_s
+        ]
+        return np.concatenate(paths_m)

@@ -144,7 +144,7 @@ class Orchestrator:
         """Run one tick without waiting for any vehicle: read telemetry, compute, send."""
         flight = self._flight
         flight.receive(now_s)
-        flight.note_setpoint_gaps()
+        flight.note_setpoints()
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.setpoint_timeout_s:
             self._progress.stalled(gap_s)

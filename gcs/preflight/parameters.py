@@ -17,7 +17,7 @@ from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import VehicleId
-from gcs.planning.landing_sites import STOP_S
+from gcs.planning.lost_space import STOP_S
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}

@@ -112,7 +112,7 @@ class SimulatedFlight:
 
     def _tick(self) -> None:
         fleet = self.world.receive()
-        if self.losses.advance(self.world, fleet, self.settings.telemetry_age_max_s):
+        if self.losses.advance(self.world, fleet, self.memory, self.settings.telemetry_age_max_s):
             self.task[self.losses.known] = Task.NONE
             self.lost_now()
         self._come_down()

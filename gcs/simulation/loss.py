@@ -4,11 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
+from gcs.control.inputs import Memory
 from gcs.failsafe.arbitration import Failsafes, Standing
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.model.state import Array, FleetState, Mask
-from gcs.planning.landing_sites import STOP_S, expected_drift, silent_segments_m, swept_segments_m
+from gcs.planning.lost_space import (
+    STOP_S,
+    KeptSetpoints,
+    expected_drift,
+    silent_segments_m,
+    swept_segments_m,
+)
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 from gcs.simulation.scenario import Loss
@@ -40,25 +47,29 @@ class Losses:
         """That many, the last, are of vehicles that are silent and not taken for lost yet."""
         self.drift: tuple[Array, Array] | None = None
         """As of `Tasks`."""
+        self._kept = KeptSetpoints(count)
 
-    def advance(self, world: TrueWorld, fleet: FleetState, age_max_s: float) -> bool:
+    def advance(self, world: TrueWorld, fleet: FleetState, memory: Memory, age_max_s: float) -> bool:
         """Cut links, let the autopilots notice it, take the vehicles for lost: as in flight, at their times.
 
         Vehicles with telemetry older than `age_max_s` are silent, which closes the space about them.
+        `memory` is of the last tick.
 
         Returns: whether vehicles were taken for lost now.
         """
         since_s, half_s = world.time_s - self.loss.at_s, world.tick_s / 2
-        if since_s < -half_s or not self.rows.any():
+        if not self.rows.any():
+            return False
+        self._kept.note(memory.desired_m_s, memory.setpoint_m_s, fleet.age_s, world.time_s)
+        if since_s < -half_s:
             return False
         if since_s < half_s:
             world.cut_links(self.rows)
         if abs(since_s - self._operation.setpoint_loss_s) < half_s:
             world.fly_alone(self.rows, self.loss.action)
         loss_s, silent = self._operation.setpoint_loss_s, self.rows & (fleet.age_s > age_max_s)
-        self.drift = expected_drift(
-            fleet.position_m, world.received_m_s, fleet.age_s, silent, noticed_s=loss_s
-        )
+        keeps_m_s = self._kept.expected_m_s(world.received_m_s)
+        self.drift = expected_drift(fleet.position_m, keeps_m_s, fleet.age_s, silent, noticed_s=loss_s)
         if self.known.any():
             return False
         ages_s = {row: float(fleet.age_s[row]) for row in np.flatnonzero(self.rows).tolist()}
@@ -78,19 +89,20 @@ class Losses:
 
     def _swept_m(self, world: TrueWorld, fleet: FleetState, row: int, silent_s: float | None) -> Array:
         """Of a lost vehicle, or of one that has been silent for that time."""
-        operation = self._operation
-        known = (
-            fleet.position_m[row],
-            world.received_m_s[row],
-            world.home_m[row],
-            operation.setpoint_loss_action,
-            float(world.return_height_m[row]),
-        )
-        drift_s = SETPOINT_TIMEOUT_S + operation.setpoint_loss_s + STOP_S
-        if silent_s is None:
-            return swept_segments_m(*known, drift_s=drift_s)
+        operation, last_m, home_m = self._operation, fleet.position_m[row], world.home_m[row]
+        action, height_m = operation.setpoint_loss_action, float(world.return_height_m[row])
         noticed_s = operation.setpoint_loss_s
-        return silent_segments_m(*known, silent_s=silent_s, noticed_s=noticed_s, drift_s=drift_s)
+        drift_s = SETPOINT_TIMEOUT_S + noticed_s + STOP_S
+        paths_m = []
+        for keeps_m_s in self._kept.possible_m_s(row, world.received_m_s[row]):
+            known = last_m, keeps_m_s, home_m, action, height_m
+            if silent_s is None:
+                paths_m.append(swept_segments_m(*known, drift_s=drift_s))
+            else:
+                paths_m.append(
+                    silent_segments_m(*known, silent_s=silent_s, noticed_s=noticed_s, drift_s=drift_s)
+                )
+        return np.concatenate(paths_m)
 
     def apart_m(self, place_m: Array, floor: Floor) -> Array:
         """(n,) distances of the places (n, 3) from the paths of lost vehicles, in the floor's metric."""

@@ -11,7 +11,7 @@ from gcs.estimation.fleet_state import BRAKES_S, FLIES_ON_S, brought_forward
 from gcs.formation.neighbours import Belief, NeighbourMessages, NeighboursSettings, Sight, agree, range_m
 from gcs.formation.orbit import Center
 from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
-from gcs.planning.landing_sites import return_heights_m
+from gcs.planning.lost_space import return_heights_m
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks

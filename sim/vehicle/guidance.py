@@ -25,6 +25,7 @@ TAKEOFF, HOLD, RETURN = Mode.TAKEOFF.number, Mode.HOLD.number, Mode.RETURN.numbe
 LAND, OFFBOARD = Mode.LAND.number, Mode.OFFBOARD.number
 BY_HAND = Mode.POSITION.number
 FLOWN_AS = np.array([BY_HAND if mode in NEEDS_PILOT else mode.number for mode in MODES])
+FLOWN_BY_HAND = np.flatnonzero(FLOWN_AS == BY_HAND)
 LIFTS = np.array([mode.number in {TAKEOFF, OFFBOARD} for mode in MODES])  # only these two lift off
 
 
@@ -108,6 +109,7 @@ class Guidance:
             stop_m[climbing, 2] = self._takeoff_down_m(rows[climbing], sensors)
         if homing.any():
             stop_m[homing, 2] = self._return_down_m(rows[homing], sensors)
+        stop_m[np.isin(mode, FLOWN_BY_HAND), :2] = np.nan  # until it has stopped
         state.target_m[rows] = stop_m
 
     def _takeoff_down_m(self, rows: Rows, sensors: Sensors) -> Array:
@@ -207,10 +209,20 @@ class Guidance:
             desired_m_s[landing] = self._land(rows[landing], sensors)
         return desired_m_s
 
-    def _by_hand(self, rows: Rows, _sensors: Sensors) -> Array:
-        """Follow the sticks; without a pilot the vehicle descends."""
-        piloted = self.state.piloted[rows, np.newaxis]
-        return np.where(piloted, self.state.stick_m_s[rows], (0.0, 0.0, BLIND_DESCENT_M_S))
+    def _by_hand(self, rows: Rows, sensors: Sensors) -> Array:
+        """Follow the sticks; without a pilot the vehicle descends. At rest it holds its place."""
+        state, p = self.state, self.parameters
+        piloted = state.piloted[rows, np.newaxis]
+        demand_m_s: Array = np.where(piloted, state.stick_m_s[rows], (0.0, 0.0, BLIND_DESCENT_M_S))
+        place_m, velocity_m_s = state.target_m[rows, :2], sensors.velocity_m_s[rows]
+        stopped = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1]) < p["MPC_HOLD_MAX_XY"][rows]
+        place_m[(demand_m_s[:, :2] != 0.0).any(axis=1)] = np.nan
+        begins = stopped & np.isnan(place_m[:, 0]) & (demand_m_s[:, :2] == 0.0).all(axis=1)
+        place_m[begins] = sensors.position_m[rows[begins], :2]
+        state.target_m[rows, :2] = place_m
+        way_m_s = p["MPC_XY_P"][rows, np.newaxis] * (place_m - sensors.position_m[rows, :2])
+        demand_m_s[:, :2] += np.nan_to_num(way_m_s)
+        return demand_m_s
 
     def _offboard(self, rows: Rows, sensors: Sensors) -> Array:
         """Follow the setpoint; one that cannot be flown is not followed at all (item 10)."""

@@ -8,7 +8,7 @@ import pytest
 from gcs.control import Task
 from gcs.model.plan import Formation, Orbit, Target, Yaw, YawPolicy
 from gcs.model.state import Array
-from gcs.planning.landing_sites import swept_segments_m
+from gcs.planning.lost_space import swept_segments_m
 from tests.support.control_flight import (
     SETTINGS,
     TICK_S,

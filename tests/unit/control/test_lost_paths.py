@@ -7,7 +7,7 @@ import numpy as np
 from gcs.control import ControlSettings, Memory, Tasks, Tick, tick
 from gcs.model.plan import Formation, Orbit, Plan
 from gcs.model.state import Array, FleetState, Traits
-from gcs.planning.landing_sites import swept_segments_m
+from gcs.planning.lost_space import swept_segments_m
 from gcs.safety.walls import from_path_m
 
 SETTINGS = ControlSettings()

@@ -1,14 +1,22 @@
 """Vehicles that lose their links in simulated flights, and the failsafes that act on it."""
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 import pytest
 
 from gcs.control import Task
+from gcs.control.inputs import Memory
 from gcs.failsafe.policy import FailsafePolicy, VehicleLost
+from gcs.model.state import Setpoints
+from gcs.planning.lost_space import COLUMNS_APART_M
+from gcs.safety.separation import Floor
 from gcs.simulation.flight import FormationRun
 from gcs.simulation.loss import Losses
 from gcs.simulation.metrics import report
-from gcs.simulation.scenario import FormationFlight, Judged, Loss, Scenario
+from gcs.simulation.scenario import FormationFlight, Judged, Loss, Scenario, World
+from gcs.simulation.world import TrueWorld
 
 COUNT = 8
 
@@ -66,6 +74,30 @@ def test_without_failsafes_the_others_close_the_gap() -> None:
     assert record.failsafes == []
     assert "failsafes" not in report(record)
     assert record.formed[-1].sum() == 6
+
+
+@pytest.mark.parametrize("vehicle", ["fitted", "cascade"])
+def test_space_of_a_vehicle_that_was_turning_is_closed(vehicle: Literal["fitted", "cascade"]) -> None:
+    """PX4 flies on with its last setpoint: the vehicle was received northbound, and goes south."""
+    links = World(vehicle=vehicle, telemetry_delay_s=0.1, setpoint_delay_s=0.1, response_spread=0.0)
+    world = TrueWorld(np.array([[0.0, 0.0, -20.0], [50.0, 0.0, -20.0]]), links, 1)
+    losses, memory = Losses(Loss(share=0.5, at_s=2.4), 2, 1), Memory.fresh(2, 0.0)
+    (row,) = np.flatnonzero(losses.rows)
+    northbound_m_s, away_m = 0.0, []
+    floor = Floor(vertical_m=Floor().horizontal_m)
+    while world.time_s < 8.0:
+        fleet = world.receive()
+        losses.advance(world, fleet, memory, 0.5)
+        sent_m_s = np.tile([2.5 if world.time_s < 2.0 else -2.5, 0.0, 0.0], (2, 1))
+        memory = replace(memory, desired_m_s=sent_m_s, setpoint_m_s=sent_m_s)
+        world.send(Setpoints(world.time_s, world.ids, sent_m_s, np.zeros(2)))
+        world.advance()
+        if losses.known.any():
+            away_m.append(losses.apart_m(world.position_m, floor)[row])
+        else:
+            northbound_m_s = float(world.received_m_s[row, 0])
+    assert northbound_m_s > 0.5
+    assert max(away_m) < COLUMNS_APART_M / 2
 
 
 def test_vehicles_that_wait_to_join_are_never_the_lost_ones() -> None:

@@ -1,0 +1,259 @@
+"""The space that vehicles without a link can reach by themselves. Pure; decision 0041."""
+
+from collections import deque
+from math import ceil
+
+import numpy as np
+
+from gcs.model.state import Array, Mask
+
+TINY = 1e-6
+
+STOP_S = 1.0
+"""After it notices the loss, a vehicle stops as if it kept its last velocity for this time."""
+
+DRIFT_S = 0.2 + 1.0 + STOP_S
+"""Longest time that a vehicle without commands keeps its last velocity, with PX4's defaults: until the
+watchdog ends its setpoints, until it notices (COM_OF_LOSS_T), and for its stop. Its last position is
+already extrapolated by the 0.5 s after which it is not commanded any more.
+"""
+
+NEAR_HOME_M = 10.0
+"""As near to home as this (RTL_MIN_DIST) PX4 may return as low as this (RTL_DESCEND_ALT)."""
+
+SEEN_AHEAD_S = 0.5
+"""Last positions are brought forward by so much (`gcs.estimation.fleet_state.FORWARD_MAX_S`)."""
+
+ACTS_AFTER_S = 0.4
+"""PX4 brakes so long after it notices the loss, as if evenly over 2 STOP_S."""
+
+AHEAD_S = 3.0
+"""In which the others leave the space that a silent vehicle can reach."""
+
+AUTO_UP_M_S, AUTO_DOWN_M_S, AUTO_CRUISE_M_S = 3.0, 1.5, 5.0
+"""PX4's defaults of MPC_Z_V_AUTO_UP, MPC_Z_V_AUTO_DN and MPC_XY_CRUISE: vehicles that fly by themselves."""
+
+COLUMNS_APART_M = 2.6
+"""Greatest distance between the columns along a drift: less than the width that each keeps free."""
+
+OVERSHOOT_M = 1.0
+"""A take-off may end this much too high."""
+
+
+SENT_BEFORE_S = 0.2
+"""A vehicle flew a setpoint this long before the position that it flew to with it arrives: 0.1 s each way."""
+
+ALIKE_M_S = 1.0
+"""A setpoint is a second possibility from this difference on: a lead of less is half gone when it brakes."""
+
+
+class KeptSetpoints:
+    """The velocities that each vehicle may keep when its link ends: PX4 flies on with its last setpoint.
+
+    That is the one of SENT_BEFORE_S before the newest position. It aims at the desired velocity, and while a
+    vehicle turns it leads it by more than that: where both differ much, either may be flown to. A vehicle
+    that was not commanded keeps its last known velocity. Turning into its setpoint takes a vehicle about
+    SEEN_AHEAD_S: from the position that was brought forward by as much with the last known velocity, it
+    flies as if at the setpoint from the start.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._sent: deque[tuple[float, Array, Array]] = deque()
+        self._seen_s = np.full(count, -np.inf)
+        self._desired_m_s: Array = np.full((count, 3), np.nan)
+        self._setpoint_m_s = self._desired_m_s.copy()
+
+    def note(self, desired_m_s: Array, setpoint_m_s: Array, age_s: Array, now_s: float) -> None:
+        """Begin a tick.
+
+        Args:
+            desired_m_s: (n, 3) desired velocities of the last tick, show frame; NaN: not commanded.
+            setpoint_m_s: (n, 3) its setpoints for them, without the trim, which only offsets drag and wind.
+            age_s: (n,) age of the newest position, inf: none.
+            now_s: of this tick.
+        """
+        self._sent.append((now_s, desired_m_s, setpoint_m_s))
+        while len(self._sent) > 1 and self._sent[1][0] <= now_s - SENT_BEFORE_S + 1e-6:
+            self._sent.popleft()
+        arrived = now_s - age_s > self._seen_s + 1e-6
+        if arrived.any():
+            _, then_desired_m_s, then_setpoint_m_s = self._sent[0]
+            self._seen_s = np.where(arrived, now_s - age_s, self._seen_s)
+            self._desired_m_s = np.where(arrived[:, None], then_desired_m_s, self._desired_m_s)
+            self._setpoint_m_s = np.where(arrived[:, None], then_setpoint_m_s, self._setpoint_m_s)
+
+    def expected_m_s(self, last_velocity_m_s: Array) -> Array:
+        """(n, 3) the most probable of them, from the (n, 3) last known velocities."""
+        expected_m_s: Array = np.where(np.isfinite(self._desired_m_s), self._desired_m_s, last_velocity_m_s)
+        return expected_m_s
+
+    def possible_m_s(self, row: int, last_velocity_m_s: Array) -> list[Array]:
+        """Return one or two (3,) velocities of that vehicle, the most probable first."""
+        desired_m_s, setpoint_m_s = self._desired_m_s[row], self._setpoint_m_s[row]
+        if not np.isfinite(desired_m_s).all():
+            return [last_velocity_m_s]
+        differs = np.linalg.norm(setpoint_m_s - desired_m_s) > ALIKE_M_S
+        return [desired_m_s, setpoint_m_s] if differs else [desired_m_s]
+
+
+def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: float) -> Array:
+    """(n,) heights above home at which vehicles return by themselves, RTL_RETURN_ALT.
+
+    The first vehicle in the list returns lowest, the last highest. In most of a sphere the vehicles of the
+    outer pads fly above the others: listed last, they return above them, and none climbs through another's
+    height (decision 0041). Neighbours in the list share a height where there are more vehicles than layers.
+
+    Args:
+        count: n vehicles.
+        lowest_m: the lowest of the heights.
+        layer_m: between two layers; 0: all return at the same height.
+        highest_m: no layer is above; 0 or more.
+    """
+    room = int((highest_m - lowest_m) / layer_m + 1e-9) if layer_m and highest_m > lowest_m else 0
+    layers = max(1, min(count, room + 1))
+    layer = np.arange(count) * layers // max(count, 1)
+    heights_m: Array = lowest_m + layer_m * layer.astype(np.float64)
+    return heights_m
+
+
+def swept_segments_m(
+    last_m: Array,
+    last_velocity_m_s: Array | None,
+    home_m: Array | None,
+    action: str,
+    return_height_m: float,
+    *,
+    climbing_to_m: float | None = None,
+    drift_s: float = DRIFT_S,
+) -> Array:
+    """Return the straight segments that a vehicle may fly by itself without commands.
+
+    It keeps its last velocity for at most `drift_s`, stops somewhere on that path, and executes `action` from
+    there. Columns stand at both ends, and between them so close that no vehicle can pass through.
+
+    Args:
+        last_m: (3,) last known position, show frame.
+        last_velocity_m_s: (3,) last known velocity; None if unknown.
+        home_m: (3,) its own start, if known.
+        action: "descend" and "land": straight down; "hold": stays, and may come down later; "return":
+            climbs to `return_height_m`, or near home less high (NEAR_HOME_M), flies home at that height and
+            descends there.
+        return_height_m: above its home (RTL_RETURN_ALT).
+        climbing_to_m: above its home; a vehicle last seen lower may still climb to it (a take-off goes on
+            without this service). None: it does not climb by itself.
+        drift_s: see DRIFT_S.
+
+    Returns: (m, 2, 3).
+    """
+    stops_m = _stops_m(last_m, last_velocity_m_s, drift_s)
+    stops_m[:, 2] = stops_m[:, 2].min()
+    lowest_z_m = max(0.0, float(last_m[2]))
+    columns = [np.array([stop_m, (stop_m[0], stop_m[1], lowest_z_m)]) for stop_m in stops_m]
+    paths = [np.array([stops_m[0], stops_m[-1]])] if len(stops_m) > 1 else []
+    if climbing_to_m is not None and home_m is not None and home_m[2] - last_m[2] < climbing_to_m:
+        top_m = home_m - (0.0, 0.0, climbing_to_m + OVERSHOOT_M)
+        columns.append(np.array([top_m, home_m]))
+    if action != "return" or home_m is None:
+        return np.array([*columns, *paths])
+    top_z_m = min(float(stops_m[0, 2]), float(home_m[2]) - return_height_m)
+    for stop_m in stops_m:
+        away_m = float(np.hypot(*(stop_m - home_m)[:2]))
+        least_m = NEAR_HOME_M if away_m <= NEAR_HOME_M else return_height_m
+        corner = np.array([stop_m[0], stop_m[1], top_z_m])
+        paths.append(np.array([stop_m, corner]))
+        levels_m = sorted({top_z_m, min(float(stop_m[2]), float(home_m[2]) - least_m)})
+        paths += [np.array([(*stop_m[:2], z_m), (*home_m[:2], z_m)]) for z_m in levels_m]
+    return np.array([*columns, *paths, np.array([(home_m[0], home_m[1], top_z_m), home_m])])
+
+
+def _stops_m(last_m: Array, last_velocity_m_s: Array | None, drift_s: float) -> Array:
+    """(k, 3) places along the drift, COLUMNS_APART_M apart at most; k is 1 without a level drift.
+
+    The last place is that of the whole drift also where it only leads up or down.
+    """
+    drift_m = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s * drift_s
+    if not np.isfinite(drift_m).all():
+        drift_m = np.zeros(3)
+    steps = ceil(float(np.hypot(drift_m[0], drift_m[1])) / COLUMNS_APART_M)
+    stops_m: Array = last_m + np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
+    if not steps:
+        stops_m[0, 2] = min(float(last_m[2]), float(last_m[2] + drift_m[2]))
+    return stops_m
+
+
+def expected_drift(
+    last_m: Array, last_velocity_m_s: Array, silent_s: Array, rows: Mask, *, noticed_s: float
+) -> tuple[Array, Array]:
+    """Return where vehicles that fell silent a few seconds ago are expected, and how fast; NaN elsewhere.
+
+    They keep their last velocity; ACTS_AFTER_S after they notice the loss they brake, evenly over 2 STOP_S.
+    The others keep clear of this estimate, too, until STOP_S after that: it moves as they do.
+
+    Args:
+        last_m: (n, 3) last known positions, brought forward by SEEN_AHEAD_S at most.
+        last_velocity_m_s: (n, 3) last known velocities.
+        silent_s: (n,) since the newest position; inf: unknown.
+        rows: (n,) that are silent or lost.
+        noticed_s: after this silence the vehicles act (COM_OF_LOSS_T).
+
+    Returns: (n, 3) positions and (n, 3) velocities, show frame.
+    """
+    acts_s, braking_s = noticed_s + ACTS_AFTER_S, 2.0 * STOP_S
+    drifts = rows & (silent_s < acts_s + braking_s + STOP_S)
+    since_s = np.where(drifts, silent_s, np.nan)
+    brakes_s = np.clip(since_s - acts_s, 0.0, braking_s)
+    flown_s = np.minimum(since_s, acts_s) + brakes_s - brakes_s**2 / (2.0 * braking_s)
+    flown_s -= np.minimum(since_s, SEEN_AHEAD_S)
+    velocity_m_s = last_velocity_m_s * (1.0 - brakes_s / braking_s)[:, None]
+    return last_m + last_velocity_m_s * flown_s[:, None], velocity_m_s
+
+
+def silent_segments_m(
+    last_m: Array,
+    last_velocity_m_s: Array | None,
+    home_m: Array | None,
+    action: str,
+    return_height_m: float,
+    *,
+    silent_s: float,
+    noticed_s: float,
+    drift_s: float = DRIFT_S,
+) -> Array:
+    """Return the part of `swept_segments_m` that a silent vehicle, not lost yet, can reach within AHEAD_S.
+
+    A silence may end: only what the others could no longer avoid later is closed to them. It grows. Before
+    the vehicle can have noticed the silence it flies on: `expected_drift` keeps the others apart from it.
+
+    Args:
+        last_m: as for `swept_segments_m`, and so are the next four.
+        last_velocity_m_s: see there.
+        home_m: see there.
+        action: see there; "hold" only drifts.
+        return_height_m: see there.
+        silent_s: since the newest position.
+        noticed_s: after this silence, at the earliest, the vehicle executes `action` (COM_OF_LOSS_T).
+        drift_s: see DRIFT_S.
+
+    Returns: (m, 2, 3).
+    """
+    acts_s = max(silent_s + AHEAD_S - noticed_s, 0.0)
+    surely_s = min(max(noticed_s - SEEN_AHEAD_S, 0.0) + STOP_S / 2.0, drift_s)  # half of its usual stop
+    moves_m_s = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s
+    surely_m = np.where(np.isfinite(moves_m_s).all(), moves_m_s * surely_s, 0.0)
+    stops_m = _stops_m(last_m + surely_m, last_velocity_m_s, drift_s - surely_s)
+    to_climb_m = np.inf if home_m is None else max(float(stops_m[0, 2] - home_m[2]) + return_height_m, 0.0)
+    up_m = min(AUTO_UP_M_S * acts_s, to_climb_m) if action == "return" else 0.0
+    down_m = AUTO_DOWN_M_S * acts_s if action in {"land", "descend"} else 0.0
+    top_m, bottom_m = stops_m.copy(), stops_m.copy()
+    top_m[:, 2], bottom_m[:, 2] = stops_m[:, 2].min() - up_m, stops_m[:, 2].max() + down_m
+    pieces = [np.stack([top_m, bottom_m], axis=1), np.stack([stops_m[:-1], stops_m[1:]], axis=1)]
+    if action == "return" and home_m is not None:
+        level_m = np.vstack([last_m, stops_m])  # near home it may return without a climb
+        level_m = level_m[np.hypot(*(home_m - level_m)[:, :2].T) <= NEAR_HOME_M]
+        begun_m = np.concatenate([level_m, top_m[: len(top_m) if up_m == to_climb_m else 0]])
+        way_m = home_m[:2] - begun_m[:, :2]
+        share = np.minimum(AUTO_CRUISE_M_S * acts_s / np.maximum(np.hypot(*way_m.T), TINY), 1.0)
+        reached_m = begun_m.copy()
+        reached_m[:, :2] += share[:, None] * way_m
+        pieces.append(np.stack([begun_m, reached_m], axis=1))
+    return np.concatenate(pieces)
