@@ -190,10 +190,10 @@ Part = tuple[float, Array, Array, bool]
 def possible(last_m_s: Array, *parts: Part) -> list[list[float]]:
     """Of a single vehicle; each part: for so long, desired velocity, setpoint, with or without telemetry."""
     kept, now_s, seen_s = KeptSetpoints(1), 0.0, 0.0
-    for lasts_s, desired_m_s, setpoint_m_s, heard in parts:
+    for lasts_s, desired_m_s, setpoint_m_s, with_status in parts:
         for _ in range(round(lasts_s / TICK_S)):
             now_s += TICK_S
-            seen_s = now_s if heard else seen_s
+            seen_s = now_s if with_status else seen_s
             kept.note(desired_m_s[None], setpoint_m_s[None], np.array([now_s - seen_s]), now_s)
     velocities_m_s = kept.possible_m_s(0, last_m_s)
     assert kept.expected_m_s(last_m_s[None]).tolist() == [velocities_m_s[0].tolist()]
