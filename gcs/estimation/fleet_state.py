@@ -335,10 +335,17 @@ class Positioning(Settings):
     dgps_m: Positive = 0.5
     fix_3d_m: Positive = 1.0
     share: Positive = 1.0  # of the reported accuracy that is a vehicle's own error, and not common to all
-    uncertainty_max_m: Positive = 2.0  # if wider, the vehicles of a fleet could only flee from each other
+    poor_m: Positive = 1.0  # what is reported beyond this counts twice
+    uncertainty_max_m: Positive = 3.0  # if wider, the vehicles of a fleet could only flee from each other
     reset_uncertainty_m: NotNegative = 0.2  # added after a position jumped
     reset_margin_s: NotNegative = 30.0
     freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
+
+    @property
+    def accepted_m(self) -> float:
+        """Accuracy that a receiver may report before take-off: it counts as `uncertainty_max_m`."""
+        most_m = self.uncertainty_max_m
+        return min(most_m, 0.5 * (most_m + self.poor_m)) / self.share
 
     def least_m(self, fix_type: Array) -> Array:
         """(n,) least standard deviation of each GPS_FIX_TYPE, sideways: NaN unknown, inf without a height.
@@ -376,6 +383,7 @@ def uncertainty_m(
     Returns: (n,) at most `uncertainty_max_m` (or the configured one, where that is more).
     """
     reported_m = positioning.share * np.fmax(horizontal_m, vertical_m / up_share)
+    reported_m += np.fmax(reported_m - positioning.poor_m, 0.0)
     wide_m = np.fmax(reported_m, positioning.least_m(fix_type))
     wide_m = np.where(np.isnan(wide_m), configured_m, wide_m)
     wide_m += np.where(since_reset_s < positioning.reset_margin_s, positioning.reset_uncertainty_m, 0.0)

@@ -123,7 +123,7 @@ def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     if isfinite(level_m) and isfinite(up_m):
         of = f"its receiver reports an accuracy of {level_m:.1f} m sideways and {up_m:.1f} m up"
         problem = f"{of}: too little for any margin"
-    widest_m = positioning.uncertainty_max_m / positioning.share
+    widest_m = positioning.accepted_m
     for value_m, name, most_m in (
         (level_m, "accuracy sideways", widest_m),
         (up_m, "accuracy up", inputs.floor.vertical_uncertainty * widest_m),

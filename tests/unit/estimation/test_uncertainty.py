@@ -22,7 +22,7 @@ def one(horizontal_m: float, vertical_m: float, fix_type: float, since_s: float 
 
 @pytest.mark.parametrize(
     ("fix_type", "least_m"),
-    [(6, 0.05), (5, 0.2), (4, 0.5), (3, 1.0), (2, 2.0), (0, 2.0), (7, 0.2), (99, 0.2)],
+    [(6, 0.05), (5, 0.2), (4, 0.5), (3, 1.0), (2, 3.0), (0, 3.0), (7, 0.2), (99, 0.2)],
 )
 def test_no_fix_is_better_than_its_kind_can_mean(fix_type: float, least_m: float) -> None:
     assert one(0.01, 0.01, fix_type) == one(np.nan, np.nan, fix_type) == least_m
@@ -31,15 +31,16 @@ def test_no_fix_is_better_than_its_kind_can_mean(fix_type: float, least_m: float
 @pytest.mark.parametrize(
     ("horizontal_m", "vertical_m", "wide_m"),
     [
-        (1.5, 1.0, 1.5),
-        (0.1, 2.4, 1.2),
-        (np.nan, 2.4, 1.2),
-        (1.5, np.nan, 1.5),
-        (9.0, 1.0, 2.0),
-        (np.inf, 0.1, 2.0),
+        (0.7, 1.0, 0.7),
+        (0.1, 1.8, 0.9),
+        (1.5, 1.0, 2.0),
+        (np.nan, 2.4, 1.4),
+        (1.5, np.nan, 2.0),
+        (9.0, 1.0, 3.0),
+        (np.inf, 0.1, 3.0),
     ],
 )
-def test_reported_accuracy_counts_up_to_the_cap(
+def test_accuracy_counts_twice_beyond_1_m_up_to_the_cap(
     horizontal_m: float, vertical_m: float, wide_m: float
 ) -> None:
     assert one(horizontal_m, vertical_m, 6.0) == pytest.approx(wide_m)
@@ -62,7 +63,18 @@ def test_no_margin_shrinks_when_accuracy_or_fix_worsens(
 ) -> None:
     better = one(min(horizontal_m, worse_m), min(vertical_m, worse_up_m), max(fix, other))
     worse = one(max(horizontal_m, worse_m), max(vertical_m, worse_up_m), min(fix, other))
-    assert 0.05 <= better <= worse <= 2.0
+    assert 0.05 <= better <= worse <= 3.0
+
+
+@given(st.floats(0.1, 5.0), st.floats(0.1, 5.0), st.floats(0.1, 2.0))
+def test_accuracy_accepted_on_the_ground_is_what_the_cap_means(
+    poor_m: float, most_m: float, share: float
+) -> None:
+    given = Positioning(poor_m=poor_m, uncertainty_max_m=most_m, share=share)
+    reported_m = given.accepted_m * np.array([0.99, 1.0])
+    unknown, never = np.full(2, np.nan), np.full(2, NEVER)
+    below_m, at_m = uncertainty_m(0.0, 2.0, reported_m, unknown, unknown, never, given)
+    assert below_m < most_m == pytest.approx(at_m)
 
 
 @given(st.lists(st.floats(0.01, 5.0), min_size=4, max_size=4))

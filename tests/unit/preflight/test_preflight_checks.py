@@ -118,7 +118,7 @@ FAILING: dict[str, tuple[PreflightInputs, State, str, str]] = {
     "address": (known(conflicts={"b": "system id 2 sends twice"}), State.FAIL, "sends twice", "its own"),
     "position": (known(age_s=(0.1, 0.7, 0.1)), State.FAIL, "no position for 0.7 s", "link"),
     "fix": (
-        known(of_b("fix_type", 2.0), east_m=(0.0, 9.0, 18.0)),
+        known(of_b("fix_type", 2.0), east_m=(0.0, 12.0, 24.0)),
         State.FAIL,
         "fix is 2D, 3D is needed",
         "open sky",
@@ -206,13 +206,13 @@ def test_stale_position_is_not_judged() -> None:
 
 
 def test_receiver_without_a_good_fix_is_named_with_its_report() -> None:
-    found = failed(known(of_b("horizontal_accuracy_m", 6.0), east_m=(0.0, 9.0, 18.0)))
+    found = failed(known(of_b("horizontal_accuracy_m", 6.0), east_m=(0.0, 12.0, 24.0)))
     assert [(vehicle, check.name) for vehicle, check in found] == [("b", "accuracy sideways")]
     assert found[0][1].problem.startswith("its receiver reports an accuracy of 6.0 m sideways and 0.1 m up")
 
 
 def test_unknown_accuracy_is_not_reported_as_infinite() -> None:
-    found = failed(known(of_b("horizontal_accuracy_m", np.inf), east_m=(0.0, 9.0, 18.0)))
+    found = failed(known(of_b("horizontal_accuracy_m", np.inf), east_m=(0.0, 12.0, 24.0)))
     assert {check.problem for _, check in found} == {"its receiver does not tell its accuracy"}
 
 
