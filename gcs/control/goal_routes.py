@@ -33,10 +33,13 @@ AGAIN_S, FAILED_AGAIN_S = 4.0, 15.0
 STUCK_S, STUCK_M = 6.0, 6.0
 """A vehicle off its slot that has not left a place by the second for the first is led by a route."""
 
-STALLED_S, STALLED_M, STANDING_M_S = 8.0, 3.0, 0.3
+STALLED_S, STALLED_M, STANDING_M_S = 16.0, 6.0, 0.3
 """A vehicle is stalled that has not left a place by the second for the first. Then its route also leads past
 vehicles slower than the third; when it stalls once more, no longer.
 """
+
+THERE_M = 3.0
+"""A vehicle this near to its goal, slot or end of route is not led. A goal moved by more is a new one."""
 
 
 def _later(
@@ -44,9 +47,9 @@ def _later(
 ) -> GoalRoutes:
     """Drop the routes of those rows (k,) with another goal (k, 3), and of stalled vehicles."""
     routes = GoalRoutes(**{each.name: getattr(before, each.name).copy() for each in fields(before)})
-    anew = ~(np.linalg.norm(goal_m - before.goal_m[rows], axis=1) < STALLED_M)
+    anew = ~(np.linalg.norm(goal_m - before.goal_m[rows], axis=1) < THERE_M)
     left = ~(np.linalg.norm(position_m - before.place_m[rows], axis=1) < STALLED_M) | anew
-    left |= np.linalg.norm(goal_m - position_m, axis=1) < STALLED_M
+    left |= np.linalg.norm(goal_m - position_m, axis=1) < THERE_M
     routes.goal_m[rows], routes.wary[rows[anew]] = goal_m, False
     routes.place_m[rows[left]], routes.since_s[rows[left]] = position_m[left], time_s
     stalled = time_s - routes.since_s[rows] > STALLED_S
@@ -122,7 +125,7 @@ def _towards(
         aim_m[some] = place_m + (1.0 + beyond_m[:, None]) * ahead_m
         last = np.maximum(np.isfinite(corner_m[:, :, 0]).sum(axis=1) - 1, 0)
         left_m = np.linalg.norm(corner_m[np.arange(len(some)), last] - place_m, axis=1)
-        led[some] = at_corner & (left_m > STALLED_M)
+        led[some] = at_corner & (left_m > THERE_M)
     return aim_m, seen, led
 
 
@@ -132,7 +135,7 @@ def _off_slots(
     """Rows that are stuck off their slots, (m, 3), and with them those with a route; updates it."""
     rows, time_s = now.rows, now.fleet.time_s
     position_m = now.position_m[rows]
-    far = np.linalg.norm(slot_m - position_m, axis=1) > STALLED_M
+    far = np.linalg.norm(slot_m - position_m, axis=1) > THERE_M
     left = ~far | ~(np.linalg.norm(position_m - routes.place_m[rows], axis=1) < STUCK_M)
     routes.place_m[rows[left]], routes.since_s[rows[left]] = position_m[left], time_s
     routes.corner_m[rows[~far]], routes.next_s[rows[~far]] = np.nan, -np.inf

@@ -100,7 +100,7 @@ def test_vehicle_in_formation_leaves_a_passage_of_columns() -> None:
 
 
 def test_stalled_vehicle_searches_past_one_that_stands() -> None:
-    """Two vehicles; the first has not left its place for longer than it may."""
+    """Two vehicles; the first has swung within 5 m of its place for longer than it may."""
     place_m = np.array([[0.0, 0.0, -10.0], [8.0, 0.0, -10.0]])
     goal_m = np.array([[16.0, 0.0, -10.0], [8.0, 0.0, -10.0]])
     none, lost_m = np.zeros(2, dtype=bool), np.array([column(8.0, 40.0)])
@@ -115,7 +115,7 @@ def test_stalled_vehicle_searches_past_one_that_stands() -> None:
     assert not routes.wary.any()
     assert (aim_m == goal_m).all()
     assert rows.tolist() == [0, 1]
-    stalled = replace(calm, since_s=np.full(2, 5.0))
+    stalled = replace(calm, place_m=place_m - [5.0, 0.0, 0.0], since_s=np.full(2, 3.0))
     _, _, routes = follow_routes(now, stalled, slot_m)
     assert routes is not None
     assert routes.wary.tolist() == [True, False], "the second is at its goal"
