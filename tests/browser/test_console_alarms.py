@@ -237,9 +237,9 @@ def test_after_a_stall_alarms_table_and_recovery_are_visible(chrome: Browser, tm
             expect(ui.part("take-over")).to_be_in_viewport(ratio=1.0)
             ui.page.wait_for_timeout(LAID_OUT_MS)
             seen = ui.page.evaluate(WHOLE)
-            emergencies = {each["cause"] for each in listed(ui) if each["severity"] == "emergency"}
-            assert "killed" in emergencies
-            assert listed(ui)[0]["cause"] in emergencies  # a busy machine may report control-stopped after it
+            alarms = listed(ui)
+            assert alarms[0]["severity"] == "emergency"  # a busy machine may report control-stopped after it
+            assert any(each["cause"] == "killed" for each in alarms)
             assert seen["alarms"][:least] == [True] * least, (width, height, seen)
             assert sum(seen["rows"]) >= rows, (width, height, seen)
             if rows == 0:
