@@ -223,7 +223,7 @@ def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
         await show.wait(0.6)
         return [seen.position_uncertainty_m for seen in vehicles_of(show.view)], smaller, await start(show)
 
-    wide_m, smaller, refusal = fly(story, show_config(3), spacing_m=16.0)
+    wide_m, smaller, refusal = fly(story, show_config(3), spacing_m=22.0)
     assert wide_m == pytest.approx([1.0, 3.0, 0.05])
     assert "at least 9.0 m for 3 vehicles 15.5 m apart" in smaller.text
     assert "uncertain by 1.00 m (1 sigma); 2.5 m is enough at 0.05 m, as with RTK" in smaller.text
