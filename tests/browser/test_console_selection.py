@@ -1,6 +1,7 @@
 """Vehicles selected in the scene and in the table, and the commands that act on them."""
 
 import re
+from functools import partial
 from math import dist
 from pathlib import Path
 from typing import Final
@@ -55,11 +56,10 @@ def test_box_dragged_in_the_scene_selects_its_vehicles(chrome: Browser, tmp_path
     with station(tmp_path, 6) as ground, console(chrome, ground.url, width=1440, height=900) as ui:
         ui.says("connection", "Live")
         ui.press("camera-top")
-        places = {name: at_rest(ui, name) for name in ("d1", "d2", "d3", "d4", "d5", "d6")}
 
         def drag(*names: str, keys: tuple[str, ...]) -> None:
             """A box around these."""
-            across, down = zip(*(places[name] for name in names), strict=True)
+            across, down = zip(*(at_rest(ui, name) for name in names), strict=True)
             for key in keys:
                 ui.page.keyboard.down(key)
             ui.page.mouse.move(min(across) - BOX_PX, min(down) - BOX_PX)
@@ -71,15 +71,17 @@ def test_box_dragged_in_the_scene_selects_its_vehicles(chrome: Browser, tmp_path
                 ui.page.keyboard.up(key)
             expect(ui.page.locator(".scene-box")).to_be_hidden()
 
-        drag("d1", "d2", keys=("Control",))
-        expect(ui.page.locator("tr.selected")).to_have_count(2, timeout=SOON_MS)
-        assert selected(ui) == {"row-d1", "row-d2"}
-        drag("d5", "d6", keys=("Control", "Shift"))
-        expect(ui.page.locator("tr.selected")).to_have_count(4, timeout=SOON_MS)
-        assert selected(ui) == {"row-d1", "row-d2", "row-d5", "row-d6"}
-        drag("d4", keys=("Control",))
-        expect(ui.page.locator("tr.selected")).to_have_count(1, timeout=SOON_MS)
-        assert selected(ui) == {"row-d4"}
+        def selects(*names: str, keys: tuple[str, ...], rows: set[str]) -> None:
+            count = ui.page.locator("tr.selected")
+            ui.until(
+                partial(drag, *names, keys=keys),
+                lambda ms: expect(count).to_have_count(len(rows), timeout=ms),
+            )
+            assert selected(ui) == rows
+
+        selects("d1", "d2", keys=("Control",), rows={"row-d1", "row-d2"})
+        selects("d5", "d6", keys=("Control", "Shift"), rows={"row-d1", "row-d2", "row-d5", "row-d6"})
+        selects("d4", keys=("Control",), rows={"row-d4"})
         assert ui.wrong == []
         assert ground.client.commands() == [], "a selection commands nothing"
 
