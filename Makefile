@@ -16,16 +16,17 @@ ready:
 demo: ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
 
-# Computing tests run at idle priority, if the system has one, so that real-time flights are not late.
-IDLE := $(shell command -v chrt >/dev/null 2>&1 && chrt --idle 0 true 2>/dev/null && echo "chrt --idle 0")
+# Computing tests are nice, so that real-time flights are not late. At idle priority they would stop beside any
+# other busy process.
+NICE := nice -n 10
 
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
-	@$(MAKE) --no-print-directory $(if $(IDLE),-j3 --output-sync=target,-j1) checked computed flown
+	@$(MAKE) --no-print-directory -j3 --output-sync=target checked computed flown
 	@$(BIN)/python -m tests.support.browsers  # its last line says when the console was not tested
 
 checked: .venv/ready console
-	@$(IDLE) $(MAKE) --no-print-directory check console-test
+	@$(NICE) $(MAKE) --no-print-directory check console-test
 
 # Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
 # that only the API's tests need. In the order of the folders, flights first, the short tests fill what is left.
@@ -33,7 +34,7 @@ COMPUTING := -m "not realtime and not soak" -p no:schemathesis --no-loadscope-re
   $(addprefix --ignore=tests/,browser integration unit/api unit/recording)
 
 computed: .venv/ready console
-	$(IDLE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
+	$(NICE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
 # Long files first; the many short ones fill what is left at the end.
 FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" \
