@@ -24,7 +24,7 @@ from gcs.client import Client
 from gcs.config import schema as configuration
 from tests.support.console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault
 from tests.support.machine import free_ports
-from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, service, wait_until
+from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, service, wait_passes, wait_until
 from tests.support.replays import replay
 from tests.support.started import Started
 
@@ -116,7 +116,7 @@ def fly(camera: Photographer, ui: Console, client: Client, control: int) -> None
     camera.shoot(ui, "preflight", "preflight", "fleet", sizes=DESKS)
     fault(control, vehicle=3, fault="fix", type="3d")
     fault(control, vehicle=7, fault="battery", remaining=0.93)
-    wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
+    wait_passes(client)
     client.add_obstacle(
         x_m=45.0, y_m=10.0, half_length_x_m=4.0, half_length_y_m=3.0, height_m=30.0, obstacle_id="tower"
     )

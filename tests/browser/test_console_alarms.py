@@ -23,7 +23,7 @@ from tests.support.console_bench import (
     station,
 )
 from tests.support.machine import free_ports
-from tests.support.processes import SOON_S, wait_until
+from tests.support.processes import SOON_S, wait_passes, wait_until
 
 COUNT: Final = 12
 ON_SCREEN_MS: Final = 500.0
@@ -137,7 +137,7 @@ def take_off(ground: Station, *spare: str) -> None:
     wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
     for name in spare:
         client.preflight.exclude(name, reason="spare")
-    wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
+    wait_passes(client)
     client.start()
     wait_until("running", SOON_S, lambda: client.show().phase == "running")
 

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, expect
 
 from gcs.client import Client
 from tests.support.console_bench import AGAIN_MS, FLIGHT_MS, LOOK_MS, SOON_MS, Console, console, station
-from tests.support.processes import SOON_S, wait_until
+from tests.support.processes import SOON_S, wait_passes, wait_until
 
 BOX_PX: Final = 16.0
 """From the outermost vehicles of a box to its sides."""
@@ -97,7 +97,7 @@ def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser
             return {each.id for each in client.vehicles() if each.phase == phase}
 
         ui.says("connection", "Live")
-        wait_until("passes", SOON_S, lambda: client.preflight.report().passes)
+        wait_passes(client)
         client.start()
         ui.says("show-phase", "running", FLIGHT_MS)
 

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, expect
 
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, console, fault, station
 from tests.support.machine import free_ports
-from tests.support.processes import SOON_S, wait_until
+from tests.support.processes import SOON_S, wait_passes, wait_until
 
 COMMANDS: Final = ("start", "pause", "resume", "stop", "abort", "kill")
 PHASES: Final = (
@@ -107,7 +107,7 @@ def flying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
     control = free_ports()
     folder = tmp_path_factory.mktemp("flying")
     with station(folder, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0, control=control) as ground:
-        wait_until("ready", SOON_S, lambda: ground.client.preflight.report().passes)
+        wait_passes(ground.client)
         ground.client.start()
         wait_until("running", SOON_S, lambda: ground.client.show().phase == "running")
         fault(control, vehicle=4, fault="battery", remaining=0.12)

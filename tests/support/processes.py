@@ -24,6 +24,7 @@ from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import GcsError
+from gcs.model.preflight_report import Check, describe
 from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction
 from gcs.sim.cli import parameter_options
@@ -176,6 +177,16 @@ def wait_until(what: str, seconds: float, reached: Callable[[], bool]) -> None:
     end_s = time.monotonic() + seconds
     while not reached():
         assert time.monotonic() < end_s, f"{what}: not within {seconds:g} s"
+        time.sleep(0.05)
+
+
+def wait_passes(client: Client) -> None:
+    """Poll until preflight passes; fail the test after the time limit, with the checks that do not pass."""
+    end_s = time.monotonic() + SOON_S
+    while not (report := client.preflight.report()).passes:
+        found: list[tuple[str | None, Check]] = [(None, check) for check in report.fleet]
+        found += [(each.id, check) for each in report.vehicles if each.flies for check in each.checks]
+        assert time.monotonic() < end_s, f"{describe(found)}; {report.not_flying}: not within {SOON_S:g} s"
         time.sleep(0.05)
 
 
