@@ -5,6 +5,7 @@ import random
 import socket
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from types import TracebackType
@@ -23,21 +24,29 @@ STALL_S = 0.05
 """Shorter pauses are not noted: what is measured with `Pauses.awake_s` may still hold one of them."""
 
 
+_given: deque[int] = deque(maxlen=500)
+"""Ports that this process was given last. They may be free still: the test has not opened them yet."""
+
+
 def free_ports(count: int = 1) -> int:
-    """The first of `count` consecutive ports that are free now, for UDP and for TCP."""
+    """The first of `count` consecutive ports that are free now, for UDP and for TCP, and not given before."""
     share = (LAST_PORT - FIRST_PORT) // WORKERS
     lowest = FIRST_PORT + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % WORKERS * share
     for _ in range(1000):
         # at random: another run of the tests may look for ports, and late datagrams to a used port may arrive
         first = random.SystemRandom().randrange(lowest, lowest + share - count)
+        ports = range(first, first + count)
+        if any(port in _given for port in ports):
+            continue
         with ExitStack() as stack:
             try:
-                for port in range(first, first + count):
+                for port in ports:
                     for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
                         probe = stack.enter_context(socket.socket(socket.AF_INET, kind))
                         probe.bind(("127.0.0.1", port))
             except OSError:
                 continue
+            _given.extend(ports)
             return first
     raise OSError("no free ports")
 
