@@ -118,6 +118,7 @@ def check_types(folder: Path) -> None:
     assert 'Argument "radius_m" to "change_formation"' in done.stdout
 
 
+@pytest.mark.soak
 def test_an_sdist_builds_the_page_for_itself(tmp_path: Path) -> None:
     hatchling = [sys.executable, "-m", "hatchling", "build", "--directory", str(tmp_path), "--target"]
     subprocess.run([*hatchling, "sdist"], check=True, cwd=ROOT, capture_output=True)

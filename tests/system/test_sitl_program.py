@@ -13,6 +13,7 @@ from tests.support.machine import free_ports
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.soak
 def test_fake_fleet_passes_the_sitl_program(tmp_path: Path) -> None:
     base = free_ports(20)
     command = [sys.executable, "-m", "tests.sitl.fly", "--fake", "--quick", "--vehicles", "4"]
