@@ -9,6 +9,7 @@ import signal
 import socket
 import sys
 from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
-from gcs.cli import supervisor
+from gcs.cli import scheduling, supervisor
 from gcs.cli.output import REFUSED, Say, failed, lines
 from gcs.cli.process import Notifier, notifier_from_environment, run_exactly, set_up_log
 from gcs.config import schema as configuration
@@ -72,11 +73,14 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
 
 
 @asynccontextmanager
-async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[tuple[Orchestrator, int]]:
+async def running(
+    config: Config, heart: Heart | None = None, *, priority: scheduling.PriorityRequest = "usual"
+) -> AsyncIterator[tuple[Orchestrator, int]]:
     """Run the service with its API until the block ends. Yields the orchestrator and the API's port.
 
     Control and API share the event loop but not their failures: a failed API is restarted without effect on
-    control. An error of control ends the block. `heart` is notified of every tick in time.
+    control. An error of control ends the block. `heart` is notified of every tick in time. `priority` is
+    asked of the machine for this process.
 
     Raises:
         LinkError: the API's port is not available at the start.
@@ -87,7 +91,9 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
     keeps_frames = config.record is not None and config.record.frames
     folder = record.folder if record is not None and keeps_frames else None
     links = [make_link(link, config, folder) for link in config.links]
-    orchestrator = Orchestrator(config, links, record, heart=heart, problems=problems)
+    planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
+    orchestrator = Orchestrator(config, links, record, heart=heart, planning=planning, problems=problems)
+    raise_priority(orchestrator, priority)
     with nullcontext() if record is None else record:
         names, authorization = ("localhost", config.api.host), make_authorization(config)
         app = create_app(orchestrator, host_names=names, authorization=authorization, ground=ground)
@@ -101,6 +107,16 @@ async def running(config: Config, heart: Heart | None = None) -> AsyncIterator[t
                 control = group.create_task(orchestrator.run(), name="service")
                 yield orchestrator, port
                 control.cancel()
+
+
+def raise_priority(orchestrator: Orchestrator, asked: scheduling.PriorityRequest) -> None:
+    """Ask for it, once all kernels are compiled; threads that start afterwards inherit what is granted."""
+    granted = scheduling.ask(asked)
+    orchestrator.granted(granted)
+    others = ThreadPoolExecutor(thread_name_prefix="others", initializer=scheduling.step_down)
+    asyncio.get_running_loop().set_default_executor(others)
+    if asked == "real-time" and not (granted.priority.startswith("real-time") and granted.memory_locked):
+        log.warning("scheduling_not_granted", extra={"has": granted.text, "fix": scheduling.FIX})
 
 
 def make_record(config: Config) -> Record | None:
@@ -198,7 +214,7 @@ async def serve(config: Config, say: Say, notifier: Notifier) -> None:
     stop_requests = asyncio.Semaphore(0)  # counts the requests to stop
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop_requests.release)
-    async with running(config, notifier) as (orchestrator, port):
+    async with running(config, notifier, priority=config.scheduling) as (orchestrator, port):
         notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
         url = f"{scheme}://{config.api.host}:{port}"

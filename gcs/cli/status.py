@@ -189,6 +189,7 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         f" late p99 {number(tick.lateness_p99_ms)} ms, {tick.missed} missed"
     )
     table.add_row("control", Text.assemble(alive, times))
+    table.add_row("", Text(tick.scheduling.text))
     shape = (
         f"radius {number(formation.radius_now_m)} of {number(formation.radius_m)} m,"
         f" height {number(formation.height_now_m)} of {number(formation.height_m)} m,"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from math import isfinite, radians
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -57,6 +57,7 @@ class Config(Settings):
     preflight: sections.PreflightSettings = sections.PreflightSettings()
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
+    scheduling: Literal["real-time", "usual"] = "real-time"  # asked of the machine, which may grant less
 
     @property
     def frame(self) -> ShowFrame:

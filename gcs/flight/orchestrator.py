@@ -24,13 +24,13 @@ from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
 from gcs.flight.snapshots import Estimating, fleet_view
-from gcs.flight.ticker import TickClock, ticks
+from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.planning.return_paths.planner import warm_up as warm_up_paths
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
-from gcs.service import Audit, FleetView, Latest, NoAudit
+from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
 from gcs.shows.library import ShowLibrary
@@ -113,18 +113,22 @@ class Orchestrator:
 
     async def run(self) -> None:
         try:
-            with attached(self.events):
+            with attached(self.events), garbage_between_ticks() as collect:
                 async with self._group as group:
                     self.recovery.log_found()
                     for link in self._flight.links:
                         group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
-                    group.create_task(self._control(), name="control")
+                    group.create_task(self._control(collect), name="control")
         finally:
             self.commands.close()
             self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
 
-    async def _control(self) -> None:
+    def granted(self, scheduling: Scheduling) -> None:
+        """Note what the machine grants this process, for displays."""
+        self._clock.scheduling = scheduling
+
+    async def _control(self, collect_garbage: Callable[[float], None]) -> None:
         loop = asyncio.get_running_loop()
         async for now_s, due_s, missed in ticks(1.0 / self._config.tick_rate_hz):
             began_s = loop.time()
@@ -139,6 +143,7 @@ class Orchestrator:
                 sample = Sample(self.view.value, {} if run is None else run.parts, self._flight.control)
                 self._record.note(sample, self._flight.links)
             self._flight.wake()
+            collect_garbage(now_s)
 
     def _tick(self, now_s: float) -> Tick:
         """Run one tick without waiting for any vehicle: read telemetry, compute, send."""

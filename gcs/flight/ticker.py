@@ -1,13 +1,16 @@
-"""The control loop's clock, and its timing statistics."""
+"""The control loop's clock, its timing statistics, and garbage collection between its ticks."""
 
 import asyncio
+import gc
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
 
 import numpy as np
 from prometheus_client import Histogram
 
-from gcs.service import TickView
+from gcs.service import Scheduling, TickView
 
 REMEMBERED = 2000
 
@@ -31,11 +34,44 @@ async def ticks(period_s: float) -> AsyncIterator[tuple[float, float, int]]:
         await asyncio.sleep(start_s + index * period_s - loop.time())
 
 
+FULL_S: Final = 60.0
+"""Between collections of all generations: they visit every object that was made in flight."""
+
+
+@contextmanager
+def garbage_between_ticks() -> Iterator[Callable[[float], None]]:
+    """Keep the garbage collector out of the tick. Yields: a function that does what is due, given the time.
+
+    Young generations are collected as often as the interpreter would, but when the setpoints have left.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    full_s: list[float] = []
+
+    def collect(now_s: float) -> None:
+        full_s[:] = full_s or [now_s]
+        young, middle, _ = (
+            count > most > 0 for count, most in zip(gc.get_count(), gc.get_threshold(), strict=True)
+        )
+        if now_s - full_s[0] >= FULL_S:
+            full_s[0] = now_s
+            gc.collect()
+        elif young:
+            gc.collect(int(middle))
+
+    try:
+        yield collect
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
 class TickClock:
     """Counts ticks, and keeps the durations and delays of the last ones."""
 
     def __init__(self, rate_hz: float) -> None:
         self.rate_hz = rate_hz
+        self.scheduling = Scheduling()
         self.count = 0
         self.missed = 0
         self.gap_s = 0.0  # time between the starts of the last two ticks
@@ -71,7 +107,8 @@ class TickClock:
         if self.count % max(1, round(self.rate_hz)) == 1:
             p50_ms, p99_ms = (np.percentile(np.array(self._duration_s), (50, 99)) * 1e3).tolist()
             late_ms = float(np.percentile(np.array(self._lateness_s), 99)) * 1e3
-            self._summary = TickView(self.rate_hz, self.count, self.missed, p50_ms, p99_ms, late_ms)
+            counts = self.rate_hz, self.count, self.missed
+            self._summary = TickView(*counts, p50_ms, p99_ms, late_ms, self.scheduling)
         return self._summary
 
 

@@ -35,6 +35,7 @@ from gcs.service.snapshots import PhaseSpan as PhaseSpan
 from gcs.service.snapshots import Playback as Playback
 from gcs.service.snapshots import ReplayMarks as ReplayMarks
 from gcs.service.snapshots import ReportState as ReportState
+from gcs.service.snapshots import Scheduling as Scheduling
 from gcs.service.snapshots import SelectedShow as SelectedShow
 from gcs.service.snapshots import ShowCheck as ShowCheck
 from gcs.service.snapshots import ShowFigures as ShowFigures

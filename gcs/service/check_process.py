@@ -96,9 +96,10 @@ def _words(complaint: bytes) -> str:
 
 def _restrict(pid: int, priority: int, memory_max_bytes: int) -> None:
     with contextlib.suppress(ProcessLookupError):  # it has ended already
-        os.setpriority(os.PRIO_PROCESS, pid, priority)
         if sys.platform == "linux":
+            os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))  # a service may be real-time
             resource.prlimit(pid, resource.RLIMIT_AS, (memory_max_bytes, memory_max_bytes))
+        os.setpriority(os.PRIO_PROCESS, pid, priority)
 
 
 async def _read(stream: asyncio.StreamReader | None, most_bytes: int) -> bytes:

@@ -186,6 +186,21 @@ class SelectedShow:
 
 
 @dataclass(frozen=True, slots=True)
+class Scheduling:
+    """What the machine grants this process, so that control keeps time beside other programs."""
+
+    priority: Annotated[
+        str,
+        Field(description="`real-time 10`, `nice -10`, or `usual`: other programs can delay control."),
+    ] = "usual"
+    memory_locked: Annotated[bool, Field(description="No page of its memory has to be read again.")] = False
+
+    @property
+    def text(self) -> str:
+        return f"priority {self.priority}, memory {'locked' if self.memory_locked else 'not locked'}"
+
+
+@dataclass(frozen=True, slots=True)
 class TickView:
     """Timing of the control loop."""
 
@@ -195,6 +210,7 @@ class TickView:
     duration_p50_ms: Measured
     duration_p99_ms: Measured
     lateness_p99_ms: Measured
+    scheduling: Scheduling = Scheduling()
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,6 +70,7 @@ def flying_config(
     raw["operation"] |= {"silence_s": silence_s, "setpoint_loss_s": PATIENT_S, **operation}
     for cause in ("service_late", "links_late", "wind"):  # a busy machine is late, which ends no flight here
         raw["failsafes"][cause]["action"] = "ignore"
+    raw["scheduling"] = "usual"  # several services share the machine of a test run
     return configuration.Config.model_validate(raw)
 
 

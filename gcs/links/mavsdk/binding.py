@@ -241,12 +241,12 @@ class MavsdkBinding:
 @contextmanager
 def _unhurried() -> Iterator[None]:
     """Keep threads started in the block from preempting ours as they wake: else a hundred times a tick."""
-    policy = os.sched_getscheduler(0)
+    policy, param = os.sched_getscheduler(0), os.sched_getparam(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     try:
         yield
     finally:
-        os.sched_setscheduler(0, policy, os.sched_param(0))
+        os.sched_setscheduler(0, policy, param)
 
 
 _OPENING = Lock()

@@ -2330,6 +2330,24 @@ export interface components {
          */
         Right: "watch" | "operate" | "emergency";
         /**
+         * Scheduling
+         * @description What the machine grants this process, so that control keeps time beside other programs.
+         */
+        Scheduling: {
+            /**
+             * Memory Locked
+             * @description No page of its memory has to be read again.
+             * @default false
+             */
+            memory_locked: boolean;
+            /**
+             * Priority
+             * @description `real-time 10`, `nice -10`, or `usual`: other programs can delay control.
+             * @default usual
+             */
+            priority: string;
+        };
+        /**
          * SeekBody
          * @description The cue with which the show begins.
          */
@@ -2752,6 +2770,13 @@ export interface components {
             missed: number;
             /** Rate Hz */
             rate_hz: number | null;
+            /**
+             * @default {
+             *       "memory_locked": false,
+             *       "priority": "usual"
+             *     }
+             */
+            scheduling: components["schemas"]["Scheduling"];
         };
         /**
          * Vehicle
