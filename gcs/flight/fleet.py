@@ -243,7 +243,10 @@ class Fleet:
 
     def note_setpoints(self) -> None:
         """Begin a tick, before telemetry changes phases: see `SetpointGaps` and `KeptSetpoints`."""
-        left = np.array([vehicle.phase is Phase.PILOT for vehicle in self.vehicles.values()])
+        phases = self.phases
+        left = np.zeros(len(phases), np.bool_)
+        if Phase.PILOT in phases:
+            left[:] = [phase is Phase.PILOT for phase in phases]
         self.setpoint_gaps.note(~np.isnan(self.memory.desired_m_s[:, 0]), left, self.fleet.time_s)
         memory, fleet = self.memory, self.fleet
         self._kept.note(memory.desired_m_s, memory.setpoint_m_s, fleet.age_s, fleet.time_s)
@@ -267,6 +270,11 @@ class Fleet:
         if self.show not in ON_THE_GROUND:
             why = self.left_behind | why
         return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
+
+    @property
+    def phases(self) -> list[Phase]:
+        """Of all vehicles, by row."""
+        return [vehicle.phase for vehicle in self.vehicles.values()]
 
     def in_phase(self, *phases: Phase) -> list[Vehicle]:
         return [vehicle for vehicle in self.vehicles.values() if vehicle.phase in phases]

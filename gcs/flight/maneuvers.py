@@ -77,6 +77,10 @@ class Maneuvers:
         on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
         return [vehicle for vehicle in on_ground if self.running(vehicle)]
 
+    @property
+    def any_running(self) -> bool:
+        return any(not task.done() for task, _ in self._running.values())
+
     def running(self, vehicle: Vehicle) -> bool:
         running = self._running.get(vehicle.id)
         return running is not None and not running[0].done()

@@ -157,8 +157,7 @@ class Orchestrator:
         self.player.lead()
         result = self._decide()
         flight.memory = result.memory
-        for link, share in zip(flight.links, self._routing.of(result.setpoints), strict=True):
-            link.send(share)
+        self._routing.send(result.setpoints)
         # The rest can wait for the next tick: setpoints cannot.
         self._interventions += sum(reason != "" for reason in result.limited_by)
         self._progress.advance()

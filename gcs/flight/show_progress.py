@@ -93,8 +93,10 @@ class ShowProgress:
         if self.commander.collective_return is not None:
             self.commander.collective_return.advance()
         self.commander.recovery.advance()
-        led = (*flight.airborne, *self.maneuvers.waiting, *flight.in_phase(Phase.PILOT))
-        busy = [vehicle for vehicle in led if self.maneuvers.running(vehicle)]
+        busy: list[Vehicle] = []
+        if self.maneuvers.any_running:
+            led = (*flight.airborne, *self.maneuvers.waiting, *flight.in_phase(Phase.PILOT))
+            busy = [vehicle for vehicle in led if self.maneuvers.running(vehicle)]
         _follow(flight, busy=bool(busy))
         if flight.show is ShowPhase.ARMING:
             # vehicles that come down again do not delay the others

@@ -1,7 +1,7 @@
 """Updates phases from telemetry, and starts what follows without a command."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -35,6 +35,10 @@ class TelemetryMonitor:
     come_back: Maneuver
     _resumed_s: float = -np.inf  # after a stall; messages of that time may not be read yet
     _calm: tuple[object, ...] | None = None  # state in which no vehicle needed inspection
+    # phases, how long heartbeats may lack in them (n,), and whether they mean that a vehicle is absent (n,)
+    _judged: tuple[list[Phase], Array, Mask] = field(
+        default_factory=lambda: ([], np.zeros(0), np.zeros(0, np.bool_))
+    )
 
     def resume(self) -> None:
         """Note that the service has stalled: it cannot know yet which vehicles were silent meanwhile."""
@@ -51,7 +55,7 @@ class TelemetryMonitor:
         self._forget_heartbeats(fresh)
         # All vehicles at once while nothing changes: single inspections of a thousand would be slow.
         vehicles = flight.vehicles.values()
-        expected = [vehicle.phase for vehicle in vehicles], [vehicle.modes for vehicle in vehicles]
+        expected = flight.phases, [vehicle.modes for vehicle in vehicles]
         state = (*expected, telemetry.mode, telemetry.armed)
         if fresh.all() and state == self._calm:
             return
@@ -69,9 +73,12 @@ class TelemetryMonitor:
         Returns: (n,) which have sent every sign of life lately, a heartbeat as well.
         """
         flight, silence_s = self.flight, self.flight.config.operation.silence_s
-        phases = [vehicle.phase for vehicle in flight.vehicles.values()]
-        may_lack_s = np.array([BEATS_LACK_S.get(phase, BEATS_LACK_MAX_S) for phase in phases])
-        absent = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
+        phases = flight.phases
+        if phases != self._judged[0]:
+            lacks_s = np.array([BEATS_LACK_S.get(phase, BEATS_LACK_MAX_S) for phase in phases])
+            away = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
+            self._judged = phases, lacks_s, away
+        _, may_lack_s, absent = self._judged
         judged_s: Array = np.where(absent, np.inf, now_s - self._resumed_s)
         arrivals = telemetry.life_time_s, telemetry.heartbeat_time_s + may_lack_s, telemetry.position_time_s
         flight.note_seen(~are_silent(now_s, *arrivals, silence_s) & known)  # even without a heartbeat

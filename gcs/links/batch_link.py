@@ -36,7 +36,7 @@ from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import CommandError, UnknownError
 from gcs.model.frames import ShowFrame, wrap_rad
-from gcs.model.state import Mask, Setpoints, Telemetry, VehicleId
+from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId
 
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005
@@ -50,6 +50,8 @@ _AHEAD_S: Final = 0.002
 
 _WATCH_S: Final = 0.1
 """Period of looking for vehicles that connected, or that have forgotten their streams."""
+
+_NONE_READY: Final = np.zeros(0)
 
 Coroutines = Mapping[str, Coroutine[Any, Any, None]]
 """By name, a transport's additional tasks while the link runs."""
@@ -177,6 +179,7 @@ class Link(ABC):
         self._sent = SentSetpoints(len(self.ids))
         # ids of the newest batch, the indices of this link's vehicles in it (k,), their rows here (k,)
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
+        self._ready: tuple[SetpointBatch, Array] | None = None  # what was prepared and has not left
         self._ticked_s = -np.inf
         self._received_s = -np.inf
         self._snapshot_s = self._snapshot_before_s = -np.inf  # of the newest snapshots
@@ -213,8 +216,12 @@ class Link(ABC):
             await asyncio.to_thread(opened.close)
 
     @abstractmethod
+    def _expect_setpoints(self, batch: SetpointBatch) -> None:
+        """Begin to send these, and none of earlier ticks any more; not called while the link is not open."""
+
+    @abstractmethod
     def _send_setpoints(self, desired: SetpointBatch) -> None:
-        """Send these setpoints, and none of earlier ticks; not called while the link is not open."""
+        """Send these of the expected setpoints."""
 
     @abstractmethod
     def _command_channel(self, row: int, otherwise: str) -> CommandChannel:
@@ -312,17 +319,25 @@ class Link(ABC):
             asyncio.get_running_loop().call_at(ahead_s, self._receive)
 
     def send(self, setpoints: Setpoints) -> None:
-        """Send one tick's setpoints, now. Waits some milliseconds at most, for MAVSDK's threads.
+        """Send one tick's setpoints, now: `prepare` and `send_until` in one."""
+        self.prepare(setpoints)
+        self.send_until()
+
+    def prepare(self, setpoints: Setpoints) -> Array:
+        """Take one tick's setpoints, of which `send_until` sends those whose samples are oldest first.
 
         A vehicle of this link that is not listed gets no further setpoint from the moment of the call; one
         that is listed gets none later than the watchdog's time after the last call that listed it.
         A batch that is already older than the watchdog's time is not sent at all. A row that is not finite,
         and one for a vehicle that is not connected or was killed, is left out, as if it were not listed.
+
+        Returns: (k,) arrival of each new sample that a setpoint answers, oldest first; inf: no new one.
         """
         now_s = self._clock()
         self._ticked_s = now_s
+        self._ready = None
         if self._protocol is None:
-            return
+            return _NONE_READY
         if setpoints.ids != self._listed[0]:
             ours = {self._row[name]: at for at, name in enumerate(setpoints.ids) if name in self._row}
             self._listed = setpoints.ids, np.array(list(ours.values()), int), np.array(list(ours), int)
@@ -334,8 +349,24 @@ class Link(ABC):
         for row in [row for row in self._killed if self._latch.is_shut(int(self._system_ids[row]))]:
             fit &= rows != row
         until_s = min(now_s, setpoints.time_s) + self._hold_s
-        chosen = np.flatnonzero(fit)[self._by_urgency(rows[fit])]
-        self._send_setpoints(SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s))
+        order, sample_s = self._by_urgency(rows[fit])
+        chosen = np.flatnonzero(fit)[order]
+        batch = SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s)
+        self._expect_setpoints(batch)
+        self._ready = batch, sample_s
+        return sample_s
+
+    def send_until(self, sample_s: float = np.inf) -> None:
+        """Send what was prepared and has not left, for samples that arrived until `sample_s`.
+
+        Waits some milliseconds at most, for MAVSDK's threads.
+        """
+        if self._ready is None:
+            return
+        batch, samples_s = self._ready
+        end = int(np.searchsorted(samples_s, sample_s, side="right"))
+        self._ready = batch.part(slice(end, None)), samples_s[end:]
+        self._send_setpoints(batch.part(slice(end)))
 
     async def execute(self, command: Command) -> None:
         """Send a command, and return when the vehicle's heartbeat confirms it.
@@ -391,13 +422,12 @@ class Link(ABC):
     def _never_connected(self, row: int, otherwise: str) -> CommandError:
         return CommandError(f"{self.ids[row]}: {otherwise}: never received on link {self.name}")
 
-    def _by_urgency(self, rows: Whole) -> Whole:
-        """(k,) an order of `rows`: the oldest newest telemetry first, vehicles without any last."""
+    def _by_urgency(self, rows: Whole) -> tuple[Whole, Array]:
+        """(k,) an order of `rows`, oldest new sample first, and the arrival of each; inf: no new one."""
         newest_s = self._telemetry.position_time_s[rows]
-        order: Whole = np.argsort(
-            np.where(newest_s > self._snapshot_before_s, newest_s, np.inf), kind="stable"
-        )
-        return order
+        new_s = np.where(newest_s > self._snapshot_before_s, newest_s, np.inf)
+        order = np.argsort(new_s, kind="stable")
+        return order, new_s[order]
 
     def _connected(self, now_s: float) -> Mask:
         """(n,) vehicles with a sign of life and a known mode."""

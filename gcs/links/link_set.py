@@ -46,13 +46,31 @@ async def keep_open(link: Link, failed_links: MutableMapping[str, str]) -> None:
         await asyncio.sleep(RETRY_S)
 
 
+URGENT_SHARE = 0.25
+"""Of the setpoints that leave first, over all links: their samples have waited longest for an answer."""
+
+
 class SetpointRouting:
     """The rows of a batch for each link; computed again only when a batch lists other vehicles."""
 
     def __init__(self, links: Sequence[Link]) -> None:
+        self._links = tuple(links)
         self._link_of = {name: index for index, link in enumerate(links) for name in link.ids}
         self._ids: tuple[VehicleId, ...] = ()
         self._parts: list[tuple[tuple[VehicleId, ...], NDArray[np.intp]]] = self._cut((), len(links))
+
+    def send(self, setpoints: Setpoints) -> None:
+        """Send one tick's setpoints over all links, those with the oldest samples first."""
+        shares = self.of(setpoints)
+        samples_s = [link.prepare(share) for link, share in zip(self._links, shares, strict=True)]
+        if len(self._links) > 1:
+            sample_s = np.sort(np.concatenate(samples_s))
+            if len(sample_s):
+                urgent_s = float(sample_s[int(URGENT_SHARE * (len(sample_s) - 1))])
+                for link in self._links:
+                    link.send_until(urgent_s)
+        for link in self._links:
+            link.send_until()
 
     def of(self, setpoints: Setpoints) -> list[Setpoints]:
         """One batch for each link, with its own vehicles only."""

@@ -66,6 +66,9 @@ class SetpointBatch(NamedTuple):
     yaw_rad: Array  # (k,) clockwise from north, within [-pi, pi)
     until_s: float  # none of these may leave later
 
+    def part(self, rows: slice) -> "SetpointBatch":
+        return SetpointBatch(self.rows[rows], self.velocity_ned_m_s[rows], self.yaw_rad[rows], self.until_s)
+
 
 @dataclass(eq=False)
 class Outbox:

@@ -201,8 +201,10 @@ class MavsdkLink(Link):
         self._receive_for_tick()
         return self._telemetry.telemetry(may_be_ready=self._healthy, discovered=self._is_discovered)
 
+    def _expect_setpoints(self, batch: SetpointBatch) -> None:
+        self._setpoint_filter.expect(batch)  # discards the previous tick's setpoints
+
     def _send_setpoints(self, desired: SetpointBatch) -> None:
-        self._setpoint_filter.expect(desired)  # discards the previous tick's setpoints
         began_s = desired.until_s - self._hold_s
         yaw_deg = np.degrees(desired.yaw_rad)[:, None]
         rows, values = desired.rows.tolist(), np.hstack([desired.velocity_ned_m_s, yaw_deg]).tolist()

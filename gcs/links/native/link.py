@@ -228,6 +228,9 @@ class NativeLink(Link):
                 protocol.close()
                 self._commands.close()
 
+    def _expect_setpoints(self, batch: SetpointBatch) -> None:
+        """None of earlier ticks wait anywhere."""
+
     def _send_setpoints(self, desired: SetpointBatch) -> None:
         rows, now_s = desired.rows, self._clock()
         if not len(rows):

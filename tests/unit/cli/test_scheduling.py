@@ -74,7 +74,7 @@ def test_what_is_reported_is_what_the_kernel_grants(rights: str) -> None:
     assert answer.memory_locked == (answer.locked_kb > 0)
 
 
-def test_memory_is_not_locked_where_a_limit_would_end_allocations() -> None:
+def test_memory_is_not_locked_under_a_limit() -> None:
     """With mlockall under a limit of 8 MB the block of 64 MB could not be had."""
     answer = ask("real-time", "without rights")
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY:

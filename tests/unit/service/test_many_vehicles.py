@@ -1,6 +1,7 @@
 """What is left out for a thousand vehicles a tick changes nothing that anybody sees."""
 
 import asyncio
+import time
 from copy import deepcopy
 from itertools import product
 
@@ -9,7 +10,9 @@ import pytest
 
 from gcs.config.schema import find, load
 from gcs.flight.vehicle import Vehicle, VehicleStatus
+from gcs.links.command_protocol import CommandProtocol
 from gcs.links.link_set import SetpointRouting
+from gcs.links.sender import SetpointBatch
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Setpoints
 from gcs.service import Latest
@@ -40,6 +43,38 @@ def test_batch_is_split_among_links_without_mixing() -> None:
             rows = [ids.index(name) for name in part.ids]
             assert part.yaw_rad.tolist() == rows
             assert part.velocity_m_s.tolist() == batch.velocity_m_s[rows].tolist()
+
+
+class NotingLink(SilentLink):
+    """Open and connected; notes the order in which setpoints leave."""
+
+    def __init__(self, ids: tuple[str, ...], arrived_s: tuple[float, ...], left: list[str]) -> None:
+        super().__init__(ids)
+        now_s = time.monotonic()
+        self._protocol = CommandProtocol(self._vehicles, self._latch, self._clock)
+        self._telemetry.life_time_s[:] = self._telemetry.heartbeat_time_s[:] = now_s
+        self._telemetry.position_time_s[:] = np.add(now_s, arrived_s)
+        self._snapshot_before_s = now_s - 1.0
+        self._left = left
+
+    def _send_setpoints(self, desired: SetpointBatch) -> None:
+        self._left += [self.ids[row] for row in desired.rows.tolist()]
+
+
+def test_setpoints_for_the_oldest_samples_leave_first() -> None:
+    left: list[str] = []
+    north = NotingLink(("a", "b", "c", "d"), (-0.01, -0.03, -2.0, -0.02), left)
+    south = NotingLink(("e", "f", "g", "h"), (-0.05, -0.04, -0.008, -0.009), left)
+    links = SetpointRouting([north, south])
+    ids = (*north.ids, *south.ids)
+    links.send(Setpoints(time.monotonic(), ids, np.zeros((8, 3)), np.zeros(8)))
+    assert left == ["e", "f", "b", "d", "a", "c", "h", "g"]  # c has no new sample
+    left.clear()
+    links.send(Setpoints(time.monotonic(), ("b",), np.zeros((1, 3)), np.zeros(1)))
+    assert left == ["b"]
+    left.clear()
+    links.send(Setpoints(time.monotonic(), (), np.zeros((0, 3)), np.zeros(0)))
+    assert left == []
 
 
 def test_lazy_value_is_computed_once_on_first_use() -> None:
