@@ -68,9 +68,9 @@ schema: .venv/ready api/console/node_modules/ready  ## the console's types, from
 	$(BIN)/python -m gcs.api.app | $(NPM) run --silent schema -- --output src/schemas/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec; \
+	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec, reports; \
 	  from gcs.planning.return_paths import planner; \
-	  control.warm_up(); planner.warm_up(); codec.warm_up()"
+	  control.warm_up(); planner.warm_up(); codec.warm_up(); reports.warm_up()"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
 	$(BIN)/python -m tests.vocabulary

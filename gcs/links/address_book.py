@@ -10,12 +10,10 @@ import numpy as np
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.link import Address, Counters
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Whole
+from gcs.mavlink.reports import SILENT_AFTER_S
 from gcs.model.state import Array, Mask
 
 log = logging.getLogger(__name__)
-
-SILENT_AFTER_S = 3.0
-"""A system without frames for this long counts as gone: nothing is sent to it, and its address may change."""
 
 CONFLICT_KEPT_S = 5.0
 """A duplicate is reported until it has been silent this long."""

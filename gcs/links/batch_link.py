@@ -18,7 +18,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from gcs.links.address_book import SILENT_AFTER_S, Addresses
+from gcs.links.address_book import Addresses
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
@@ -31,9 +31,10 @@ from gcs.links.signing import SignatureFilter, Signing
 from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
 from gcs.links.telemetry import FleetTelemetry, VehicleReport
 from gcs.links.tlog import Recorder
-from gcs.mavlink import codec
+from gcs.mavlink import codec, reports
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
 from gcs.mavlink.kernels import Whole
+from gcs.mavlink.reports import SILENT_AFTER_S
 from gcs.model.errors import CommandError, UnknownError
 from gcs.model.frames import ShowFrame, wrap_rad
 from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId
@@ -185,6 +186,7 @@ class Link(ABC):
         self._snapshot_s = self._snapshot_before_s = -np.inf  # of the newest snapshots
         self._protocol: CommandProtocol | None = None  # while the link is open
         codec.warm_up()
+        reports.warm_up()
         self._prepare()
 
     # what transports do differently

@@ -24,7 +24,7 @@ import gcs.cli.kill
 import gcs.cli.serve
 import gcs.sim.cli  # noqa: F401
 from gcs import control
-from gcs.mavlink import codec
+from gcs.mavlink import codec, reports
 from gcs.planning.return_paths import planner
 from gcs.service import check_process
 from tests.support.machine import restrict_at_usual_priority
@@ -125,7 +125,7 @@ def _loaded() -> socket.socket:
 def _load() -> None:
     """Load machine code; the modules are loaded with this one."""
     vars(check_process)["_restrict"] = restrict_at_usual_priority
-    for warm_up in (control.warm_up, planner.warm_up, codec.warm_up):
+    for warm_up in (control.warm_up, planner.warm_up, codec.warm_up, reports.warm_up):
         warm_up()
     gc.collect()
     gc.freeze()  # collected objects would be copied page by page

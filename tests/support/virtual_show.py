@@ -20,7 +20,7 @@ from gcs.config.schema import Config
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.formation.obstacles import Ellipse
 from gcs.links.batch_link import Link
-from gcs.mavlink import codec
+from gcs.mavlink import codec, reports
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
@@ -410,7 +410,7 @@ class Flight:
 @cache
 def load_machine_code() -> None:
     """Otherwise each copy of the process loads it."""
-    for warm_up in (control.warm_up, planner.warm_up, codec.warm_up):
+    for warm_up in (control.warm_up, planner.warm_up, codec.warm_up, reports.warm_up):
         warm_up()
 
 

@@ -209,6 +209,7 @@ class NativeLink(Link):
         return codec.SYSTEM_ID
 
     def _prepare(self) -> None:
+        self._frames = codec.joined(())  # of the setpoints that have not left yet
         self._begin_commands()
 
     def _begin_commands(self) -> None:
@@ -229,16 +230,18 @@ class NativeLink(Link):
                 self._commands.close()
 
     def _expect_setpoints(self, batch: SetpointBatch) -> None:
-        """None of earlier ticks wait anywhere."""
+        messages = codec.setpoint_messages(
+            self._system_ids[batch.rows], batch.velocity_ned_m_s, batch.yaw_rad, time_s=self._clock()
+        )
+        self._frames = self._outbox.encode(SET_POSITION_TARGET_LOCAL_NED, messages, batch.rows)
 
     def _send_setpoints(self, desired: SetpointBatch) -> None:
         rows, now_s = desired.rows, self._clock()
         if not len(rows):
             return
-        messages = codec.setpoint_messages(
-            self._system_ids[rows], desired.velocity_ned_m_s, desired.yaw_rad, time_s=now_s
-        )
-        frames = self._outbox.encode(SET_POSITION_TARGET_LOCAL_NED, messages, rows)
+        data, length = self._frames
+        frames = codec.Frames(data[: len(rows)], length[: len(rows)])
+        self._frames = codec.Frames(data[len(rows) :], length[len(rows) :])
         left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
         left_s = self._clock()  # after the call: never earlier than the datagrams
         if left_s > desired.until_s:

@@ -3,11 +3,12 @@ import logging
 import numpy as np
 import pytest
 
-from gcs.links.address_book import CONFLICT_KEPT_S, NOWHERE, SILENT_AFTER_S, Addresses
+from gcs.links.address_book import CONFLICT_KEPT_S, NOWHERE, Addresses
 from gcs.links.endpoints.ports import Datagrams, host_number, source_of
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.link import Address, Counters
 from gcs.mavlink.kernels import FRAME_COLUMNS, SYSTEM
+from gcs.mavlink.reports import SILENT_AFTER_S
 
 A = source_of(host_number("127.0.0.1"), 14582, 0)
 B = source_of(host_number("127.0.0.1"), 14599, 0)
