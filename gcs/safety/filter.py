@@ -23,7 +23,7 @@ from gcs.safety.separation import (
     separation_constraints,
 )
 from gcs.safety.traffic import Traffic
-from gcs.safety.walls import Fence, fence_constraints, keepout_constraints, obstacle_constraints
+from gcs.safety.walls import OWNERS_MOST, Fence, fence_constraints, keepout_constraints, obstacle_constraints
 
 NOTICEABLE_M_S = 0.05
 
@@ -350,5 +350,14 @@ def warm_up() -> None:
         floor=settings.floor,
         braking=settings.braking,
         uncertainty_m=zero,
+    )
+    keepout_constraints(
+        position_m,
+        all_rows,
+        np.repeat(columns_m, OWNERS_MOST, axis=0),
+        floor=settings.floor,
+        braking=settings.braking,
+        uncertainty_m=zero,
+        segments_of=np.arange(2 * OWNERS_MOST),
     )
     minimum_separation(position_m, all_rows, settings.floor)

@@ -256,7 +256,8 @@ def keepout_constraints(
     if len(segments_m) == 0 or not commanded.any():
         return Constraints.none()
     rows = np.flatnonzero(commanded)
-    row, piece = (grid.ravel() for grid in np.meshgrid(rows, np.arange(len(segments_m)), indexing="ij"))
+    which, piece = _nearest_paths(position_m[rows] * floor.scale, segments_m * floor.scale, segments_of)
+    row = rows[which]
     start, end = segments_m[piece, 0] * floor.scale, segments_m[piece, 1] * floor.scale
     along = end - start
     offset = position_m[row] * floor.scale - start
@@ -277,14 +278,45 @@ def keepout_constraints(
         kept_m -= floor.margin_m * passage[row]
     normal, bound_m_s = _true_bound(apart * floor.scale, distance_m - kept_m, braking)
     scaled_m = position_m[rows] * floor.scale
-    own_kept_m = kept_m.reshape(len(rows), -1)
-    _one_way_out(normal, bound_m_s, scaled_m, segments_m * floor.scale, own_kept_m, onward)
+    own_kept_m = np.full((len(rows), len(segments_m)), -np.inf)
+    own_kept_m[which, piece] = kept_m
+    _one_way_out(normal, bound_m_s, which, scaled_m, segments_m * floor.scale, own_kept_m, onward)
     kept = bound_m_s >= -2.0 * fastest_m_s
     if segments_of is not None:
-        kept &= ~_beside_a_broken_one((bound_m_s > 0.0).reshape(len(rows), -1), segments_of).ravel()
+        kept &= ~_beside_a_broken_one(bound_m_s > 0.0, which, segments_of[piece])
     row, normal, bound_m_s = row[kept], normal[kept], bound_m_s[kept]
     reasons = np.full(len(row), "the path of a lost vehicle", dtype=object)
     return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons)
+
+
+OWNERS_MOST = 8
+"""Lost or silent vehicles whose paths constrain one vehicle: the nearest ones. Where half of a large fleet
+falls silent at once, the paths of all would take seconds, in which the other half would be lost as well.
+"""
+
+
+def _nearest_paths(place_m: Array, segments_m: Array, segments_of: Rows | None) -> tuple[Rows, Rows]:
+    """Return (k,) places and (k,) paths that belong together, place by place: paths of the nearest owners.
+
+    Args:
+        place_m: (r, 3) in the floor's metric.
+        segments_m: (m, 2, 3) likewise.
+        segments_of: (m,) row of each path's owner; None: not known, all belong to every place.
+    """
+    owners, owner = np.unique(
+        np.zeros(0, np.intp) if segments_of is None else segments_of, return_inverse=True
+    )
+    if len(owners) <= OWNERS_MOST:
+        grid = np.meshgrid(np.arange(len(place_m)), np.arange(len(segments_m)), indexing="ij")
+        return grid[0].ravel(), grid[1].ravel()
+    by_owner = np.argsort(owner, kind="stable")
+    first = np.searchsorted(owner[by_owner], np.arange(len(owners) + 1))
+    away_m = _from_owners_m(place_m, segments_m[by_owner], first)
+    nearest = np.sort(np.argpartition(away_m, OWNERS_MOST, axis=1)[:, :OWNERS_MOST], axis=1).ravel()
+    count = np.diff(first)[nearest]
+    places = np.repeat(np.arange(len(place_m)), OWNERS_MOST)
+    begin = np.repeat(first[nearest] - np.append(0, np.cumsum(count)[:-1]), count)
+    return np.repeat(places, count), by_owner[begin + np.arange(len(begin))]
 
 
 def _onward(place_m: Array, lost_m: Array, velocity_m_s: Array) -> Array:
@@ -310,11 +342,16 @@ def _not_backward(apart: Array, onward: Array) -> Array:
     return np.where((length < 0.1)[:, None], sideways, left / np.maximum(length, TINY)[:, None])
 
 
-def _beside_a_broken_one(broken: Mask, segments_of: Rows) -> Mask:
-    """(r, m) paths that are not `broken` (r, m), while another one of the same lost vehicle is."""
-    owners, owner = np.unique(segments_of, return_inverse=True)
-    owned = (owner.reshape(-1)[:, None] == np.arange(len(owners))).astype(np.int64)  # (m, lost vehicles)
-    beside: Mask = ((broken.astype(np.int64) @ owned)[:, owner.reshape(-1)] > 0) & ~broken
+def _beside_a_broken_one(broken: Mask, which: Rows, owner: Rows) -> Mask:
+    """(k,) paths that are not `broken` (k,), while another one of the same owner is for the same place.
+
+    Args:
+        broken: (k,).
+        which: (k,) place of each.
+        owner: (k,) row of the lost vehicle whose path it is.
+    """
+    pair = which * (owner.max(initial=0) + 1) + owner
+    beside: Mask = np.isin(pair, pair[broken]) & ~broken
     return beside
 
 
@@ -335,6 +372,7 @@ OUTWARD = np.column_stack([np.cos(TURN_RAD), np.sin(TURN_RAD), np.zeros(24)])
 def _one_way_out(
     normal: Array,
     bound_m_s: Array,
+    constrained: Rows,
     place_m: Array,
     segments_m: Array,
     kept_m: Array,
@@ -346,17 +384,18 @@ def _one_way_out(
     normals contradict, the new one points the shortest straight way out of all paths, else it is their mean.
 
     Args:
-        normal: (r m, 3) of the constraints, row by row one for each path; changed.
-        bound_m_s: (r m,) changed.
+        normal: (k, 3) of the constraints; changed.
+        bound_m_s: (k,) changed.
+        constrained: (k,) the row of each.
         place_m: (r, 3) of the r rows, in the floor's metric.
         segments_m: (m, 2, 3) paths, likewise.
-        kept_m: (r, m) distance to be kept from each.
-        onward: (r m, 3) directions against which no way out leads; zero: there is none.
+        kept_m: (r, m) distance to be kept from each; -inf: none.
+        onward: (k, 3) directions against which no way out leads; zero: there is none.
     """
     inside = np.flatnonzero(bound_m_s > 0.0)
     if len(inside) < 2:
         return
-    which = inside // len(segments_m)
+    which = constrained[inside]
     total, size, greatest_m_s = (np.zeros((len(place_m), width)) for width in (3, 1, 1))
     flown = np.zeros_like(place_m)
     np.add.at(flown, which, onward[inside])
@@ -383,10 +422,14 @@ def _shortest_ways_out(
 
     None of them leads against `onward` (r, 3).
     """
-    ways, near, off_m = np.zeros_like(place_m), np.empty(len(segments_m), np.bool_), np.empty(3)
+    ways, near, off_m = np.zeros_like(place_m), np.empty(len(segments_m), np.int64), np.empty(3)
     for i in range(len(place_m)):
+        count = 0
         for k in range(len(segments_m)):
-            near[k] = from_path_m(place_m[i], segments_m[k], off_m) < kept_m[i, k] + LOOK_M
+            own = kept_m[i, k] > -np.inf
+            if own and from_path_m(place_m[i], segments_m[k], off_m) < kept_m[i, k] + LOOK_M:
+                near[count] = k
+                count += 1
         best_m = LOOK_M
         for d in range(len(outward)):
             if outward[d, 0] * onward[i, 0] + outward[d, 1] * onward[i, 1] < -TINY:
@@ -395,8 +438,8 @@ def _shortest_ways_out(
             while gone_m < best_m and not free:
                 there_m = place_m[i] + gone_m * outward[d]
                 free = True
-                for k in range(len(segments_m)):
-                    if near[k] and from_path_m(there_m, segments_m[k], off_m) < kept_m[i, k]:
+                for k in near[:count]:
+                    if from_path_m(there_m, segments_m[k], off_m) < kept_m[i, k]:
                         free = False
                         break
                 if free:
@@ -404,6 +447,20 @@ def _shortest_ways_out(
                     ways[i] = outward[d]
                 gone_m += LOOK_STEP_M
     return ways
+
+
+@kernel
+def _from_owners_m(place_m: Array, segments_m: Array, first: Rows) -> Array:
+    """(r, o) distances of places (r, 3) from the nearest path of each owner.
+
+    Owner i has the paths `first[i]` to `first[i + 1]` - 1 of `segments_m` (m, 2, 3).
+    """
+    away_m, off_m = np.full((len(place_m), len(first) - 1), np.inf), np.empty(3)
+    for i in range(len(place_m)):
+        for j in range(len(first) - 1):
+            for k in range(first[j], first[j + 1]):
+                away_m[i, j] = min(away_m[i, j], from_path_m(place_m[i], segments_m[k], off_m))
+    return away_m
 
 
 @kernel

@@ -5,14 +5,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from gcs.safety.constraints import Braking
+from gcs.safety.constraints import Braking, Constraints
 from gcs.safety.filter import Limits, filter_velocities
 from gcs.safety.separation import (
     Floor,
     pairs_that_count,
     separation_constraints,
 )
-from gcs.safety.walls import keepout_constraints
+from gcs.safety.walls import OWNERS_MOST, keepout_constraints
 from tests.support.safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
 
 
@@ -310,6 +310,34 @@ def test_next_column_of_the_same_vehicle_stops_none_beside_it() -> None:
             segments_of=owners,
         )
         assert len(found) == count
+
+
+def test_paths_of_the_nearest_lost_vehicles_bound_the_work() -> None:
+    """Of 40 lost vehicles each constrains the vehicle beside it exactly as if it were the only one."""
+    columns = np.array([[[10.0 * k, 0.0, -30.0], [10.0 * k, 0.0, 0.0]] for k in range(40)])
+    owners = 39 - np.arange(40)
+    place = columns[:, 0] + np.array([2.0, 0.0, 15.0])
+
+    def found(rows: list[int], paths: list[int]) -> Constraints:
+        return keepout_constraints(
+            place[rows],
+            np.ones(len(rows), np.bool_),
+            columns[paths],
+            floor=Floor(),
+            braking=Braking(),
+            uncertainty_m=np.zeros(len(rows)),
+            segments_of=owners[paths],
+        )
+
+    every = list(range(40))
+    together = found(every, every)
+    assert len(together) == 40 * OWNERS_MOST
+    for k in every:
+        mine = together.first == k
+        nearest = np.flatnonzero(mine)[together.bound_m_s[mine].argmax()]
+        alone = found([k], [k])
+        assert together.bound_m_s[nearest] == alone.bound_m_s[0]
+        assert together.normal[nearest].tolist() == alone.normal[0].tolist()
 
 
 def test_vehicle_ahead_of_a_drifting_one_is_not_slowed() -> None:
