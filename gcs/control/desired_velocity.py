@@ -208,9 +208,19 @@ def _move_out(
 
     Returns: whether one was not clear of it.
     """
-    found, moved = np.empty(3), False
+    found, moved, off_m = np.empty(3), False, np.empty(3)
+    reach_m, near = LOOK_M * scale.max(), np.empty(len(segments_m), np.int64)
     for i in range(len(places)):
-        if _is_clear(places[i], radius_m, centers_m, segments_m, kept_m, scale):
+        count = 0
+        for k in range(len(segments_m)):
+            for a in range(len(centers_m)):
+                at_m = (centers_m[a] + radius_m * places[i]) * scale
+                if from_path_m(at_m, segments_m[k], off_m) < kept_m[k] + reach_m:
+                    near[count] = k
+                    count += 1
+                    break
+        beside_m, beside_kept_m = segments_m[near[:count]], kept_m[near[:count]]
+        if _is_clear(places[i], radius_m, centers_m, beside_m, beside_kept_m, scale):
             continue
         best_m, found[:], moved = LOOK_M, places[i], True
         level = max(np.hypot(places[i, 0], places[i, 1]), TINY)
@@ -222,7 +232,7 @@ def _move_out(
             gone_m = LOOK_STEP_M
             while gone_m < best_m:
                 there = np.cos(gone_m / radius_m) * places[i] + np.sin(gone_m / radius_m) * along
-                if _is_clear(there, radius_m, centers_m, segments_m, kept_m, scale):
+                if _is_clear(there, radius_m, centers_m, beside_m, beside_kept_m, scale):
                     best_m, found[:] = gone_m, there
                 gone_m += LOOK_STEP_M
         places[i] = found

@@ -324,6 +324,22 @@ def steer_past(
     )
 
 
+STEERED_MOST = 32
+"""Ellipses that one vehicle steers past at a time, the nearest ones: the work grows with their square. There
+are as many as lost vehicles, and half of a large fleet may be lost at once.
+"""
+
+
+def _nearest(outlines: Outlines, place_m: Array) -> Mask:
+    """(n, m) the STEERED_MOST ellipses that are nearest to each place (n, 2)."""
+    chosen = np.ones((len(place_m), len(outlines)), np.bool_)
+    if len(outlines) > STEERED_MOST:
+        off_m = np.linalg.norm(place_m[:, None] - outlines.center_m, axis=2) - outlines.semi_m.max(axis=1)
+        farther = np.argpartition(off_m, STEERED_MOST, axis=1)[:, STEERED_MOST:]
+        np.put_along_axis(chosen, farther, values=False, axis=1)
+    return chosen
+
+
 def avoid_all(
     position_m: Array,
     velocity_m_s: Array,
@@ -353,7 +369,7 @@ def avoid_all(
         return velocity_m_s
     outlines = outlines.only(near)
     place_m, desired_m_s = level(position_m), level(velocity_m_s)
-    concerned = -position_m[:, 2:] < outlines.top_height_m
+    concerned = (-position_m[:, 2:] < outlines.top_height_m) & _nearest(outlines, place_m)
     reach_m = np.full(len(outlines), settings.lookahead_m)
     turned_m_s, met_m, _ = steer_past(outlines, sides, place_m, desired_m_s, sliding_m_s, concerned, reach_m)
     blend_m = max(settings.lookahead_m - settings.near_m, 1e-9)

@@ -7,7 +7,7 @@ import pytest
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
 from gcs.formation.orbit import Way, steer_center
-from gcs.formation.steering import LEFT, RIGHT, avoid_all, contact_m, tangent
+from gcs.formation.steering import LEFT, RIGHT, STEERED_MOST, avoid_all, contact_m, tangent
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from tests.support.law_fleets import met_m, tangent_of
@@ -336,3 +336,24 @@ def test_obstacles_out_of_reach_cost_and_change_nothing() -> None:
     assert avoid_all(place, desired, ellipses, {}, slides, AVOIDANCE).tolist() == expected.tolist()
     far = {name: e for name, e in ellipses.items() if name not in near}
     assert avoid_all(place, desired, far, {}, slides, AVOIDANCE) is desired
+
+
+def test_each_vehicle_steers_past_its_nearest_obstacles() -> None:
+    """More obstacles than one vehicle steers past at a time, in two groups that are far from each other."""
+
+    def group(x_m: float, name: str) -> dict[str, Ellipse]:
+        return {
+            f"{name}{k}": Ellipse(x_m + 4.0 + 3.0 * (k // 4), 3.0 * (k % 4) - 3.0, 1.0, 1.0, 30.0)
+            for k in range(STEERED_MOST - 4)
+        }
+
+    here, there = group(0.0, "a"), group(2000.0, "b")
+    place_m, desired_m_s = (
+        np.array([[0.0, 0.0, -10.0], [2000.0, 0.3, -10.0]]),
+        np.array([[2.0, 0.0, 0.0]] * 2),
+    )
+    together = avoid_all(place_m, desired_m_s, here | there, {}, np.full(2, 2.0), AVOIDANCE)
+    for row, own in enumerate((here, there)):
+        alone = avoid_all(place_m[[row]], desired_m_s[[row]], own, {}, np.full(1, 2.0), AVOIDANCE)
+        assert together[row].tolist() == alone[0].tolist()
+        assert together[row].tolist() != desired_m_s[row].tolist()
