@@ -10,7 +10,7 @@ from gcs.flight.ticker import TickClock, ticks
 from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
-from gcs.model.state import Setpoints
+from gcs.model.state import Array, Setpoints
 from gcs.sim.vehicle.px4 import Quirks
 from tests.support.show_phases import running
 from tests.support.virtual_link import VirtualLink
@@ -164,11 +164,11 @@ class BugError(Exception):
 
 
 async def a_bug(show: Show) -> None:
-    def broken(setpoints: Setpoints) -> None:
+    def broken(setpoints: Setpoints) -> Array:
         raise BugError
 
     await show.standby()
-    show.link.send = broken  # type: ignore[method-assign]
+    show.link.prepare = broken  # type: ignore[method-assign]
     await show.wait(1.0)
 
 

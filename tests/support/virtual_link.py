@@ -23,7 +23,7 @@ from gcs.links.settings import StreamSettings
 from gcs.links.stream_requests import desired_rates
 from gcs.mavlink.kernels import Bytes, Whole
 from gcs.model.errors import LinkError
-from gcs.model.state import Setpoints, VehicleId
+from gcs.model.state import VehicleId
 from gcs.sim.faults.injector import FaultInjector
 from gcs.sim.fleet import Fleet
 from gcs.sim.protocol import frames
@@ -278,9 +278,9 @@ class VirtualLink(NativeLink):
             group.create_task(self._fail())
             await super().run()
 
-    def send(self, setpoints: Setpoints) -> None:
-        """See `Link.send`."""
-        super().send(setpoints)
+    def send_until(self, sample_s: float = inf) -> None:
+        """See `Link.send_until`."""
+        super().send_until(sample_s)
         if self.takes_s > 0.0:
             loop: Any = asyncio.get_running_loop()  # async_solipsism's
             loop._selector.clock.advance(self.takes_s)
