@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.control.detour import Scene, follow_detour
-from gcs.control.inputs import Detour, Memory, Task, TickInputs
+from gcs.control.inputs import Detour, FormationState, Memory, Task, TickInputs
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import (
@@ -32,10 +32,15 @@ class Lead:
     detour: Detour | None  # the way round obstacles, None without any
 
 
-def move_center(now: TickInputs, memory: Memory) -> Lead:
-    """Create, move or remove the formation's centre and radius, and update the joining times."""
+def move_center(now: TickInputs, memory: Memory, shared: FormationState | None = None) -> Lead:
+    """Create, move or remove the formation's centre and radius, and update the joining times.
+
+    Where another station leads, centre and radius are those of `shared`.
+    """
     engaged_s = _engaged(now.formed, memory.engaged_time_s, now.fleet.time_s)
-    if len(now.rows) == 0:
+    if shared is not None:
+        return Lead(shared.center, shared.radius_m, engaged_s, shared.sides, None)
+    if len(now.sphere) == 0:
         return _without_drones(now, memory, engaged_s)
     center, radius_m = memory.center, memory.radius_m
     if center is None:
@@ -62,7 +67,8 @@ def _engaged(formed: Mask, before_s: Array, time_s: float) -> Array:
 
 def _without_drones(now: TickInputs, memory: Memory, engaged_s: Array) -> Lead:
     """Stop the centre while vehicles are expected back: a tick without telemetry does not end a formation."""
-    expected = now.tasks.formation_waits or bool((now.tasks.task == Task.FORMATION).any())
+    in_formation = (now.tasks.task == Task.FORMATION) | (now.tasks.task == Task.ELSEWHERE)
+    expected = now.tasks.formation_waits or bool(in_formation.any())
     if memory.center is None or not expected:
         return Lead(None, memory.radius_m, engaged_s, {}, None)
     acceleration_m_s2 = now.settings.law.center_acceleration_max_m_s2
@@ -72,7 +78,7 @@ def _without_drones(now: TickInputs, memory: Memory, engaged_s: Array) -> Lead:
 
 def _begun(now: TickInputs) -> Center:
     """A centre at rest at the vehicles' mean position, at the plan's height."""
-    above_m = now.position_m[now.rows].mean(axis=0)
+    above_m = now.position_m[now.sphere].mean(axis=0)
     return Center.at_rest(np.array([above_m[0], above_m[1], -now.plan.formation.height_m]))
 
 
@@ -84,7 +90,7 @@ def _around_obstacles(
     fence_m, sphere_m = now.settings.safety.fence.distance_max_m, max(radius_m, plan.formation.radius_m)
     reach_m = target_reach_m(fence_m, plan.orbit.radius_m, sphere_m)
     desired_m_s = desired_center_velocity(
-        ahead, plan, fleet.time_s + now.dt_s, law, reach_m=reach_m, pace=memory.pace
+        ahead, plan, fleet.time_s + now.dt_s, law, reach_m=reach_m, pace=min(memory.pace, now.pace)
     )
     if not moves:
         desired_m_s[:2] = 0.0
@@ -92,7 +98,7 @@ def _around_obstacles(
         return desired_m_s, {}, None
     scene = Scene(now, center, sphere_m, reach_m, Outlines.of(now.ellipses))
     led_m_s, detour = follow_detour(scene, desired_m_s, memory.detour)
-    drones_m = now.position_m[now.rows]  # those that were left behind pass on the side that suits them
+    drones_m = now.position_m[now.sphere]  # those that were left behind pass on the side that suits them
     behind_m = np.linalg.norm(drones_m - center.position_m, axis=1) - sphere_m
     sides = kept_sides(
         scene.outlines,

@@ -26,6 +26,7 @@ class Task(IntEnum):
     NONE = 0  # no setpoint is sent
     FORMATION = 1
     GOAL = 2  # to a goal of its own, through the same filter
+    ELSEWHERE = 3  # in formation, and flown by another station: no setpoint is sent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +132,7 @@ class Memory:
     yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement
     engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
-    place: Array  # (n, 3) slots: unit vectors from the centre, NaN outside the formation
+    place: Array  # (n, 3) slots for the next tick: unit vectors from the centre, NaN outside the formation
     change: Array  # (n, 3) of the slots in the last sweep; of the other laws: the virtual velocity, m/s
     trim_m_s: Array  # (n, 3) correction of setpoints for wind, drag and the vehicle's own response
     expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
@@ -168,6 +169,17 @@ class Memory:
             sides={},
             authority=Authority.full(count),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormationState:
+    """The formation as the leading station computes it, at the time of a tick. Owns its arrays."""
+
+    center: Center | None
+    radius_m: float
+    spin_rad_s: float
+    sides: dict[str, float]  # on which each obstacle is passed, by obstacle id
+    place: Array  # (n, 3) slots, rows as in the tick's FleetState, NaN: not known
 
 
 class ControlSettings(Settings):
@@ -215,8 +227,10 @@ class TickInputs:
     to_goal: Mask  # (n,) commanded and on the way to a goal of its own
     rows: NDArray[np.intp]  # (m,) of the vehicles in formation
     goers: NDArray[np.intp]  # (k,) of those on the way to a goal
+    sphere: NDArray[np.intp]  # (s,) of all vehicles on the sphere: `rows`, and those of other stations
     descending: Mask  # (n,) descending to land, and above its place
     ellipses: dict[str, Ellipse]  # the plan's obstacles at this time
+    pace: float = 1.0  # share of the orbit's speed with which other stations' vehicles keep up
 
     @property
     def columns(self) -> dict[str, Ellipse]:
@@ -244,13 +258,21 @@ class TickInputs:
         """A copy of the rows in formation: (m,) or (m, 3) of (n,) or (n, 3)."""
         return values.copy() if len(self.rows) == len(self.formed) else values[self.rows]
 
+    def of_sphere(self, values: Array) -> Array:
+        """A copy of the rows on the sphere: (s,) or (s, 3) of (n,) or (n, 3)."""
+        return values.copy() if len(self.sphere) == len(self.formed) else values[self.sphere]
+
+    def ours(self, on_sphere: Array) -> Array:
+        """(m, 3) rows in formation of the (s, 3) on the sphere."""
+        return on_sphere if len(self.rows) == len(self.sphere) else on_sphere[self.formed[self.sphere]]
+
     def for_all(self, formed: Array, others: float) -> Array:
         """(n, 3) with `formed` (m, 3) in the rows in formation, and `others` in all other rows."""
-        if len(self.rows) == len(self.formed):
-            return formed
-        all_rows = np.full((len(self.formed), 3), others)
-        all_rows[self.rows] = formed
-        return all_rows
+        return _spread_over(len(self.formed), self.rows, formed, others)
+
+    def for_sphere(self, on_sphere: Array, others: float) -> Array:
+        """(n, 3) with `on_sphere` (s, 3) in the rows on the sphere, and `others` in all other rows."""
+        return _spread_over(len(self.formed), self.sphere, on_sphere, others)
 
     @staticmethod
     def of(
@@ -261,6 +283,7 @@ class TickInputs:
         settings: ControlSettings,
         *,
         before_s: float,
+        pace: float = 1.0,
     ) -> "TickInputs":
         """Inputs at `fleet.time_s`, when the previous tick was at `before_s`."""
         position_m, velocity_m_s = np.array(fleet.position_m), np.array(fleet.velocity_m_s)
@@ -283,14 +306,24 @@ class TickInputs:
             *roles,
             descending,
             ellipses_of(plan, settings, fleet.time_s),
+            pace,
         )
+
+
+def _spread_over(count: int, rows: NDArray[np.intp], values: Array, others: float) -> Array:
+    """(count, 3) with `values` in `rows`, and `others` in all other rows."""
+    if len(rows) == count:
+        return values
+    all_rows = np.full((count, 3), others)
+    all_rows[rows] = values
+    return all_rows
 
 
 @kernel
 def _roles(
     task: NDArray[np.int8], position_m: Array, velocity_m_s: Array, age_s: Array, age_max_s: float
-) -> tuple[Mask, Mask, Mask, NDArray[np.intp], NDArray[np.intp]]:
-    """(n,) masks: commanded; in formation; to a goal of its own; and the rows of the latter two.
+) -> tuple[Mask, Mask, Mask, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """(n,) masks: commanded; in formation; to a goal of its own; the rows of the latter two; `sphere`.
 
     Args:
         task: (n,) of Task.
@@ -301,14 +334,23 @@ def _roles(
     """
     n = len(task)
     commanded, formed, to_goal = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    on_sphere = np.zeros(n, np.bool_)
     for i in range(n):
         fresh = task[i] != Task.NONE and age_s[i] <= age_max_s
         for axis in range(3):
             fresh = fresh and np.isfinite(position_m[i, axis]) and np.isfinite(velocity_m_s[i, axis])
-        commanded[i] = fresh
+        commanded[i] = fresh and task[i] != Task.ELSEWHERE
         formed[i] = fresh and task[i] == Task.FORMATION
         to_goal[i] = fresh and task[i] == Task.GOAL
-    return commanded, formed, to_goal, np.flatnonzero(formed), np.flatnonzero(to_goal)
+        on_sphere[i] = formed[i] or (fresh and task[i] == Task.ELSEWHERE)
+    return (
+        commanded,
+        formed,
+        to_goal,
+        np.flatnonzero(formed),
+        np.flatnonzero(to_goal),
+        np.flatnonzero(on_sphere),
+    )
 
 
 def ellipses_of(plan: Plan, settings: ControlSettings, time_s: float) -> dict[str, Ellipse]:

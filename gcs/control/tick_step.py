@@ -1,7 +1,8 @@
 """The tick: its parts in their order, and the state kept for the next tick."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from math import radians
 
 import numpy as np
@@ -9,7 +10,16 @@ import numpy as np
 from gcs.control.center import move_center
 from gcs.control.desired_velocity import desired_velocity, slots_m, spread
 from gcs.control.goal_routes import follow_routes
-from gcs.control.inputs import ControlSettings, GoalRoutes, Memory, Task, Tasks, TickInputs
+from gcs.control.inputs import (
+    ControlSettings,
+    FormationState,
+    GoalRoutes,
+    Memory,
+    Task,
+    Tasks,
+    TickInputs,
+)
+from gcs.control.others import Others
 from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.formation.neighbours import Sight
@@ -26,16 +36,21 @@ from gcs.safety.separation import Floor, minimum_separation
 from gcs.safety.traffic import give_way, keep_right
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Tick:
-    """Result of one tick."""
+    """Result of one tick. With other stations' vehicles, n counts these as well, after the station's own."""
 
     setpoints: Setpoints
-    memory: Memory
+    remember: Callable[[], Memory]
     limited_by: tuple[str, ...]  # (n,) why the filter limited a vehicle, "" when it did not
     position_m: Array  # (n, 3) as estimated
     airborne: Mask  # (n,)
     floor: Floor
+
+    @cached_property
+    def memory(self) -> Memory:
+        """State for the next tick; the first read moves the slots on, so send the setpoints before."""
+        return self.remember()
 
     @property
     def minimum_separation_m(self) -> float:
@@ -51,6 +66,8 @@ def tick(
     memory: Memory,
     settings: ControlSettings,
     sight: Sight | None = None,
+    others: Others | None = None,
+    shared: FormationState | None = None,
 ) -> Tick:
     """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
 
@@ -62,16 +79,22 @@ def tick(
         memory: of the previous tick.
         settings: gains and limits.
         sight: what vehicles with the law `neighbours` received from each other; None: all that is in range.
+        others: vehicles that other stations fly; `memory` then has their rows, after the n own ones.
+        shared: the formation as another station computes it; None: this station computes it.
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
-    now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s)
+    pace = 1.0
+    if others is not None:
+        pace = others.pace
+        fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
+    now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s, pace=pace)
     authority = _authority(now, memory)
     limited_traits = authority.limit(traits)
     if limited_traits is not traits:
         now = replace(now, traits=limited_traits)
-    lead = move_center(now, memory)
-    places = spread(now, lead, memory, sight)
+    lead = move_center(now, memory, shared)
+    places = spread(now, lead, memory, sight, shared)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slots_m(now, lead, places))
     desired_m_s = desired_velocity(now, lead, places.velocity_m_s, aim_m, aiming)
     desired_m_s = _in_traffic(now, aim_m, desired_m_s)
@@ -94,7 +117,12 @@ def tick(
     )
     yaw_rad, held_rad = _yaw(now, memory)
     commanded_m_s, asked_m_s = _of_commanded(now.commanded, allowed_m_s, desired_m_s, yields)
-    remembered = Memory(
+
+    def remember() -> Memory:
+        place, change = (places.place, places.change) if places.move_on is None else places.move_on()
+        return replace(so_far, place=place, change=change)
+
+    so_far = Memory(
         time_s=fleet.time_s,
         center=lead.center,
         radius_m=lead.radius_m,
@@ -118,7 +146,7 @@ def tick(
         routes=routes,
     )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
-    return Tick(setpoints, remembered, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
+    return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
 
 
 def _in_traffic(now: TickInputs, aim_m: Array, desired_m_s: Array) -> Array:
@@ -244,10 +272,14 @@ def warm_up() -> None:
     plan, traits, settings = Plan(Formation(10.0, 20.0), Orbit(15.0, 2.0)), Traits.alike(n), ControlSettings()
     under_way = Center(np.array([0.0, 0.0, -20.0]), np.array([2.0, 0.0, 0.0]), np.zeros(3))
     memory = replace(Memory.fresh(n, 0.0), center=under_way, radius_m=10.0)
+
+    def finish(first: Tick) -> Memory:
+        return first.memory  # the first read moves the slots on
+
     for obstacles in ((), (tower,)):
-        tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings)
+        finish(tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings))
     lost_m = np.array([[[6.0, 4.0, -20.0], [6.0, 4.0, 0.0]]])  # between a vehicle and its goal
-    tick(fleet, replace(tasks, segments_m=lost_m), plan, traits, memory, settings)
+    finish(tick(fleet, replace(tasks, segments_m=lost_m), plan, traits, memory, settings))
     for law in LawName:
         other = replace(plan, formation=replace(plan.formation, law=law))
-        tick(fleet, tasks, other, traits, memory, settings)
+        finish(tick(fleet, tasks, other, traits, memory, settings))

@@ -156,9 +156,9 @@ class Orchestrator:
         self._progress.telemetry_monitor.look()
         self.player.lead()
         result = self._decide()
-        flight.memory = result.memory
         self._routing.send(result.setpoints)
         # The rest can wait for the next tick: setpoints cannot.
+        flight.memory = result.memory
         self._interventions += sum(reason != "" for reason in result.limited_by)
         self._progress.advance()
         if self.alarms.is_due(now_s):

@@ -30,25 +30,26 @@ FEW = 200
 
 
 @kernel
-def near_pairs(position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
+def near_pairs(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
     """Rows (k,) and (k,) of every pair whose distance is below the sum of its radii; each pair once.
 
     Args:
+        some: (n,) pairs without one of these are left out.
         position_m: (n, 3), any frame.
         takes_part: (n,) the positions of these are finite.
         radius_m: (n,) radius of each one's search.
     """
     if len(position_m) <= FEW:
-        return near_pairs_of(takes_part, position_m, takes_part, radius_m)
+        return near_pairs_of(some, position_m, takes_part, radius_m)
     rows, start, low_m, cell_m, across = _sorted_into_cells(position_m, takes_part, radius_m)
-    place_m, look_m = position_m[rows], radius_m[rows]  # contiguous in memory, cell by cell
+    place_m, look_m, of_some = position_m[rows], radius_m[rows], some[rows]  # contiguous, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
     found, done = 0, 0
     while done < len(rows):
         if found + len(rows) > len(first):
             first, second = np.append(first, first), np.append(second, second)
         found, done = _write_pairs(
-            rows, start, low_m, cell_m, across, place_m, look_m, first, second, found, done
+            rows, start, low_m, cell_m, across, place_m, look_m, of_some, first, second, found, done
         )
     return first[:found], second[:found]
 
@@ -82,6 +83,7 @@ def _write_pairs(
     across: int,
     place_m: Array,
     look_m: Array,
+    of_some: Mask,
     first: Rows,
     second: Rows,
     found: int,
@@ -112,7 +114,8 @@ def _write_pairs(
                     dx, dy, dz = place_m[b, 0] - x_m, place_m[b, 1] - y_m, place_m[b, 2] - z_m
                     reach_m = own_m + look_m[b]
                     first[found], second[found] = rows[a], rows[b]  # the next replaces it, if it is not near
-                    found += dx * dx + dy * dy + dz * dz < reach_m * reach_m
+                    near = dx * dx + dy * dy + dz * dz < reach_m * reach_m
+                    found += near & (of_some[a] | of_some[b])
     return found, len(rows)
 
 

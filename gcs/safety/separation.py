@@ -152,7 +152,7 @@ def _closest(
     )  # vehicles of a formation are hardly farther apart: mostly one search is enough
     farthest_m = 2.0 * np.sqrt(3.0) * extent_m + look_m
     while True:
-        first, second = near_pairs(position_m, known, np.full(len(position_m), look_m / 2.0))
+        first, second = near_pairs(known, position_m, known, np.full(len(position_m), look_m / 2.0))
         found_m, inside = _closest_of(
             position_m, airborne, first, second, horizontal_m, vertical_m, pad_height_m
         )
@@ -334,7 +334,7 @@ def _found(
     if only.sum() <= FEW:
         first, second = near_pairs_of(only, place_m, known, look_m)
     else:
-        first, second = near_pairs(place_m, known, look_m)
+        first, second = near_pairs(commanded & only, place_m, known, look_m)
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)

@@ -198,7 +198,7 @@ def approach_given_up(
     """
     given_up_m_s = np.zeros_like(desired_m_s)
     most_m_s = np.zeros(len(desired_m_s))
-    first, second = near_pairs(position_m, takes_part, np.full(len(desired_m_s), 0.5 * begins_m))
+    first, second = near_pairs(takes_part, position_m, takes_part, np.full(len(desired_m_s), 0.5 * begins_m))
     for k in range(len(first)):
         i, j = first[k], second[k]
         if left_s[i] < left_s[j]:

@@ -133,8 +133,8 @@ class SimulatedFlight:
         sight = self.sight()
         began_s = time.thread_time()
         decided = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
-        took_s = time.thread_time() - began_s
         self.memory = decided.memory
+        took_s = time.thread_time() - began_s
         self._mind_failsafes(fleet)
         self._keep(decided, took_s)
         self.world.send(decided.setpoints)

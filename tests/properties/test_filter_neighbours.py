@@ -20,7 +20,7 @@ def test_pairs_of_many_are_found_in_any_distribution(
     position[:, axis] = rng.uniform(-along_m, along_m, FEW + 40)
     position[:5, axis] *= 30.0  # far out: in the outermost cells
     all_vehicles, radius = np.ones(FEW + 40, dtype=bool), rng.uniform(0.5 * look_m, look_m, FEW + 40)
-    first, second = near_pairs(position, all_vehicles, radius)
+    first, second = near_pairs(all_vehicles, position, all_vehicles, radius)
     i, j = np.triu_indices(FEW + 40, 1)
     near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]
     found = np.sort(np.column_stack([first, second]), axis=1)

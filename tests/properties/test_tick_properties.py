@@ -65,7 +65,11 @@ def test_without_task_or_fresh_telemetry_no_command(
 ) -> None:
     fleet, tasks, _ = batch
     known = np.isfinite(np.column_stack([fleet.position_m, fleet.velocity_m_s])).all(axis=1)
-    may = (tasks.task != Task.NONE) & known & (fleet.age_s <= CONTROL.telemetry_age_max_s)
+    may = (
+        ~np.isin(tasks.task, (Task.NONE, Task.ELSEWHERE))
+        & known
+        & (fleet.age_s <= CONTROL.telemetry_age_max_s)
+    )
     may &= np.isfinite(fleet.yaw_rad)
     listed = [name for name, allowed in zip(fleet.ids, may, strict=True) if allowed]
     assert list(flown(*batch).setpoints.ids) == listed

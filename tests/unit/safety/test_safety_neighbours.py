@@ -22,7 +22,9 @@ def test_the_grid_finds_every_near_pair_once(count: int) -> None:
     position[: count // 10] *= 40.0  # far out
     takes_part = rng.random(count) < 0.9
     radius = rng.uniform(0.1, 4.0, count)
-    first, second = near_pairs(np.where(takes_part[:, None], position, np.nan), takes_part, radius)
+    first, second = near_pairs(
+        takes_part, np.where(takes_part[:, None], position, np.nan), takes_part, radius
+    )
     i, j = np.triu_indices(count, 1)
     near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]
     near &= takes_part[i] & takes_part[j]
@@ -86,7 +88,7 @@ def test_unknown_positions_are_ignored_in_a_crowd() -> None:
 
 
 def assert_each_near_pair_once(position: Array, radius: Array, takes_part: Mask) -> None:
-    found = np.sort(np.column_stack(near_pairs(position, takes_part, radius)), axis=1)
+    found = np.sort(np.column_stack(near_pairs(takes_part, position, takes_part, radius)), axis=1)
     i, j = np.triu_indices(len(position), 1)
     near = np.linalg.norm(position[i] - position[j], axis=1) < radius[i] + radius[j]
     near &= takes_part[i] & takes_part[j]
@@ -143,13 +145,14 @@ def test_two_in_one_place_are_a_pair_with_all_others_unknown() -> None:
     position = np.full((MANY, 3), np.nan)
     position[[7, 90]] = 0.0
     known = np.isfinite(position[:, 0])
-    first, second = near_pairs(position, known, np.ones(MANY))
+    first, second = near_pairs(known, position, known, np.ones(MANY))
     assert sorted([*first.tolist(), *second.tolist()]) == [7, 90]
 
 
 def test_no_pair_with_all_positions_unknown() -> None:
     nowhere = np.full((MANY, 3), np.nan)
-    first, second = near_pairs(nowhere, np.zeros(MANY, dtype=bool), np.ones(MANY))
+    none = np.zeros(MANY, dtype=bool)
+    first, second = near_pairs(none, nowhere, none, np.ones(MANY))
     assert (len(first), len(second)) == (0, 0)
     assert minimum_separation(nowhere, np.ones(MANY, dtype=bool), FLOOR) == (np.inf, 0)
 

@@ -1,0 +1,97 @@
+"""Vehicles that other stations fly, as further rows of a tick: avoided, and never commanded."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.control.inputs import Memory, Task, Tasks
+from gcs.model.state import Array, FleetState, Mask, Traits, VehicleId, freeze
+
+HELD_S: Final = -1.0
+"""`Memory.unfollowed_s` of a vehicle that its own station sees held: its slot stays with it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Others:
+    """k vehicles of other stations at the time of a tick, show frame. Owns its arrays.
+
+    Rows of vehicles that were never received are NaN. The same k vehicles in every tick.
+    """
+
+    ids: tuple[VehicleId, ...]
+    position_m: Array  # (k, 3) brought forward to the tick
+    velocity_m_s: Array  # (k, 3)
+    uncertainty_m: Array  # (k,) standard deviation of the position, sideways
+    charge: Array  # (k,)
+    airborne: Mask  # (k,) in the air, or possibly so
+    formed: Mask  # (k,) in formation, and flown by a station that is received
+    slot_stays: Mask  # (k,) held or carried: its slot stays with it
+    segments_m: Array  # (m, 2, 3) paths that vehicles without control may take
+    segments_of: NDArray[np.intp]  # (m,) row of each path's vehicle among these k
+    pace: float = 1.0  # share of the orbit's speed with which all of them keep up
+
+    def __post_init__(self) -> None:
+        k = len(self.ids)
+        freeze(self.position_m, (k, 3), "position_m")
+        freeze(self.velocity_m_s, (k, 3), "velocity_m_s")
+        freeze(self.uncertainty_m, (k,), "uncertainty_m")
+        freeze(self.charge, (k,), "charge")
+
+    def joined(
+        self, fleet: FleetState, tasks: Tasks, traits: Traits, memory: Memory
+    ) -> tuple[FleetState, Tasks, Traits, Memory]:
+        """State, tasks, traits and memory of the n own vehicles and these k, in this order.
+
+        Args:
+            fleet: n vehicles.
+            tasks: n vehicles; every path of a lost vehicle names its row.
+            traits: n vehicles.
+            memory: n + k vehicles, of the previous tick.
+        """
+        n, k = len(fleet.ids), len(self.ids)
+        none, nowhere = np.zeros(k, np.bool_), np.full((k, 3), np.nan)
+        together = FleetState(
+            fleet.time_s,
+            fleet.ids + self.ids,
+            np.concatenate([fleet.position_m, self.position_m]),
+            np.concatenate([fleet.velocity_m_s, self.velocity_m_s]),
+            np.concatenate([fleet.yaw_rad, np.zeros(k)]),
+            np.concatenate([fleet.age_s, np.zeros(k)]),
+        )
+        lost = len(tasks.segments_m) - tasks.silent_segments
+        own_of = np.zeros(0, np.intp) if tasks.segments_of is None else tasks.segments_of
+        drift, follows = tasks.drift, tasks.follows_planned_path
+        theirs = np.where(self.formed, Task.ELSEWHERE, Task.NONE).astype(np.int8)
+        with_theirs = replace(
+            tasks,
+            task=np.concatenate([tasks.task, theirs]),
+            goal_m=np.concatenate([tasks.goal_m, nowhere]),
+            airborne=np.concatenate([tasks.airborne, self.airborne]),
+            descending=np.concatenate([tasks.descending, none]),
+            follows_planned_path=None if follows is None else np.concatenate([follows, none]),
+            drift=None
+            if drift is None
+            else (np.concatenate([drift[0], nowhere]), np.concatenate([drift[1], nowhere])),
+        )
+        if len(self.segments_m):  # before those of vehicles that are silent: they are the last
+            with_theirs = replace(
+                with_theirs,
+                segments_m=np.concatenate(
+                    [tasks.segments_m[:lost], self.segments_m, tasks.segments_m[lost:]]
+                ),
+                segments_of=np.concatenate([own_of[:lost], self.segments_of + n, own_of[lost:]]),
+            )
+        unfollowed_s = np.zeros(n + k) if memory.unfollowed_s is None else memory.unfollowed_s.copy()
+        unfollowed_s[n:] = np.where(self.slot_stays, HELD_S, 0.0)
+        return (
+            together,
+            with_theirs,
+            Traits(
+                np.concatenate([traits.charge, self.charge]),
+                np.concatenate([traits.speed_max_m_s, np.full(k, np.inf)]),
+                np.concatenate([traits.uncertainty_m, self.uncertainty_m]),
+            ),
+            replace(memory, unfollowed_s=unfollowed_s),
+        )
