@@ -30,6 +30,7 @@ class Others:
     slot_stays: Mask  # (k,) held or carried: its slot stays with it
     segments_m: Array  # (m, 2, 3) paths that vehicles without control may take
     segments_of: NDArray[np.intp]  # (m,) row of each path's vehicle among these k
+    drift: tuple[Array, Array] | None = None  # (k, 3) as in Tasks
     pace: float = 1.0  # share of the orbit's speed with which all of them keep up
 
     def __post_init__(self) -> None:
@@ -62,7 +63,7 @@ class Others:
         )
         lost = len(tasks.segments_m) - tasks.silent_segments
         own_of = np.zeros(0, np.intp) if tasks.segments_of is None else tasks.segments_of
-        drift, follows = tasks.drift, tasks.follows_planned_path
+        follows = tasks.follows_planned_path
         theirs = np.where(self.formed, Task.ELSEWHERE, Task.NONE).astype(np.int8)
         with_theirs = replace(
             tasks,
@@ -71,9 +72,7 @@ class Others:
             airborne=np.concatenate([tasks.airborne, self.airborne]),
             descending=np.concatenate([tasks.descending, none]),
             follows_planned_path=None if follows is None else np.concatenate([follows, none]),
-            drift=None
-            if drift is None
-            else (np.concatenate([drift[0], nowhere]), np.concatenate([drift[1], nowhere])),
+            drift=self._drift_after(tasks.drift, n),
         )
         if len(self.segments_m):  # before those of vehicles that are silent: they are the last
             with_theirs = replace(
@@ -95,3 +94,11 @@ class Others:
             ),
             replace(memory, unfollowed_s=unfollowed_s),
         )
+
+    def _drift_after(self, own: tuple[Array, Array] | None, count: int) -> tuple[Array, Array] | None:
+        """(n + k, 3) positions and velocities, as in Tasks, of `count` own vehicles and of these."""
+        if own is None and self.drift is None:
+            return None
+        first = own or (np.full((count, 3), np.nan), np.full((count, 3), np.nan))
+        second = self.drift or (np.full((len(self.ids), 3), np.nan), np.full((len(self.ids), 3), np.nan))
+        return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])

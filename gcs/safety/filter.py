@@ -315,7 +315,7 @@ def _causes(changed_m_s: Array, which: Rows, first: Rows, other: Rows, walls: in
     return causes
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=64)
 def _texts(names: tuple[str, ...]) -> NDArray[np.object_]:
     """(n + 2,) the reasons: keeping away from each vehicle, none, the limits."""
     return np.array([*(f"separation from {name}" for name in names), "", "limits"], dtype=object)

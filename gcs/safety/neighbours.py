@@ -91,11 +91,16 @@ def _write_pairs(
 ) -> tuple[int, int]:
     """Write the near pairs, after the `found` ones of `done` vehicles, while there is room for one more.
 
+    Where all are in `of_some`, a vehicle finds those after it; else one in it also finds all that are not.
+
     Returns: `found` and `done` then.
     """
     from_, to = np.empty(3, np.int64), np.empty(3, np.int64)
     longest_m, extent_m = look_m.max(), _extents(start, across, place_m, look_m)
+    every = of_some.all()
     for a in range(done, len(rows)):
+        if not of_some[a]:
+            continue
         if found + len(rows) > len(first):
             return found, a
         x_m, y_m, z_m, own_m = place_m[a, 0], place_m[a, 1], place_m[a, 2], look_m[a]
@@ -103,11 +108,12 @@ def _write_pairs(
         for axis in range(3):
             from_[axis] = _cell(place_m[a, axis] - far_m, low_m[axis], cell_m, across)
             to[axis] = _cell(place_m[a, axis] + far_m, low_m[axis], cell_m, across) + 1
-        from_[0] = _cell(x_m, low_m[0], cell_m, across)  # the cells before hold earlier vehicles only
+        # the cells before hold earlier vehicles only
+        from_[0] = max(from_[0], every * _cell(x_m, low_m[0], cell_m, across))
         for x in range(from_[0], to[0]):
             for y in range(from_[1], to[1]):
                 column = (x * across + y) * across
-                begin, end = max(start[column + from_[2]], a + 1), start[column + to[2]]
+                begin, end = max(start[column + from_[2]], every * (a + 1)), start[column + to[2]]
                 if begin >= end or _is_beyond(extent_m[x * across + y], x_m, y_m, z_m, own_m):
                     continue
                 for b in range(begin, end):
@@ -115,7 +121,7 @@ def _write_pairs(
                     reach_m = own_m + look_m[b]
                     first[found], second[found] = rows[a], rows[b]  # the next replaces it, if it is not near
                     near = dx * dx + dy * dy + dz * dz < reach_m * reach_m
-                    found += near & (of_some[a] | of_some[b])
+                    found += near & ((b > a) | (not of_some[b]))
     return found, len(rows)
 
 

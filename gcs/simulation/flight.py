@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
-from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, ellipses_of, tick, warm_up
+from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, tick, warm_up
 from gcs.failsafe.policy import Action
 from gcs.flight.commander import STOPS_WITHIN_S
 from gcs.formation.neighbours import Sight
@@ -36,6 +36,7 @@ from gcs.simulation.initial_states import draw_world
 from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
 from gcs.simulation.scenario import ArticleFlight, Carried, FormationFlight, GoalFlight, Loss, Scenario
+from gcs.simulation.stations import Decided, SimulatedStations
 from gcs.simulation.world import TOUCHDOWN_M_S, Neighbourhood, TrueWorld
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
@@ -77,6 +78,8 @@ class SimulatedFlight:
         self._returning = np.arange(0)  # (k,) rows of the return's plan
         self.memory = Memory.fresh(n, 0.0)
         self.traits = Traits.alike(n, layout.reported_uncertainty_m(scenario))
+        several = scenario.stations.count > 1
+        self._stations = SimulatedStations(scenario.stations, self.world, seed) if several else None
 
     @property
     def floor(self) -> Floor:
@@ -130,16 +133,25 @@ class SimulatedFlight:
             drift=self.losses.drift,
             silent_segments=self.losses.silent_segments,
         )
-        sight = self.sight()
-        began_s = time.thread_time()
-        decided = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
+        decided = self._decide(fleet, tasks)
         self.memory = decided.memory
-        took_s = time.thread_time() - began_s
         self._mind_failsafes(fleet)
-        self._keep(decided, took_s)
+        self._keep(decided)
         self.world.send(decided.setpoints)
         seen_m = self.world.advance()
         self.record.closest_m.append(self._closest_m(seen_m))
+
+    def _decide(self, fleet: FleetState, tasks: Tasks) -> Decided:
+        """Compute the tick of the station, or of each of several."""
+        if self._stations is not None:
+            return self._stations.decide(fleet, tasks, self.plan, self.traits, self.settings)
+        sight = self.sight()
+        began_s = time.thread_time()
+        result = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
+        memory = result.memory
+        took_s = time.thread_time() - began_s
+        limited = len(result.limited_by) - result.limited_by.count("")
+        return Decided(result.setpoints, memory, limited, (took_s,))
 
     def _mind_failsafes(self, fleet: FleetState) -> None:
         """Execute what the service's failsafes request, as the commander does."""
@@ -200,7 +212,7 @@ class SimulatedFlight:
         self.task[low] = Task.NONE
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
-    def _keep(self, decided: Tick, took_s: float) -> None:
+    def _keep(self, decided: Decided) -> None:
         record, memory = self.record, decided.memory
         if len(self.losses.segments_m) and memory.center is not None and self._progress is None:
             slot_m = memory.center.position_m + memory.radius_m * memory.place
@@ -212,7 +224,7 @@ class SimulatedFlight:
                 closed = self.losses.apart_m(slot_m, self.floor) <= kept_m
                 off_m[closed & (off_m > THROUGH_M)] = np.nan
             record.off_slot_m.append(off_m)
-        record.tick_s.append(took_s)
+        record.tick_s.extend(decided.took_s)
         record.time_s.append(self.time_s)
         record.position_m.append(self.world.position_m.astype(np.float32))
         record.formed.append((self.task == Task.FORMATION) & self.present)
@@ -222,7 +234,7 @@ class SimulatedFlight:
         record.target_m.append(np.array(self.plan.target.position_m(self.time_s)))
         record.boxes.append(tuple(map(self._placed, self.plan.obstacles)))
         record.held_by.append("" if memory.detour is None else memory.detour.held_by)
-        record.limited.append(len(decided.limited_by) - decided.limited_by.count(""))
+        record.limited.append(decided.limited)
 
     def check_box(self, box: Obstacle) -> None:
         """Check, as in flight, that a box can stand where it is now. Raises: RefusedError."""

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from gcs.formation.repulsion import NEAREST_FACTOR
 from gcs.model.jit import kernel
 from gcs.model.state import Array
 
@@ -106,9 +107,19 @@ def best(charges: int | tuple[float, ...]) -> Array:
     return search(np.ones(charges), FEW_STARTS)
 
 
+SEARCHED_MOST = 2000
+"""A search for more equal charges takes too long: their figures follow from the known law of growth."""
+
+
 @cache
 def best_figures(charges: int | tuple[float, ...]) -> tuple[float, float]:
-    """Energy and nearest distance of `best`, on the unit sphere."""
+    """Energy and nearest distance of `best`, on the unit sphere.
+
+    Source for large numbers: the fit of the Thomson problem's energies, N^2 / 2 (1 + a N^-1/2 + b N^-3/2).
+    """
+    count = charges if isinstance(charges, int) else len(charges)
+    if count > SEARCHED_MOST and (isinstance(charges, int) or len(set(charges)) == 1):
+        return count**2 / 2 * (1.0 - 1.10461 * count**-0.5 + 0.137 * count**-1.5), NEAREST_FACTOR / count**0.5
     charge = np.ones(charges) if isinstance(charges, int) else np.array(charges)
     energy, nearest = energy_and_nearest(best(charges), charge)
     return float(energy), float(nearest)

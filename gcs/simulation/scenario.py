@@ -127,6 +127,15 @@ class Radio(Settings):
     sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, constant for each vehicle
 
 
+class Stations(Settings):
+    """Several stations, each with its share of the vehicles in their order, and the bus between them."""
+
+    count: Annotated[int, Field(ge=1, le=100)] = 1
+    delay_s: NotNegative = 0.02  # one way
+    spread_s: NotNegative = 0.01  # each message is later or earlier by up to this
+    loss: Share = 0.01  # of the messages
+
+
 class Loss(Settings):
     """Vehicles that lose their links for good, and do what their autopilots are configured to do."""
 
@@ -240,6 +249,7 @@ class Scenario(Settings):
     worlds: tuple[World, ...] = ()  # instead of `world`, seed by seed in turn; the file has what differs
     control: ControlSettings = ControlSettings()
     failsafes: FailsafePolicy | None = None  # of the service, for a formation; None: they are off
+    stations: Stations = Stations()
 
     def in_world_of(self, seed: int) -> "Scenario":
         worlds = self.worlds

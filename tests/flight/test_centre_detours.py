@@ -71,9 +71,10 @@ async def story(show: Show) -> Flight:
     out, reported_later = show.track.between(began_s), alarm_texts(show)
     for box in U:
         service.plan.remove_obstacle(box.id)
-    now_s = show.now_s
+    now_s, beside_m = show.now_s, BEHIND.y_m - 2.0
     boxes = tuple(
-        Obstacle(f"truck {k}", BEHIND.x_m - side * 30.0, BEHIND.y_m, 3.0, 6.0, 60.0, side * 1.5, 0.0, now_s)
+        # 2 m beside the target: driven straight at it, which side is shorter would be left to chance
+        Obstacle(f"truck {k}", BEHIND.x_m - side * 30.0, beside_m, 3.0, 6.0, 60.0, side * 1.5, 0.0, now_s)
         for k, side in enumerate((1.0, -1.0))
     )
     for box in boxes:

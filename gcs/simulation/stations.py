@@ -1,0 +1,212 @@
+"""Several stations in virtual time: each ticks for its own vehicles and knows the others' from a bus."""
+
+import heapq
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.config.sections import OperationSettings
+from gcs.control import ControlSettings, Memory, Tasks, tick
+from gcs.model.lifecycle import Phase
+from gcs.model.plan import Plan
+from gcs.model.state import Array, FleetState, Mode, Setpoints, Traits, VehicleId
+from gcs.simulation.scenario import Stations
+from gcs.simulation.world import TrueWorld
+from gcs.stations.messages import MODE_CODE, PHASE_CODE
+from gcs.stations.publishing import STATES, Reported, batch, formation_messages
+from gcs.stations.site import Site, StationFleet, WithoutControl
+
+LEAD_SILENT_S = 1.0
+"""After this silence of the lead a station computes the whole formation itself."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decided:
+    """What one tick of all stations decided. Rows as in the world."""
+
+    setpoints: Setpoints
+    memory: Memory  # of all vehicles: each row is its own station's
+    limited: int  # number of vehicles that the safety filter limited
+    took_s: tuple[float, ...]  # processor time of each station
+
+
+class _Bus:
+    """Delivers each message late, and not every one. Seeded."""
+
+    def __init__(self, settings: Stations, seed: int) -> None:
+        self._settings = settings
+        self._random = np.random.default_rng([seed, 4])
+        self._under_way: list[tuple[float, int, Site, str, str, bytes]] = []
+        self._count = 0
+
+    def publish(
+        self, sender: str, receivers: Sequence[Site], topic: str, payload: bytes, now_s: float
+    ) -> None:
+        settings = self._settings
+        late_s = (
+            now_s + settings.delay_s + settings.spread_s * self._random.uniform(-1.0, 1.0, len(receivers))
+        )
+        kept = self._random.random(len(receivers)) >= settings.loss
+        for receiver, at_s, arrives in zip(receivers, late_s.tolist(), kept.tolist(), strict=True):
+            if arrives:
+                self._count += 1
+                heapq.heappush(self._under_way, (at_s, self._count, receiver, sender, topic, payload))
+
+    def deliver(self, now_s: float) -> None:
+        while self._under_way and self._under_way[0][0] <= now_s:
+            at_s, _, receiver, sender, topic, payload = heapq.heappop(self._under_way)
+            receiver.receive(sender, topic, payload, at_s)
+
+
+@dataclass(slots=True, eq=False)
+class _Station:
+    site: Site
+    rows: NDArray[np.intp]  # (m,) of its own vehicles in the world
+    order: NDArray[np.intp]  # (n,) of its own vehicles, then the others'
+    memory: Memory
+
+
+class SimulatedStations:
+    """The stations of a scenario. The first one leads."""
+
+    def __init__(self, settings: Stations, world: TrueWorld, seed: int) -> None:
+        """Each station has an equal share of the world's vehicles, in their order."""
+        n = len(world.ids)
+        parts = np.array_split(np.arange(n), settings.count)
+        fleets = {
+            f"s{number}": StationFleet(tuple(world.ids[row] for row in rows), (1.0,) * len(rows))
+            for number, rows in enumerate(parts, 1)
+        }
+        operation = OperationSettings()
+        alone = WithoutControl(operation.setpoint_loss_action, takeoff_height_m=operation.takeoff_height_m)
+        self._bus = _Bus(settings, seed)
+        self._stations = []
+        for number, (name, rows) in enumerate(zip(fleets, parts, strict=True)):
+            others = np.concatenate([*parts[:number], *parts[number + 1 :]])
+            site = Site(name, fleets, alone)
+            site.home_m[:] = world.home_m[others]
+            order = np.concatenate([rows, others])
+            self._stations.append(_Station(site, rows, order, Memory.fresh(n, 0.0)))
+        self._traffic_bytes: list[int] = []
+
+    @property
+    def bytes_per_vehicle(self) -> float:
+        """Mean of what all stations publish in a tick, for each vehicle of the site."""
+        return float(np.mean(self._traffic_bytes)) if self._traffic_bytes else 0.0
+
+    def decide(
+        self, fleet: FleetState, tasks: Tasks, plan: Plan, traits: Traits, settings: ControlSettings
+    ) -> Decided:
+        """One tick of every station, with what has arrived by then; the arguments are of the whole fleet."""
+        now_s = fleet.time_s
+        self._bus.deliver(now_s)
+        took_s, limited, found, sent = [], 0, [], 0
+        for station in self._stations:
+            own = (
+                _rows_of(fleet, station.rows),
+                _tasks_of(tasks, station.rows),
+                _traits_of(traits, station.rows),
+            )
+            began_s = time.thread_time()
+            others = station.site.others(now_s)
+            shared = station.site.formation(now_s, LEAD_SILENT_S)
+            before = replace(station.memory)
+            result = tick(own[0], own[1], plan, own[2], before, settings, None, others, shared)
+            station.memory = result.memory
+            took_s.append(time.thread_time() - began_s)
+            limited += len(result.limited_by) - result.limited_by.count("")
+            found.append(result.setpoints)
+            sent += self._publish(station, *own)
+        self._traffic_bytes.append(sent)
+        return Decided(_joined(fleet, found), self._of_all(), limited, tuple(took_s))
+
+    def _publish(self, station: _Station, fleet: FleetState, tasks: Tasks, traits: Traits) -> int:
+        n, site = len(fleet.ids), station.site
+        unknown, flying = np.full(n, np.nan), np.ones(n, np.bool_)
+        formed = np.isfinite(station.memory.engaged_time_s[:n])
+        phases = np.where(formed, PHASE_CODE[Phase.FORMATION], PHASE_CODE[Phase.HOLD]).astype(np.uint8)
+        modes = np.full(n, MODE_CODE[Mode.OFFBOARD], np.uint8)
+        reported = Reported(phases, modes, flying, flying, unknown, unknown)
+        made = batch(site, fleet, tasks, traits.uncertainty_m, station.memory, reported)
+        messages: list[tuple[str, bytes]] = [(STATES, made.encode())]
+        if site.lead.leads:
+            messages.extend(formation_messages(site, station.memory, reported))
+        receivers = [other.site for other in self._stations if other is not station]
+        for topic, payload in messages:
+            self._bus.publish(site.own, receivers, topic, payload, fleet.time_s)
+        return sum(len(payload) for _, payload in messages)
+
+    def _of_all(self) -> Memory:
+        """The memories of all stations as one: of each vehicle what its own station keeps."""
+        first = self._stations[0].memory
+        unfollowed_s = None if first.unfollowed_s is None else self._column("unfollowed_s")
+        return replace(
+            first,
+            desired_m_s=self._column("desired_m_s"),
+            asked_m_s=self._column("asked_m_s"),
+            setpoint_m_s=self._column("setpoint_m_s"),
+            yaw_rad=self._column("yaw_rad"),
+            engaged_time_s=self._column("engaged_time_s"),
+            place=self._column("place"),
+            expected_m_s=self._column("expected_m_s"),
+            unfollowed_s=unfollowed_s,
+        )
+
+    def _column(self, name: str) -> Array:
+        column: Array = np.empty_like(getattr(self._stations[0].memory, name))
+        for station in self._stations:
+            column[station.rows] = getattr(station.memory, name)[: len(station.rows)]
+        return column
+
+
+def _rows_of(fleet: FleetState, rows: NDArray[np.intp]) -> FleetState:
+    ids = tuple(fleet.ids[row] for row in rows.tolist())
+    columns = (fleet.position_m, fleet.velocity_m_s, fleet.yaw_rad, fleet.age_s)
+    return FleetState(fleet.time_s, ids, *(column[rows] for column in columns))
+
+
+def _traits_of(traits: Traits, rows: NDArray[np.intp]) -> Traits:
+    return Traits(*(getattr(traits, each.name)[rows] for each in fields(Traits)))
+
+
+def _tasks_of(tasks: Tasks, rows: NDArray[np.intp]) -> Tasks:
+    """The tasks of some vehicles, with the paths of those of them that are lost."""
+    follows, segments_of = tasks.follows_planned_path, tasks.segments_of
+    owners = np.zeros(0, np.intp) if segments_of is None else segments_of
+    place = np.full(len(tasks.task), -1)
+    place[rows] = np.arange(len(rows))
+    ours = place[owners] >= 0
+    silent = np.arange(len(owners)) >= len(owners) - tasks.silent_segments
+    return replace(
+        tasks,
+        task=tasks.task[rows],
+        goal_m=tasks.goal_m[rows],
+        airborne=tasks.airborne[rows],
+        descending=tasks.descending[rows],
+        segments_m=tasks.segments_m[ours] if len(owners) else np.zeros((0, 2, 3)),
+        follows_planned_path=None if follows is None else follows[rows],
+        segments_of=place[owners[ours]],
+        drift=None if tasks.drift is None else (tasks.drift[0][rows], tasks.drift[1][rows]),
+        silent_segments=int(np.count_nonzero(ours & silent)),
+    )
+
+
+def _joined(fleet: FleetState, found: Sequence[Setpoints]) -> Setpoints:
+    """The setpoints of all stations as one."""
+    ids = tuple(_all_ids(found))
+    if ids == fleet.ids:
+        ids = fleet.ids
+    return Setpoints(
+        fleet.time_s,
+        ids,
+        np.concatenate([one.velocity_m_s for one in found]),
+        np.concatenate([one.yaw_rad for one in found]),
+    )
+
+
+def _all_ids(found: Sequence[Setpoints]) -> Iterator[VehicleId]:
+    for one in found:
+        yield from one.ids

@@ -1,0 +1,1 @@
+"""Several stations that fly one formation: what they send each other, and what each knows; pure."""

@@ -1,0 +1,281 @@
+"""What stations send each other once a tick, as bytes: little-endian, versioned, without absolute times.
+
+`StateBatch`: a header, one echo for each station received, one row of `ROW` for each vehicle of the station.
+`FormationMessage` and `SlotsMessage`: what the leading station computes for the whole formation.
+"""
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Final, TypeAlias
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.formation.orbit import Center
+from gcs.model.errors import LinkError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, Mask, Mode, VehicleId
+
+Codes: TypeAlias = NDArray[np.uint8]
+
+VERSION: Final = 1
+
+STATES, FORMATION, SLOTS = 1, 2, 3
+"""Kinds of messages."""
+
+PHASES: Final = tuple(Phase)
+SHOW_PHASES: Final = tuple(ShowPhase)
+MODES: Final = tuple(Mode)
+"""Numbers on the wire are places in these."""
+
+PHASE_CODE: Final = {phase: number for number, phase in enumerate(PHASES)}
+MODE_CODE: Final = {mode: number for number, mode in enumerate(MODES)}
+
+AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY = 1, 2, 4, 8, 16
+"""Flags of a row."""
+
+ALL_UP, ASSEMBLED = 1, 2
+"""Flags of a station."""
+
+UNKNOWN: Final = 0xFFFF
+UNKNOWN_PERCENT: Final = 0xFF
+
+ROW: Final = np.dtype(
+    [
+        ("position_m", "<f4", 3),  # NaN: never received
+        ("velocity_cm_s", "<i2", 3),
+        ("desired_cm_s", "<i2", 3),  # flown to by the newest setpoint
+        ("commanded", "u1"),
+        ("phase", "u1"),
+        ("flags", "u1"),
+        ("mode", "u1"),
+        ("uncertainty_cm", "<u2"),
+        ("age_ms", "<u2"),  # of the position when the batch was made
+        ("yaw", "<i2"),  # 1 / 10,000 rad
+        ("battery_percent", "u1"),
+        ("quality_percent", "u1"),  # of its link
+    ]
+)
+
+_STATION: Final = struct.Struct("<BBHIIIHBBf")
+_ECHO: Final = struct.Struct("<HIf")
+_FORMATION: Final = struct.Struct("<BBIIHIBBff9d")
+_SLOTS: Final = struct.Struct("<BBIIHH")
+SLOT_STEPS: Final = 32767.0
+COUNT_MAX: Final = 1400
+"""Vehicles of one station: their batch stays below 60,000 bytes."""
+
+SIDES_MAX: Final = 20_000
+"""Bytes of the sides on which obstacles are passed."""
+
+
+def site_number(fleets: Mapping[str, tuple[VehicleId, ...]]) -> int:
+    """A number of the site's stations and vehicles: stations with other lists ignore each other."""
+    return crc32(json.dumps(list(fleets.items())).encode())
+
+
+@dataclass(frozen=True, slots=True)
+class Echo:
+    """The newest batch that a station received from another: by it that one measures the delay."""
+
+    station: int  # place among the site's stations
+    sequence: int
+    held_s: float  # since its arrival
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateBatch:
+    """One station and its n vehicles at one tick, show frame. Owns its arrays."""
+
+    sequence: int
+    site: int  # see `site_number`
+    term: int  # of the lead that it obeys
+    lead: int  # place among the site's stations
+    show: ShowPhase
+    all_up: bool
+    assembled: bool
+    pace: float
+    echoes: tuple[Echo, ...]
+    position_m: Array  # (n, 3) brought forward as in FleetState; of silent vehicles the last one
+    velocity_m_s: Array  # (n, 3)
+    desired_m_s: Array  # (n, 3) NaN: not commanded
+    uncertainty_m: Array  # (n,)
+    age_s: Array  # (n,) of the measurement, inf: never received
+    phases: Codes  # (n,) places in PHASES
+    modes: Codes  # (n,) places in MODES
+    airborne: Mask
+    formed: Mask
+    slot_stays: Mask
+    armed: Mask
+    ready: Mask
+    yaw_rad: Array
+    battery_remaining: Array  # NaN: unknown
+    link_quality: Array  # 0 to 1, NaN: unknown
+
+    def encode(self) -> bytes:
+        """The bytes: 24, 10 for each echo, 34 for each vehicle."""
+        n = len(self.position_m)
+        rows = np.zeros(n, ROW)
+        rows["position_m"] = self.position_m
+        rows["velocity_cm_s"] = _cm_s(self.velocity_m_s)
+        rows["desired_cm_s"] = _cm_s(self.desired_m_s)
+        rows["commanded"] = np.isfinite(self.desired_m_s[:, 0])
+        rows["phase"], rows["mode"] = self.phases, self.modes
+        flags = zip(
+            (AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY),
+            (self.airborne, self.formed, self.slot_stays, self.armed, self.ready),
+            strict=True,
+        )
+        rows["flags"] = sum(flag * mask.astype(np.uint8) for flag, mask in flags)
+        rows["uncertainty_cm"] = _bounded(100.0 * self.uncertainty_m)
+        rows["age_ms"] = _bounded(1000.0 * self.age_s)
+        rows["yaw"] = np.round(1e4 * np.nan_to_num(self.yaw_rad))
+        rows["battery_percent"] = _percent(self.battery_remaining)
+        rows["quality_percent"] = _percent(self.link_quality)
+        flags_of_all = ALL_UP * self.all_up + ASSEMBLED * self.assembled
+        show = SHOW_PHASES.index(self.show)
+        head = (VERSION, STATES, n, self.sequence, self.site, self.term, self.lead, show, flags_of_all)
+        echoes = [_ECHO.pack(one.station, one.sequence, one.held_s) for one in self.echoes]
+        return b"".join([_STATION.pack(*head, self.pace), bytes([len(echoes)]), *echoes, rows.tobytes()])
+
+    @staticmethod
+    def decode(payload: bytes) -> "StateBatch":
+        """Raises: LinkError for bytes that are no batch of this version."""
+        if len(payload) < _STATION.size + 1:
+            raise LinkError(f"a batch of {len(payload)} bytes is too short")
+        version, kind, n, sequence, site, term, lead, show, flags, pace = _STATION.unpack_from(payload)
+        _check(version, kind, STATES)
+        begin = _STATION.size + 1 + payload[_STATION.size] * _ECHO.size
+        if len(payload) != begin + n * ROW.itemsize or show >= len(SHOW_PHASES) or not isfinite(pace):
+            raise LinkError(f"a batch of {len(payload)} bytes for {n} vehicles")
+        echoes = tuple(Echo(*one) for one in _ECHO.iter_unpack(payload[_STATION.size + 1 : begin]))
+        rows = np.frombuffer(payload, ROW, offset=begin)
+        if (rows["phase"] >= len(PHASES)).any() or (rows["mode"] >= len(MODES)).any():
+            raise LinkError("a batch with a phase or mode that does not exist")
+        commanded, known = rows["commanded"] > 0, rows["age_ms"] != UNKNOWN
+        return StateBatch(
+            sequence,
+            site,
+            term,
+            lead,
+            SHOW_PHASES[show],
+            bool(flags & ALL_UP),
+            bool(flags & ASSEMBLED),
+            min(max(pace, 0.0), 1.0),
+            echoes,
+            np.where(known[:, None], rows["position_m"], np.nan).astype(np.float64),
+            rows["velocity_cm_s"] / 100.0,
+            np.where(commanded[:, None], rows["desired_cm_s"] / 100.0, np.nan),
+            rows["uncertainty_cm"] / 100.0,
+            np.where(known, rows["age_ms"] / 1000.0, np.inf),
+            rows["phase"].copy(),
+            rows["mode"].copy(),
+            rows["flags"] & AIRBORNE > 0,
+            rows["flags"] & FORMED > 0,
+            rows["flags"] & SLOT_STAYS > 0,
+            rows["flags"] & ARMED > 0,
+            rows["flags"] & READY > 0,
+            rows["yaw"] / 1e4,
+            _share(rows["battery_percent"]),
+            _share(rows["quality_percent"]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormationMessage:
+    """Centre, radius and spin of the whole formation, and which plan they follow."""
+
+    site: int
+    term: int
+    lead: int  # place among the site's stations
+    plan: int  # its version
+    show: ShowPhase
+    center: Center | None
+    radius_m: float
+    spin_rad_s: float
+    sides: dict[str, float]
+
+    def encode(self) -> bytes:
+        center = self.center or Center.at_rest(np.zeros(3))
+        numbers = np.concatenate([center.position_m, center.velocity_m_s, center.acceleration_m_s2]).tolist()
+        show, exists = SHOW_PHASES.index(self.show), self.center is not None
+        head = (VERSION, FORMATION, self.site, self.term, self.lead, self.plan, show, exists)
+        return (
+            _FORMATION.pack(*head, self.radius_m, self.spin_rad_s, *numbers) + json.dumps(self.sides).encode()
+        )
+
+    @staticmethod
+    def decode(payload: bytes) -> "FormationMessage":
+        """Raises: LinkError for bytes that are no such message of this version."""
+        if not _FORMATION.size <= len(payload) <= _FORMATION.size + SIDES_MAX:
+            raise LinkError(f"a formation of {len(payload)} bytes")
+        version, kind, site, term, lead, plan, show, exists, *numbers = _FORMATION.unpack_from(payload)
+        _check(version, kind, FORMATION)
+        if show >= len(SHOW_PHASES) or not all(map(isfinite, numbers)):
+            raise LinkError("a formation with a number that is not possible")
+        try:
+            sides = json.loads(payload[_FORMATION.size :])
+        except ValueError:
+            raise LinkError("a formation with sides that are no JSON") from None
+        if not isinstance(sides, dict) or not all(isinstance(side, float) for side in sides.values()):
+            raise LinkError("a formation with sides that are no numbers")
+        radius_m, spin_rad_s, *motion = numbers
+        center = Center(*np.array(motion).reshape(3, 3)) if exists else None
+        return FormationMessage(
+            site, term, lead, plan, SHOW_PHASES[show], center, radius_m, spin_rad_s, sides
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlotsMessage:
+    """Slots of one station's vehicles. Owns its array."""
+
+    site: int
+    term: int
+    lead: int  # place among the site's stations
+    place: Array  # (n, 3) unit vectors from the centre, NaN: none
+
+    def encode(self) -> bytes:
+        steps = np.round(SLOT_STEPS * np.nan_to_num(self.place)).astype("<i2")
+        head = (VERSION, SLOTS, self.site, self.term, self.lead, len(steps))
+        return _SLOTS.pack(*head) + steps.tobytes()
+
+    @staticmethod
+    def decode(payload: bytes) -> "SlotsMessage":
+        """Raises: LinkError for bytes that are no such message of this version."""
+        if len(payload) < _SLOTS.size:
+            raise LinkError(f"slots of {len(payload)} bytes are too short")
+        version, kind, site, term, lead, count = _SLOTS.unpack_from(payload)
+        _check(version, kind, SLOTS)
+        if len(payload) != _SLOTS.size + 6 * count:
+            raise LinkError(f"slots of {len(payload)} bytes for {count} vehicles")
+        place = np.frombuffer(payload, "<i2", offset=_SLOTS.size).reshape(count, 3).astype(np.float64)
+        length = np.linalg.norm(place, axis=1, keepdims=True)
+        with np.errstate(invalid="ignore"):
+            return SlotsMessage(site, term, lead, place / np.where(length > SLOT_STEPS / 2, length, np.nan))
+
+
+def _check(version: int, kind: int, expected: int) -> None:
+    if (version, kind) != (VERSION, expected):
+        raise LinkError(f"message {kind} of version {version}, where {expected} of {VERSION} is expected")
+
+
+def _cm_s(velocity_m_s: Array) -> NDArray[np.int16]:
+    return np.clip(np.round(100.0 * np.nan_to_num(velocity_m_s)), -32767, 32767).astype(np.int16)
+
+
+def _bounded(values: Array) -> NDArray[np.uint16]:
+    return np.where(np.isfinite(values), np.clip(np.round(values), 0, UNKNOWN - 1), UNKNOWN).astype(np.uint16)
+
+
+def _percent(share: Array) -> NDArray[np.uint8]:
+    known = np.isfinite(share)
+    return np.where(known, np.round(100.0 * np.clip(share, 0.0, 1.0)), UNKNOWN_PERCENT).astype(np.uint8)
+
+
+def _share(percent: NDArray[np.uint8]) -> Array:
+    return np.where(percent == UNKNOWN_PERCENT, np.nan, percent / 100.0)

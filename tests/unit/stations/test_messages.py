@@ -1,0 +1,114 @@
+"""What stations send each other, as bytes."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gcs.formation.orbit import Center
+from gcs.model.errors import LinkError
+from gcs.model.lifecycle import ShowPhase
+from gcs.stations.messages import (
+    COUNT_MAX,
+    Echo,
+    FormationMessage,
+    SlotsMessage,
+    StateBatch,
+    site_number,
+)
+
+KINDS = (StateBatch, FormationMessage, SlotsMessage)
+
+
+def batch(count: int) -> StateBatch:
+    rng = np.random.default_rng(count)
+    mask = rng.random((5, count)) < 0.5
+    desired_m_s = rng.uniform(-8.0, 8.0, (count, 3))
+    desired_m_s[::3] = np.nan
+    age_s = rng.uniform(0.0, 1.0, count)
+    age_s[1::4] = np.inf
+    return StateBatch(
+        sequence=7,
+        site=site_number({"north": ("d1", "d2")}),
+        term=3,
+        lead=1,
+        show=ShowPhase.RUNNING,
+        all_up=True,
+        assembled=False,
+        pace=0.75,
+        echoes=(Echo(1, 12, 0.25), Echo(2, 5, 0.5)),
+        position_m=rng.uniform(-500.0, 500.0, (count, 3)),
+        velocity_m_s=rng.uniform(-8.0, 8.0, (count, 3)),
+        desired_m_s=desired_m_s,
+        uncertainty_m=rng.uniform(0.02, 3.0, count),
+        age_s=age_s,
+        phases=rng.integers(0, 10, count).astype(np.uint8),
+        modes=rng.integers(0, 9, count).astype(np.uint8),
+        airborne=mask[0],
+        formed=mask[1],
+        slot_stays=mask[2],
+        armed=mask[3],
+        ready=mask[4],
+        yaw_rad=rng.uniform(-3.1, 3.1, count),
+        battery_remaining=np.where(mask[0], 0.5, np.nan),
+        link_quality=np.where(mask[1], 0.9, np.nan),
+    )
+
+
+@pytest.mark.parametrize("count", [0, 1, 50])
+def test_batch_arrives_as_it_was(count: int) -> None:
+    sent = batch(count)
+    received = StateBatch.decode(sent.encode())
+    known = np.isfinite(sent.age_s)
+    assert (received.sequence, received.site, received.term, received.lead) == (7, sent.site, 3, 1)
+    assert (received.show, received.all_up, received.assembled) == (ShowPhase.RUNNING, True, False)
+    assert received.echoes == sent.echoes
+    assert received.pace == sent.pace
+    assert received.position_m[known] == pytest.approx(sent.position_m[known], abs=1e-4)
+    assert np.isnan(received.position_m[~known]).all()
+    assert received.velocity_m_s == pytest.approx(sent.velocity_m_s, abs=0.0051)
+    assert received.desired_m_s == pytest.approx(sent.desired_m_s, abs=0.0051, nan_ok=True)
+    assert received.uncertainty_m == pytest.approx(sent.uncertainty_m, abs=0.0051)
+    assert received.age_s == pytest.approx(sent.age_s, abs=0.00051)
+    assert received.battery_remaining == pytest.approx(sent.battery_remaining, nan_ok=True)
+    for name in ("phases", "modes", "airborne", "formed", "slot_stays", "armed", "ready"):
+        assert (getattr(received, name) == getattr(sent, name)).all()
+
+
+def test_batch_of_the_largest_station_fits_into_a_message() -> None:
+    assert len(batch(COUNT_MAX).encode()) <= 60_000
+
+
+def test_formation_and_slots_arrive_as_they_were() -> None:
+    center = Center(np.array([1.0, 2.0, -30.0]), np.array([0.5, 0.0, 0.1]), np.array([0.0, 0.2, 0.0]))
+    sent = FormationMessage(9, 2, 1, 4, ShowPhase.PAUSED, center, 15.0, 0.1, {"tower": 1.0})
+    received = FormationMessage.decode(sent.encode())
+    assert received.center is not None
+    assert (received.center.position_m == center.position_m).all()
+    assert (received.radius_m, received.sides, received.plan) == (15.0, {"tower": 1.0}, 4)
+    place = np.array([[0.6, 0.0, 0.8], [np.nan] * 3, [0.0, -1.0, 0.0]])
+    slots = SlotsMessage.decode(SlotsMessage(9, 2, 1, place).encode())
+    assert slots.place == pytest.approx(place, abs=1e-4, nan_ok=True)
+
+
+@given(st.binary(max_size=300))
+def test_junk_is_refused(junk: bytes) -> None:
+    for kind in KINDS:
+        with pytest.raises(LinkError):
+            kind.decode(junk)
+
+
+@given(st.data())
+def test_damaged_messages_are_refused_or_stay_finite(data: st.DataObject) -> None:
+    whole = bytearray(batch(3).encode())
+    at = data.draw(st.integers(0, len(whole) - 1))
+    whole[at] ^= 1 << data.draw(st.integers(0, 7))
+    cut = data.draw(st.integers(0, len(whole)))
+    with pytest.raises(LinkError):
+        StateBatch.decode(bytes(whole[:cut])[:-1])
+    try:
+        received = StateBatch.decode(bytes(whole))
+    except LinkError:
+        return
+    assert 0.0 <= received.pace <= 1.0
+    assert len(received.position_m) == 3

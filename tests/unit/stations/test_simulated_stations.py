@@ -1,0 +1,23 @@
+"""A formation of several stations in virtual time, over a late bus that loses messages."""
+
+from gcs.simulation import scenario as scenarios
+from gcs.simulation.flight import fly
+from gcs.simulation.metrics import report
+from gcs.simulation.scenario import Scenario
+
+
+def flown(stations: int) -> dict[str, object]:
+    scenario = scenarios.load(scenarios.find("stations"))
+    changed = {"stations": {"count": stations, "loss": 0.05}, "duration_s": 44.0}
+    return report(fly(Scenario.model_validate(scenario.model_dump() | changed), 32, 3))
+
+
+def test_four_stations_fly_the_shape_that_one_flies() -> None:
+    one, four = flown(1), flown(4)
+    for figures in (one, four):
+        separation, formation = figures["separation"], figures["formation"]
+        assert isinstance(separation, dict)
+        assert isinstance(formation, dict)
+        assert separation["violations"] == 0
+        assert formation["settled"]
+        assert formation["energy_ratio"] <= 1.002

@@ -1,0 +1,157 @@
+"""What one station knows of the others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs.formation.orbit import Center
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.stations.lead import Lead
+from gcs.stations.messages import PHASE_CODE, FormationMessage, SlotsMessage
+from gcs.stations.site import LOST_S, Site, StationFleet, WithoutControl
+from tests.unit.stations.test_messages import batch
+
+FLEETS = {
+    "north": StationFleet(("n1", "n2"), (1.0, 1.0)),
+    "south": StationFleet(("s1", "s2", "s3"), (1.0, 2.0, 1.0)),
+    "west": StationFleet(("w1",), (1.0,)),
+}
+
+
+def site(own: str = "north") -> Site:
+    return Site(own, FLEETS, WithoutControl(action="land"))
+
+
+def from_south(of: Site, **changed: object) -> bytes:
+    flying = np.ones(3, np.bool_)
+    usual = replace(
+        batch(3),
+        site=of.site,
+        term=1,
+        lead=0,
+        echoes=(),
+        age_s=np.full(3, 0.1),
+        position_m=np.array([[0.0, 0.0, -20.0], [10.0, 0.0, -20.0], [20.0, 0.0, -20.0]]),
+        velocity_m_s=np.tile([2.0, 0.0, 0.0], (3, 1)),
+        desired_m_s=np.tile([2.0, 0.0, 0.0], (3, 1)),
+        phases=np.full(3, PHASE_CODE[Phase.FORMATION], np.uint8),
+        airborne=flying,
+        formed=flying,
+    )
+    return replace(usual, **changed).encode()  # type: ignore[arg-type]
+
+
+def test_vehicles_are_brought_forward_from_the_batch() -> None:
+    north = site()
+    north.receive("south", "states", from_south(north), 100.0)
+    seen = north.others(100.2)
+    assert seen.ids == ("s1", "s2", "s3", "w1")
+    assert seen.position_m[0] == pytest.approx([0.4, 0.0, -20.0], abs=0.01)
+    assert seen.formed.tolist() == [True, True, True, False]
+    assert seen.charge.tolist() == [1.0, 2.0, 1.0, 1.0]
+    assert np.isnan(seen.position_m[3]).all()
+
+
+def test_silent_station_is_lost_and_its_space_closed() -> None:
+    north = site()
+    north.receive("south", "states", from_south(north), 100.0)
+    assert north.lost(100.0 + LOST_S - 0.01) == []
+    assert north.lost(100.0 + LOST_S + 0.01) == ["south"]
+    seen = north.others(100.0 + LOST_S + 0.01)
+    assert not seen.formed.any()
+    assert seen.airborne.tolist() == [True, True, True, False]
+    assert set(seen.segments_of.tolist()) == {0, 1, 2}
+    later = north.others(103.0)  # lost for good: they land where they can have drifted to
+    lowest_m = [-later.segments_m[later.segments_of == row][..., 2].max() for row in range(3)]
+    assert lowest_m == pytest.approx([0.0, 0.0, 0.0])
+    north.receive("south", "states", from_south(north), 104.0)  # it is back
+    assert len(north.others(104.1).segments_m) == 0
+
+
+def test_vehicle_that_its_station_lost_is_closed_for_all() -> None:
+    north = site()
+    phases = np.array([PHASE_CODE[Phase.FORMATION], PHASE_CODE[Phase.LOST], PHASE_CODE[Phase.KILLED]])
+    north.receive("south", "states", from_south(north, phases=phases.astype(np.uint8)), 100.0)
+    assert set(north.others(100.05).segments_of.tolist()) == {1, 2}
+
+
+def test_delay_is_half_of_the_round_trip() -> None:
+    north, south = site(), site("south")
+    offset_s = 5000.0  # the clocks of two hosts have nothing in common
+    for step in range(50):
+        now_s = 100.0 + 0.1 * step
+        sequence, echoes = north.next_sequence(now_s)
+        south.receive("north", "states", from_north(north, sequence, echoes), now_s + 0.03 + offset_s)
+        sequence, echoes = south.next_sequence(now_s + 0.04 + offset_s)
+        back = from_south(north, sequence=sequence, echoes=echoes)
+        north.receive("south", "states", back, now_s + 0.07)
+    assert north.delays.one_way_s(1) == pytest.approx(0.03, abs=0.001)
+    assert south.delays.one_way_s(0) == pytest.approx(0.03, abs=0.001)
+
+
+def from_north(of: Site, sequence: int, echoes: object) -> bytes:
+    return replace(batch(2), site=of.site, term=1, lead=0, sequence=sequence, echoes=echoes).encode()  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("sender", ["north", "east", ""])
+def test_messages_of_no_other_station_are_refused(sender: str) -> None:
+    north = site()
+    north.receive(sender, "states", from_south(north), 100.0)
+    assert north.refused == 1
+    assert north.present(100.0) == []
+
+
+def test_batch_of_another_site_is_refused() -> None:
+    north = site()
+    north.receive("south", "states", from_south(north, site=north.site + 1), 100.0)
+    north.receive("west", "states", from_south(north), 100.0)  # too many vehicles
+    assert north.refused == 2
+
+
+def formation(of: Site, term: int, lead: int) -> bytes:
+    center = Center(np.array([0.0, 0.0, -30.0]), np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    return FormationMessage(of.site, term, lead, 5, ShowPhase.RUNNING, center, 12.0, 0.0, {}).encode()
+
+
+def test_follower_knows_the_formation_of_the_lead_only() -> None:
+    south = site("south")
+    south.receive("west", "formation", formation(south, 1, 2), 100.0)
+    assert south.formation(100.1, 1.0) is None  # west does not lead
+    south.receive("north", "formation", formation(south, 1, 0), 100.0)
+    place = np.tile([0.0, 0.6, 0.8], (3, 1))
+    slots = SlotsMessage(south.site, 1, 0, place).encode()
+    south.receive("north", "slots.south", slots, 100.0)
+    known = south.formation(100.1, 1.0)
+    assert known is not None
+    assert known.center is not None
+    assert known.center.position_m == pytest.approx([0.1, 0.0, -30.0])
+    assert known.place[:3] == pytest.approx(place, abs=1e-4)
+    assert np.isnan(known.place[3:]).all()
+    assert south.plan_version() == 5
+    assert south.formation(101.5, 1.0) is None  # the lead is silent
+
+
+def test_highest_term_leads_and_the_name_decides_within_one() -> None:
+    names = ("north", "south", "west")
+    leads = {name: Lead(name, names) for name in names}
+    assert [leads[name].leads for name in names] == [True, False, False]
+    leads["south"].take()
+    leads["west"].take()  # both operators at once
+    for lead in leads.values():
+        for other in leads.values():
+            lead.observe(other.term, other.number)
+    assert [leads[name].leads for name in names] == [False, False, True]
+    assert {lead.term for lead in leads.values()} == {2}
+    assert not leads["north"].obeys(2, 1)
+    leads["north"].take()
+    assert leads["north"].term == 3
+    leads["west"].observe(3, 0)
+    assert not leads["west"].leads
+
+
+def test_first_term_is_the_first_stations() -> None:
+    lead = Lead("north", ("north", "south"))
+    assert not lead.observe(1, 1)
+    assert not lead.observe(9, 7)  # no such station
+    assert lead.leads
