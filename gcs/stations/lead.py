@@ -29,7 +29,7 @@ class Lead:
         if station >= len(self._stations):
             return False
         name = self._stations[station]
-        if term == 1 and station != 0:  # nobody takes term 1: it is the first station's
+        if term == 1 and station != 0:  # term 1 needs no command: it is the first station's
             return False
         if (term, name) <= (self.term, self.name):
             return False
