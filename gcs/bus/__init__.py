@@ -1,0 +1,5 @@
+"""Carries the newest messages between the stations of one site: Zenoh, or memory in virtual time."""
+
+from gcs.bus.interface import PAYLOAD_MAX, Bus, Received
+
+__all__ = ["PAYLOAD_MAX", "Bus", "Received"]

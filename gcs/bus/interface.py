@@ -1,0 +1,54 @@
+"""What a bus offers a station. Newest wins, nothing queues, and nothing here waits."""
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+PAYLOAD_MAX: Final = 60_000
+"""Bytes of one message: with its key it stays below one batch of the transport."""
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """The newest message of one topic of another station."""
+
+    sender: str
+    topic: str
+    payload: bytes
+    time_s: float  # of its arrival or, where the bus cannot tell, of its collection; the loop's clock
+
+
+@dataclass(slots=True)
+class BusCounters:
+    """Totals since the bus was created."""
+
+    sent: int = 0
+    received: int = 0
+    sent_bytes: int = 0
+    refused: int = 0  # too large, or not of a station of this site
+
+
+class Bus(Protocol):
+    """Messages between stations. Used on the event loop's thread only.
+
+    Messages may be lost, but those of one station keep their order. What must arrive is published again until
+    its effect is received.
+    """
+
+    station: str
+    counters: BusCounters
+
+    async def run(self) -> None:
+        """Keep the bus open until it is cancelled. Raises: LinkError when it cannot be opened."""
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """Send to all other stations; nothing happens while the bus is closed.
+
+        Raises: LinkError for more than `PAYLOAD_MAX` bytes.
+        """
+
+    def newest(self) -> list[Received]:
+        """What arrived since the last call: of each topic of each station the newest message only."""
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Other stations that are connected, as far as the transport knows."""

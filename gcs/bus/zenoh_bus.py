@@ -1,0 +1,219 @@
+"""The bus over Eclipse Zenoh: peers with fixed endpoints, no discovery (decision 0045).
+
+Needs the extra `stations`.
+"""
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import zenoh
+
+from gcs.bus.interface import PAYLOAD_MAX, BusCounters, Received
+from gcs.bus.settings import Endpoint, key_files
+from gcs.model.errors import LinkError
+
+ROOT: Final = "gcs"
+"""Keys are `gcs/STATION/TOPIC`; a station may publish only its own."""
+
+ALIVE: Final = "alive"
+"""Topic of the liveliness token, whose last event is that of the station."""
+
+MESSAGE_MAX: Final = PAYLOAD_MAX + 4000
+"""Bytes of a message with its key: it fits into one batch of Zenoh, and larger ones are not put together."""
+
+BURST: Final = 16
+"""Messages to one station that wait for its socket; the most that Zenoh allows."""
+
+RETRY: Final = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+"""Of connecting: a bus that was cut heals within half a second."""
+
+HANDSHAKE_MS: Final = 2000
+"""Limit of one attempt to connect: closing waits for it, and so does the next attempt."""
+
+
+def kept(stations: int) -> int:
+    """Messages of one station that wait for the next tick; beyond that the oldest are dropped.
+
+    The lead sends slots for each other station: more than two ticks fit.
+    """
+    return 64 + 2 * stations
+
+
+def configuration(
+    station: str, endpoints: Mapping[str, Endpoint], lease_s: float, keys: Path | None
+) -> zenoh.Config:
+    """Zenoh's configuration of one station of the site. Raises: LinkError when a file of keys is missing."""
+    tls = keys is not None
+    config = zenoh.Config()
+    values: dict[str, object] = {
+        "mode": "peer",
+        "listen/endpoints": [endpoints[station].url(tls=tls)],
+        "connect/endpoints": [one.url(tls=tls) for name, one in endpoints.items() if name != station],
+        "connect/timeout_ms": -1,  # go on connecting, and
+        "connect/exit_on_failure": False,  # do it in the background
+        "connect/retry": RETRY,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/protocols": ["tls" if tls else "tcp"],
+        "transport/link/tx/lease": round(1000 * lease_s),
+        "transport/link/tx/queue/size/real_time": BURST,
+        "transport/link/rx/max_message_size": MESSAGE_MAX,
+        "transport/unicast/open_timeout": HANDSHAKE_MS,
+        "transport/unicast/accept_timeout": HANDSHAKE_MS,
+        "transport/unicast/max_sessions": 4 * len(endpoints) + 16,
+        "transport/shared_memory/enabled": False,
+    }
+    if keys is not None:
+        authority, certificate, key = key_files(keys, station)
+        for file in (authority, certificate, key):
+            if not file.is_file():
+                raise LinkError(f"{file} is missing: gcs key site makes it")
+        values |= {
+            "transport/link/tls/root_ca_certificate": str(authority),
+            "transport/link/tls/listen_certificate": str(certificate),
+            "transport/link/tls/listen_private_key": str(key),
+            "transport/link/tls/connect_certificate": str(certificate),
+            "transport/link/tls/connect_private_key": str(key),
+            "transport/link/tls/enable_mtls": True,
+            "access_control": _access(list(endpoints)),
+        }
+    for name, value in values.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
+
+
+def _access(stations: list[str]) -> dict[str, object]:
+    """Each station, known by the name in its certificate, may publish its own keys only."""
+    everything, sent = [f"{ROOT}/**"], ["put", "liveliness_token"]
+    rules: list[dict[str, object]] = [
+        {"id": f"of-{name}", "flows": ["ingress"], "messages": sent, "key_exprs": [f"{ROOT}/{name}/**"]}
+        for name in stations
+    ]
+    rules.append({"id": "out", "flows": ["egress"], "messages": sent, "key_exprs": everything})
+    asks = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
+    rules.append({"id": "ask", "flows": ["ingress", "egress"], "messages": asks, "key_exprs": everything})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [rule | {"permission": "allow"} for rule in rules],
+        "subjects": [{"id": name, "cert_common_names": [name]} for name in stations],
+        "policies": [{"rules": [f"of-{name}", "out", "ask"], "subjects": [name]} for name in stations],
+    }
+
+
+_Samples: TypeAlias = "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
+
+
+class _Open:
+    """An open session, with what is declared on it."""
+
+    def __init__(self, session: zenoh.Session, station: str, others: list[str]) -> None:
+        self._session, self._own = session, f"{ROOT}/{station}"
+        self.messages: dict[str, _Samples] = {}
+        self.tokens: dict[str, _Samples] = {}
+        liveliness = session.liveliness()
+        for name in others:
+            ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(kept(len(others) + 1))
+            self.messages[name] = session.declare_subscriber(f"{ROOT}/{name}/**", ring)
+            last: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(1)
+            self.tokens[name] = liveliness.declare_subscriber(f"{ROOT}/{name}/{ALIVE}", last, history=True)
+        self._token = liveliness.declare_token(f"{self._own}/{ALIVE}")
+        self._publishers: dict[str, zenoh.Publisher] = {}
+
+    def publisher(self, topic: str) -> zenoh.Publisher:
+        found = self._publishers.get(topic)
+        if found is None:
+            found = self._publishers[topic] = self._session.declare_publisher(
+                f"{self._own}/{topic}",
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.REAL_TIME,
+                express=True,
+            )
+        return found
+
+
+class ZenohBus:
+    """One station's end. Implements `Bus`."""
+
+    def __init__(
+        self,
+        station: str,
+        endpoints: Mapping[str, Endpoint],
+        *,
+        lease_s: float,
+        keys: Path | None,
+        now_s: Callable[[], float],
+    ) -> None:
+        """Opens nothing before `run`.
+
+        Args:
+            station: its name.
+            endpoints: of all stations of the site, this one among them.
+            lease_s: a station that sends nothing for this time is gone.
+            keys: the folder of `make_site_keys`; None: no TLS, for loopback only.
+            now_s: the loop's clock.
+        """
+        self.station = station
+        self.counters = BusCounters()
+        self._endpoints, self._lease_s, self._keys = dict(endpoints), lease_s, keys
+        self._now_s = now_s
+        self._open: _Open | None = None
+        self._present: set[str] = set()
+
+    async def run(self) -> None:
+        config = configuration(self.station, self._endpoints, self._lease_s, self._keys)
+        here = self._endpoints[self.station]
+        try:
+            session = await asyncio.to_thread(zenoh.open, config)
+        except zenoh.ZError as error:
+            raise LinkError(f"the bus does not open at {here.host}:{here.port}: {error}") from None
+        try:
+            others = [name for name in self._endpoints if name != self.station]
+            self._open = _Open(session, self.station, others)
+            await asyncio.Event().wait()
+        finally:
+            self._open = None
+            self._present.clear()
+            await asyncio.to_thread(session.close)
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        if len(payload) > PAYLOAD_MAX:
+            raise LinkError(f"{topic}: {len(payload)} bytes where {PAYLOAD_MAX} are possible")
+        if self._open is None:
+            return
+        self._open.publisher(topic).put(payload)
+        self.counters.sent += 1
+        self.counters.sent_bytes += len(payload)
+
+    def newest(self) -> list[Received]:
+        if self._open is None:
+            return []
+        found: dict[tuple[str, str], Received] = {}
+        now_s = self._now_s()
+        for sender, subscriber in self._open.messages.items():
+            for _ in range(kept(len(self._endpoints))):  # a flood does not keep this loop going
+                sample = subscriber.try_recv()
+                if sample is None:
+                    break
+                payload = sample.payload.to_bytes()
+                if len(payload) > PAYLOAD_MAX or sample.kind != zenoh.SampleKind.PUT:
+                    self.counters.refused += 1
+                    continue
+                topic = str(sample.key_expr).removeprefix(f"{ROOT}/{sender}/")
+                self.counters.received += 1
+                found[sender, topic] = Received(sender, topic, payload, now_s)
+        return list(found.values())
+
+    @property
+    def present(self) -> frozenset[str]:
+        if self._open is not None:
+            for name, subscriber in self._open.tokens.items():
+                sample = subscriber.try_recv()
+                if sample is not None and sample.kind == zenoh.SampleKind.PUT:
+                    self._present.add(name)
+                elif sample is not None:
+                    self._present.discard(name)
+        return frozenset(self._present)
