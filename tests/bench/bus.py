@@ -1,0 +1,148 @@
+"""`python -m tests.bench.bus`: states between four processes over the bus, beside plain UDP datagrams.
+
+Four stations on loopback publish a batch each, 20 times a second, with their time of making. One way: from
+there until the receiver, which looks once a millisecond, holds it. Then one is killed, and one is stopped.
+"""
+
+import argparse
+import asyncio
+import os
+import signal
+import socket
+import struct
+import sys
+import time
+from collections.abc import Iterator
+from multiprocessing import Pipe, Process, get_context
+from multiprocessing.connection import Connection
+
+from gcs.bus.interface import Bus, BusCounters, Received
+from gcs.bus.settings import Endpoint
+from gcs.bus.zenoh_bus import ZenohBus
+
+STATIONS, RATE_HZ, LOOK_S = 4, 20.0, 0.001
+ROW_BYTES = 34
+HEAD = struct.Struct("<d")
+
+
+class DatagramBus:
+    """One UDP datagram for each message and receiver; only for this comparison."""
+
+    def __init__(self, station: str, endpoints: dict[str, Endpoint]) -> None:
+        self.station, self.counters = station, BusCounters()
+        self._to = [(one.host, one.port) for name, one in endpoints.items() if name != station]
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_000_000)
+        self._socket.bind((endpoints[station].host, endpoints[station].port))
+        self._socket.setblocking(False)
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        for address in self._to:
+            self._socket.sendto(payload, address)
+
+    def newest(self) -> list[Received]:
+        return list(self._received())
+
+    def _received(self) -> Iterator[Received]:
+        while True:
+            try:
+                payload, address = self._socket.recvfrom(65535)
+            except BlockingIOError:
+                return
+            yield Received(str(address[1]), "states", payload, time.monotonic())
+
+    @property
+    def present(self) -> frozenset[str]:
+        return frozenset()
+
+
+def _make(kind: str, station: str, endpoints: dict[str, Endpoint]) -> Bus:
+    if kind == "udp":
+        return DatagramBus(station, endpoints)
+    return ZenohBus(station, endpoints, lease_s=0.2, keys=None, now_s=time.monotonic)
+
+
+async def _fly(bus: Bus, rows: int, seconds: float, out: Connection) -> None:
+    running = asyncio.create_task(bus.run())
+    await asyncio.sleep(3.0)
+    gone_s: dict[str, float] = {}
+    took_s, before = [], bus.present
+    began_s, cpu_s = time.monotonic(), time.process_time()
+    due_s = began_s
+    sent = 0
+    while (now_s := time.monotonic()) < began_s + seconds:
+        if now_s >= due_s:
+            due_s += 1.0 / RATE_HZ
+            sent += 1
+            bus.publish("states", HEAD.pack(time.monotonic()) + bytes(rows * ROW_BYTES))
+        took_s += [time.monotonic() - HEAD.unpack_from(one.payload)[0] for one in bus.newest()]
+        for name in before - bus.present:
+            gone_s.setdefault(name, time.monotonic())
+        await asyncio.sleep(LOOK_S)
+    out.send((took_s, sent, (time.process_time() - cpu_s) / seconds, gone_s))
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+def _station(
+    kind: str, station: str, endpoints: dict[str, Endpoint], rows: int, s: float, out: Connection
+) -> None:
+    asyncio.run(_fly(_make(kind, station, endpoints), rows, s, out))
+
+
+def measure(kind: str, vehicles: int, seconds: float, port: int) -> str:
+    names = [f"s{number}" for number in range(STATIONS)]
+    endpoints = {name: Endpoint(host="127.0.0.1", port=port + k) for k, name in enumerate(names)}
+    pipes, processes = [], []
+    for name in names:
+        ours, theirs = Pipe()
+        rows = vehicles // STATIONS
+        process: Process = get_context("spawn").Process(  # type: ignore[assignment]
+            target=_station, args=(kind, name, endpoints, rows, seconds, theirs)
+        )
+        process.start()
+        pipes.append(ours)
+        processes.append(process)
+    time.sleep(3.0 + 0.7 * seconds)
+    noticed = ""
+    killed_s = time.monotonic()
+    os.kill(processes[3].pid or 0, signal.SIGKILL)
+    time.sleep(0.1 * seconds)
+    stopped_s = time.monotonic()
+    os.kill(processes[2].pid or 0, signal.SIGSTOP)
+    found = [pipe.recv() for pipe in pipes[:2]]
+    os.kill(processes[2].pid or 0, signal.SIGKILL)
+    for process in processes:
+        process.join()
+    if kind == "zenoh":
+        gone = [gone_s for *_, gone_s in found]
+        kills = [1e3 * (one["s3"] - killed_s) for one in gone if "s3" in one]
+        stops = [1e3 * (one["s2"] - stopped_s) for one in gone if "s2" in one]
+        noticed = f"  killed {max(kills, default=-1):.0f} ms  stopped {max(stops, default=-1):.0f} ms"
+    took_ms = sorted(1e3 * one for each in found for one in each[0])
+    expected = sum(each[1] for each in found) * 0.7 * (STATIONS - 1)
+    p50, p99 = took_ms[len(took_ms) // 2], took_ms[int(0.99 * len(took_ms))]
+    cpu = 100.0 * max(each[2] for each in found)
+    return (
+        f"{kind:<6} {vehicles:>6} vehicles  p50 {p50:.2f}  p99 {p99:.2f}  worst {took_ms[-1]:.2f} ms"
+        f"  received {len(took_ms)} (at least {expected:.0f} were sent)  CPU {cpu:.1f} %{noticed}"
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    arguments = parser.parse_args()
+    port = 27_400
+    for vehicles in (1000, 5000):
+        for kind in ("zenoh", "udp"):
+            print(measure(kind, vehicles, arguments.seconds, port), flush=True)
+            port += STATIONS
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
