@@ -48,9 +48,10 @@ def test_batch_is_split_among_links_without_mixing() -> None:
 class NotingLink(SilentLink):
     """Open and connected; notes the order in which setpoints leave."""
 
-    def __init__(self, ids: tuple[str, ...], arrived_s: tuple[float, ...], left: list[str]) -> None:
+    def __init__(
+        self, ids: tuple[str, ...], now_s: float, arrived_s: tuple[float, ...], left: list[str]
+    ) -> None:
         super().__init__(ids)
-        now_s = time.monotonic()
         self._protocol = CommandProtocol(self._vehicles, self._latch, self._clock)
         self._telemetry.life_time_s[:] = self._telemetry.heartbeat_time_s[:] = now_s
         self._telemetry.position_time_s[:] = np.add(now_s, arrived_s)
@@ -63,8 +64,9 @@ class NotingLink(SilentLink):
 
 def test_setpoints_for_the_oldest_samples_leave_first() -> None:
     left: list[str] = []
-    north = NotingLink(("a", "b", "c", "d"), (-0.01, -0.03, -2.0, -0.02), left)
-    south = NotingLink(("e", "f", "g", "h"), (-0.05, -0.04, -0.008, -0.009), left)
+    now_s = time.monotonic()
+    north = NotingLink(("a", "b", "c", "d"), now_s, (-0.01, -0.03, -2.0, -0.02), left)
+    south = NotingLink(("e", "f", "g", "h"), now_s, (-0.05, -0.04, -0.008, -0.009), left)
     links = SetpointRouting([north, south])
     ids = (*north.ids, *south.ids)
     links.send(Setpoints(time.monotonic(), ids, np.zeros((8, 3)), np.zeros(8)))
