@@ -1,7 +1,13 @@
 """What a bus offers a station. Newest wins, nothing queues, and nothing here waits."""
 
+import asyncio
+import logging
 from dataclasses import dataclass
 from typing import Final, Protocol
+
+from gcs.model.errors import LinkError
+
+log = logging.getLogger(__name__)
 
 PAYLOAD_MAX: Final = 60_000
 """Bytes of one message: with its key it stays below one batch of the transport."""
@@ -52,3 +58,19 @@ class Bus(Protocol):
     @property
     def present(self) -> frozenset[str]:
         """Other stations that are connected, as far as the transport knows."""
+
+
+RETRY_S: Final = 1.0
+
+
+async def keep_bus_open(bus: Bus) -> None:
+    """Run a bus without end; when it cannot be opened, log it once and try again."""
+    failed = ""
+    while True:
+        try:
+            await bus.run()
+        except LinkError as error:
+            if str(error) != failed:
+                failed = str(error)
+                log.error("bus_failed", extra={"cause": failed})
+        await asyncio.sleep(RETRY_S)

@@ -29,6 +29,8 @@ class Endpoint(Settings):
     def _bare(cls, host: str) -> str:
         if re.fullmatch(r"[A-Za-z0-9.:%_-]{1,253}", host) is None:
             raise ValueError("a host name or an address, as 10.0.0.1")
+        if host in {"0.0.0.0", "::"}:  # noqa: S104 (refused)
+            raise ValueError("an address under which the others reach it")
         return host
 
     @property

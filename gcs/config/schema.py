@@ -9,8 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from gcs.bus.settings import BusSettings
 from gcs.config import sections, yaml_files
 from gcs.config.setting_errors import Misfit, explained, located
+from gcs.config.stations import SiteRows, StationSettings, check_stations
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
 from gcs.estimation.fleet_state import Positioning
@@ -58,6 +60,9 @@ class Config(Settings):
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
     scheduling: Literal["real-time", "usual"] = "real-time"  # asked of the machine, which may grant less
+    stations: tuple[StationSettings, ...] = ()  # of the whole site; none: one station has all links
+    bus: BusSettings = BusSettings()  # between the stations
+    site_rows: SiteRows | None = None  # of one station's own configuration; `station_config` sets it
 
     @property
     def frame(self) -> ShowFrame:
@@ -82,11 +87,11 @@ class Config(Settings):
 
     @cached_property
     def return_heights_m(self) -> Array:
-        """(n,) RTL_RETURN_ALT of each vehicle, above its home."""
+        """(n,) RTL_RETURN_ALT of each vehicle, above its home; layered over all vehicles of the site."""
         operation, highest_m = self.operation, self.control.safety.fence.height_max_m
-        return return_heights_m(
-            len(self.fleet), operation.return_height_m, operation.return_layer_m, highest_m
-        )
+        count = len(self.fleet) if self.site_rows is None else self.site_rows.count
+        heights_m = return_heights_m(count, operation.return_height_m, operation.return_layer_m, highest_m)
+        return heights_m if self.site_rows is None else heights_m[list(self.site_rows.rows)]
 
     @model_validator(mode="after")
     def _check(self) -> "Config":
@@ -96,6 +101,7 @@ class Config(Settings):
             twice = {name for name, count in Counter(names).items() if count > 1}
             if twice:
                 raise ValueError(f"links: {what} {', '.join(sorted(twice))} is there twice")
+        self._check_stations()
         self._check_links()
         self._check_access()
         strangers = sorted(set(self.preflight.start_places) - set(self.ids))
@@ -139,32 +145,57 @@ class Config(Settings):
                     raise located(error.allowed, section, error.field) from None
                 raise located(str(error), section) from None
 
+    def _check_stations(self) -> None:
+        if self.stations:
+            counts = {link.name: len(link.fleet) for link in self.links}
+            check_stations(self.stations, counts, self.api, self.bus.keys)
+        own = self.site_rows
+        if own is not None and (len(own.rows) != len(self.ids) or max(own.rows) >= own.count):
+            text = f"one row below count for each of the {len(self.ids)} vehicles; only gcs serve sets them"
+            raise located(text, "site_rows", "rows")
+
     def _check_access(self) -> None:
-        """Check that the API is reachable from other machines only with tokens."""
-        if self.access.tokens_file is None and not is_loopback(self.api.host):
-            raise ValueError(
-                f"api.host = {self.api.host}: beyond 127.0.0.1 tokens are needed: gcs token create NAME"
-                " --role operate --file tokens.json, then access.tokens_file: tokens.json"
-            )
+        """Check that each API is reachable from other machines only with tokens."""
+        apis = [("api", self.api)]
+        apis += [(f"stations.{at}.api", each.api or self.api) for at, each in enumerate(self.stations)]
+        for key, api in apis:
+            if self.access.tokens_file is None and not is_loopback(api.host):
+                raise ValueError(
+                    f"{key}.host = {api.host}: beyond 127.0.0.1 tokens are needed: gcs token create NAME"
+                    " --role operate --file tokens.json, then access.tokens_file: tokens.json"
+                )
 
     def _check_links(self) -> None:
-        """Check that no two links use the same resource, and the number of MAVSDK instances."""
-        owner: dict[str, str] = {}
+        """Check that no two links on one machine use the same resource, and count the MAVSDK instances."""
+        machines: dict[str, list[sections.LinkSettings]] = {}
+        processes: dict[str, list[sections.LinkSettings]] = {}
         for link in self.links:
-            used = [f"listen on {port}" for place in link.places for port in occupied(place)]
-            if link.signing is not None:
-                used.append(f"sign as link_id {link.signing.link_id} with {link.signing.key_file}")
-            for each in used:
-                other = owner.setdefault(each, link.name)
-                if other != link.name:
-                    raise ValueError(f"links: {link.name} and {other} both {each}")
-        for link in self.links:
-            for to in link.forward:
-                if f"listen on {to.url.removeprefix('udp://')}" in owner:
-                    raise ValueError(f"links: {link.name}: forward {to.url}: we listen there ourselves")
-        count = sum(instances(len(link.fleet)) for link in self.links if link.transport == "mavsdk")
-        if count > INSTANCES_MAX:
-            raise ValueError(f"links: {count} MAVSDK instances; one process bears {INSTANCES_MAX}")
+            station = next((each for each in self.stations if link.name in each.links), None)
+            machines.setdefault("" if station is None else station.machine, []).append(link)
+            processes.setdefault("" if station is None else station.name, []).append(link)
+        for links in machines.values():
+            _check_resources(links)
+        for links in processes.values():
+            count = sum(instances(len(link.fleet)) for link in links if link.transport == "mavsdk")
+            if count > INSTANCES_MAX:
+                raise ValueError(f"links: {count} MAVSDK instances; one process bears {INSTANCES_MAX}")
+
+
+def _check_resources(links: Sequence[sections.LinkSettings]) -> None:
+    """Raises: ValueError for what two of these links use."""
+    owner: dict[str, str] = {}
+    for link in links:
+        used = [f"listen on {port}" for place in link.places for port in occupied(place)]
+        if link.signing is not None:
+            used.append(f"sign as link_id {link.signing.link_id} with {link.signing.key_file}")
+        for each in used:
+            other = owner.setdefault(each, link.name)
+            if other != link.name:
+                raise ValueError(f"links: {link.name} and {other} both {each}")
+    for link in links:
+        for to in link.forward:
+            if f"listen on {to.url.removeprefix('udp://')}" in owner:
+                raise ValueError(f"links: {link.name}: forward {to.url}: we listen there ourselves")
 
 
 find = yaml_files.CONFIGURATIONS.find

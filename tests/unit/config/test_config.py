@@ -500,7 +500,7 @@ def test_listen_address_of_another_host_is_refused(
     with pytest.raises(ConfigError) as refused:
         load_here(str(file))
     assert reported in str(refused.value)
-    assert load_here("demo").ids
+    assert load_here("demo")[0].ids
 
 
 def test_every_problem_is_listed_without_whole_sections() -> None:

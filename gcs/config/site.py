@@ -1,0 +1,32 @@
+"""The configuration of one station, out of that of its site."""
+
+from gcs.config.schema import Config
+from gcs.config.stations import SiteRows
+from gcs.model.errors import ConfigError
+
+
+def station_config(site: Config, name: str) -> Config:
+    """That station's own configuration: its links, its API, its folder of records, and no `stations`.
+
+    Raises: ConfigError with the names of the stations, for another name and for a site without stations.
+    """
+    station = next((each for each in site.stations if each.name == name), None)
+    if station is None:
+        known = ", ".join(each.name for each in site.stations) or "none in this configuration"
+        raise ConfigError(f"there is no station '{name}'; stations: {known}")
+    links = [link for link in site.links if link.name in station.links]
+    ids = {vehicle.id for link in links for vehicle in link.fleet}
+    rows = tuple(row for row, vehicle in enumerate(site.ids) if vehicle in ids)
+    places = {vehicle: place for vehicle, place in site.preflight.start_places.items() if vehicle in ids}
+    record = site.record
+    if record is not None:
+        record = record.model_copy(update={"folder": record.folder / name})
+    changes = {
+        "links": tuple(links),
+        "api": station.api or site.api,
+        "record": record,
+        "preflight": site.preflight.model_copy(update={"start_places": places}),
+        "stations": (),
+        "site_rows": SiteRows(station=name, count=len(site.ids), rows=rows),
+    }
+    return Config.model_validate({key: getattr(site, key) for key in Config.model_fields} | changes)
