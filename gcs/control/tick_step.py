@@ -28,7 +28,7 @@ from gcs.formation.response import limit_change
 from gcs.formation.route import warm_up as routes_warm_up
 from gcs.model.jit import kernel
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan
-from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits
+from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits, VehicleId
 from gcs.safety.authority import Authority, measured, yielding
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.filter import warm_up as safety_warm_up
@@ -46,6 +46,7 @@ class Tick:
     position_m: Array  # (n, 3) as estimated
     airborne: Mask  # (n,)
     floor: Floor
+    elsewhere: tuple[VehicleId, ...] = ()  # the last of these n: vehicles of other stations
 
     @cached_property
     def memory(self) -> Memory:
@@ -146,7 +147,8 @@ def tick(
         routes=routes,
     )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
-    return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, settings.safety.floor)
+    floor, elsewhere = settings.safety.floor, () if others is None else others.ids
+    return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, floor, elsewhere)
 
 
 def _in_traffic(now: TickInputs, aim_m: Array, desired_m_s: Array) -> Array:

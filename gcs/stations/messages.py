@@ -14,6 +14,7 @@ from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import from_json
 
 from gcs.formation.orbit import Center
 from gcs.model.errors import LinkError
@@ -24,7 +25,7 @@ Codes: TypeAlias = NDArray[np.uint8]
 
 VERSION: Final = 1
 
-STATES, FORMATION, SLOTS = 1, 2, 3
+STATES, FORMATION, SLOTS, HOMES = 1, 2, 3, 4
 """Kinds of messages."""
 
 PHASES: Final = tuple(Phase)
@@ -35,11 +36,13 @@ MODES: Final = tuple(Mode)
 PHASE_CODE: Final = {phase: number for number, phase in enumerate(PHASES)}
 MODE_CODE: Final = {mode: number for number, mode in enumerate(MODES)}
 
-AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY = 1, 2, 4, 8, 16
+AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY, OWNED, COMMANDED = 1, 2, 4, 8, 16, 32, 64
 """Flags of a row."""
 
-ALL_UP, ASSEMBLED = 1, 2
-"""Flags of a station."""
+ALL_UP = 1
+"""Flag of a station."""
+
+EPOCH_MAX: Final = 255
 
 UNKNOWN: Final = 0xFFFF
 UNKNOWN_PERCENT: Final = 0xFF
@@ -49,7 +52,7 @@ ROW: Final = np.dtype(
         ("position_m", "<f4", 3),  # NaN: never received
         ("velocity_cm_s", "<i2", 3),
         ("desired_cm_s", "<i2", 3),  # flown to by the newest setpoint
-        ("commanded", "u1"),
+        ("epoch", "u1"),  # of its ownership: a station that takes vehicles over counts on
         ("phase", "u1"),
         ("flags", "u1"),
         ("mode", "u1"),
@@ -61,7 +64,7 @@ ROW: Final = np.dtype(
     ]
 )
 
-_STATION: Final = struct.Struct("<BBHIIIHBBf")
+_STATION: Final = struct.Struct("<BBHIIIHBBff")
 _ECHO: Final = struct.Struct("<HIf")
 _FORMATION: Final = struct.Struct("<BBIIHIBBff9d")
 _SLOTS: Final = struct.Struct("<BBIIHH")
@@ -96,9 +99,9 @@ class StateBatch:
     term: int  # of the lead that it obeys
     lead: int  # place among the site's stations
     show: ShowPhase
-    all_up: bool
-    assembled: bool
+    all_up: bool  # no vehicle of it climbs, or waits for its turn to take off
     pace: float
+    return_s: float  # time in the plan of the collective return, NaN: none is flown
     echoes: tuple[Echo, ...]
     position_m: Array  # (n, 3) brought forward as in FleetState; of silent vehicles the last one
     velocity_m_s: Array  # (n, 3)
@@ -112,42 +115,45 @@ class StateBatch:
     slot_stays: Mask
     armed: Mask
     ready: Mask
+    owned: Mask  # (n,) flown by this station; False: another station's, whose telemetry it also receives
+    epochs: Codes  # (n,) of their ownership
     yaw_rad: Array
     battery_remaining: Array  # NaN: unknown
     link_quality: Array  # 0 to 1, NaN: unknown
 
     def encode(self) -> bytes:
-        """The bytes: 24, 10 for each echo, 34 for each vehicle."""
+        """The bytes: 29, 10 for each echo, 36 for each vehicle."""
         n = len(self.position_m)
         rows = np.zeros(n, ROW)
         rows["position_m"] = self.position_m
         rows["velocity_cm_s"] = _cm_s(self.velocity_m_s)
         rows["desired_cm_s"] = _cm_s(self.desired_m_s)
-        rows["commanded"] = np.isfinite(self.desired_m_s[:, 0])
-        rows["phase"], rows["mode"] = self.phases, self.modes
-        flags = zip(
-            (AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY),
-            (self.airborne, self.formed, self.slot_stays, self.armed, self.ready),
-            strict=True,
-        )
+        rows["phase"], rows["mode"], rows["epoch"] = self.phases, self.modes, self.epochs
+        commanded = np.isfinite(self.desired_m_s[:, 0])
+        masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned, commanded)
+        flags = zip((AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY, OWNED, COMMANDED), masks, strict=True)
         rows["flags"] = sum(flag * mask.astype(np.uint8) for flag, mask in flags)
         rows["uncertainty_cm"] = _bounded(100.0 * self.uncertainty_m)
         rows["age_ms"] = _bounded(1000.0 * self.age_s)
         rows["yaw"] = np.round(1e4 * np.nan_to_num(self.yaw_rad))
         rows["battery_percent"] = _percent(self.battery_remaining)
         rows["quality_percent"] = _percent(self.link_quality)
-        flags_of_all = ALL_UP * self.all_up + ASSEMBLED * self.assembled
         show = SHOW_PHASES.index(self.show)
+        flags_of_all = ALL_UP * self.all_up
         head = (VERSION, STATES, n, self.sequence, self.site, self.term, self.lead, show, flags_of_all)
         echoes = [_ECHO.pack(one.station, one.sequence, one.held_s) for one in self.echoes]
-        return b"".join([_STATION.pack(*head, self.pace), bytes([len(echoes)]), *echoes, rows.tobytes()])
+        return b"".join(
+            [_STATION.pack(*head, self.pace, self.return_s), bytes([len(echoes)]), *echoes, rows.tobytes()]
+        )
 
     @staticmethod
     def decode(payload: bytes) -> "StateBatch":
         """Raises: LinkError for bytes that are no batch of this version."""
         if len(payload) < _STATION.size + 1:
             raise LinkError(f"a batch of {len(payload)} bytes is too short")
-        version, kind, n, sequence, site, term, lead, show, flags, pace = _STATION.unpack_from(payload)
+        version, kind, n, sequence, site, term, lead, show, flags, pace, return_s = _STATION.unpack_from(
+            payload
+        )
         _check(version, kind, STATES)
         begin = _STATION.size + 1 + payload[_STATION.size] * _ECHO.size
         if len(payload) != begin + n * ROW.itemsize or show >= len(SHOW_PHASES) or not isfinite(pace):
@@ -156,7 +162,7 @@ class StateBatch:
         rows = np.frombuffer(payload, ROW, offset=begin)
         if (rows["phase"] >= len(PHASES)).any() or (rows["mode"] >= len(MODES)).any():
             raise LinkError("a batch with a phase or mode that does not exist")
-        commanded, known = rows["commanded"] > 0, rows["age_ms"] != UNKNOWN
+        commanded, known = rows["flags"] & COMMANDED > 0, rows["age_ms"] != UNKNOWN
         return StateBatch(
             sequence,
             site,
@@ -164,8 +170,8 @@ class StateBatch:
             lead,
             SHOW_PHASES[show],
             bool(flags & ALL_UP),
-            bool(flags & ASSEMBLED),
             min(max(pace, 0.0), 1.0),
+            return_s,
             echoes,
             np.where(known[:, None], rows["position_m"], np.nan).astype(np.float64),
             rows["velocity_cm_s"] / 100.0,
@@ -179,6 +185,8 @@ class StateBatch:
             rows["flags"] & SLOT_STAYS > 0,
             rows["flags"] & ARMED > 0,
             rows["flags"] & READY > 0,
+            rows["flags"] & OWNED > 0,
+            rows["epoch"].copy(),
             rows["yaw"] / 1e4,
             _share(rows["battery_percent"]),
             _share(rows["quality_percent"]),
@@ -218,7 +226,7 @@ class FormationMessage:
         if show >= len(SHOW_PHASES) or not all(map(isfinite, numbers)):
             raise LinkError("a formation with a number that is not possible")
         try:
-            sides = json.loads(payload[_FORMATION.size :])
+            sides = from_json(payload[_FORMATION.size :])
         except ValueError:
             raise LinkError("a formation with sides that are no JSON") from None
         if not isinstance(sides, dict) or not all(isinstance(side, float) for side in sides.values()):
@@ -257,6 +265,19 @@ class SlotsMessage:
         length = np.linalg.norm(place, axis=1, keepdims=True)
         with np.errstate(invalid="ignore"):
             return SlotsMessage(site, term, lead, place / np.where(length > SLOT_STEPS / 2, length, np.nan))
+
+
+def encode_homes(home_m: Array) -> bytes:
+    """Where a station's n vehicles took off: (n, 3) show frame, NaN where not known."""
+    return bytes([VERSION, HOMES]) + home_m.astype("<f4").tobytes()
+
+
+def decode_homes(payload: bytes) -> Array:
+    """(n, 3) Raises: LinkError for bytes that are no such message of this version."""
+    if len(payload) % 12 != 2 or len(payload) > 2 + 12 * COUNT_MAX:
+        raise LinkError(f"homes of {len(payload)} bytes")
+    _check(payload[0], payload[1], HOMES)
+    return np.frombuffer(payload, "<f4", offset=2).reshape(-1, 3).astype(np.float64)
 
 
 def _check(version: int, kind: int, expected: int) -> None:

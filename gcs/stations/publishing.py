@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 
@@ -27,8 +28,8 @@ class Reported:
     link_quality: Array  # (n,) NaN: unknown
     show: ShowPhase = ShowPhase.RUNNING
     all_up: bool = True
-    assembled: bool = True
     plan: int = 0  # version of the plan
+    return_s: float = nan  # time in the plan of the collective return, NaN: none is flown
 
 
 def batch(
@@ -54,8 +55,8 @@ def batch(
         lead=site.lead.number,
         show=reported.show,
         all_up=reported.all_up,
-        assembled=reported.assembled,
         pace=memory.pace,
+        return_s=reported.return_s,
         echoes=echoes,
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
@@ -69,6 +70,8 @@ def batch(
         slot_stays=unfollowed_s < 0.0,
         armed=reported.armed,
         ready=reported.ready,
+        owned=site.owned,
+        epochs=site.epochs,
         yaw_rad=fleet.yaw_rad,
         battery_remaining=reported.battery_remaining,
         link_quality=reported.link_quality,
@@ -92,6 +95,5 @@ def formation_messages(site: Site, memory: Memory, reported: Reported) -> Iterat
     yield FORMATION, message.encode()
     own = len(memory.place) - site.count
     for name, station in site.stations.items():
-        rows = slice(station.rows.start + own, station.rows.stop + own)
-        slots = SlotsMessage(site.site, lead.term, lead.number, memory.place[rows])
+        slots = SlotsMessage(site.site, lead.term, lead.number, memory.place[station.rows + own])
         yield SLOTS + name, slots.encode()

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,23 +13,29 @@ from gcs.estimation.fleet_state import FORWARD_MAX_S
 from gcs.formation.law import turned
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
-from gcs.model.state import Array, VehicleId
+from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.lost_space import ALIKE_M_S, STOP_S, expected_drift, silent_segments_m, swept_segments_m
 from gcs.stations.delays import Delays
 from gcs.stations.lead import Lead
 from gcs.stations.messages import (
+    EPOCH_MAX,
     PHASE_CODE,
     Codes,
     Echo,
     FormationMessage,
     SlotsMessage,
     StateBatch,
+    decode_homes,
     site_number,
 )
+
+Rows: TypeAlias = NDArray[np.intp]
 
 KILLED: Final = PHASE_CODE[Phase.KILLED]
 WITHOUT_LINK: Final = (PHASE_CODE[Phase.LOST], KILLED)
 """Phases of vehicles that their own station does not command, and whose space others keep clear."""
+
+RETURN_HEIGHT_M: Final = 30.0
 
 LOST_S: Final = 0.5
 """A station without a batch for this time is lost: its vehicles are without control until they are seen."""
@@ -37,10 +43,11 @@ LOST_S: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class StationFleet:
-    """The vehicles of one station, in the order of their rows."""
+    """The vehicles of one station, in the order of its rows: its own, then those that it stands by for."""
 
     ids: tuple[VehicleId, ...]
     charge: tuple[float, ...]
+    standby: int = 0  # so many at the end are another station's until this one takes them over
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +55,7 @@ class WithoutControl:
     """What vehicles do that no station commands; as configured for the whole site."""
 
     action: str = "return"  # see `swept_segments_m`
-    return_height_m: float = 30.0
+    return_heights_m: Mapping[VehicleId, float] = field(default_factory=dict)  # RTL_RETURN_ALT, if not 30 m
     takeoff_height_m: float = 10.0
     noticed_s: float = 1.0  # COM_OF_LOSS_T
     silence_s: float = 2.0  # a vehicle is lost after it
@@ -66,10 +73,24 @@ class Station:
     """The newest that arrived of one other station. Times are those of the own clock."""
 
     number: int  # place among the site's stations
-    rows: slice  # of its vehicles among the others'
+    rows: Rows  # (m,) of its vehicles among the others'
     batch: StateBatch | None = None
     arrived_s: float = -np.inf
     made_s: float = -np.inf  # of the batch, as far as the delay is known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reports:
+    """What k vehicles of other stations report; NaN (or inf): not known."""
+
+    modes: Codes  # (k,) places in MODES
+    armed: Mask
+    ready: Mask
+    desired_m_s: Array  # (k, 3)
+    yaw_rad: Array
+    battery_remaining: Array
+    link_quality: Array
+    age_s: Array  # of the position
 
 
 @dataclass(slots=True)
@@ -78,11 +99,19 @@ class _Led:
 
     message: FormationMessage | None = None
     made_s: float = -np.inf
-    place: dict[int, tuple[float, Array]] = field(default_factory=dict)  # by station: made when, (n, 3)
+    place: dict[int, tuple[float, Array]] = field(default_factory=dict)  # by station: made when, (m, 3)
 
 
 class Site:
-    """The stations of one site, as one of them knows them."""
+    """The stations of one site, as one of them knows them.
+
+    Attributes:
+        ids: (k,) vehicles of the other stations, each once.
+        phases: (k,) places in PHASES.
+        home_m: (k, 3) where they took off, show frame; NaN: not known.
+        owned: (n,) which of the own rows this station flies.
+        epochs: (n,) of that ownership; a setpoint of an older epoch never leaves.
+    """
 
     def __init__(self, own: str, fleets: Mapping[str, StationFleet], without_control: WithoutControl) -> None:
         """`fleets`: all stations in the site's order, `own` among them."""
@@ -96,21 +125,35 @@ class Site:
         self._without_control = without_control
         self._sequence = 0
         self._led = _Led()
-        self.stations: dict[str, Station] = {}
-        others = [(name, fleet) for name, fleet in fleets.items() if name != own]
-        begin = 0
-        for name, fleet in others:
-            self.stations[name] = Station(names.index(name), slice(begin, begin + len(fleet.ids)))
-            begin += len(fleet.ids)
-        self._own_count = len(fleets[own].ids)
-        self.ids: tuple[VehicleId, ...] = tuple(one for _, fleet in others for one in fleet.ids)
-        self._charge = np.array([charge for _, fleet in others for charge in fleet.charge])
-        k = self.count = len(self.ids)
+        others = {name: fleet for name, fleet in fleets.items() if name != own}
+        charge = {
+            one: share
+            for fleet in others.values()
+            for one, share in zip(fleet.ids, fleet.charge, strict=True)
+        }
+        self.ids: tuple[VehicleId, ...] = tuple(charge)
+        row_of = {name: row for row, name in enumerate(self.ids)}
+        self.stations = {
+            name: Station(names.index(name), np.array([row_of[one] for one in fleet.ids], dtype=np.intp))
+            for name, fleet in others.items()
+        }
+        self._charge = np.array(list(charge.values()))
+        mine = fleets[own]
+        self.own_ids = mine.ids
+        n, k = len(mine.ids), len(self.ids)
+        self.count = k
+        self.owned = np.arange(n) < n - mine.standby
+        self.epochs = self.owned.astype(np.uint8)
+        shared = [(row, row_of[one]) for row, one in enumerate(mine.ids) if one in row_of]
+        self._own_rows = np.array([row for row, _ in shared], dtype=np.intp)  # that others know as well
+        self._their_rows = np.array([row for _, row in shared], dtype=np.intp)  # the same vehicles
+        self._owner = np.full(k, -1)  # number of the station that flies each
+        self._epochs = np.zeros(k, np.uint8)
         self._position_m, self._velocity_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
         self._desired_m_s = np.full((k, 3), np.nan)
         self._uncertainty_m = np.zeros(k)
         self._measured_s, self._made_s = np.full(k, -np.inf), np.full(k, -np.inf)
-        self.phases: Codes = np.full(k, PHASE_CODE[Phase.OFFLINE], np.uint8)  # places in PHASES
+        self.phases: Codes = np.full(k, PHASE_CODE[Phase.OFFLINE], np.uint8)
         self._airborne, self._formed = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
         self._slot_stays = np.zeros(k, np.bool_)
         self.home_m = np.full((k, 3), np.nan)
@@ -129,6 +172,8 @@ class Site:
                 self._take_batch(station, StateBatch.decode(payload), arrived_s)
             elif topic == "formation":
                 self._take_formation(station, FormationMessage.decode(payload), arrived_s)
+            elif topic == "homes":
+                self._take_homes(station, payload)
             elif topic.startswith("slots."):
                 self._take_slots(
                     station, topic.removeprefix("slots."), SlotsMessage.decode(payload), arrived_s
@@ -138,7 +183,7 @@ class Site:
 
     def _take_batch(self, station: Station, batch: StateBatch, arrived_s: float) -> None:
         rows = station.rows
-        if batch.site != self.site or len(batch.position_m) != rows.stop - rows.start:
+        if batch.site != self.site or len(batch.position_m) != len(rows):
             raise LinkError("a batch of another site")
         self.lead.observe(batch.term, batch.lead)
         for echo in batch.echoes:
@@ -146,20 +191,33 @@ class Site:
                 self.delays.echoed(station.number, echo.sequence, echo.held_s, arrived_s)
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
-        known = np.isfinite(batch.position_m).all(axis=1)
-        at = np.flatnonzero(known) + rows.start
+        claims = batch.epochs > self._epochs[rows]
+        claims |= (batch.epochs == self._epochs[rows]) & np.isin(self._owner[rows], (-1, station.number))
+        taken = batch.owned & claims
+        at = rows[taken]
+        self._owner[at], self._epochs[at] = station.number, batch.epochs[taken]
+        self.owned[self._own_rows[self._epochs[self._their_rows] > self.epochs[self._own_rows]]] = False
+        self._made_s[at] = made_s
+        self._measured_s[at] = made_s - batch.age_s[taken]
+        self._uncertainty_m[at] = batch.uncertainty_m[taken]
+        self.phases[at] = batch.phases[taken]
+        self._airborne[at], self._formed[at] = batch.airborne[taken], batch.formed[taken]
+        self._slot_stays[at] = batch.slot_stays[taken]
+        known = taken & np.isfinite(batch.position_m).all(axis=1)
+        at = rows[known]
         self._position_m[at] = batch.position_m[known]
         self._velocity_m_s[at] = batch.velocity_m_s[known]
         self._desired_m_s[at] = batch.desired_m_s[known]
-        self._made_s[rows] = made_s
-        self._measured_s[rows] = made_s - batch.age_s
-        self._uncertainty_m[rows] = batch.uncertainty_m
-        self.phases[rows] = batch.phases
-        self._airborne[rows], self._formed[rows] = batch.airborne, batch.formed
-        self._slot_stays[rows] = batch.slot_stays
-        for row in [row for row in self._swept if rows.start <= row < rows.stop]:
-            if self.phases[row] not in WITHOUT_LINK:
+        for row in [row for row in self._swept if self.phases[row] not in WITHOUT_LINK]:
+            if arrived_s - self._measured_s[row] <= self._without_control.telemetry_age_max_s:
                 del self._swept[row]
+
+    def _take_homes(self, station: Station, payload: bytes) -> None:
+        home_m = decode_homes(payload)
+        if len(home_m) != len(station.rows):
+            raise LinkError(f"homes of {len(home_m)} vehicles")
+        theirs = np.isin(self._owner[station.rows], (-1, station.number)) & np.isfinite(home_m[:, 0])
+        self.home_m[station.rows[theirs]] = home_m[theirs]
 
     def _take_formation(self, station: Station, message: FormationMessage, arrived_s: float) -> None:
         self._check_lead(station, message.site, message.term, message.lead)
@@ -168,10 +226,9 @@ class Site:
 
     def _take_slots(self, station: Station, name: str, message: SlotsMessage, arrived_s: float) -> None:
         self._check_lead(station, message.site, message.term, message.lead)
-        count = self._own_count if name == self.own else 0
+        count = len(self.own_ids) if name == self.own else 0
         if name in self.stations:
-            rows = self.stations[name].rows
-            count = rows.stop - rows.start
+            count = len(self.stations[name].rows)
         if len(message.place) != count or name not in self.names:
             raise LinkError(f"slots for {len(message.place)} vehicles of {name}")
         made_s = arrived_s - self.delays.one_way_s(station.number)
@@ -205,30 +262,67 @@ class Site:
         forward_s = np.clip(now_s - self._made_s, 0.0, FORWARD_MAX_S)
         forward_s = np.where(np.isfinite(forward_s), forward_s, 0.0)
         fresh = age_s <= self._without_control.telemetry_age_max_s
-        present = np.zeros(self.count, np.bool_)
+        here = np.zeros(len(self.names) + 1, np.bool_)  # the last: no station flies it
         pace = 1.0
         for name in self.present(now_s):
             station = self.stations[name]
-            present[station.rows] = True
+            here[station.number] = True
             if station.batch is not None:
                 pace = min(pace, station.batch.pace)
-        without = (self._airborne & ~fresh) | np.isin(self.phases, WITHOUT_LINK)
+        mine = np.zeros(self.count, np.bool_)
+        mine[self._their_rows] = self.owned[self._own_rows]
+        airborne = self._airborne & ~mine
+        without = (airborne & ~fresh) | (np.isin(self.phases, WITHOUT_LINK) & ~mine)
         without &= np.isfinite(self._position_m[:, 0])
         paths, owners, drift = self._paths(np.flatnonzero(without), age_s)
+        position_m = self._position_m + forward_s[:, None] * self._velocity_m_s
+        position_m[mine] = np.nan
         return Others(
             self.ids,
-            self._position_m + forward_s[:, None] * self._velocity_m_s,
+            position_m,
             self._velocity_m_s.copy(),
             self._uncertainty_m.copy(),
             self._charge.copy(),
-            self._airborne.copy(),
-            self._formed & fresh & present,
+            airborne,
+            self._formed & fresh & here[self._owner] & ~mine,
             self._slot_stays.copy(),
             paths,
             owners,
             drift,
             pace,
         )
+
+    def reported(self, now_s: float) -> Reports:
+        """What the others' vehicles report, for displays."""
+        k = self.count
+        unknown = np.full(k, np.nan)
+        found = Reports(
+            np.zeros(k, np.uint8),
+            np.zeros(k, np.bool_),
+            np.zeros(k, np.bool_),
+            self._desired_m_s.copy(),
+            unknown.copy(),
+            unknown.copy(),
+            unknown.copy(),
+            now_s - self._measured_s,
+        )
+        for station in self.stations.values():
+            batch = station.batch
+            if batch is None:
+                continue
+            mine = self._owner[station.rows] == station.number
+            at = station.rows[mine]
+            found.modes[at], found.armed[at], found.ready[at] = (
+                batch.modes[mine],
+                batch.armed[mine],
+                batch.ready[mine],
+            )
+            found.yaw_rad[at], found.battery_remaining[at] = (
+                batch.yaw_rad[mine],
+                batch.battery_remaining[mine],
+            )
+            found.link_quality[at] = batch.link_quality[mine]
+        return found
 
     def formation(self, now_s: float, silent_s: float) -> FormationState | None:
         """The lead's formation at `now_s`, rows: the own vehicles, then the others'.
@@ -240,14 +334,13 @@ class Site:
             return None
         if not self.lead.obeys(led.message.term, led.message.lead):
             return None
-        message, place = led.message, np.full((self._own_count + self.count, 3), np.nan)
+        n = len(self.own_ids)
+        message, place = led.message, np.full((n + self.count, 3), np.nan)
         for number, (made_s, slots) in led.place.items():
             name = self.names[number]
-            rows = slice(0, self._own_count)
-            if name != self.own:
-                theirs = self.stations[name].rows
-                rows = slice(theirs.start + self._own_count, theirs.stop + self._own_count)
-            place[rows] = turned(slots, message.spin_rad_s * max(now_s - made_s, 0.0))
+            rows = np.arange(n) if name == self.own else self.stations[name].rows + n
+            known = np.isfinite(slots[:, 0])
+            place[rows[known]] = turned(slots[known], message.spin_rad_s * max(now_s - made_s, 0.0))
         age_s = max(now_s - led.made_s, 0.0)
         center = None if message.center is None else message.center.later(age_s)
         return FormationState(center, message.radius_m, message.spin_rad_s, message.sides, place)
@@ -296,7 +389,7 @@ class Site:
                     each_m_s,
                     home,
                     alone.action,
-                    alone.return_height_m,
+                    alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
                     silent_s=silent_s,
                     noticed_s=alone.noticed_s,
                     drift_s=alone.drift_s,
@@ -311,7 +404,7 @@ class Site:
                 each_m_s,
                 home,
                 "land" if killed else alone.action,
-                alone.return_height_m,
+                alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
                 climbing_to_m=None if killed else alone.takeoff_height_m,
                 drift_s=alone.drift_s,
             )
@@ -319,6 +412,23 @@ class Site:
         ]
         self._swept[row] = swept = np.concatenate(parts)
         return swept
+
+    # ownership
+
+    @property
+    def owners(self) -> list[str]:
+        """(k,) Station that flies each of the others' vehicles; empty: none is known."""
+        return [self.names[number] if number >= 0 else "" for number in self._owner.tolist()]
+
+    def take_over(self, station: str) -> list[VehicleId]:
+        """Own from now on the vehicles of that station that this one stands by for. Returns: them."""
+        theirs = np.isin(self._owner[self._their_rows], (-1, self.names.index(station)))
+        rows = self._own_rows[theirs & ~self.owned[self._own_rows]]
+        before = np.zeros(len(self.own_ids), np.uint8)
+        before[self._own_rows] = self._epochs[self._their_rows]
+        self.epochs[rows] = np.minimum(np.maximum(self.epochs[rows], before[rows]), EPOCH_MAX - 1) + 1
+        self.owned[rows] = True
+        return [self.own_ids[row] for row in rows.tolist()]
 
     # sent
 

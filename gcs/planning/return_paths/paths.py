@@ -84,13 +84,14 @@ class PathProgress:
         self._pad_m = pad_m
         self._waited_s = 0.0
 
-    def advance(self, step_s: float, position_m: Array, flown: Mask) -> None:
-        """Advance the plan by `step_s`, or less.
+    def advance(self, step_s: float, position_m: Array, flown: Mask, led_s: float = np.nan) -> None:
+        """Advance the plan by `step_s`, or less; or to `led_s`, where another station knows all vehicles.
 
         Args:
             step_s: since the last call.
             position_m: (n, 3) present positions, show frame.
             flown: (n,) which vehicles follow the plan; it never waits for those without a path.
+            led_s: time in the plan as that station has it; NaN: none.
         """
         behind_m = np.linalg.norm(position_m - self.return_paths.expected_m(self.time_s), axis=1)
         followed = flown & (behind_m < GIVEN_UP_M)
@@ -98,8 +99,11 @@ class PathProgress:
         waited_for = behind_m[followed]
         share = (HELD_UP_M - float(waited_for.max(initial=0.0))) / (HELD_UP_M - KEPT_UP_M)
         waits_s = min(step_s * (1.0 - min(max(share, 0.0), 1.0)), PATIENCE_S - self._waited_s)
-        self._waited_s += waits_s
-        self.time_s += step_s - waits_s
+        if np.isfinite(led_s):
+            self.time_s = max(self.time_s, led_s)
+        else:
+            self._waited_s += waits_s
+            self.time_s += step_s - waits_s
         self.goal_m = self.return_paths.goal_m(self.time_s)
         over = self.time_s >= self.return_paths.over_s
         self.arrived = np.asarray(over & is_above(position_m, self._pad_m, WELL_IN_PLACE_M))

@@ -22,7 +22,7 @@ KINDS = (StateBatch, FormationMessage, SlotsMessage)
 
 def batch(count: int) -> StateBatch:
     rng = np.random.default_rng(count)
-    mask = rng.random((5, count)) < 0.5
+    mask = rng.random((6, count)) < 0.5
     desired_m_s = rng.uniform(-8.0, 8.0, (count, 3))
     desired_m_s[::3] = np.nan
     age_s = rng.uniform(0.0, 1.0, count)
@@ -34,8 +34,8 @@ def batch(count: int) -> StateBatch:
         lead=1,
         show=ShowPhase.RUNNING,
         all_up=True,
-        assembled=False,
         pace=0.75,
+        return_s=12.5,
         echoes=(Echo(1, 12, 0.25), Echo(2, 5, 0.5)),
         position_m=rng.uniform(-500.0, 500.0, (count, 3)),
         velocity_m_s=rng.uniform(-8.0, 8.0, (count, 3)),
@@ -49,6 +49,8 @@ def batch(count: int) -> StateBatch:
         slot_stays=mask[2],
         armed=mask[3],
         ready=mask[4],
+        owned=mask[5],
+        epochs=rng.integers(0, 256, count).astype(np.uint8),
         yaw_rad=rng.uniform(-3.1, 3.1, count),
         battery_remaining=np.where(mask[0], 0.5, np.nan),
         link_quality=np.where(mask[1], 0.9, np.nan),
@@ -61,7 +63,7 @@ def test_batch_arrives_as_it_was(count: int) -> None:
     received = StateBatch.decode(sent.encode())
     known = np.isfinite(sent.age_s)
     assert (received.sequence, received.site, received.term, received.lead) == (7, sent.site, 3, 1)
-    assert (received.show, received.all_up, received.assembled) == (ShowPhase.RUNNING, True, False)
+    assert (received.show, received.all_up) == (ShowPhase.RUNNING, True)
     assert received.echoes == sent.echoes
     assert received.pace == sent.pace
     assert received.position_m[known] == pytest.approx(sent.position_m[known], abs=1e-4)

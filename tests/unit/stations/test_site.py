@@ -38,6 +38,8 @@ def from_south(of: Site, **changed: object) -> bytes:
         phases=np.full(3, PHASE_CODE[Phase.FORMATION], np.uint8),
         airborne=flying,
         formed=flying,
+        owned=flying,
+        epochs=np.ones(3, np.uint8),
     )
     return replace(usual, **changed).encode()  # type: ignore[arg-type]
 
