@@ -22,7 +22,7 @@ from gcs.api.errors import echo, error_response, from_pydantic, invalid_response
 from gcs.api.map_tiles import GroundMap
 from gcs.api.middleware import Methods, SecurityHeaders, allowed
 from gcs.api.openapi import DescribedApp
-from gcs.api.routes import commands, fleet, plan, shows, stream
+from gcs.api.routes import commands, fleet, plan, shows, stations, stream
 from gcs.api.schemas import reports
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
 from gcs.service import Service
@@ -76,6 +76,7 @@ def routed(*, demands_tokens: bool = True) -> FastAPI:
         fleet.api,
         commands.router,
         plan.router,
+        stations.router,
         shows.selected,
         shows.files,
         shows.replay,

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
@@ -18,6 +18,7 @@ from gcs.api.schemas import convert
 from gcs.api.schemas.fleet import Status
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Plan
+from gcs.model.state import VehicleId
 from gcs.service import FleetView, Service
 
 STATUS_S: Final = 0.5
@@ -94,6 +95,8 @@ class Feed:
             None if playback is None else replace(playback, position_s=0.0),
             (view.interrupted, view.alarms),
             events[-1].number if events else 0,
+            [replace(station, silent_s=None, delay_s=None) for station in view.stations],
+            list(rows.stations),
             list(rows.reasons),
             list(rows.limited_by),
             [None if home_m is None else home_m.tolist() for home_m in rows.homes_m],
@@ -136,6 +139,16 @@ class Context:
     def health_problem(self) -> str:
         """Why control is not alive now; empty when it is."""
         return convert.health_problem(self.view, self.now_s())
+
+    def elsewhere(self, vehicles: Sequence[VehicleId] | None = None) -> dict[VehicleId, str]:
+        """Of these vehicles (None: all) those that another station flies, and its name; "": none is known."""
+        view = self.view
+        own = next((station.name for station in view.stations if station.own), "")
+        if not own:
+            return {}
+        owners = dict(zip(view.rows.ids, view.rows.stations, strict=True))
+        named = owners if vehicles is None else vehicles
+        return {name: owners[name] for name in named if owners.get(name, own) != own}
 
     def fleet_json(self) -> str:
         """The whole state as JSON text, made once per state for all viewers."""

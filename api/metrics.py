@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from math import isfinite
@@ -19,7 +19,7 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import TOKEN
 from gcs.api.schemas.convert import current_alarms as current
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.service import FleetView
+from gcs.service import FleetView, StationView
 from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
 
 router = APIRouter()
@@ -69,7 +69,23 @@ class FleetCollector:
         yield CounterMetricFamily("gcs_calls_denied", "Calls that were denied.", self.denied)
         yield CounterMetricFamily("gcs_calls_shed", "Denied calls that exceeded the rate.", self.shed)
         yield InfoMetricFamily("gcs_access", "Whether the service demands tokens.", {"access": self.access})
+        yield from _stations(view)
         yield from _vehicles(view)
+
+
+def _stations(view: FleetView) -> Iterator[Metric]:
+    """Yield nothing where one station flies all vehicles."""
+    columns: dict[str, tuple[str, Callable[[StationView], float | None]]] = {
+        "gcs_station_received": ("1 while its messages arrive.", lambda each: each.received),
+        "gcs_station_leads": ("1 for the station that leads.", lambda each: each.leads),
+        "gcs_station_vehicles": ("Vehicles that it flies.", lambda each: each.vehicles),
+        "gcs_station_delay_seconds": ("One way, over the bus.", lambda each: each.delay_s),
+        "gcs_station_silent_seconds": ("Since its newest message arrived.", lambda each: each.silent_s),
+    }
+    for name, (text, value) in columns.items() if view.stations else ():
+        values = {each.name: value(each) for each in view.stations}
+        known = {key: float(each) for key, each in values.items() if each is not None and isfinite(each)}
+        yield _labelled(name, text, "station", known)
 
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:

@@ -1,6 +1,8 @@
 """Routes of health, the state of the fleet, alarms, preflight and map tiles. They only translate."""
 
 import sqlite3
+from collections import Counter
+from dataclasses import replace
 from http import HTTPStatus
 from typing import Annotated
 
@@ -124,8 +126,21 @@ Named = Annotated[
 
 @api.get("/preflight", tags=["preflight"], summary="Preflight report", responses=READ | errors(404, 409, 503))
 async def get_preflight(context: ContextDep, vehicles: Named = None) -> PreflightReport:
-    """Every check of every vehicle and of the fleet, at most once a second, and only on the ground."""
-    return context.service.preflight.report(vehicles)
+    """Every check of every vehicle and of the fleet, at most once a second, and only on the ground.
+
+    Of a site of several stations each checks the vehicles that it flies, and a start needs all of them.
+    """
+    elsewhere = context.elsewhere(vehicles)
+    here = None if vehicles is None else [name for name in vehicles if name not in elsewhere]
+    if elsewhere and here == []:
+        names = ", ".join(f"{name} ({station or 'no station'})" for name, station in elsewhere.items())
+        raise RefusedError(f"the station that flies a vehicle checks it, which is not this one: {names}")
+    report = context.service.preflight.report(here)
+    left = [
+        f"vehicles of station {station or '?'}: {count}, which it checks"
+        for station, count in Counter(elsewhere.values()).items()
+    ]
+    return replace(report, not_checked=(*report.not_checked, *left)) if left else report
 
 
 # Map

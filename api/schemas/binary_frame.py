@@ -114,7 +114,9 @@ def fill_floats(
     table[7:10] = (rows.setpoint_m_s * UPWARDS).T
     table[10:13] = rows.battery_remaining, rows.position_age_s, rows.heartbeat_age_s
     table[13:15] = rows.uncertainty_m, rows.link_quality
-    table[15:17] = np.nan if found is None else (found.low_s, found.empty_s)
+    table[15:17] = np.nan
+    if found is not None:  # of the vehicles that this station flies: the first rows
+        table[15:17, : len(found.low_s)] = found.low_s, found.empty_s
     table[6][table[6] == 360.0] = 0.0  # single precision rounds headings just below 360 up
     table += 0.0  # no -0
     table[~np.isfinite(table)] = np.nan

@@ -109,11 +109,17 @@ def fixes(rows: VehicleTable) -> list[int | None]:
     return [int(fix) if isfinite(fix) else None for fix in rows.fix_type.tolist()]
 
 
+def stations_of(rows: VehicleTable) -> list[str | None]:
+    """The station that flies each vehicle; None: one station flies all, or no station is known to."""
+    return [name or None for name in rows.stations] or [None] * len(rows.ids)
+
+
 def _record_columns(rows: VehicleTable) -> dict[str, Sequence[object]]:
     return {
         "id": rows.ids,
         "system_id": rows.system_ids,
         "link": rows.links,
+        "station": stations_of(rows),
         "reason": rows.reasons,
         "limited_by": rows.limited_by,
         "home": [_home(place_m) for place_m in rows.homes_m],
@@ -175,6 +181,7 @@ def summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dic
         "unix_time_s": view.unix_time_s,
         "control_reason": problem,
         "show": show(view),
+        "stations": list(view.stations),
         "counts": view.counts,
         "origin": frame,
         "formation": formation(desired.formation, view),

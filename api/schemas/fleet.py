@@ -14,7 +14,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import LawName, Obstacle, Orbit, YawPolicy
 from gcs.model.settings import Measured
 from gcs.model.state import Counts, Mode
-from gcs.service import CueMark, FlightEnvelope, Playback, SelectedShow, ShowAction, TickView
+from gcs.service import CueMark, FlightEnvelope, Playback, SelectedShow, ShowAction, StationView, TickView
 from gcs.service.alarms import Alarm, OverallSeverity
 from gcs.service.event_log import LogEvent
 
@@ -61,6 +61,10 @@ class VehicleRecord(Outward):
     id: str
     system_id: int
     link: str
+    station: str | None = Field(
+        description="The station that flies it; null: one station flies all, or none is known to fly this.",
+        examples=["north"],
+    )
     reason: str = Field(description="Why it is in its phase.")
     limited_by: str = Field(description="Why the safety filter limits the vehicle; empty: it does not.")
     home: Home | None = Field(description="null: it has not taken off.")
@@ -183,6 +187,9 @@ class FleetSummary(Outward):
     unix_time_s: float
     control_reason: str = Field(description="Why control is not alive, empty when it is.")
     show: Show
+    stations: list[StationView] = Field(
+        description="Of the site, with the values at `time_s`; empty: one station flies all vehicles."
+    )
     counts: Counts
     origin: ShowFrame
     formation: Formation

@@ -18,7 +18,7 @@ from gcs.flight.fleet import FLIES, Fleet
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import Array, Mask
+from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
 from gcs.safety.neighbours import near_pairs
 from gcs.safety.separation import Floor
@@ -177,7 +177,7 @@ class AlarmMonitor:
             *self._of_vehicles(findings.failsafes),
             *self._of_distances(tick),
             *_of_the_centre(tick),
-            *of_routes(tick, self.flight.fleet.ids),
+            *of_routes(tick, self._ids(tick)),
             *self._of_the_radius(),
             *self._of_authority(tick),
             *_of_failsafes(findings.failsafes),
@@ -243,16 +243,20 @@ class AlarmMonitor:
         floor, pairs = tick.floor, self._pairs
         if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
             return
-        ids = self.flight.fleet.ids
+        ids = self._ids(tick)
         least = f"at least {floor.horizontal_m:g} m sideways or {floor.vertical_m:g} m up and down"
         for one, other, apart_m in pairs.look(tick.position_m, tick.airborne, floor):
             yield Condition(AlarmCause.TOO_CLOSE, f"{apart_m:.1f} m apart, {least}", (ids[one], ids[other]))
+
+    def _ids(self, tick: Tick) -> tuple[VehicleId, ...]:
+        return self.flight.fleet.ids + tick.elsewhere
 
     def _of_the_radius(self) -> Iterator[Condition]:
         """Yield a radius that the service would refuse now: the accuracy was better when it was set."""
         flight = self.flight
         formed = flight.in_phase(Phase.FORMATION) if flight.show in SHOW_FLIES else []
-        about = len(formed), flight.control.safety, flight.uncertainty_m(formed)
+        uncertainty_m = flight.in_formation_m(formed)
+        about = len(uncertainty_m), flight.control.safety, uncertainty_m
         radius_m = flight.plan.formation.radius_m
         needed = smallest_formation_radius_m(*about) / radius_m if formed else 0.0
         self._is_small = beyond(self._is_small, np.array([needed]), TOO_SMALL)
@@ -272,7 +276,7 @@ class AlarmMonitor:
             consequence = f"Pairs keep up to {wider_m:.1f} m more than usual."
             yield Condition(AlarmCause.LITTLE_AUTHORITY, because, consequence=consequence)
         fastest_m_s = np.minimum(self.flight.traits.speed_max_m_s, safety.limits.horizontal_m_s)
-        for row in np.flatnonzero(authority.slow).tolist():
+        for row in np.flatnonzero(authority.slow[: len(fastest_m_s)]).tolist():
             reached_m_s = authority.speed_max_m_s[row]
             because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
             consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."

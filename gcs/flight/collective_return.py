@@ -24,6 +24,9 @@ STOPPED_WITHIN_S = 5.0
 PLANNED_WITHIN_S = 10.0
 """The best plan at that time is flown; the first is always completed. 50 vehicles take less than a second."""
 
+SHARED_WITHIN_S = 30.0
+"""By then another station's plan must have arrived; otherwise each station plans for its own vehicles."""
+
 TOGETHER_MAX = 1000
 """Larger fleets return without planned paths: their first plan would take too long."""
 
@@ -42,6 +45,9 @@ class CollectiveReturn:
         self._rows: dict[VehicleId, int] = {}
         self._places: list[int] = []  # rows of FleetState, in the plan's order
         self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
+        self._elsewhere = np.zeros(0, np.intp)  # rows of other stations' vehicles, after the own in the plan
+        self._site = flight.site
+        self._number = 0 if flight.site is None else flight.site.return_number  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
@@ -81,8 +87,8 @@ class CollectiveReturn:
         since_s = now_s - self._since_s
         if self._progress is not None:
             self._since_s = now_s
-            self._progress.advance(since_s, self._flight.fleet.position_m[self._places], self._flown())
-        elif self._is_off:
+            self._follow(self._progress, since_s)
+        elif self._is_off or (self._planned is None and self._waits_for_paths(since_s)):
             return
         elif self._planned is None:
             if self._all_stand() or since_s > STOPPED_WITHIN_S:
@@ -92,11 +98,40 @@ class CollectiveReturn:
             self._since_s = now_s
             error = self._planned.exception()
             if error is None:
-                self._progress = PathProgress(self._planned.result(), self._home_m)
+                self._begin_following(self._planned.result())
             else:
                 self._fail(error)
         elif since_s > PLANNED_WITHIN_S:
             self.give_up()
+
+    def _waits_for_paths(self, since_s: float) -> bool:
+        """Whether another station plans the return; take its paths once they have arrived."""
+        if self._site is None or self._site.plans_returns is not False or since_s > SHARED_WITHIN_S:
+            return False
+        received = self._site.received_paths(self._number)
+        if received is not None:
+            paths, rows, self._home_m = received
+            self._places = rows.tolist()
+            self._rows = {self._flight.fleet.ids[row]: at for at, row in enumerate(self._places)}
+            self._planned = Future()
+            self._planned.set_result(paths)
+        return True
+
+    def _begin_following(self, paths: ReturnPaths) -> None:
+        self._progress = PathProgress(paths, self._home_m)
+        if self._site is not None and len(self._elsewhere):
+            self._site.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
+
+    def _follow(self, progress: PathProgress, step_s: float) -> None:
+        position_m, flown, led_s = self._flight.fleet.position_m[self._places], self._flown(), np.nan
+        if self._site is not None:
+            if len(self._elsewhere):
+                their_m, under_way = self._site.under_way(self._elsewhere)
+                position_m, flown = np.concatenate([position_m, their_m]), np.concatenate([flown, under_way])
+            elif self._site.plans_returns is False:
+                led_s = self._site.led_s()
+            self._site.note_return(progress.time_s)
+        progress.advance(step_s, position_m, flown, led_s)
 
     def _fail(self, error: BaseException) -> None:
         """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""
@@ -106,7 +141,7 @@ class CollectiveReturn:
         log.error("return_planner_failed", extra={"reason": self.problem}, exc_info=error)
 
     def _flown(self) -> Mask:
-        """(n,) Which vehicles follow the plan."""
+        """(m,) Which of the own vehicles follow the plan."""
         flown = np.array([vehicle_id in self._led for vehicle_id in self._rows], dtype=np.bool_)
         self._led.clear()
         return flown
@@ -137,6 +172,8 @@ class CollectiveReturn:
         """Whether every participating vehicle is under control and nearly at rest."""
         ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
         stands = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1) < STANDS_M_S
+        if self._site is not None and self._site.plans_returns and not self._site.stands(STANDS_M_S):
+            return False
         return all(vehicle.id in self._stopping and stands[vehicle.row] for vehicle in ours)
 
     def _begin(self) -> None:
@@ -144,19 +181,26 @@ class CollectiveReturn:
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
         homing = [vehicle for vehicle in known if vehicle.home_m is not None]
-        if not homing or len(homing) > TOGETHER_MAX:
-            self._is_off = True
-            return
         self._places = rows = [vehicle.row for vehicle in homing]
         operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
+        start_m, own_m = flight.fleet.position_m[rows], uncertainty_m[rows]
+        theirs = self._site.returning() if self._site is not None and self._site.plans_returns else None
+        self._home_m = homes_m(flight, homing, theirs)
+        if theirs is not None:
+            self._elsewhere = theirs.rows
+            start_m, own_m = (
+                np.concatenate([start_m, theirs.position_m]),
+                np.concatenate([own_m, theirs.uncertainty_m]),
+            )
+        if not len(start_m) or len(start_m) > TOGETHER_MAX:
+            self._is_off = True
+            return
         heights_m = operation.takeoff_height_m, operation.handover_height_m
-        segments_m, segments_of = flight.swept()
         self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
-        self._home_m = homes_m(flight, homing)
-        fleet = flight.fleet.position_m[rows].copy(), self._home_m, heights_m, flight.control, flight.plan
-        lost = segments_m, uncertainty_m[segments_of]
+        fleet = start_m.copy(), self._home_m, heights_m, flight.control, flight.plan
+        lost = flight.closed()
         try:
-            self._planner = return_planner(*fleet, flight.fleet.time_s, uncertainty_m[rows], lost)
+            self._planner = return_planner(*fleet, flight.fleet.time_s, own_m, lost)
             self._planned = self._planning.submit(plan_return_paths, self._planner, lambda: self._enough)
         except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
             self._fail(error)

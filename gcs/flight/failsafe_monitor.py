@@ -92,7 +92,7 @@ class FailsafeMonitor:
             fleet.time_s,
             fleet.position_m,
             fleet.velocity_m_s,
-            flight.memory.asked_m_s,
+            flight.memory.asked_m_s[: len(fleet.ids)],
             telemetry.battery_remaining,
             telemetry.horizontal_accuracy_m,
             telemetry.vertical_accuracy_m,

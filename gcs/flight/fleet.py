@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ from gcs.planning.lost_space import (
     silent_segments_m,
     swept_segments_m,
 )
-from gcs.planning.return_paths.paths import keeps_to_path, lowest_beside_m
+from gcs.planning.return_paths.paths import ReturnPaths, keeps_to_path, lowest_beside_m
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
@@ -90,6 +90,68 @@ def joined(parts: Sequence[Telemetry], order: Sequence[int] | None) -> Telemetry
     return Telemetry(**columns)
 
 
+class Returning(NamedTuple):
+    """j vehicles of other stations that return, show frame."""
+
+    rows: NDArray[np.intp]  # (j,) among the others
+    position_m: Array  # (j, 3)
+    home_m: Array  # (j, 3)
+    uncertainty_m: Array  # (j,)
+
+
+class Elsewhere(Protocol):
+    """What a flight needs to know of the vehicles that other stations fly."""
+
+    @property
+    def delay_s(self) -> float:
+        """One-way delay of the bus."""
+
+    @property
+    def all_up(self) -> bool:
+        """Whether none of them climbs, or waits for its turn to take off."""
+
+    def formed_m(self) -> tuple[Array, Array]:
+        """(j, 3) positions, show frame, and (j,) charges of those in formation."""
+
+    def uncertainty_m(self) -> Array:
+        """(j,) of those that fly with the formation, or on the ground are to fly."""
+
+    def closed(self) -> tuple[Array, Array]:
+        """(m, 2, 3) paths of those without control, and (m,) the uncertainty of each."""
+
+    def taken_m(self, besides: Returning | None = None) -> Array:
+        """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
+
+    @property
+    def plans_returns(self) -> bool | None:
+        """Whether this station plans a return for all; False: another does; None: each for its own."""
+
+    def stands(self, below_m_s: float) -> bool:
+        """Whether all of them that return have stopped."""
+
+    def returning(self) -> Returning:
+        """Those that wait for a plan of the return."""
+
+    def under_way(self, rows: NDArray[np.intp]) -> tuple[Array, Mask]:
+        """(j, 3) positions of these, and (j,) whether they follow a plan."""
+
+    def publish_paths(self, paths: ReturnPaths, rows: NDArray[np.intp], home_m: Array) -> None:
+        """Send (j,) vehicles their paths home."""
+
+    @property
+    def return_number(self) -> int:
+        """Number of the newest return that was received; 0: none."""
+
+    def received_paths(self, after: int) -> tuple[ReturnPaths, NDArray[np.intp], Array] | None:
+        """Paths of a later return for own vehicles: with their rows (m,) and landing places (m, 3)."""
+
+    def led_s(self) -> float:
+        """Time in the plan at the station that planned the return; NaN: not known."""
+
+    def note_return(self, time_s: float) -> None:
+        """Note the time in the plan of the return, for the other stations; NaN: none."""
+
+
 class Fleet:
     """The runtime state of one fleet. Changed on the event loop only."""
 
@@ -129,6 +191,7 @@ class Fleet:
         self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
+        self.site: Elsewhere | None = None  # None: this station flies all vehicles
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
@@ -175,10 +238,17 @@ class Fleet:
         """(k,) standard deviations of these vehicles' positions, sideways."""
         return self.traits.uncertainty_m[[vehicle.row for vehicle in vehicles]]
 
+    def in_formation_m(self, vehicles: Sequence[Vehicle]) -> Array:
+        """(k,) the same of these, and of the other stations' vehicles that take part with them."""
+        own_m = self.uncertainty_m(vehicles)
+        return own_m if self.site is None else np.concatenate([own_m, self.site.uncertainty_m()])
+
     @property
     def control_now(self) -> ControlSettings:
         """The control settings of this tick: `control`, slower and wider while links are late."""
         late_s = self.link_delay.late_s
+        if self.site is not None:  # pairs across stations know each other later by the bus
+            late_s = late_s + self.site.delay_s
         if late_s.max(initial=0.0) < LATE_S:
             return self.control
         flying = np.array([vehicle.phase in AIRBORNE for vehicle in self.vehicles.values()], dtype=np.bool_)
@@ -195,6 +265,16 @@ class Fleet:
     def note_seen(self, rows: Mask | int) -> None:
         self._seen_m[rows] = self.fleet.position_m[rows]
         self._seen_m_s[rows] = self._table.last_velocity_m_s[rows]
+
+    def seen_m(self) -> Array:
+        """(n, 3) positions, show frame; of silent vehicles the last known."""
+        known = np.isfinite(self.fleet.position_m[:, :1])
+        return np.where(known, self.fleet.position_m, self._seen_m)
+
+    def seen_m_s(self) -> Array:
+        """(n, 3) velocities likewise."""
+        known = np.isfinite(self.fleet.velocity_m_s[:, :1])
+        return np.where(known, self.fleet.velocity_m_s, self._seen_m_s)
 
     def forget_seen(self, vehicle: Vehicle) -> None:
         """Forget the last known position: the vehicle is not there any more."""
@@ -247,9 +327,9 @@ class Fleet:
         left = np.zeros(len(phases), np.bool_)
         if Phase.PILOT in phases:
             left[:] = [phase is Phase.PILOT for phase in phases]
-        self.setpoint_gaps.note(~np.isnan(self.memory.desired_m_s[:, 0]), left, self.fleet.time_s)
-        memory, fleet = self.memory, self.fleet
-        self._kept.note(memory.desired_m_s, memory.setpoint_m_s, fleet.age_s, fleet.time_s)
+        memory, fleet, n = self.memory, self.fleet, len(phases)
+        self.setpoint_gaps.note(~np.isnan(memory.desired_m_s[:n, 0]), left, fleet.time_s)
+        self._kept.note(memory.desired_m_s[:n], memory.setpoint_m_s[:n], fleet.age_s, fleet.time_s)
 
     @property
     def known(self) -> set[VehicleId]:
@@ -310,7 +390,11 @@ class Fleet:
         rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
         if center is None or not rows:
             return False
-        return stands(self.fleet.position_m[rows] - center.position_m, radius_m, self.traits.charge[rows])
+        here_m, charge = self.fleet.position_m[rows], self.traits.charge[rows]
+        if self.site is not None:
+            their_m, their_charge = self.site.formed_m()
+            here_m, charge = np.concatenate([here_m, their_m]), np.concatenate([charge, their_charge])
+        return stands(here_m - center.position_m, radius_m, charge)
 
     def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
         """Return the vehicle with this id. Raises: UnknownError."""
@@ -337,6 +421,11 @@ class Fleet:
         log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
 
     def tasks(self) -> Tasks:
+        """What every vehicle has to do in this tick."""
+        self.last_tasks = tasks = self._tasks_now()
+        return tasks
+
+    def _tasks_now(self) -> Tasks:
         vehicles = self.vehicles.values()  # rows as in FleetState
         now_s, show = self.fleet.time_s, self.show
         show_flies = show in SHOW_FLIES
@@ -382,6 +471,15 @@ class Fleet:
         ]
         rows = [row for row, own_m in swept for _ in own_m]
         return np.concatenate([np.zeros((0, 2, 3)), *(m for _, m in swept)]), np.array(rows, dtype=np.intp)
+
+    def closed(self) -> tuple[Array, Array]:
+        """(m, 2, 3) paths that lost vehicles of any station may take, and (m,) the uncertainty of each."""
+        segments_m, segments_of = self.swept()
+        uncertainty_m = self.traits.uncertainty_m[segments_of]
+        if self.site is None:
+            return segments_m, uncertainty_m
+        their_m, their_uncertainty_m = self.site.closed()
+        return np.concatenate([segments_m, their_m]), np.concatenate([uncertainty_m, their_uncertainty_m])
 
     def _silent_now(self) -> list[tuple[Vehicle, float]]:
         """Airborne vehicles that are not commanded for want of positions, not lost yet; and for how long."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gcs.control import ellipses_of
-from gcs.flight.fleet import Fleet
+from gcs.flight.fleet import Fleet, Returning
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, VehicleId
@@ -27,28 +27,38 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
     return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
 
 
-def homes_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> Array:
+def homes_m(flight: Fleet, vehicles: Sequence[Vehicle], elsewhere: Returning | None = None) -> Array:
     """(n, 3) Where returning vehicles land: their pads, or the nearest places clear of lost vehicles.
 
-    Every vehicle has a `home_m`.
+    Every vehicle has a `home_m`. Those of other stations follow the own.
     """
     rows = [vehicle.row for vehicle in vehicles]
-    segments_m, segments_of = flight.swept()
-    uncertainty_m, operation = flight.traits.uncertainty_m, flight.config.operation
+    home_m = np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3)
+    own_m = flight.traits.uncertainty_m[rows]
+    taken_m = _taken_m(flight, vehicles, frozenset({Phase.LANDING, Phase.RETURN}), elsewhere)
+    if elsewhere is not None:
+        home_m = np.concatenate([home_m, elsewhere.home_m])
+        own_m = np.concatenate([own_m, elsewhere.uncertainty_m])
+    operation = flight.config.operation
     return return_places_m(
-        np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3),
-        _taken_m(flight, vehicles, frozenset({Phase.LANDING, Phase.RETURN})),
+        home_m,
+        taken_m,
         operation.takeoff_height_m,
         operation.landing_site_spacing_m,
         flight.control,
         flight.plan,
         flight.fleet.time_s,
-        uncertainty_m[rows],
-        (segments_m, uncertainty_m[segments_of]),
+        own_m,
+        flight.closed(),
     )
 
 
-def _taken_m(flight: Fleet, vehicles: Sequence[Vehicle], goals_of: frozenset[Phase]) -> Array:
+def _taken_m(
+    flight: Fleet,
+    vehicles: Sequence[Vehicle],
+    goals_of: frozenset[Phase],
+    elsewhere: Returning | None = None,
+) -> Array:
     """(m, 2) Pads and positions on the ground of all other vehicles, and goals of those in such a phase."""
     chosen = {vehicle.id for vehicle in vehicles}
     taken_m = [
@@ -62,4 +72,5 @@ def _taken_m(flight: Fleet, vehicles: Sequence[Vehicle], goals_of: frozenset[Pha
         )
         if place_m is not None
     ]
-    return np.array(taken_m).reshape(-1, 2)
+    own_m = np.array(taken_m).reshape(-1, 2)
+    return own_m if flight.site is None else np.concatenate([own_m, flight.site.taken_m(elsewhere)])

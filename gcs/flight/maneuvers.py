@@ -138,7 +138,7 @@ class Maneuvers:
             vehicle.apply(Event.TAKE_OFF, "climbs straight up")
             await self._climb(vehicle)
             vehicle.apply(Event.HOLD, "up, waits for the others")
-            await self._until(vehicle, self._all_up, frozenset({Phase.HOLD}))
+            await self._until(vehicle, self._all_up_everywhere, frozenset({Phase.HOLD}))
             try:
                 await self.join(vehicle)
             except CommandError as error:
@@ -292,6 +292,15 @@ class Maneuvers:
             below = self._flight.in_phase(Phase.STANDBY, Phase.TAKEOFF)
             self._up = fleet, not any(map(self.running, below))
         return self._up[1]
+
+    @property
+    def all_up(self) -> bool:
+        """Whether no vehicle of this station climbs, or waits on the ground for its turn."""
+        return self._all_up()
+
+    def _all_up_everywhere(self) -> bool:
+        site = self._flight.site
+        return self._all_up() and (site is None or site.all_up)
 
     def _is_up(self, vehicle: Vehicle) -> bool:
         """Decide by height, or by the autopilot's end of the climb: the heights may be wrong by metres."""

@@ -9,11 +9,13 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
+from dataclasses import replace
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
+from gcs.bus import keep_bus_open
 from gcs.config.schema import Config
-from gcs.control import Tick, tick, warm_up
+from gcs.control import Memory, Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
@@ -23,6 +25,9 @@ from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
+from gcs.flight.site_commander import SiteCommander, SitePlanEditor
+from gcs.flight.site_member import Membership, SiteMember
+from gcs.flight.site_view import whole_view
 from gcs.flight.snapshots import Estimating, fleet_view
 from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.links.batch_link import Link
@@ -60,6 +65,7 @@ class Orchestrator:
         heart: Heart | None = None,
         planning: Executor | None = None,
         problems: Sequence[str] = (),
+        membership: Membership | None = None,
     ) -> None:
         """Sends nothing before `run`; must be created on the running event loop.
 
@@ -71,6 +77,7 @@ class Orchestrator:
             heart: receives a beat for every tick that came in time, and for no other.
             planning: executor for the return planner; None: a thread of its own, ended with `run`.
             problems: notices for the operator for as long as this service runs.
+            membership: of a site of several stations; None: this station flies all vehicles.
         """
         warm_up()
         warm_up_paths()
@@ -78,6 +85,10 @@ class Orchestrator:
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)
         self._flight = flight = Fleet(config, links, loop.time(), unix_s=unix_s, book=self.command_log)
+        self._member = member = None if membership is None else SiteMember(flight, membership)
+        if member is not None:
+            flight.site = member
+            flight.memory = Memory.fresh(len(flight.vehicles) + member.site.count, loop.time())
         self._record = record
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
@@ -100,10 +111,18 @@ class Orchestrator:
         self.events = EventLog()
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
         self.player = ShowPlayer(flight, self.shows)
-        self.plan = PlanEditor(flight, self.player, maneuvers, loop.time)
+        editing = flight, self.player, maneuvers, loop.time
         self.preflight = PreflightGate(flight, parameter_reader, self.player)
         found = None if record is None else record.found
-        self.commands = Commander(flight, maneuvers, self.player, self.preflight, self._planning, found)
+        commanding = flight, maneuvers, self.player, self.preflight, self._planning, found
+        self.stations: SiteCommander | None = None
+        self.plan: PlanEditor
+        self.commands: Commander
+        if member is None:
+            self.plan, self.commands = PlanEditor(*editing), Commander(*commanding)
+        else:
+            self.plan = self._site_plan = SitePlanEditor(*editing, member)
+            self.commands = self.stations = SiteCommander(*commanding, member)
         self.recovery = self.commands.recovery
         self.alarms = AlarmMonitor(flight)
         self._progress = ShowProgress(
@@ -118,6 +137,8 @@ class Orchestrator:
                     self.recovery.log_found()
                     for link in self._flight.links:
                         group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
+                    if self._member is not None:
+                        group.create_task(keep_bus_open(self._member.bus), name="bus")
                     group.create_task(self._control(collect), name="control")
         finally:
             self.commands.close()
@@ -139,16 +160,24 @@ class Orchestrator:
             self._estimating.refresh(len(self._maneuvers.waiting), self.commands.home_left_s)
             self.view.promise(self._promised_view(result))
             if self._record is not None:
-                run = self._flight.show_run
-                sample = Sample(self.view.value, {} if run is None else run.parts, self._flight.control)
-                self._record.note(sample, self._flight.links)
+                run, view = self._flight.show_run, self.view.value
+                parts = {} if run is None else run.parts
+                own = (
+                    view
+                    if self._member is None
+                    else replace(view, rows=view.rows.first(len(self._flight.vehicles)))
+                )
+                sample, whole = (Sample(each, parts, self._flight.control) for each in (own, view))
+                self._record.note(sample, self._flight.links, whole)
             self._flight.wake()
             collect_garbage(now_s)
 
     def _tick(self, now_s: float) -> Tick:
         """Run one tick without waiting for any vehicle: read telemetry, compute, send."""
-        flight = self._flight
+        flight, member = self._flight, self._member
         flight.receive(now_s)
+        if member is not None:
+            member.receive(now_s)
         flight.note_setpoints()
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.setpoint_timeout_s:
@@ -160,7 +189,11 @@ class Orchestrator:
         # The rest can wait for the next tick: setpoints cannot.
         flight.memory = result.memory
         self._interventions += sum(reason != "" for reason in result.limited_by)
+        if member is not None:
+            member.publish(result, all_up=self._maneuvers.all_up)
         self._progress.advance()
+        if self.stations is not None:
+            self.stations.advance_site(self._site_plan)
         if self.alarms.is_due(now_s):
             self.alarms.look(result, self._findings())
         return result
@@ -181,8 +214,10 @@ class Orchestrator:
 
     def _decide(self) -> Tick:
         flight = self._flight
-        control = flight.control_now
-        return tick(flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, control)
+        now = flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control_now
+        if self._member is None:
+            return tick(*now)
+        return tick(*now, None, self._member.others, self._member.shared())
 
     @property
     def _control_alive(self) -> bool:
@@ -192,7 +227,7 @@ class Orchestrator:
         """Return a function that builds the view of this tick: expensive for large fleets, rarely needed."""
         countdown = self.commands.starting.countdown
         return partial(
-            fleet_view,
+            self._view_of,
             copy(self._flight),  # what commands change later does not belong to this tick
             result,
             timing=self._clock.summary(),
@@ -206,3 +241,7 @@ class Orchestrator:
             interrupted=self.recovery.view(),
             alarms=self.alarms.alarms,
         )
+
+    def _view_of(self, flight: Fleet, result: Tick, **fields: Any) -> FleetView:
+        own = fleet_view(flight, result, **fields)
+        return own if self._member is None else whole_view(own, self._member)

@@ -57,7 +57,8 @@ class PlanEditor:
         flying, target, control = self._to_fly(), self._followed(), flight.control
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
             check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)
-        check_formation(formation, len(flying), control.safety, flight.uncertainty_m(flying))
+        uncertainty_m = flight.in_formation_m(flying)
+        check_formation(formation, len(uncertainty_m), control.safety, uncertainty_m)
         check_target(target, flight.plan.orbit, formation, control, changed="formation")
         flight.plan = replace(flight.plan, formation=formation)
 

@@ -254,10 +254,10 @@ class PreflightGate:
     def _check_formations(self, chosen: Sequence[VehicleId]) -> None:
         """Check every sphere of the flight for the accuracy that these vehicles report now."""
         flight = self.flight
-        uncertainty_m = flight.uncertainty_m([flight.vehicles[name] for name in chosen])
+        uncertainty_m = flight.in_formation_m([flight.vehicles[name] for name in chosen])
         for cue, plan in self.show_player.plans():
             try:
-                check_formation(plan.formation, len(chosen), flight.control.safety, uncertainty_m)
+                check_formation(plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
             except InvalidError as error:
                 if not cue:
                     raise

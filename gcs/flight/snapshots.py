@@ -105,7 +105,7 @@ def _rows(flight: Fleet, tick: Tick) -> VehicleTable:
         heartbeat_age_s=fleet.time_s - telemetry.heartbeat_time_s,
         link_quality=flight.link_quality.share,
         fix_type=telemetry.fix_type,
-        limited_by=tick.limited_by,
+        limited_by=tick.limited_by[: len(fleet.ids)],
         colour=colour,
         lit=lit,
         homes_m=[vehicle.home_m for vehicle in vehicles],
@@ -162,7 +162,8 @@ class Estimating:
         position_m, formation = flight.fleet.position_m, flight.plan.formation
         within_m = ASSEMBLED_M + ASSEMBLED_SHARE * formation.radius_m
         speeds = speeds_of(control)
-        formed = self._in(frozenset({Phase.FORMATION})) & np.isfinite(memory.place[:, 0])
+        place = memory.place[: len(position_m)]
+        formed = self._in(frozenset({Phase.FORMATION})) & np.isfinite(place[:, 0])
         coming = self._in(frozenset({Phase.TAKEOFF, Phase.HOLD, Phase.FORMATION})) & ~formed
         known = position_m[np.isfinite(position_m).all(axis=1)]
         if memory.center is not None:
@@ -171,7 +172,7 @@ class Estimating:
             center_m = np.array([*known[:, :2].mean(axis=0), -formation.height_m])  # it begins above them
         else:
             return None
-        slot_m = center_m + formation.radius_m * memory.place[formed]
+        slot_m = center_m + formation.radius_m * place[formed]
         waits_m = operation.takeoff_height_m
         joining_m = _raised(position_m, coming, waits_m)
         climbs_m = [

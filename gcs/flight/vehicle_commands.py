@@ -144,9 +144,9 @@ class VehicleCommands:
         flight = self.flight
         others = [other for other in flight.airborne if other not in joining]
         formed = [other for other in others if other.entering_offboard or other.phase is Phase.FORMATION]
-        count, uncertainty_m = len(formed) + len(joining), flight.uncertainty_m([*formed, *joining])
+        uncertainty_m = flight.in_formation_m([*formed, *joining])
         try:
-            check_formation(flight.plan.formation, count, flight.control.safety, uncertainty_m)
+            check_formation(flight.plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
         except InvalidError as error:
             named = ", ".join(vehicle.id for vehicle in joining)
             raise RefusedError(f"{named} cannot join: {error}") from None

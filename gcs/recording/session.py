@@ -35,6 +35,7 @@ class Record:
         flight: bool = True,
         found: Interruption | None = None,
         excluded: Mapping[VehicleId, Exclusion] = MappingProxyType({}),
+        elsewhere: Mapping[VehicleId, tuple[int, str]] = MappingProxyType({}),
     ) -> None:
         """Writes nothing before it is entered.
 
@@ -45,6 +46,7 @@ class Record:
             flight: whether flight data are recorded.
             found: the flight that was interrupted before, if any.
             excluded: vehicles excluded from the show before.
+            elsewhere: the same of other stations' vehicles, which follow in the flight data.
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
@@ -52,7 +54,7 @@ class Record:
         self.excluded = excluded
         self._journal = Journal(root / AUDIT)
         self.audit = Audit(self._journal, self.session, vehicles)
-        about = layout.about(self.session, config_json, vehicles)
+        about = layout.about(self.session, config_json, {**vehicles, **elsewhere})
         self._flight = FlightFile(self.folder, about) if flight else None
         self._handler = _LogHandler(self.audit, self._flight)
         self._attached = ExitStack()
@@ -85,11 +87,17 @@ class Record:
         """Whether less than half of the flight data queue is used: virtual-time runs wait for it."""
         return self._flight is None or self._flight.waiting < WAITING_MAX // 2
 
-    def note(self, sample: Sample, links: Sequence[Link]) -> None:
-        """Record one tick, and the addresses of the links' vehicles."""
+    def note(self, sample: Sample, links: Sequence[Link], whole: Sample | None = None) -> None:
+        """Record one tick, and the addresses of the links' vehicles.
+
+        Args:
+            sample: of the vehicles that this station flies.
+            links: theirs.
+            whole: of the vehicles of all stations, for the flight data; None: the same.
+        """
         self.audit.watch(sample)
         if self._flight is not None:
-            self._flight.add(sample)
+            self._flight.add(whole or sample)
         if sample.view.time_s >= self._whereabouts_due_s:
             self._whereabouts_due_s = sample.view.time_s + WHEREABOUTS_S
             for link in links:

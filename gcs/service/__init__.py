@@ -23,6 +23,7 @@ from gcs.service.interface import PlaybackChange as PlaybackChange
 from gcs.service.interface import Replaying as Replaying
 from gcs.service.interface import Service as Service
 from gcs.service.interface import Shows as Shows
+from gcs.service.interface import Stations as Stations
 from gcs.service.snapshots import ActiveFailsafe as ActiveFailsafe
 from gcs.service.snapshots import CheckState as CheckState
 from gcs.service.snapshots import CueMark as CueMark
@@ -39,5 +40,6 @@ from gcs.service.snapshots import Scheduling as Scheduling
 from gcs.service.snapshots import SelectedShow as SelectedShow
 from gcs.service.snapshots import ShowCheck as ShowCheck
 from gcs.service.snapshots import ShowFigures as ShowFigures
+from gcs.service.snapshots import StationView as StationView
 from gcs.service.snapshots import StoredShow as StoredShow
 from gcs.service.snapshots import TickView as TickView

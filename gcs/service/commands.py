@@ -141,6 +141,12 @@ class CommandLog:
             if self._listener is not None:
                 self._listener.closed(command_id, vehicle_id, outcome, reason)
 
+    def include(self, command_id: str, outcomes: Mapping[VehicleId, VehicleOutcome]) -> CommandRecord:
+        """Add what other stations report of a command; their own records keep it. Raises: UnknownError."""
+        record = self.get(command_id)
+        self._records[command_id] = record = replace(record, outcomes={**record.outcomes, **outcomes})
+        return record
+
     def closer(self, record: CommandRecord, vehicle_id: VehicleId) -> Callable[[Outcome, str], None]:
         """Return a function that records one vehicle's outcome and reason."""
         return lambda outcome, reason: self.close(record.id, vehicle_id, outcome, reason)

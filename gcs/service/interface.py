@@ -20,6 +20,7 @@ from gcs.service.snapshots import (
     ReportState,
     SelectedShow,
     ShowCheck,
+    StationView,
     StoredShow,
 )
 
@@ -149,6 +150,13 @@ class Commands(Protocol):
         """Stop the motors of these vehicles immediately; the record names those that cannot be reached."""
 
 
+class Stations(Protocol):
+    """Several stations that fly one formation."""
+
+    def take_lead(self) -> Sequence[StationView]:
+        """Lead from now on: hold the plan, compute the formation. Returns: all stations."""
+
+
 class CommandRecords(Protocol):
     """The newest commands and their outcomes."""
 
@@ -274,6 +282,10 @@ class Service(Protocol):
 
     @property
     def commands(self) -> Commands: ...
+
+    @property
+    def stations(self) -> Stations | None:
+        """None: one station flies all vehicles."""
 
     @property
     def command_log(self) -> CommandRecords: ...

@@ -214,6 +214,23 @@ class TickView:
 
 
 @dataclass(frozen=True, slots=True)
+class StationView:
+    """One station of the site."""
+
+    name: str
+    own: Annotated[bool, Field(description="The station that answers.")]
+    leads: Annotated[bool, Field(description="It holds the plan, and computes the formation.")]
+    received: Annotated[
+        bool, Field(description="Its messages arrive; false: its vehicles are without control.")
+    ]
+    silent_s: Annotated[Measured, Field(description="Since its newest message; null: none has arrived.")]
+    show: ShowPhase
+    vehicles: Annotated[int, Field(description="Vehicles that it flies.")]
+    delay_s: Annotated[Measured, Field(description="One way, over the bus.")]
+    term: Annotated[int, Field(description="Term of the lead that the answering station obeys.")]
+
+
+@dataclass(frozen=True, slots=True)
 class ActiveFailsafe:
     """What the service does automatically while a cause lasts; see `gcs.failsafe.policy`."""
 
@@ -413,6 +430,7 @@ class FleetView:
     interrupted: InterruptedFlight | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
     histograms: tuple[Histogram, ...] = ()  # of the ticks since the start; not copies: they change
+    stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 
     @cached_property

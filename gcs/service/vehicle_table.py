@@ -1,7 +1,7 @@
 """Per-vehicle state of one snapshot, as columns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -50,6 +50,7 @@ class VehicleTable:
     colour: NDArray[np.uint8]  # (n, 3) red, green, blue that the show sets now
     lit: Mask  # (n,) whether it sets one
     homes_m: Sequence[Array | None]  # (3,) each, where they took off
+    stations: Sequence[str] = ()  # which station flies each; empty: one station flies all
 
     def __post_init__(self) -> None:
         n = len(self.ids)
@@ -57,6 +58,10 @@ class VehicleTable:
             freeze(getattr(self, name), (n, 3), name)
         for name in VALUES:
             freeze(getattr(self, name), (n,), name)
+
+    def first(self, count: int) -> "VehicleTable":
+        """The first `count` rows."""
+        return VehicleTable(**{field.name: getattr(self, field.name)[:count] for field in fields(self)})
 
     def counts(self) -> Counts:
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())

@@ -29,6 +29,8 @@ from gcs.service import (
     Replaying,
     SelectedShow,
     ShowAction,
+    Stations,
+    StationView,
     TickView,
     VehicleAction,
 )
@@ -115,10 +117,13 @@ class FakeService:
 
     frame = FRAME
 
-    def __init__(self, count: int = 3, folder: Path | None = None) -> None:
+    def __init__(self, count: int = 3, folder: Path | None = None, station_names: Sequence[str] = ()) -> None:
+        """`station_names`: each flies as many vehicles; the first is the one that answers, and leads."""
         self.commands = self.recovery = self.player = self.preflight = self.alarms = self.events = self
         self.shows = ShowLibrary(folder)
         self.phases = dict.fromkeys((f"d{row}" for row in range(1, count + 1)), Phase.STANDBY)
+        self.station_names = tuple(station_names)
+        self.stations: Stations | None = self if station_names else None
         self.ticks, self.control_alive = 0, True
         self.audit: Audit = NoAudit()
         self.replaying: Replaying | None = None
@@ -133,6 +138,8 @@ class FakeService:
 
     def _begin(self) -> None:
         self.show, self.battery = ShowPhase.IDLE, 0.9
+        self.lead, self.term = self.station_names[0] if self.station_names else "", 1
+        self.silent_s: dict[str, float] = {}  # of stations that are not received
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
@@ -251,6 +258,33 @@ class FakeService:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
         return self.command_log.open("include", names, {})
 
+    def take_lead(self) -> Sequence[StationView]:
+        if self.lead != self.station_names[0]:
+            self.lead, self.term = self.station_names[0], self.term + 1
+            self.happen(f"the lead was taken by {CALLER.get()}")
+        return self._stations()
+
+    def _stations(self) -> tuple[StationView, ...]:
+        owners = self._owners()
+        return tuple(
+            StationView(
+                name,
+                own=name == self.station_names[0],
+                leads=name == self.lead,
+                received=name not in self.silent_s,
+                silent_s=self.silent_s.get(name, 0.04),
+                show=self.show,
+                vehicles=owners.count(name),
+                delay_s=0.002 * number,
+                term=self.term,
+            )
+            for number, name in enumerate(self.station_names)
+        )
+
+    def _owners(self) -> list[str]:
+        n, k = len(self.phases), len(self.station_names)
+        return [self.station_names[row * k // n] for row in range(n)] if k else []
+
     def acknowledge(self, alarm_id: str) -> Alarm:
         return self.book.acknowledge(alarm_id, CALLER.get(), time.time())
 
@@ -301,6 +335,7 @@ class FakeService:
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             alarms=self.book.alarms,
             histograms=HISTOGRAMS,
+            stations=self._stations(),
         )
 
     def _rows(self) -> VehicleTable:
@@ -331,5 +366,6 @@ class FakeService:
             colour=np.tile(np.array([[255, 128, 0]], np.uint8), (n, 1)),
             lit=formed,
             homes_m=[np.array([0.0, 5.0 * row, 0.0]) if up[row] else None for row in range(n)],
+            stations=self._owners(),
             **columns,
         )

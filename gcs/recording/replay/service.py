@@ -18,7 +18,7 @@ from gcs.model.plan import Plan
 from gcs.model.state import Array, Landed
 from gcs.recording import mcap_layout as layout
 from gcs.recording.flight_report import EXIT_CODES
-from gcs.recording.mcap_reader import FlightData, RecordedSample, Sample, Standard
+from gcs.recording.mcap_reader import About, FlightData, RecordedSample, Sample, Standard
 from gcs.recording.replay.history import EventHistory, replay_alarm
 from gcs.service import FleetView, Latest, Playback, PlaybackChange, ReportState
 from gcs.service.alarms import ordered
@@ -205,6 +205,7 @@ class Replay:
         if first is None or last_s is None:
             raise GcsError(f"{data.path}: there is no flight in it. {data.cut}".strip())
         self._began_s = first.unix_s
+        self._stations = _stations(data.about)
         self._event_history = EventHistory.of(data.path, data.about.session)
         self._report_task = ReportTask((data.path, *truths))
         self.make_flight_report = self._report_task.state
@@ -223,6 +224,7 @@ class Replay:
         self.command_log = NoCommands()
         self.commands: Any = ReadOnly(refusal)
         self.recovery = self.player = self.preflight = self.alarms = self.commands
+        self.stations: service.Stations | None = None
 
     async def run(self) -> None:
         """Show every state in its time, then the last one, until cancelled."""
@@ -368,4 +370,15 @@ class Replay:
             colour=colour,
             lit=lit,
             homes_m=[self._event_history.home_m(name, flown.unix_s) for name in about.ids],
+            stations=self._stations,
         )
+
+
+def _stations(about: About) -> tuple[str, ...]:
+    """The station that flew each vehicle, by the recorded configuration of the site; empty: there was one."""
+    station_of = {
+        link: str(station["name"])
+        for station in about.config.get("stations") or ()
+        for link in station["links"]
+    }
+    return tuple(station_of.get(link, "") for link in about.links) if station_of else ()

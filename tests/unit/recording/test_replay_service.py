@@ -1,6 +1,7 @@
 """What a replay shows is what was flown: the show's lights, and the limits that held."""
 
 import asyncio
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -114,3 +115,18 @@ def test_fence_in_force_is_drawn(file: Path) -> None:
             )
             == fence
         )
+
+
+def test_vehicles_are_shown_with_the_station_of_their_link(tmp_path: Path) -> None:
+    assert CONFIG.stations == ()
+    stations = [{"name": "north", "links": ["a"]}, {"name": "south", "links": ["b", "c"]}]
+    config = json.loads(CONFIG.model_dump_json()) | {"stations": stations}
+    links = {"d1": (1, "a"), "d2": (2, "c"), "d3": (3, "elsewhere")}
+    made = _OpenFile(tmp_path / "flight.mcap", layout.about("s1", json.dumps(config), links))
+    made.add(samples()[0])
+    made.finish()
+
+    async def stations_shown() -> list[str]:
+        return list(Replay(FlightData(made.path), 1.0).view.value.rows.stations)
+
+    assert asyncio.run(stations_shown()) == ["north", "south", ""]

@@ -396,6 +396,8 @@ export interface paths {
         /**
          * Preflight report
          * @description Every check of every vehicle and of the fleet, at most once a second, and only on the ground.
+         *
+         *     Of a site of several stations each checks the vehicles that it flies, and a start needs all of them.
          */
         get: operations["get_preflight"];
         put?: never;
@@ -756,6 +758,48 @@ export interface paths {
          * @description Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet.
          */
         post: operations["select_show"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/stations": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Every station of the site
+         * @description The stations as the one that answers receives them; empty where one station flies all vehicles.
+         */
+        get: operations["list_stations"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/stations/lead": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Have the station that answers take the lead
+         * @description It holds the plan and computes the formation from now on; the stations that receive it follow.
+         *
+         *     Answers with every station. `409` where one station flies all vehicles.
+         */
+        post: operations["take_lead"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1529,6 +1573,11 @@ export interface components {
             /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
+            /**
+             * Stations
+             * @description Of the site, with the values at `time_s`; empty: one station flies all vehicles.
+             */
+            stations: components["schemas"]["StationView"][];
             /** @description Position of the target at `time_s`. */
             target: components["schemas"]["Target"];
             tick: components["schemas"]["TickView"];
@@ -2627,6 +2676,50 @@ export interface components {
          */
         State: "pass" | "fail" | "unknown";
         /**
+         * StationView
+         * @description One station of the site.
+         */
+        StationView: {
+            /**
+             * Delay S
+             * @description One way, over the bus.
+             */
+            delay_s: number | null;
+            /**
+             * Leads
+             * @description It holds the plan, and computes the formation.
+             */
+            leads: boolean;
+            /** Name */
+            name: string;
+            /**
+             * Own
+             * @description The station that answers.
+             */
+            own: boolean;
+            /**
+             * Received
+             * @description Its messages arrive; false: its vehicles are without control.
+             */
+            received: boolean;
+            show: components["schemas"]["ShowPhase"];
+            /**
+             * Silent S
+             * @description Since its newest message; null: none has arrived.
+             */
+            silent_s: number | null;
+            /**
+             * Term
+             * @description Term of the lead that the answering station obeys.
+             */
+            term: number;
+            /**
+             * Vehicles
+             * @description Vehicles that it flies.
+             */
+            vehicles: number;
+        };
+        /**
          * Status
          * @description Data that changes seldom: the text messages of the console's stream.
          */
@@ -2692,6 +2785,11 @@ export interface components {
              * @description Why show files cannot be uploaded to this service, empty when they can.
              */
             shows_refused: string;
+            /**
+             * Stations
+             * @description Of the site, with the values at `time_s`; empty: one station flies all vehicles.
+             */
+            stations: components["schemas"]["StationView"][];
             /** @description Position of the target at `time_s`. */
             target: components["schemas"]["Target"];
             /**
@@ -2868,6 +2966,12 @@ export interface components {
             setpoint_x_m_s: number | null;
             /** Setpoint Y M S */
             setpoint_y_m_s: number | null;
+            /**
+             * Station
+             * @description The station that flies it; null: one station flies all, or none is known to fly this.
+             * @example north
+             */
+            station: string | null;
             /** System Id */
             system_id: number;
             /**
@@ -2946,6 +3050,12 @@ export interface components {
              * @description Why it is in its phase.
              */
             reason: string;
+            /**
+             * Station
+             * @description The station that flies it; null: one station flies all, or none is known to fly this.
+             * @example north
+             */
+            station: string | null;
             /** System Id */
             system_id: number;
         };
@@ -7769,6 +7879,190 @@ export interface operations {
             };
             /** @description No such thing. */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    list_stations: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StationView"][];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    take_lead: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StationView"][];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
                 headers: {
                     [name: string]: unknown;
                 };

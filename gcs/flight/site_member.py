@@ -1,0 +1,492 @@
+"""A station as a member of its site: what it receives from and sends to the others, once a tick."""
+
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import nan
+from typing import Any, Final
+
+import numpy as np
+from pydantic_core import from_json
+
+from gcs.bus import Bus
+from gcs.config.schema import Config
+from gcs.control import Tick
+from gcs.control.inputs import FormationState
+from gcs.control.others import Others
+from gcs.flight.fleet import Fleet, Returning
+from gcs.model.errors import GcsError, LinkError
+from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.plan import Plan, plan_json, plan_of
+from gcs.model.state import Array, Mask, VehicleId
+from gcs.planning.return_paths.paths import ReturnPaths
+from gcs.service import StationView
+from gcs.stations.letters import Letters
+from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
+from gcs.stations.publishing import STATES, Reported, batch, formation_messages
+from gcs.stations.return_messages import ReturnMessage, in_parts
+from gcs.stations.site import Rows, Site, StationFleet, WithoutControl
+
+log = logging.getLogger(__name__)
+
+SLOWLY_S: Final = 0.5
+"""Interval between two messages of what rarely changes: the plan, pads, texts."""
+
+CHANGED_AGAIN_S: Final = 2.0
+"""A follower shows its own change of the plan until the lead confirms it, for this time at most."""
+
+TEXTS_MAX: Final = 200
+"""Vehicles of which reasons are sent: those whose phase needs an explanation."""
+
+RETURNS_OF_A_TERM: Final = 10_000
+RETURN_SENT_S: Final = 4.0
+"""The paths of a return are repeated for this time."""
+
+EXPLAINED: Final = frozenset({Phase.LOST, Phase.PILOT, Phase.KILLED, Phase.OFFLINE})
+
+
+@dataclass(frozen=True, slots=True)
+class Membership:
+    """Which station this is, of which site, and the bus to the others."""
+
+    station: str
+    site: Config
+    bus: Bus
+    session: int  # a number that no earlier process of this station had
+
+
+@dataclass(slots=True)
+class _Info:
+    """The newest texts of another station."""
+
+    why_not_ready: str = ""
+    reasons: Mapping[VehicleId, str] | None = None
+
+
+def station_fleets(site: Config) -> dict[str, StationFleet]:
+    """The vehicles of each station of a site."""
+    links = {link.name: link for link in site.links}
+    fleets = {}
+    for station in site.stations:
+        vehicles = [one for name in station.links for one in links[name].fleet]
+        fleets[station.name] = StationFleet(
+            tuple(one.id for one in vehicles), tuple(one.charge for one in vehicles)
+        )
+    return fleets
+
+
+class SiteMember:
+    """Used on the event loop only; nothing here waits."""
+
+    def __init__(self, flight: Fleet, membership: Membership) -> None:
+        self.flight, self.bus = flight, membership.bus
+        site_config, operation = membership.site, membership.site.operation
+        heights_m = zip(site_config.ids, site_config.return_heights_m.tolist(), strict=True)
+        without_control = WithoutControl(
+            operation.setpoint_loss_action,
+            dict(heights_m),
+            operation.takeoff_height_m,
+            operation.setpoint_loss_s,
+            operation.silence_s,
+            site_config.setpoint_timeout_s,
+            site_config.control.telemetry_age_max_s,
+        )
+        self.site = Site(membership.station, station_fleets(site_config), without_control)
+        self.lead_silent_s = site_config.bus.lead_silent_s
+        self._system_ids = {one.id: one.system_id for one in site_config.fleet}
+        self._link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
+        self.letters = {name: Letters(membership.session) for name in self.site.stations}
+        self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
+        self.return_number = 0  # of the newest collective return that was received
+        self._returns: dict[int, ReturnMessage] = {}  # its parts, by first row
+        self._planned = 0  # returns that this station planned
+        self._return_s = nan  # time in the plan of the present return, as flown
+        self._return_parts: list[tuple[str, bytes]] = []
+        self._return_until_s = 0.0
+        self._info: dict[str, _Info] = {name: _Info() for name in self.site.stations}
+        self._plan_version = 0
+        self._sent_plan: Plan | None = None
+        self._plan_due_s = self._slow_due_s = self._return_due_s = 0.0
+        self._changed_s = -np.inf  # when this station changed the lead's plan
+        self._applied: dict[str, int] = {}  # newest change of each station that this lead has applied
+        self._changes = 0  # of the plan, that this station asked of the lead
+        self.why_not_ready = ""  # why this station could not start now
+        self._others: Others | None = None
+
+    # received
+
+    def receive(self, now_s: float) -> None:
+        """Take what has arrived since the last tick."""
+        site = self.site
+        self.received = []
+        for message in self.bus.newest():
+            topic, sender, payload = message.topic, message.sender, message.payload
+            try:
+                if topic in {STATES, "formation", "homes"} or topic.startswith("slots."):
+                    site.receive(sender, topic, payload, message.time_s)
+                elif sender not in site.stations:
+                    site.refused += 1
+                elif topic == f"letters.{site.own}":
+                    self.received += [(sender, one) for one in self.letters[sender].take(payload, now_s)]
+                elif topic == "plan":
+                    self._take_plan(sender, payload, message.time_s)
+                elif topic == "info":
+                    self._take_info(sender, payload)
+                elif topic.startswith(f"return.{site.own}."):
+                    self._take_return(ReturnMessage.decode(payload))
+            except LinkError:
+                site.refused += 1
+        self._others = None
+
+    def _take_plan(self, sender: str, payload: bytes, arrived_s: float) -> None:
+        site = self.site
+        try:
+            read = from_json(payload)
+            term, version = int(read["term"]), int(read["version"])
+            applied = {str(name): int(number) for name, number in read["applied"].items()}
+            if not site.lead.obeys(term, site.names.index(sender)) or site.lead.leads:
+                return
+            delay_s = site.delays.one_way_s(site.names.index(sender))
+            plan = plan_of(read["plan"], arrived_s - delay_s)
+        except (AttributeError, GcsError, KeyError, OverflowError, TypeError, ValueError):
+            raise LinkError("a plan that cannot be read") from None
+        self._plan_version = version
+        own_pending = (
+            applied.get(site.own, 0) < self._changes and arrived_s - self._changed_s < CHANGED_AGAIN_S
+        )
+        if not own_pending and plan != self.flight.plan:
+            self.flight.plan = plan
+
+    def _take_info(self, sender: str, payload: bytes) -> None:
+        try:
+            read = from_json(payload)
+            reasons = {str(name)[:64]: str(text)[:300] for name, text in read["reasons"].items()}
+            self._info[sender] = _Info(str(read["why_not_ready"])[:300], reasons)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise LinkError("texts that cannot be read") from None
+
+    def _take_return(self, message: ReturnMessage) -> None:
+        if message.number < self.return_number or message.rows.max() >= len(self.site.own_ids):
+            return
+        if message.number > self.return_number:
+            self.return_number, self._returns = message.number, {}
+        self._returns[int(message.rows[0])] = message
+
+    # known
+
+    def present(self, now_s: float | None = None) -> list[str]:
+        """Other stations that are received."""
+        return self.site.present(self.flight.fleet.time_s if now_s is None else now_s)
+
+    @property
+    def lead_is_here(self) -> bool:
+        """Whether this station leads, or receives the one that does."""
+        lead = self.site.lead
+        return lead.leads or lead.name in self.present()
+
+    @property
+    def others(self) -> Others:
+        """The other stations' vehicles at the time of this tick."""
+        if self._others is None:
+            self._others = self.site.others(self.flight.fleet.time_s)
+        return self._others
+
+    def shared(self) -> FormationState | None:
+        """The lead's formation at this tick; None: this station computes it."""
+        found = self.site.formation(self.flight.fleet.time_s, self.lead_silent_s)
+        return None if found is None or found.center is None else found
+
+    def show_of(self, station: str) -> ShowPhase:
+        """Phase of that station's show, as last received."""
+        found = self.site.stations[station].batch
+        return ShowPhase.IDLE if found is None else found.show
+
+    @property
+    def all_up(self) -> bool:
+        """Whether no vehicle of another station climbs, or waits for its turn."""
+        batches = [self.site.stations[name].batch for name in self.present()]
+        return all(found.all_up for found in batches if found is not None)
+
+    def why_not_start(self) -> str:
+        """Why the other stations could not start now; empty when they can."""
+        for name in self.site.stations:
+            if name not in self.present():
+                return f"station {name} is not received"
+            if self.show_of(name) not in ON_THE_GROUND:
+                return f"at station {name} the show is {self.show_of(name)}"
+            if self._info[name].why_not_ready:
+                return f"station {name}: {self._info[name].why_not_ready}"
+        return ""
+
+    def ids_of(self, station: str, *phases: Phase) -> list[VehicleId]:
+        """Vehicles that another station flies, in one of these phases; without phases all."""
+        codes = [PHASE_CODE[phase] for phase in phases or PHASES]
+        found = np.isin(self.site.phases, codes)
+        owners = self.site.owners
+        return [self.site.ids[row] for row in np.flatnonzero(found).tolist() if owners[row] == station]
+
+    @property
+    def taking_part(self) -> Mask:
+        """(k,) vehicles of received stations that fly, or on the ground are to fly, with the formation."""
+        here = set(self.present())
+        flying = self.flight.show not in ON_THE_GROUND
+        phases = AIRBORNE if flying else {*AIRBORNE, Phase.STANDBY}
+        received = np.array([owner in here for owner in self.site.owners], dtype=np.bool_)
+        return np.asarray(received & np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases]))
+
+    def uncertainty_m(self) -> Array:
+        """(j,) of the vehicles that take part."""
+        return np.asarray(self.others.uncertainty_m[self.taking_part])
+
+    def formed_m(self) -> tuple[Array, Array]:
+        """(j, 3) positions and (j,) charges of the others in formation."""
+        others = self.others
+        return others.position_m[others.formed], others.charge[others.formed]
+
+    # the collective return
+
+    @property
+    def plans_returns(self) -> bool | None:
+        """Whether this station plans a return for all; False: another does; None: each for its own."""
+        return self.site.lead.leads if self.lead_is_here else None
+
+    def _flown_by_others(self, *phases: Phase) -> Rows:
+        here = set(self.present())
+        received = np.array([owner in here for owner in self.site.owners], dtype=np.bool_)
+        in_phase = np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases])
+        return np.flatnonzero(received & in_phase)
+
+    def stands(self, below_m_s: float) -> bool:
+        """Whether all of them that return have stopped."""
+        if len(self._flown_by_others(Phase.FORMATION, Phase.HOLD)):
+            return False
+        rows = self._flown_by_others(Phase.RETURN)
+        return bool((np.linalg.norm(self.others.velocity_m_s[rows], axis=1) < below_m_s).all())
+
+    def returning(self) -> Returning:
+        """Those that wait for a plan of the return."""
+        rows = self._flown_by_others(Phase.RETURN)
+        known = np.isfinite(self.site.home_m[rows]) & np.isfinite(self.others.position_m[rows])
+        rows = rows[known.all(axis=1)]
+        others = self.others
+        return Returning(rows, others.position_m[rows], self.site.home_m[rows], others.uncertainty_m[rows])
+
+    def under_way(self, rows: Rows) -> tuple[Array, Mask]:
+        """(j, 3) positions of these, and (j,) whether they follow a plan."""
+        follows = np.isin(rows, self._flown_by_others(Phase.RETURN))
+        return self.others.position_m[rows], follows
+
+    def publish_paths(self, paths: ReturnPaths, rows: Rows, home_m: Array) -> None:
+        """Send (j,) vehicles, the last of the plan, their paths home."""
+        site, first = self.site, len(paths.over_s) - len(rows)
+        self._planned += 1
+        number = site.lead.term * RETURNS_OF_A_TERM + self._planned
+        planned = ~np.isin(np.arange(len(paths.over_s)), paths.unplanned)
+        self._return_parts = []
+        for name, station in site.stations.items():
+            of_station = {row: at for at, row in enumerate(station.rows.tolist())}
+            mine = np.array([at for at, row in enumerate(rows.tolist()) if row in of_station], dtype=np.intp)
+            theirs = np.array([of_station[row] for row in rows[mine].tolist()], dtype=np.intp)
+            at = mine + first
+            whole = ReturnMessage(
+                number,
+                theirs,
+                paths.drawn_m[at],
+                paths.path_m[at],
+                home_m[mine],
+                paths.over_s[at],
+                paths.down_s[at],
+                planned[at],
+            )
+            for part, message in enumerate(in_parts(whole)):
+                self._return_parts.append((f"return.{name}.{part}", message.encode()))
+        self._return_until_s = self.flight.fleet.time_s + RETURN_SENT_S
+        self._return_due_s = 0.0
+
+    def received_paths(self, after: int) -> tuple[ReturnPaths, Rows, Array] | None:
+        """Paths of a later return for own vehicles: with their rows (m,) and landing places (m, 3)."""
+        parts = list(self._returns.values())
+        if self.return_number <= after or not parts or len(parts) < parts[0].parts:
+            return None
+        planned = np.concatenate([part.planned for part in parts])
+        paths = ReturnPaths(
+            np.concatenate([part.drawn_m for part in parts]),
+            np.concatenate([part.path_m for part in parts]),
+            np.concatenate([part.over_s for part in parts]),
+            np.concatenate([part.down_s for part in parts]),
+            tuple(np.flatnonzero(~planned).tolist()),
+        )
+        rows, pad_m = (np.concatenate([getattr(part, name) for part in parts]) for name in ("rows", "pad_m"))
+        return paths, rows, pad_m
+
+    def led_s(self) -> float:
+        """Time in the plan at the station that planned the return; NaN: not known."""
+        lead = self.site.stations.get(self.site.lead.name)
+        if lead is None or lead.batch is None:
+            return nan
+        return lead.batch.return_s + max(self.flight.fleet.time_s - lead.made_s, 0.0)
+
+    def note_return(self, time_s: float) -> None:
+        """Note the time in the plan of the return, for the other stations."""
+        self._return_s = time_s
+
+    def closed(self) -> tuple[Array, Array]:
+        """(m, 2, 3) paths of those without control, and (m,) the uncertainty of each."""
+        others = self.others
+        return others.segments_m, others.uncertainty_m[others.segments_of]
+
+    def taken_m(self, besides: Returning | None = None) -> Array:
+        """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
+        home_m = self.site.home_m[:, :2].copy()
+        if besides is not None:
+            home_m[besides.rows] = nan
+        grounded = ~self.others.airborne
+        places_m = np.concatenate([home_m, self.others.position_m[grounded][:, :2]])
+        return np.asarray(places_m[np.isfinite(places_m).all(axis=1)])
+
+    @property
+    def delay_s(self) -> float:
+        """Greatest one-way delay of a received station."""
+        numbers = [self.site.stations[name].number for name in self.present()]
+        return max((self.site.delays.one_way_s(number) for number in numbers), default=0.0)
+
+    # changes
+
+    def post(self, station: str, body: dict[str, Any]) -> None:
+        """Send a request or answer to one station. Raises: LinkError when too many wait."""
+        self.letters[station].post(body, self.flight.fleet.time_s)
+
+    def note_change(self) -> int:
+        """Note that this station asks the lead for a change of the plan. Returns: its number."""
+        self._changes += 1
+        self._changed_s = self.flight.fleet.time_s
+        return self._changes
+
+    def note_applied(self, station: str, number: int) -> None:
+        """Note, as the lead, that a station's change of the plan is in force, or was refused."""
+        self._applied[station] = number
+        self._plan_due_s = 0.0
+
+    # sent
+
+    def publish(self, result: Tick, *, all_up: bool) -> None:
+        """Send this tick's state, and what else is due; called once a tick, after the setpoints."""
+        flight, site, now_s = self.flight, self.site, self.flight.fleet.time_s
+        memory = result.memory
+        reported = self._reported(all_up=all_up)
+        tasks = flight.last_tasks
+        seen = replace(flight.fleet, position_m=flight.seen_m(), velocity_m_s=flight.seen_m_s())
+        made = batch(site, seen, tasks, flight.traits.uncertainty_m, memory, reported)
+        self._send(STATES, made.encode())
+        if site.lead.leads:
+            for topic, payload in formation_messages(site, memory, reported):
+                self._send(topic, payload)
+            self._publish_plan(now_s)
+        for name, letters in self.letters.items():
+            if (due := letters.payload(now_s)) is not None:
+                self._send(f"letters.{name}", due)
+        if now_s >= self._return_due_s and now_s < self._return_until_s:
+            self._return_due_s = now_s + SLOWLY_S
+            for topic, payload in self._return_parts:
+                self._send(topic, payload)
+        if now_s >= self._slow_due_s:
+            self._slow_due_s = now_s + SLOWLY_S
+            homes = [vehicle.home_m for vehicle in flight.vehicles.values()]
+            nowhere = np.full(3, nan)
+            self._send("homes", encode_homes(np.array([nowhere if one is None else one for one in homes])))
+            self._send("info", self._info_now())
+
+    def _send(self, topic: str, payload: bytes) -> None:
+        try:
+            self.bus.publish(topic, payload)
+        except LinkError as error:
+            log.warning("not_published", extra={"topic": topic, "reason": str(error)})
+
+    def _publish_plan(self, now_s: float) -> None:
+        plan = self.flight.plan
+        if plan is not self._sent_plan:
+            self._plan_version += 1
+            self._sent_plan, self._plan_due_s = plan, 0.0
+        if now_s >= self._plan_due_s:
+            self._plan_due_s = now_s + SLOWLY_S
+            about = {"term": self.site.lead.term, "version": self._plan_version, "applied": self._applied}
+            text = f'{json.dumps(about)[:-1]},"plan":{plan_json(plan.moved(-now_s))}}}'
+            self._send("plan", text.encode())
+
+    def _info_now(self) -> bytes:
+        vehicles = [one for one in self.flight.vehicles.values() if one.phase in EXPLAINED]
+        reasons = {one.id: one.reason[:150] for one in vehicles[:TEXTS_MAX]}
+        return json.dumps({"why_not_ready": self.why_not_ready[:250], "reasons": reasons}).encode()
+
+    def _reported(self, *, all_up: bool) -> Reported:
+        flight = self.flight
+        telemetry = flight.telemetry
+        return Reported(
+            np.array([PHASE_CODE[phase] for phase in flight.phases], np.uint8),
+            np.array([MODE_CODE[mode] for mode in telemetry.mode], np.uint8),
+            np.array(telemetry.armed, np.bool_),
+            np.array(telemetry.ready, np.bool_),
+            telemetry.battery_remaining,
+            flight.link_quality.share,
+            flight.show,
+            all_up,
+            self._plan_version,
+            self._return_s,
+        )
+
+    # displays
+
+    def views(self) -> tuple[StationView, ...]:
+        """Every station of the site, in its order."""
+        site, now_s = self.site, self.flight.fleet.time_s
+        here = set(self.present())
+        owners = site.owners
+        found = []
+        for number, name in enumerate(site.names):
+            own = name == site.own
+            station = None if own else site.stations[name]
+            silent_s = 0.0 if station is None else now_s - station.arrived_s
+            found.append(
+                StationView(
+                    name,
+                    own=own,
+                    leads=name == site.lead.name,
+                    received=own or name in here,
+                    silent_s=silent_s if np.isfinite(silent_s) else None,
+                    show=self.flight.show if own else self.show_of(name),
+                    vehicles=int(site.owned.sum()) if own else owners.count(name),
+                    delay_s=0.0 if own else site.delays.one_way_s(number),
+                    term=site.lead.term,
+                )
+            )
+        return tuple(found)
+
+    @property
+    def show(self) -> ShowPhase:
+        """Phase of the whole show: that of a received station, where this one's vehicles are down already."""
+        own = self.flight.show
+        if own not in ON_THE_GROUND:
+            return own
+        shows = [self.show_of(name) for name in self.present()]
+        return next((show for show in shows if show not in ON_THE_GROUND), own)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Per vehicle of the other stations: names, links, phases and reasons, for displays."""
+        site = self.site
+        owners = site.owners
+        phases = [PHASES[code] for code in site.phases.tolist()]
+        reasons = []
+        for name, owner, phase in zip(site.ids, owners, phases, strict=True):
+            texts = self._info[owner].reasons if owner in self._info else None
+            own_text = None if texts is None or phase not in EXPLAINED else texts.get(name)
+            usual = "on the ground" if phase in GROUNDED else f"flown by station {owner}"
+            reasons.append(own_text or (usual if owner else "not received yet"))
+        return {
+            "ids": list(site.ids),
+            "system_ids": [self._system_ids[name] for name in site.ids],
+            "links": [self._link_of[name] for name in site.ids],
+            "stations": owners,
+            "phases": phases,
+            "reasons": reasons,
+        }

@@ -1,0 +1,92 @@
+"""What stations ask of each other, and answer: commands, changes of the plan, outcomes."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Final, Literal, TypeAlias
+
+from pydantic import Field, TypeAdapter
+
+from gcs.model.interrupted_flight import Offer
+from gcs.model.state import VehicleId
+from gcs.service import Outcome, ShowAction, VehicleAction
+
+Named: TypeAlias = Annotated[tuple[VehicleId, ...], Field(max_length=1400)]
+Text: TypeAlias = Annotated[str, Field(max_length=500)]
+
+
+@dataclass(frozen=True, slots=True)
+class ShowRequest:
+    """Execute a fleet-wide command."""
+
+    ref: Text  # of the command at the station that asks
+    by: Text
+    action: ShowAction
+    vehicles: Named | None = None  # START only: None: all that are online
+    at_unix_time_s: float | None = None
+    reason: Text = ""  # of a failsafe; empty: an operator's command
+    kind: Literal["show"] = "show"
+
+
+@dataclass(frozen=True, slots=True)
+class VehiclesRequest:
+    """Execute a command for some of the receiver's vehicles; None: all that it can apply to."""
+
+    ref: Text
+    by: Text
+    action: VehicleAction
+    vehicles: Named | None
+    kind: Literal["vehicles"] = "vehicles"
+
+
+@dataclass(frozen=True, slots=True)
+class KillRequest:
+    """Stop motors."""
+
+    ref: Text
+    by: Text
+    vehicles: Named
+    kind: Literal["kill"] = "kill"
+
+
+@dataclass(frozen=True, slots=True)
+class SettleRequest:
+    """Settle an interrupted flight of the receiver."""
+
+    ref: Text
+    by: Text
+    offer: Offer
+    kind: Literal["settle"] = "settle"
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """Change the plan; only the lead does."""
+
+    number: int
+    by: Text
+    change: Literal[
+        "set_formation",
+        "set_orbit",
+        "set_target",
+        "set_yaw",
+        "add_obstacle",
+        "change_obstacle",
+        "remove_obstacle",
+    ]
+    value: dict[str, Any]
+    kind: Literal["plan"] = "plan"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcomes:
+    """How a requested command goes on; complete."""
+
+    ref: Text
+    outcomes: dict[VehicleId, tuple[Outcome, Text]] = field(default_factory=dict)
+    refused: Text = ""  # why the station does not execute it
+    kind: Literal["outcomes"] = "outcomes"
+
+
+Request: TypeAlias = ShowRequest | VehiclesRequest | KillRequest | SettleRequest | PlanRequest | Outcomes
+
+REQUEST: Final[TypeAdapter[Request]] = TypeAdapter(Annotated[Request, Field(discriminator="kind")])
+"""Reads and writes them as JSON. Raises: ValueError for anything else."""

@@ -1,0 +1,89 @@
+"""A formation of several stations: the whole story in virtual time, over a late bus that loses messages."""
+
+import numpy as np
+import pytest
+
+from gcs.formation.repulsion import best_configuration, energy
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Orbit
+from gcs.service import Outcome, ShowAction
+from tests.support.virtual_site import SiteShow, fly_site, site_config
+
+BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
+
+
+def test_four_stations_fly_one_formation_and_bring_it_home() -> None:
+    async def story(show: SiteShow) -> None:
+        record = await show.start()
+        assert len(record.outcomes) == 16
+        await show.wait(15.0)
+        south = show["south"].view
+        assert south.center_m is not None
+        offset_m = show.true_m - south.center_m
+        direction = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
+        assert energy(direction) / energy(best_configuration(16)) <= 1.002
+        record = show["west"].service.commands.command_show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED, limit_s=150.0)
+        record = await show.settled("west", record)
+        assert {one.outcome for one in record.outcomes.values()} == {Outcome.DONE}
+        assert len(record.outcomes) == 16
+        assert not show.armed.any()
+        assert show.violations == 0
+
+    fly_site(story, site_config(4, 4), **BUS)
+
+
+def settled_again(show: SiteShow, names: list[str]) -> bool:
+    """Whether the rest is on the sphere again, and goes on."""
+    return all(show[name].view.show is ShowPhase.RUNNING for name in names)
+
+
+@pytest.mark.parametrize(("victim", "after_s"), [("north", 3.0), ("south", 7.3), ("east", 0.4)])
+def test_killed_station_ends_no_show(victim: str, after_s: float) -> None:
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show["north"].service.plan.set_orbit(Orbit(10.0, 2.0))
+        await show.wait(after_s)
+        await show[victim].kill()
+        rest = [name for name in show.stations if name != victim]
+        await show.wait(1.0)
+        assert all(show[name].view.show is ShowPhase.PAUSED for name in rest)
+        asked = show[rest[-1]].service
+        if victim == "north":
+            with pytest.raises(RefusedError, match="gcs lead take"):
+                asked.plan.set_orbit(Orbit(5.0, 1.0))
+            assert asked.stations is not None
+            asked.stations.take_lead()
+        took_s = await show.until(lambda: settled_again(show, rest), 20.0)
+        assert took_s <= 14.0
+        asked.plan.set_orbit(Orbit(5.0, 1.0))
+        await show.wait(1.0)
+        assert {show[name].view.plan.orbit.radius_m for name in rest} == {5.0}
+        await show.wait(8.0)
+        record = asked.commands.command_show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED, *rest, limit_s=150.0)
+        record = await show.settled(rest[-1], record)
+        own = {name: one for name, one in record.outcomes.items() if not name.startswith(victim[0])}
+        assert {one.outcome for one in own.values()} == {Outcome.DONE}
+        assert show.violations == 0
+
+    fly_site(story, site_config(4, 4), **BUS)
+
+
+def test_cut_bus_holds_both_halves_until_it_heals() -> None:
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show["south"].service.plan.set_orbit(Orbit(10.0, 2.0))
+        await show.wait(6.0)
+        show.network.cut({"north", "south"}, {"west", "east"})
+        await show.wait(3.0)
+        assert {each.view.show for each in show.stations.values()} == {ShowPhase.PAUSED}
+        await show.wait(2.0)
+        show.network.cut()
+        await show.until(lambda: settled_again(show, list(show.stations)), 20.0)
+        await show.wait(10.0)
+        assert sum(show.in_phase(name, Phase.FORMATION) for name in show.stations) == 16
+        assert show.violations == 0
+
+    fly_site(story, site_config(4, 4), **BUS)

@@ -1,0 +1,226 @@
+"""Flies several stations in virtual time: real orchestrators and links, fake fleets, a bus in memory."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import closing
+from typing import Any, TypeVar
+
+import numpy as np
+
+from gcs.bus.memory_bus import MemoryNetwork, network
+from gcs.config.schema import Config
+from gcs.config.site import station_config
+from gcs.flight.orchestrator import Orchestrator
+from gcs.flight.site_member import Membership
+from gcs.links.batch_link import Link
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, Mask
+from gcs.preflight.parameters import settings_of
+from gcs.safety.separation import minimum_separation
+from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
+from gcs.sim.fleet import Fleet, Settings
+from tests.support.virtual_link import STREAMS_HZ, VirtualLink
+from tests.support.virtual_show import FLEET_STEP_S, ORIGIN, READY_AT_ONCE, SOON_DISARMED, load_machine_code
+from tests.support.virtual_time import AtOnce, Loop, UnixClock
+
+T = TypeVar("T")
+
+NAMES = ("north", "south", "west", "east")
+
+
+def site_config(stations: int, each: int, **sections: Any) -> Config:
+    """A site of some stations with `each` vehicles: n1, n2 ... s1 ...; `sections` replace others."""
+    names = NAMES[:stations]
+    field_m = 4.0 * np.sqrt(stations * each)
+    raw: dict[str, Any] = {
+        "show_frame": ORIGIN,
+        "links": [
+            {
+                "name": name,
+                "transport": "native",
+                "listen": f"udpin://127.0.0.1:{14540 + at}",
+                "vehicles": {"count": each, "id_pattern": name[0] + "{system_id}"},
+            }
+            for at, name in enumerate(names)
+        ],
+        "stations": [
+            {
+                "name": name,
+                "links": [name],
+                "endpoint": {"host": "127.0.0.1", "port": 7447 + at},
+                "api": {"port": 8000 + 2 * at},
+            }
+            for at, name in enumerate(names)
+        ],
+        "formation": {"radius_m": 12.0, "height_m": 20.0},
+        "target": {"x_m": field_m / 2.0, "y_m": field_m / 2.0},
+        "operation": {
+            "takeoff_height_m": 5.0,
+            "takeoff_stagger_s": 0.2,
+            "setpoint_loss_action": "hold",
+            "require_safe_setpoint_loss": False,
+        },
+    }
+    return Config.model_validate({**raw, **sections})
+
+
+class Station:
+    """One running station with its fake fleet."""
+
+    def __init__(self, name: str, site: Config, first: int, columns: int, bus: MemoryNetwork) -> None:
+        self.name = name
+        self.config = station_config(site, name)
+        self.unix, self.planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
+        count = len(self.config.ids)
+        settings = Settings(
+            count=count,
+            first=first,
+            namespace_size=count,
+            grid_columns=columns,
+            seed=7,
+            rates_hz=STREAMS_HZ,
+            quirks=READY_AT_ONCE,
+            parameters={**SOON_DISARMED, **settings_of(site)},
+        )
+        self.fleet = Fleet(settings, start_s=now_s, unix_at_start_s=self.unix(), step_s=FLEET_STEP_S)
+        self.link = VirtualLink(self.config, self.fleet)
+        self.bus = bus.buses[name]
+        links: list[Link] = [self.link]
+        membership = Membership(name, site, self.bus, 1)
+        self.service = Orchestrator(
+            self.config, links, unix_s=self.unix, planning=self.planning, membership=membership
+        )
+        self.task = asyncio.create_task(self.service.run(), name=name)
+        self._flown_on: asyncio.Task[None] | None = None
+
+    @property
+    def view(self) -> FleetView:
+        """Newest state as this station shows it."""
+        return self.service.view.value
+
+    async def kill(self) -> None:
+        """End the station as SIGKILL does; its vehicles fly on with nothing sent to them."""
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
+        self._flown_on = asyncio.create_task(self._fly_alone())
+
+    async def _fly_alone(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            self.link._step_until(loop.time())
+            await asyncio.sleep(self.fleet.step_s)
+
+
+class SiteShow:
+    """Several running stations, as a story gets them."""
+
+    def __init__(self, site: Config, network_: MemoryNetwork) -> None:
+        self.config, self.network = site, network_
+        links = {link.name: len(link.fleet) for link in site.links}
+        counts = [sum(links[name] for name in station.links) for station in site.stations]
+        columns = int(np.ceil(np.sqrt(sum(counts))))
+        self.stations = {
+            station.name: Station(station.name, site, sum(counts[:at]), columns, network_)
+            for at, station in enumerate(site.stations)
+        }
+        self.violations = 0
+        self.nearest_m = np.inf
+        self._watching = asyncio.create_task(self._watch())
+
+    def __getitem__(self, name: str) -> Station:
+        return self.stations[name]
+
+    @property
+    def true_m(self) -> Array:
+        """(n, 3) true positions of all vehicles, show frame."""
+        frame = self.config.frame
+        return np.concatenate(
+            [frame.from_ned(each.fleet.bodies.position_m) for each in self.stations.values()]
+        )
+
+    @property
+    def armed(self) -> Mask:
+        """(n,) of all vehicles."""
+        autopilots = [one for each in self.stations.values() for one in each.fleet.autopilots]
+        return np.array([one.commander.armed for one in autopilots], dtype=np.bool_)
+
+    async def _watch(self) -> None:
+        """Judge the true states 20 times a second."""
+        floor = self.config.control.safety.floor
+        while True:
+            nearest_m, pairs = minimum_separation(self.true_m, self.armed, floor)
+            self.violations += pairs > 0
+            self.nearest_m = min(self.nearest_m, nearest_m)
+            await asyncio.sleep(0.05)
+
+    async def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        await asyncio.sleep(seconds)
+
+    async def until(self, holds: Callable[[], bool], limit_s: float = 60.0) -> float:
+        """Wait until `holds`. Returns: the duration in s. Raises: TimeoutError with the stations' states."""
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        while not holds():
+            if loop.time() - began_s > limit_s:
+                shows = {
+                    name: (each.view.show.value, each.view.reason) for name, each in self.stations.items()
+                }
+                raise TimeoutError(f"not within {limit_s} s: {shows}")
+            await asyncio.sleep(0.05)
+        return loop.time() - began_s
+
+    async def reach(self, phase: ShowPhase, *names: str, limit_s: float = 60.0) -> float:
+        """Wait until the shows of these stations, or of all, are in a phase."""
+        chosen = [self.stations[name] for name in names or self.stations]
+        return await self.until(lambda: all(each.view.show is phase for each in chosen), limit_s)
+
+    async def start(self, at: str = "north") -> CommandRecord:
+        """Start at one station, and wait until all fly in formation."""
+        await self.until(lambda: all(all(each.view.rows.ready) for each in self.stations.values()), 20.0)
+        await self.wait(3.0)  # pads and texts have crossed the bus
+        record = self[at].service.commands.command_show(ShowAction.START)
+        await self.reach(ShowPhase.RUNNING)
+        return record
+
+    async def settled(self, at: str, record: CommandRecord, limit_s: float = 120.0) -> CommandRecord:
+        """Wait until no part of a command is pending at the station that was asked."""
+        log = self[at].service.command_log
+        await self.until(lambda: log.get(record.id).outcome is not Outcome.PENDING, limit_s)
+        return log.get(record.id)
+
+    def in_phase(self, name: str, phase: Phase) -> int:
+        """Number of a station's own vehicles in a phase, as it has them."""
+        rows = self[name].view.rows
+        return sum(one is phase and of == name for one, of in zip(rows.phases, rows.stations, strict=True))
+
+
+Story = Callable[[SiteShow], Awaitable[T]]
+
+
+def fly_site(story: Story[T], site: Config, **bus: float) -> T:
+    """Play `story` with running stations; an error of one that was not killed ends it.
+
+    Args:
+        story: the events of the flight, in virtual time.
+        site: all stations.
+        bus: of `memory_bus.network`: delay_s, spread_s, loss, seed.
+    """
+    load_machine_code()
+
+    async def play() -> T:
+        now_s = asyncio.get_running_loop().time
+        names = [station.name for station in site.stations]
+        show = SiteShow(site, network(names, now_s, **bus))  # type: ignore[arg-type]
+        reported = asyncio.ensure_future(story(show))
+        tasks = {each.task for each in show.stations.values()}
+        while not reported.done():
+            await asyncio.wait({reported, *tasks}, return_when=asyncio.FIRST_COMPLETED)
+            for task in [one for one in tasks if one.done()]:
+                tasks.discard(task)
+                if not task.cancelled():
+                    task.result()  # raises what ended it
+        return await reported
+
+    with closing(Loop()) as loop:
+        return loop.play(play())
