@@ -64,7 +64,7 @@ COMMANDS: Final = {
     "report": Command(
         "flight_report", "judge a recorded flight: separation, fence, limits", options=OPTIONS, error_code=2
     ),
-    "key": Command("local_files", "make keys for MAVLink signatures"),
+    "key": Command("local_files", "make keys for MAVLink signatures, and for the stations of a site"),
     "token": Command("local_files", "make, list and revoke tokens for the API", error_code=1),
     "status": Command("status", "the fleet of a running service, as a table", WATCHED),
     "alarms": Command("alarms", "what an operator should know now, the most severe first", WATCHED),

@@ -9,21 +9,23 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from math import ceil, sqrt
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
 
 from gcs.cli import demo_report as report
-from gcs.cli import demo_script
+from gcs.cli import demo_script, demo_site
 from gcs.cli.demo_script import DemoScript, Marks, StoppedEarlyError
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
 from gcs.cli.process import run_exactly, set_up_log
 from gcs.cli.serve import running
 from gcs.client import Client
 from gcs.config import schema as configuration
+from gcs.config.site import station_config
 from gcs.control import warm_up
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.settings import SYSTEM_ID_MAX
@@ -71,7 +73,9 @@ def run_demo(arguments: argparse.Namespace) -> int:
 
 def make_config(arguments: argparse.Namespace) -> configuration.Config:
     """Adapt the shipped demo configuration to the arguments. Raises: ConfigError."""
-    count, most = arguments.vehicles, VEHICLES_MAX[arguments.transport]
+    if arguments.stations != 1:
+        _check_stations(arguments)
+    count, most = arguments.vehicles, VEHICLES_MAX[arguments.transport] * arguments.stations
     if not 2 <= count <= most:
         advice = "" if count < 2 or arguments.transport == "native" else "; --transport native bears more"
         raise ConfigError(f"--vehicles {count}: 2 to {most} is possible{advice}")
@@ -102,7 +106,23 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     )
     if arguments.seconds < needed_s:
         raise ConfigError(f"--seconds {arguments.seconds:g}: at least {needed_s:g} for {count} vehicles")
-    return config
+    if arguments.stations == 1:
+        return config
+    raw = config.model_dump()
+    demo_site.add_stations(raw, arguments.stations)
+    return configuration.Config.model_validate(raw)
+
+
+def _check_stations(arguments: argparse.Namespace) -> None:
+    """Raises: ConfigError for a number of stations that cannot share the fleet."""
+    count, vehicles = arguments.stations, arguments.vehicles
+    if not 2 <= count <= demo_site.STATIONS_MAX:
+        raise ConfigError(f"--stations {count}: 1 to {demo_site.STATIONS_MAX} is possible")
+    if arguments.transport != "native":
+        arguments.transport = "native"
+    if ceil(vehicles / ceil(vehicles / count)) != count or ceil(vehicles / count) > SYSTEM_ID_MAX:
+        text = f"--stations {count}: {vehicles} vehicles are no equal shares of up to {SYSTEM_ID_MAX}"
+        raise ConfigError(text)
 
 
 def _top_m(config: configuration.Config) -> float:
@@ -111,7 +131,7 @@ def _top_m(config: configuration.Config) -> float:
 
 def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
     """Configure native links, all with the same system ids, and a sphere over the field's centre."""
-    counts = _namespaces(arguments.vehicles)
+    counts = _namespaces(arguments.vehicles, arguments.stations)
     raw["links"] = [
         {
             "name": name,
@@ -120,7 +140,7 @@ def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
             "vehicles": {"count": count, "id_pattern": "{link}{system_id}"},
             "streams": {"state_hz": 2.0},
         }
-        for index, (name, count) in enumerate(zip("abcd", counts, strict=False))
+        for index, (name, count) in enumerate(zip(ascii_lowercase, counts, strict=False))
     ]
     field_m = (_columns(arguments.vehicles) - 1) * PAD_SPACING_M
     raw["target"] = {"x_m": field_m / 2.0, "y_m": field_m / 2.0}
@@ -132,9 +152,9 @@ def _columns(count: int) -> int:
     return ceil(sqrt(count))
 
 
-def _namespaces(count: int) -> list[int]:
+def _namespaces(count: int, stations: int) -> list[int]:
     """Number of vehicles behind each port: the same for all ports except the last."""
-    each = ceil(count / ceil(count / SYSTEM_ID_MAX))
+    each = ceil(count / max(stations, ceil(count / SYSTEM_ID_MAX)))
     return [min(each, count - first) for first in range(0, count, each)]
 
 
@@ -148,8 +168,12 @@ async def _fly(
         line = text if arguments.json else f"[{time_s:6.1f} s] {text}"
         say("script", line, time_s=round(time_s, 3), **facts)
 
-    with fake_fleet(config, arguments, truth):
-        async with running(config) as (orchestrator, port):
+    several = bool(config.stations)
+    own, site = (station_config(config, demo_site.NAMES[0]), config) if several else (config, None)
+    alone: AbstractContextManager[dict[str, str]] = nullcontext({})
+    beside = demo_site.other_stations(config, truth.parent) if several else alone
+    with fake_fleet(config, arguments, truth), beside as others:
+        async with running(own, site=site) as (orchestrator, port):
             url = f"http://{config.api.host}:{port}"
             describe(
                 f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs", url=url
@@ -165,12 +189,16 @@ async def _fly(
             recorder.cancel()
             tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms or 0.0
             sent = orchestrator.view.value.setpoints_sent
+            ticks_ms = await asyncio.to_thread(demo_site.tick_figures, others)
     if failure is not None:
         raise failure
     table = np.array(rows, dtype=np.float64)
     commanded = report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
     figures = _judge(truth, commanded, marks, config)
-    return figures | {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
+    figures |= {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
+    for name, p99_ms in ticks_ms.items():
+        figures[f"tick_p99_ms_{name}"] = p99_ms
+    return figures
 
 
 async def _follow(orchestrator: Orchestrator, rows: list[tuple[float, ...]]) -> None:
@@ -207,7 +235,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
     common += ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
     common += ["--seed", str(arguments.seed)]
     if arguments.transport == "native":
-        each = str(_namespaces(count)[0])
+        each = str(_namespaces(count, arguments.stations)[0])
         common += ["--shared-port", "--namespace-size", each, "--telemetry-hz", "10"]
     common += parameter_options(settings_of(config))
     common += ["--count", str(count), "--truth", str(truth)]

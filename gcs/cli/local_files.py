@@ -1,4 +1,4 @@
-"""`gcs files`, `gcs key` and `gcs token`: shipped documents, keys for MAVLink signing, tokens for the API."""
+"""`gcs files`, `gcs key` and `gcs token`: shipped documents, keys for MAVLink and stations, API tokens."""
 
 import argparse
 from datetime import UTC, datetime
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from gcs.api.auth.tokens import create_token, read_tokens, revoke_token
-from gcs.cli.output import answer, note
+from gcs.cli.output import answer, note, require_stations
 from gcs.links.signing import create_key
 from gcs.model.errors import ConfigError
 from gcs.service.access import Role
@@ -68,12 +68,36 @@ def add_key_arguments(parser: argparse.ArgumentParser) -> None:
     create = commands.add_parser("create", help="write a new key to a file")
     create.add_argument("file", metavar="FILE", help="must not exist; readable for you alone")
     create.set_defaults(run=_create_key)
+    site = commands.add_parser("site", help="write certificates for the stations of a configuration")
+    site.add_argument("folder", metavar="FOLDER", help="its files must not exist; readable for you alone")
+    site.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve, with stations")
+    site.set_defaults(run=_create_site_keys)
 
 
 def _create_key(arguments: argparse.Namespace) -> int:
     create_key(Path(arguments.file))
     text = f"{arguments.file}: a new key; the vehicles need the same one"
     answer(arguments, {"file": str(arguments.file)}, text)
+    return 0
+
+
+def _create_site_keys(arguments: argparse.Namespace) -> int:
+    from gcs.config import schema  # noqa: PLC0415 (a second, which the other commands here do not need)
+
+    require_stations("gcs key site", "cryptography")
+    path = schema.find(arguments.config)
+    stations = schema.load(path).stations
+    if not stations:
+        raise ConfigError(f"{path}: it has no stations, which need no keys then")
+    from gcs.bus.keys import make_site_keys  # noqa: PLC0415 (needs the extra)
+
+    folder = Path(arguments.folder)
+    files = make_site_keys(folder, {each.name: [each.endpoint.host] for each in stations})
+    text = (
+        f"{folder}: a certificate and a key for each of {', '.join(each.name for each in stations)};"
+        f" set bus.keys: {folder}, and copy ca.pem and NAME.pem, NAME.key to the host of that station only"
+    )
+    answer(arguments, {"folder": str(folder), "files": [file.name for file in files]}, text)
     return 0
 
 

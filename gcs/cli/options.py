@@ -19,6 +19,9 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
         default="mavsdk",
         help="native: without MAVSDK, up to 250 vehicles a port; as much of the story as fits; mavsdk",
     )
+    parser.add_argument(
+        "--stations", type=int, default=1, metavar="N", help="processes that share the fleet, native; 1"
+    )
     parser.add_argument("--seconds", type=float, default=240.0, metavar="S", help="of the whole flight; 240")
     parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
     parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
@@ -31,6 +34,15 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", required=True, metavar="FILE", help="a YAML file, or the name of one that is shipped"
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        supervisor.STATION, metavar="NAME", help="of a configuration with stations: this one of them"
+    )
+    which.add_argument(
+        supervisor.ALL,
+        action="store_true",
+        help="every station, each in a process of its own, on this machine",
     )
     parser.add_argument("--host", help="where the API listens; default 127.0.0.1")
     parser.add_argument("--port", type=int, help="of the API; default 8000")
@@ -65,6 +77,9 @@ def add_params_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         action = actions.add_parser(name, help=text)
         action.add_argument("--config", required=True, metavar="FILE", help="as for gcs serve")
+        action.add_argument(
+            supervisor.STATION, metavar="NAME", help="vehicles of this station; default: of all"
+        )
         action.add_argument(
             "--vehicles", metavar="d1,d2", help="these vehicles only; default: all that are received"
         )

@@ -86,7 +86,8 @@ def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = No
     """Print an error. Returns: the exit code: `code`, or that of the error's class."""
     code = exit_code(error) if code is None else code
     notes = tuple(getattr(error, "__notes__", ()))
-    fail(str(error), code, as_json=arguments.json, problems=_problems(error), notes=notes)
+    station = station_of(arguments)
+    fail(str(error), code, as_json=arguments.json, problems=_problems(error), notes=notes, station=station)
     return code
 
 
@@ -101,13 +102,22 @@ def fail(
     as_json: bool,
     problems: Sequence[Mapping[str, object]] = (),
     notes: Sequence[str] = (),
+    station: str | None = None,
 ) -> None:
+    """Print an error; `station` names the one of several stations that has it."""
     if as_json:
+        named = {} if station is None else {"station": station}
         error = {"exit_code": code, "detail": detail, "problems": list(problems), "notes": list(notes)}
-        print(_dumped({"error": error}, None), file=sys.stderr)
+        print(_dumped({"error": named | error}, None), file=sys.stderr)
         return
     for text in (detail, *notes):
-        print(f"gcs: {text}", file=sys.stderr)
+        print(f"{'' if station is None else f'{station}: '}gcs: {text}", file=sys.stderr)
+
+
+def station_of(arguments: argparse.Namespace) -> str | None:
+    """The station given with `--station`, which all lines name then."""
+    found: str | None = getattr(arguments, "station", None)
+    return found
 
 
 def note(text: str, *, as_json: bool) -> None:
@@ -119,10 +129,17 @@ Say = Callable[..., None]
 
 
 def lines(arguments: argparse.Namespace) -> Say:
-    """Return a function that prints text lines or, with `--json`, objects of event, text and facts."""
+    """Return a function that prints text lines or, with `--json`, objects of event, text and facts.
+
+    With `--station` each line names it.
+    """
+    station = station_of(arguments)
+    named = {} if station is None else {"station": station}
+    prefix = "" if station is None else f"{station}: "
 
     def say(event: str, text: str, **facts: object) -> None:
-        line = _dumped({"event": event, "text": text, **facts}, None) if arguments.json else text
+        whole = {"event": event, **named, "text": text, **facts}
+        line = _dumped(whole, None) if arguments.json else f"{prefix}{text}"
         print(line, flush=True)
 
     return say
@@ -178,4 +195,13 @@ def require_matplotlib(what: str) -> None:
         raise ConfigError(
             f"{what} needs matplotlib, which is not installed; to install it:"
             " pip install 'formation-gcs[plots]'"
+        )
+
+
+def require_stations(what: str, module: str) -> None:
+    """Check for a module of the extra `stations`. Raises: ConfigError that names the extra."""
+    if find_spec(module) is None:
+        raise ConfigError(
+            f"{what} needs {module}, which is not installed; to install it:"
+            " pip install 'formation-gcs[stations]'"
         )

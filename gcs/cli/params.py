@@ -43,7 +43,7 @@ class Row:
 def run_params(arguments: argparse.Namespace) -> int:
     """Check or apply. Returns: 0 when all parameters have their required values, 1 otherwise."""
     set_up_log(logging.ERROR)
-    config = load_here(arguments.config)
+    config, _ = load_here(arguments.config, arguments.station)
     chosen = _chosen(config, arguments.vehicles)
     if not 0.0 < arguments.wait <= 3600.0:
         raise ConfigError(f"--wait {arguments.wait:g}: above 0, at most 3600 s")

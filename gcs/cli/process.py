@@ -19,21 +19,26 @@ FIELDS: Final = {"levelname": "level", "name": "logger", "message": "event", "ex
 class JsonLines(JsonFormatter):
     """Formats time, level, logger, event, and the caller's extra fields."""
 
-    def __init__(self) -> None:
+    def __init__(self, station: str | None = None) -> None:
+        """`station` is named in every line."""
         super().__init__(
             ["levelname", "name", "message"], timestamp="time", rename_fields=FIELDS, json_default=str
         )
+        self._named = {} if station is None else {"station": station}
 
     def process_log_record(self, log_data: dict[str, Any]) -> dict[str, Any]:
-        """Put the time first, in milliseconds; levels are in lower case."""
+        """Put time (in milliseconds) and station first; levels are in lower case."""
         time = log_data.pop("time").isoformat(timespec="milliseconds")
-        return {"time": time, **log_data, "level": log_data["level"].lower()}
+        return {"time": time, **self._named, **log_data, "level": log_data["level"].lower()}
 
 
-def set_up_log(level: int) -> None:
-    """Log this project's packages from `level`, and others' warnings. A record may receive lower levels."""
+def set_up_log(level: int, station: str | None = None) -> None:
+    """Log this project's packages from `level`, and others' warnings. A record may receive lower levels.
+
+    `station` is named in every line.
+    """
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonLines())
+    handler.setFormatter(JsonLines(station))
     handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] != "gcs")
     root = logging.getLogger()
     root.handlers[:] = [handler]

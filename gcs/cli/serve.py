@@ -5,6 +5,7 @@ import asyncio
 import contextlib
 import errno
 import logging
+import secrets
 import signal
 import socket
 import sys
@@ -22,16 +23,18 @@ from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
-from gcs.cli import scheduling, supervisor
-from gcs.cli.output import REFUSED, Say, failed, lines
+from gcs.cli import scheduling, site_processes, supervisor
+from gcs.cli.output import REFUSED, Say, failed, lines, require_stations
 from gcs.cli.process import Notifier, notifier_from_environment, run_exactly, set_up_log
 from gcs.config import schema as configuration
 from gcs.config import yaml_files as documents
 from gcs.config.schema import Config
 from gcs.config.sections import LinkSettings
 from gcs.config.setting_errors import Misfit, explained
+from gcs.config.site import station_config
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
+from gcs.flight.site_member import Membership
 from gcs.links.batch_link import Link
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
@@ -41,6 +44,7 @@ from gcs.links.stream_requests import desired_rates
 from gcs.model.errors import ConfigError, FileError, GcsError, LinkError, Problem, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
+from gcs.model.state import VehicleId
 from gcs.recording.audit_reader import exclusions, interruption
 from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
@@ -74,25 +78,33 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
 
 @asynccontextmanager
 async def running(
-    config: Config, heart: Heart | None = None, *, priority: scheduling.PriorityRequest = "usual"
+    config: Config,
+    heart: Heart | None = None,
+    *,
+    priority: scheduling.PriorityRequest = "usual",
+    site: Config | None = None,
 ) -> AsyncIterator[tuple[Orchestrator, int]]:
     """Run the service with its API until the block ends. Yields the orchestrator and the API's port.
 
     Control and API share the event loop but not their failures: a failed API is restarted without effect on
     control. An error of control ends the block. `heart` is notified of every tick in time. `priority` is
-    asked of the machine for this process.
+    asked of the machine for this process. `site` is the configuration out of which `station_config` made
+    `config`; None: this station flies alone.
 
     Raises:
         LinkError: the API's port is not available at the start.
         ConfigError: the file of tokens or keys is not valid.
     """
     ground, problems = open_ground(config)
-    record = make_record(config)
+    record = make_record(config, site)
     keeps_frames = config.record is not None and config.record.frames
     folder = record.folder if record is not None and keeps_frames else None
     links = [make_link(link, config, folder) for link in config.links]
     planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
-    orchestrator = Orchestrator(config, links, record, heart=heart, planning=planning, problems=problems)
+    membership = None if site is None else make_membership(config, site)
+    orchestrator = Orchestrator(
+        config, links, record, heart=heart, planning=planning, problems=problems, membership=membership
+    )
     raise_priority(orchestrator, priority)
     with nullcontext() if record is None else record:
         names, authorization = ("localhost", config.api.host), make_authorization(config)
@@ -109,6 +121,23 @@ async def running(
                 control.cancel()
 
 
+def make_membership(config: Config, site: Config) -> Membership:
+    """Make the bus of this station, not opened yet. Must be called on the running event loop.
+
+    Raises: ConfigError when the extra `stations` is not installed.
+    """
+    require_stations("a configuration with stations", "zenoh")
+    from gcs.bus.zenoh_bus import ZenohBus  # noqa: PLC0415 (needs the extra)
+
+    if config.site_rows is None:
+        raise ConfigError("this configuration is not of one of several stations")
+    station = config.site_rows.station
+    endpoints = {each.name: each.endpoint for each in site.stations}
+    now_s = asyncio.get_running_loop().time
+    bus = ZenohBus(station, endpoints, lease_s=site.bus.lease_s, keys=site.bus.keys, now_s=now_s)
+    return Membership(station, site, bus, secrets.randbits(31))
+
+
 def raise_priority(orchestrator: Orchestrator, asked: scheduling.PriorityRequest) -> None:
     """Ask for it, once all kernels are compiled; threads that start afterwards inherit what is granted."""
     granted = scheduling.ask(asked)
@@ -119,7 +148,7 @@ def raise_priority(orchestrator: Orchestrator, asked: scheduling.PriorityRequest
         log.warning("scheduling_not_granted", extra={"has": granted.text, "fix": scheduling.FIX})
 
 
-def make_record(config: Config) -> Record | None:
+def make_record(config: Config, site: Config | None = None) -> Record | None:
     """Make a new session's record, not opened yet; None when the configuration has no folder."""
     if config.record is None:
         return None
@@ -136,7 +165,21 @@ def make_record(config: Config) -> Record | None:
         flight=config.record.flight,
         found=found,
         excluded=excluded,
+        elsewhere={} if site is None else _elsewhere(config, site),
     )
+
+
+def _elsewhere(config: Config, site: Config) -> dict[VehicleId, tuple[int, str]]:
+    """System id and link of the other stations' vehicles, in the order of a view's rows."""
+    own = set(config.ids)
+    links = {link.name: link for link in site.links}
+    return {
+        each.id: (each.system_id, name)
+        for station in site.stations
+        for name in station.links
+        for each in links[name].fleet
+        if each.id not in own
+    }
 
 
 def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
@@ -206,15 +249,17 @@ async def _keep_api(
         await asyncio.sleep(API_RETRY_S)
 
 
-async def serve(config: Config, say: Say, notifier: Notifier) -> None:
+async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | None = None) -> None:
     """Run until a signal requests a stop. The first Ctrl-C brings the fleet home; the second stops at once.
+
+    `site` as of `running`.
 
     Raises: GcsError when it cannot start.
     """
     stop_requests = asyncio.Semaphore(0)  # counts the requests to stop
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop_requests.release)
-    async with running(config, notifier, priority=config.scheduling) as (orchestrator, port):
+    async with running(config, notifier, priority=config.scheduling, site=site) as (orchestrator, port):
         notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
         url = f"{scheme}://{config.api.host}:{port}"
@@ -260,10 +305,15 @@ def _any_airborne(view: FleetView) -> bool:
 
 def run_serve(arguments: argparse.Namespace) -> int:
     """Serve. Returns: the exit code. Raises: ConfigError."""
+    if arguments.all:
+        return _run_all(arguments)
     if arguments.supervised:
         return supervisor.run(sys.argv[1:])
-    set_up_log(logging.WARNING if arguments.quiet else logging.INFO)
-    config = load_here(arguments.config)
+    set_up_log(logging.WARNING if arguments.quiet else logging.INFO, arguments.station)
+    config, site = load_here(arguments.config, arguments.station)
+    if config.stations:
+        names = ", ".join(each.name for each in config.stations)
+        raise ConfigError(f"{arguments.config}: it has the stations {names}: --station NAME, or --all")
     changes = {"host": arguments.host, "port": arguments.port}
     api = config.api.model_dump() | {key: value for key, value in changes.items() if value is not None}
     try:
@@ -272,7 +322,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
         raise explained(error, "with --host and --port", configuration.Config, None) from None
     notifier = notifier_from_environment()
     try:
-        run_exactly(serve(config, lines(arguments), notifier))
+        run_exactly(serve(config, lines(arguments), notifier, site=site))
     except GcsError as error:
         return failed(error, arguments, REFUSED)
     finally:
@@ -280,27 +330,63 @@ def run_serve(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def load_here(name: str) -> Config:
-    """Load a configuration. Raises: ConfigError, also for addresses that this computer does not have."""
+def _run_all(arguments: argparse.Namespace) -> int:
+    """Serve every station. Returns: the exit code. Raises: ConfigError."""
+    if arguments.port is not None:
+        raise ConfigError(f"--port {arguments.port}: with --all each station has an api.port of its own")
+    path = configuration.find(arguments.config)
+    names = [each.name for each in configuration.load(path).stations]
+    if not names:
+        raise ConfigError(f"{path}: it has no stations, so leave --all out")
+    require_stations("a configuration with stations", "zenoh")
+    notifier = notifier_from_environment()
+    try:
+        return site_processes.run(names, sys.argv[1:], arguments, notifier)
+    finally:
+        notifier.close()
+
+
+def load_here(name: str, station: str | None = None) -> tuple[Config, Config | None]:
+    """Load a configuration, or that of one station of a site.
+
+    Returns: the configuration and, for a station, that of its site.
+    Raises: ConfigError, also for addresses that this computer does not have.
+    """
     path = configuration.find(name)
-    config = configuration.load(path)
-    found = [*_misfits(config)]
+    whole = configuration.load(path)
+    config = whole
+    if station is not None:
+        try:
+            config = station_config(whole, station)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}") from None
+    found = [*_misfits(whole, config)]
     if found:
         written = Source(documents.read(path), str(path))
         raise FileError(str(path), [Problem(written.line(*one.loc), None, str(one)) for one in found])
-    return config
+    return config, None if station is None else whole
 
 
-def _misfits(config: Config) -> Iterator[Misfit]:
-    """Yield the addresses of `listen` that do not belong to this computer."""
-    for at, link in enumerate(config.links):
+def _misfits(whole: Config, config: Config) -> Iterator[Misfit]:
+    """Yield the addresses that do not belong to this computer, of what `config` has of the whole file."""
+    own = {link.name for link in config.links}
+    for at, link in enumerate(whole.links):
         for place, url in zip(link.places, link.listen, strict=True):
-            if isinstance(place, Listen | TcpIn) and not _is_ours(place.host):
+            if link.name in own and isinstance(place, Listen | TcpIn) and not _is_ours(place.host):
                 text = f"this computer has no address {place.host}: one of its own, or 0.0.0.0 for all"
                 yield Misfit(("links", at, "listen"), f"links.{at}.listen", f"'{url}'", text)
+    loc: tuple[str | int, ...] = ("api", "host")
+    for at, station in enumerate(whole.stations):
+        if config.site_rows is not None and station.name == config.site_rows.station:
+            if not _is_ours(station.endpoint.host):
+                text = "this computer has no such address: start this station on the host that has it"
+                key, value = f"stations.{at}.endpoint.host", f"'{station.endpoint.host}'"
+                yield Misfit(("stations", at, "endpoint", "host"), key, value, text)
+            if station.api is not None:
+                loc = ("stations", at, "api", "host")
     if not _is_ours(config.api.host):
         text = "this computer has no such address: one of its own, or 127.0.0.1"
-        yield Misfit(("api", "host"), "api.host", f"'{config.api.host}'", text)
+        yield Misfit(loc, ".".join(map(str, loc)), f"'{config.api.host}'", text)
 
 
 def _is_ours(host: str) -> bool:

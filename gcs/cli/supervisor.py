@@ -23,6 +23,8 @@ from types import FrameType
 from typing import Final
 
 OPTION: Final = "--supervised"
+ALL: Final = "--all"
+STATION: Final = "--station"
 
 WATCHDOG_S: Final = 3.0
 """Time without a watchdog message until the service counts as hanging. PX4 leaves OFFBOARD after one second
@@ -47,29 +49,39 @@ arguments.
 
 
 def is_requested(words: Sequence[str]) -> bool:
-    return list(words[:1]) == ["serve"] and OPTION in words
+    """Whether this process is to supervise one service; with `--all` each station gets a supervisor."""
+    return list(words[:1]) == ["serve"] and OPTION in words and ALL not in words
 
 
 def run(words: Sequence[str]) -> int:
     """Supervise `gcs WORDS`. Returns: the service's exit code, when it was asked to stop or cannot start."""
-    return Supervisor([sys.executable, "-m", "gcs", *(word for word in words if word != OPTION)]).run()
+    command = [sys.executable, "-m", "gcs", *(word for word in words if word != OPTION)]
+    return Supervisor(command, station=_station(words)).run()
 
 
-def _log(level: str, event: str, **more: object) -> None:
-    now = datetime.now(UTC).isoformat(timespec="milliseconds")
-    line = {"time": now, "level": level, "logger": "gcs.cli.supervisor", "event": event, **more}
-    with suppress(OSError):  # a closed terminal must not stop the supervisor
-        sys.stderr.write(f"{json.dumps(line)}\n")
-        sys.stderr.flush()
+def _station(words: Sequence[str]) -> str | None:
+    for word, following in zip(words, [*words[1:], ""], strict=True):
+        if word == STATION:
+            return following
+        if word.startswith(f"{STATION}="):
+            return word.removeprefix(f"{STATION}=")
+    return None
 
 
 class Supervisor:
     """Keeps one command running."""
 
     def __init__(
-        self, command: Sequence[str], *, watchdog_s: float = WATCHDOG_S, waits_s: Sequence[float] = WAITS_S
+        self,
+        command: Sequence[str],
+        *,
+        watchdog_s: float = WATCHDOG_S,
+        waits_s: Sequence[float] = WAITS_S,
+        station: str | None = None,
     ) -> None:
+        """`station` is named in every line of the log."""
         self._command = list(command)
+        self._named = {} if station is None else {"station": station}
         self._watchdog_s = watchdog_s
         self._waits_s = tuple(waits_s)
         self._stop_requests = 0  # number of requests to stop
@@ -105,16 +117,23 @@ class Supervisor:
             child, was_ready = self._watched(path, notify, wake)
             code = child.returncode
             if self._must_stop() or code == 0 or (not was_ready and failures == 0 and code in HOPELESS):
-                _log("info" if code == 0 else "error", "service_ended", code=code, restarted=False)
+                self._log("info" if code == 0 else "error", "service_ended", code=code, restarted=False)
                 return code if code >= 0 else 128 - code
             failures = 0 if was_ready else failures + 1
             wait_s = self._waits_s[min(failures, len(self._waits_s) - 1)]
-            _log("error", "service_ended", code=code, restarted=True, wait_s=wait_s)
+            self._log("error", "service_ended", code=code, restarted=True, wait_s=wait_s)
             until_s = time.monotonic() + wait_s
             while not self._must_stop() and (left_s := until_s - time.monotonic()) > 0:
                 self._wait(left_s, notify, wake)
             if self._must_stop():
                 return 0
+
+    def _log(self, level: str, event: str, **more: object) -> None:
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        head = {"time": now, **self._named, "level": level, "logger": "gcs.cli.supervisor", "event": event}
+        with suppress(OSError):  # a closed terminal must not stop the supervisor
+            sys.stderr.write(f"{json.dumps({**head, **more})}\n")
+            sys.stderr.flush()
 
     def _must_stop(self) -> bool:
         return self._stop_requests > 0  # a signal handler changes it
@@ -127,14 +146,14 @@ class Supervisor:
         }
         self._wait(0.0, notify, wake)  # drop messages of the previous process
         child = subprocess.Popen(self._command, env=environment, start_new_session=True)  # noqa: S603 (this program's own command)
-        _log("info", "service_started", pid=child.pid)
+        self._log("info", "service_started", pid=child.pid)
         is_ready, due_s, looked_s = False, time.monotonic() + START_S, time.monotonic()
         while child.poll() is None:
             messages = self._wait(LOOK_S, notify, wake)
             now_s = time.monotonic()
             if b"READY=1" in messages and not is_ready:
                 is_ready = True
-                _log("info", "service_ready", pid=child.pid)
+                self._log("info", "service_ready", pid=child.pid)
             if is_ready and (messages & {b"READY=1", b"WATCHDOG=1"} or now_s - looked_s > STOOD_STILL_S):
                 # also if this process stood still: the service may have, too
                 due_s = now_s + self._watchdog_s
@@ -147,7 +166,7 @@ class Supervisor:
         return child, is_ready
 
     def _end(self, child: subprocess.Popen[bytes], *, is_ready: bool) -> None:
-        _log("error", "service_hangs", pid=child.pid, was_ready=is_ready)
+        self._log("error", "service_hangs", pid=child.pid, was_ready=is_ready)
         child.send_signal(signal.SIGABRT)
         try:
             child.wait(TRACE_S)
