@@ -19,13 +19,12 @@ from gcs.cli.remote import add_connection, connected, document
 from gcs.model.errors import GcsError
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
     from rich.console import RenderableType
 
     from gcs.service.alarms import Alarm
 
 
-M = TypeVar("M", bound="BaseModel")
+M = TypeVar("M")
 
 STYLE: Final = {
     "emergency": "bold white on red",

@@ -67,6 +67,7 @@ COMMANDS: Final = {
     "key": Command("local_files", "make keys for MAVLink signatures, and for the stations of a site"),
     "token": Command("local_files", "make, list and revoke tokens for the API", error_code=1),
     "status": Command("status", "the fleet of a running service, as a table", WATCHED),
+    "stations": Command("status", "the stations of a site, and which of them leads", WATCHED),
     "alarms": Command("alarms", "what an operator should know now, the most severe first", WATCHED),
     "acknowledge": Command("alarms", "say that an alarm was seen"),
     "preflight": Command("status", "what a start would find"),
@@ -122,6 +123,7 @@ CALLS: Final = (
     Call("playback marks", "playback.marks", "phases, cues, alarms and idle time of the record"),
     Call("command list", "commands", "the last commands, the newest first"),
     Call("command show", "command_record", "the outcome of a command"),
+    Call("lead take", "take_lead", "have the station that is asked lead the site from now on"),
     Call("state", "fleet", "everything at one instant"),
     Call("phase", "show", "where the show stands"),
     Call("facts", "status", "what changes seldom: the fence, home places, cues, events"),
@@ -142,6 +144,7 @@ GROUPS: Final = {
     "playback": "how gcs replay plays its record, and what the flight kept",
     "command": "what was commanded, and what became of it",
     "vehicle": "what is known of each vehicle",
+    "lead": "which station of a site leads: gcs stations lists them",
 }
 
 ACTIONS: Final = (

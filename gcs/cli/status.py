@@ -1,4 +1,4 @@
-"""`gcs status` and `gcs preflight`: tables of the fleet and of the checks before a start.
+"""`gcs status`, `gcs stations` and `gcs preflight`: tables of the fleet, its stations, and the checks.
 
 A vehicle has one line at any width. Phase and mode are never cut; on a narrow terminal whole columns are left
 out, and reasons are below the table, one line for all vehicles with the same reason.
@@ -7,7 +7,7 @@ out, and reasons are below the table, one line for all vehicles with the same re
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import hypot, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -25,6 +25,7 @@ from gcs.model.lifecycle import Phase
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
     from gcs.model.preflight_report import PreflightReport
+    from gcs.service import StationView
 
 
 OLD_S: Final = 1.0
@@ -32,6 +33,7 @@ POOR_LINK: Final = 0.8
 LOW_BATTERY: Final = 0.25
 
 BAD: Final = "bold red"
+URGENT: Final = "bold white on red"
 
 STYLE: Final = {
     Phase.FORMATION: "green",
@@ -80,6 +82,12 @@ def _or(value: float | None, unknown: float) -> float:
 
 COLUMNS: Final = {
     "vehicle": Column("vehicle", lambda each: Text(each.id), is_number=False),
+    "station": Column(
+        "station",
+        lambda each: Text(each.station or "?"),
+        lambda each: each.station or "",
+        is_number=False,
+    ),
     "phase": Column(
         "phase",
         lambda each: Text(each.phase, STYLE.get(each.phase, "")),
@@ -111,10 +119,13 @@ COLUMNS: Final = {
     "why": Column("why", lambda each: Text(_why(each)), is_number=False),
 }
 
+WHOLE: Final = frozenset({"station", "phase", "mode"})
+"""Columns that are never cut."""
+
 DROPPED: Final = ("why", "age", "speed", "link", "height")
 """Columns that are left out on a narrow terminal, in this order."""
 
-SORTED: Final = ("vehicle", "phase", "battery", "link", "age", "height", "speed")
+SORTED: Final = ("vehicle", "station", "phase", "battery", "link", "age", "height", "speed")
 
 
 def board(
@@ -122,21 +133,36 @@ def board(
 ) -> RenderableType:
     """Format alarms, fleet and vehicles, `width` characters wide; without `columns` as many as fit."""
     vehicles = fleet.vehicles if sort is None else sorted(fleet.vehicles, key=COLUMNS[sort].key)
-    chosen = _fitting(vehicles, width) if columns is None else tuple(columns)
+    shown = COLUMNS | {"station": _station_column(fleet.stations)}
+    chosen = _fitting(vehicles, width, shown) if columns is None else tuple(columns)
     alarms = alarm_lines(fleet.severity, fleet.alarms)
     reasons = [] if "why" in chosen else _reasons(vehicles)
-    return Group(alarms, _head(fleet), Text(), _table(vehicles, chosen, width), *reasons)
+    table = _table(vehicles, {name: shown[name] for name in chosen}, width)
+    return Group(*_not_received(fleet.stations), alarms, _head(fleet), Text(), table, *reasons)
 
 
-def _needed(vehicles: Sequence[schemas.Vehicle], name: str) -> int:
-    column = COLUMNS[name]
+def _station_column(stations: Sequence[StationView]) -> Column:
+    """The column that marks vehicles of stations that are not received."""
+    missing = {station.name for station in stations if not station.received}
+
+    def cell(each: schemas.Vehicle) -> Text:
+        return Text(f"{each.station} !", BAD) if each.station in missing else Text(each.station or "?")
+
+    return COLUMNS["station"]._replace(cell=cell)
+
+
+def _needed(vehicles: Sequence[schemas.Vehicle], column: Column) -> int:
     return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
 
 
-def _fitting(vehicles: Sequence[schemas.Vehicle], width: int) -> tuple[str, ...]:
+def _fitting(
+    vehicles: Sequence[schemas.Vehicle], width: int, columns: Mapping[str, Column]
+) -> tuple[str, ...]:
     """Choose the columns that fit, each as wide as its widest cell."""
-    needed = {name: _needed(vehicles, name) for name in COLUMNS}
-    chosen = dict.fromkeys(COLUMNS)
+    needed = {name: _needed(vehicles, column) for name, column in columns.items()}
+    chosen = dict.fromkeys(columns)
+    if not any(each.station for each in vehicles):
+        del chosen["station"]
     for name in DROPPED:
         if sum(needed[each] + GAP for each in chosen) - GAP <= width:
             break
@@ -144,11 +170,10 @@ def _fitting(vehicles: Sequence[schemas.Vehicle], width: int) -> tuple[str, ...]
     return tuple(chosen)
 
 
-def _table(vehicles: Sequence[schemas.Vehicle], chosen: Sequence[str], width: int) -> RenderableType:
-    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, width=width if "why" in chosen else None)
-    for name in chosen:
-        column = COLUMNS[name]
-        least = None if name == "why" else _needed(vehicles, name) if name in {"phase", "mode"} else None
+def _table(vehicles: Sequence[schemas.Vehicle], columns: Mapping[str, Column], width: int) -> RenderableType:
+    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, width=width if "why" in columns else None)
+    for name, column in columns.items():
+        least = _needed(vehicles, column) if name in WHOLE else None
         table.add_column(
             column.head,
             justify="right" if column.is_number else "left",
@@ -158,7 +183,7 @@ def _table(vehicles: Sequence[schemas.Vehicle], chosen: Sequence[str], width: in
             ratio=1 if name == "why" else None,
         )
     for each in vehicles:
-        table.add_row(*(COLUMNS[name].cell(each) for name in chosen))
+        table.add_row(*(column.cell(each) for column in columns.values()))
     return table
 
 
@@ -183,6 +208,8 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         table.add_row("", Text(f"{selected.name}: {selected.cue}  {at}"))
     if show.countdown_s is not None:
         table.add_row("", Text(f"countdown {number(show.countdown_s)} s"))
+    for row, station in enumerate(fleet.stations):
+        table.add_row("" if row else "stations", _station_line(station))
     alive = ("alive", "green") if fleet.control_alive else (f"DEAD: {fleet.control_reason}", BAD)
     times = (
         f"  tick {number(tick.duration_p50_ms)} ms, p99 {number(tick.duration_p99_ms)} ms,"
@@ -207,6 +234,56 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     table.add_row("possible", Text(", ".join(show.possible) or "-"))
     table.add_row("access", Text(fleet.access))
     return table
+
+
+def _not_received(stations: Sequence[StationView]) -> list[RenderableType]:
+    """One line for each station that is not received, above everything else."""
+    return [
+        Text(
+            f" NOT RECEIVED: station {station.name}, {_silence(station)}."
+            f" Its vehicles ({station.vehicles}) are shown as last received."
+            f"{' It leads; gcs lead take has the station that is asked lead.' if station.leads else ''} ",
+            style=URGENT,
+        )
+        for station in stations
+        if not station.received
+    ]
+
+
+def _silence(station: StationView) -> str:
+    return "never" if station.silent_s is None else f"silent for {number(station.silent_s)} s"
+
+
+def _station_line(station: StationView) -> Text:
+    if not station.received:
+        return Text(f"{station.name}: NOT RECEIVED, {_silence(station)}", BAD)
+    line = Text(f"{station.name}: {station.show}, {station.vehicles} vehicles")
+    if not station.own:
+        line.append(f", delay {milliseconds(station.delay_s)}")
+    marks = [*(["leads"] if station.leads else []), *(["asked"] if station.own else [])]
+    return line.append(f" ({', '.join(marks)})", "bold") if marks else line
+
+
+def station_board(stations: Sequence[StationView]) -> RenderableType:
+    """Format the stations of a site, one in each line."""
+    if not stations:
+        return Text("one station flies all vehicles")
+    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False)
+    for name in ("station", "leads", "received", "show"):
+        table.add_column(name, no_wrap=True)
+    for name in ("vehicles", "delay"):
+        table.add_column(name, no_wrap=True, justify="right")
+    for station in stations:
+        received = Text("yes", "green") if station.received else Text(f"NO, {_silence(station)}", BAD)
+        table.add_row(
+            Text(f"{station.name} (asked)" if station.own else station.name),
+            Text("leads" if station.leads else "", "bold"),
+            Text("-") if station.own else received,
+            Text(station.show),
+            Text(str(station.vehicles)),
+            Text("-" if station.own else milliseconds(station.delay_s)),
+        )
+    return Group(*_not_received(stations), table)
 
 
 def _energy(found: schemas.Estimates | None) -> str:
@@ -235,6 +312,11 @@ def _warned(text: str, bad: bool) -> Text:
 def number(value: float | None) -> str:
     """Format with one decimal; a question mark when not known."""
     return "?" if value is None else f"{value:.1f}"
+
+
+def milliseconds(seconds: float | None) -> str:
+    """Format a short time; a question mark when not known."""
+    return "?" if seconds is None else f"{1000.0 * seconds:.0f} ms"
 
 
 def percent(share: float | None) -> str:
@@ -271,6 +353,18 @@ def run_status(arguments: argparse.Namespace) -> int:
             arguments.watch,
             arguments,
         )
+
+
+def add_stations_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--watch", action="store_true", help="go on until Ctrl-C")
+    add_connection(parser)
+
+
+def run_stations(arguments: argparse.Namespace) -> int:
+    """Print the table of stations, or with `--json` the list. Returns: 0. Raises: GcsError."""
+    with connected(arguments) as client:
+        period_s = PERIOD_S if arguments.watch else None
+        return show_state(client.stations, station_board, period_s, arguments)
 
 
 def _columns(text: str) -> tuple[str, ...]:

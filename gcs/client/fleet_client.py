@@ -218,6 +218,14 @@ class Client(Calls):
     def access(self) -> reports.Access:
         """Get the name of the token and its rights."""
 
+    @calls("GET", "/api/v1/stations")
+    def stations(self) -> list[service.StationView]:
+        """Get every station of the site; empty where one station flies all vehicles."""
+
+    @calls("POST", "/api/v1/stations/lead")
+    def take_lead(self) -> list[service.StationView]:
+        """Have the station that is asked lead. Raises: RefusedError where one station flies all vehicles."""
+
     @calls("GET", "/api/v1/vehicles")
     def vehicles(self) -> list[schemas.Vehicle]:
         """Get every vehicle."""

@@ -56,6 +56,14 @@ def test_the_client_calls_everything() -> None:
         assert client.fleet().origin.heading_deg == 90.0
         assert [each.id for each in client.vehicles()] == ["d1", "d2", "d3"]
         assert client.vehicle("d2").system_id == 2
+        assert client.stations() == []
+        service.join_site(("north", "south", "west"))
+        service.lead = "south"
+        service.tick()
+        assert [each.name for each in client.stations() if each.leads] == ["south"]
+        assert [each.name for each in client.take_lead() if each.leads] == ["north"]
+        assert client.vehicle("d3").station == "west"
+        service.join_site(())
         assert client.show().phase == "idle"
         assert list(client.start(["d1", "d2"]).outcomes) == ["d1", "d2"]
         service.fly()

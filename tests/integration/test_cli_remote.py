@@ -117,9 +117,14 @@ EVERYTHING = [
     "take-over",
     "cut-off",
     "bring-home",
+    "stations",
+    "! north south",
+    "stations --json",
+    "lead take",
+    "status",
 ]
-"""In an order in which each is possible; `!` has every vehicle in the formation, `good` has a check end well,
-`recorded` makes it a replay."""
+"""In an order in which each is possible; `!` has every vehicle in the formation, with names that of a site of
+these stations, `good` has a check end well, `recorded` makes it a replay."""
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")
 SHOW = load(LIGHTHOUSE).show
@@ -154,6 +159,7 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
     service.tick()
     word, *names = line.split()
     if word == "!":
+        service.join_site(names)
         service.fly()
         return 0
     if word == "pilot":
@@ -271,6 +277,7 @@ def test_every_method_of_the_client_is_a_command() -> None:
         "alarms",  # gcs alarms, gcs acknowledge
         "acknowledge",
         "acknowledge_all",
+        "stations",  # gcs stations
         "wait_for_check",
         "close",
         "wait_for",

@@ -122,13 +122,19 @@ class FakeService:
         self.commands = self.recovery = self.player = self.preflight = self.alarms = self.events = self
         self.shows = ShowLibrary(folder)
         self.phases = dict.fromkeys((f"d{row}" for row in range(1, count + 1)), Phase.STANDBY)
-        self.station_names = tuple(station_names)
-        self.stations: Stations | None = self if station_names else None
+        self.stations: Stations | None = None
+        self.station_names: tuple[str, ...] = ()
         self.ticks, self.control_alive = 0, True
         self.audit: Audit = NoAudit()
         self.replaying: Replaying | None = None
         self._begin()
+        self.join_site(station_names)
         self.view = Latest(self._look())
+
+    def join_site(self, names: Sequence[str]) -> None:
+        """Become the first of these stations."""
+        self.station_names, self.stations = tuple(names), self if names else None
+        self.lead, self.term = names[0] if names else "", 1
 
     def reset(self) -> None:
         """Restore the initial state."""
@@ -138,7 +144,6 @@ class FakeService:
 
     def _begin(self) -> None:
         self.show, self.battery = ShowPhase.IDLE, 0.9
-        self.lead, self.term = self.station_names[0] if self.station_names else "", 1
         self.silent_s: dict[str, float] = {}  # of stations that are not received
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None

@@ -1,12 +1,14 @@
 """`gcs status`: one line for each vehicle at any width, and nothing that matters cut."""
 
 import re
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 from gcs.api.schemas import fleet as schemas
-from gcs.cli.status import COLUMNS, SORTED, _columns, board
+from gcs.cli.status import COLUMNS, SORTED, _columns, board, station_board
+from tests.support.api_fake_service import FakeService
 from tests.support.status_example import NOT_ORDINARY, PILOT, example_fleet
 
 HEAD = "vehicle phase mode height m speed m/s battery link age s"
@@ -84,7 +86,7 @@ def test_columns_are_chosen_and_a_wrong_one_is_named(fleet: schemas.Fleet) -> No
     assert row.split()[:3] == ["d17", "lost", "?"]
     assert "no telemetry for 4.2 s" in row
     assert _columns("vehicle,mode,vehicle") == ("vehicle", "mode")
-    with pytest.raises(Exception, match="there is no column 'volts'; there are vehicle, phase"):
+    with pytest.raises(Exception, match="there is no column 'volts'; there are vehicle, station, phase"):
         _columns("vehicle,volts")
 
 
@@ -97,3 +99,59 @@ def test_vehicles_with_problems_are_listed_first(fleet: schemas.Fleet, by: str, 
     if by == "battery":
         assert rows[1].split()[0] == "d14"
     assert set(SORTED) <= set(COLUMNS)
+
+
+@pytest.fixture
+def site(fleet: schemas.Fleet) -> schemas.Fleet:
+    """Twenty vehicles of four stations, one of which is not received."""
+    names = ("north", "south", "west", "east")
+    service = FakeService(20, station_names=names)
+    service.silent_s["west"] = 2.5
+    service.lead = "south"
+    service.tick()
+    vehicles = [
+        each.model_copy(update={"station": names[row // 5]}) for row, each in enumerate(fleet.vehicles)
+    ]
+    return fleet.model_copy(update={"stations": list(service.view.value.stations), "vehicles": vehicles})
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_site_status_names_the_station_of_each_vehicle(site: schemas.Fleet, width: int) -> None:
+    shown = lines(site, width)
+    first = next(index for index, line in enumerate(shown) if line.split()[:2] == ["vehicle", "station"])
+    rows = [line.split() for line in shown[first + 1 : first + 21]]
+    assert [row[1] for row in rows[::5]] == ["north", "south", "west", "east"]
+    assert [row[2] == "!" for row in rows[::5]] == [False, False, True, False]
+    assert all(len(line) <= width for line in shown)
+
+
+def test_station_that_is_not_received_is_on_top(site: schemas.Fleet) -> None:
+    shown = lines(site, 100)
+    assert shown[0].startswith(" NOT RECEIVED: station west, silent for 2.5 s. Its vehicles (5)")
+    text = "\n".join(shown)
+    assert "north: idle, 5 vehicles (asked)" in text
+    assert "south: idle, 5 vehicles, delay 2 ms (leads)" in text
+    assert "west: NOT RECEIVED, silent for 2.5 s" in text
+
+
+def test_silent_lead_is_shown_with_what_to_do(site: schemas.Fleet) -> None:
+    stations = [replace(each, leads=each.name == "west") for each in site.stations]
+    shown = lines(site.model_copy(update={"stations": stations}), 200)
+    assert shown[0].endswith("It leads; gcs lead take has the station that is asked lead.")
+
+
+def test_status_of_one_station_has_no_column_for_it(fleet: schemas.Fleet) -> None:
+    assert "station" not in "\n".join(lines(fleet, 200))
+
+
+def test_stations_are_a_table(site: schemas.Fleet) -> None:
+    console = Console(width=100, color_system=None)
+    with console.capture() as shown:
+        console.print(station_board(site.stations))
+        console.print(station_board([]))
+    rows = [line.split() for line in shown.get().splitlines()]
+    assert rows[1] == ["station", "leads", "received", "show", "vehicles", "delay"]
+    assert rows[2] == ["north", "(asked)", "-", "idle", "5", "-"]
+    assert rows[3] == ["south", "leads", "yes", "idle", "5", "2", "ms"]
+    assert rows[4] == ["west", "NO,", "silent", "for", "2.5", "s", "idle", "5", "4", "ms"]
+    assert rows[6] == ["one", "station", "flies", "all", "vehicles"]
