@@ -65,6 +65,7 @@ def command(*statuses: int, status: int = HTTPStatus.OK, no_body: bool = False) 
 
 
 VehicleId = Annotated[str, Path(max_length=NAME_MAX, examples=["d1"])]
+StationName = Annotated[str, Path(max_length=NAME_MAX, examples=["north"])]
 ObstacleId = Annotated[str, Path(max_length=NAME_MAX, examples=["tower"])]
 CommandId = Annotated[str, Path(max_length=NAME_MAX)]
 AlarmId = Annotated[str, Path(max_length=NAME_MAX)]

@@ -1,11 +1,16 @@
 """Routes of the stations of a site, which fly one formation together. They only translate."""
 
-from fastapi import APIRouter
+from http import HTTPStatus
+from typing import Final
+
+from fastapi import APIRouter, Response
 
 from gcs.api.context import ContextDep
-from gcs.api.openapi import TOKEN, command
+from gcs.api.openapi import TOKEN, StationName, command
 from gcs.model.errors import RefusedError
-from gcs.service import StationView
+from gcs.service import CommandRecord, StationView
+
+ALONE: Final = "one station flies all vehicles here: there is no other station"
 
 router = APIRouter(prefix="/stations", tags=["stations"], dependencies=TOKEN)
 
@@ -23,5 +28,22 @@ async def take_lead(context: ContextDep) -> list[StationView]:
     Answers with every station. `409` where one station flies all vehicles.
     """
     if context.service.stations is None:
-        raise RefusedError("one station flies all vehicles here: there is no lead to take")
+        raise RefusedError(ALONE)
     return list(context.service.stations.take_lead())
+
+
+@router.post(
+    "/{station}/take-over",
+    summary="Fly on with the vehicles of a lost station",
+    **command(404, status=HTTPStatus.ACCEPTED, no_body=True),
+)
+async def take_over_station(context: ContextDep, station: StationName, response: Response) -> CommandRecord:
+    """The station that answers is the standby of that one. Its vehicles go from hold back into formation.
+
+    `409` where the station is not lost, may still send setpoints, or none of its vehicles holds here.
+    """
+    if context.service.stations is None:
+        raise RefusedError(ALONE)
+    record = context.service.stations.take_over(station)
+    response.headers["Location"] = f"/api/v1/commands/{record.id}"
+    return record

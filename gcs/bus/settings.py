@@ -15,6 +15,9 @@ class BusSettings(Settings):
 
     lease_s: Annotated[float, Field(ge=0.1, le=10.0)] = 0.2  # a station that hangs is gone after it
     lead_silent_s: Annotated[float, Field(ge=0.5, le=60.0)] = 2.0  # of a silent lead the last plan is flown
+    standby_rejoins: bool = (
+        False  # vehicles that a standby took over go back into formation without a command
+    )
     keys: Path | None = None  # folder of `gcs key site`; None: without TLS, on loopback only
 
 

@@ -124,6 +124,7 @@ CALLS: Final = (
     Call("command list", "commands", "the last commands, the newest first"),
     Call("command show", "command_record", "the outcome of a command"),
     Call("lead take", "take_lead", "have the station that is asked lead the site from now on"),
+    Call("station take-over", "take_over_station", "fly on with a lost station's vehicles, as its standby"),
     Call("state", "fleet", "everything at one instant"),
     Call("phase", "show", "where the show stands"),
     Call("facts", "status", "what changes seldom: the fence, home places, cues, events"),
@@ -145,6 +146,7 @@ GROUPS: Final = {
     "command": "what was commanded, and what became of it",
     "vehicle": "what is known of each vehicle",
     "lead": "which station of a site leads: gcs stations lists them",
+    "station": "the vehicles of a lost station, at its standby: gcs stations lists them",
 }
 
 ACTIONS: Final = (

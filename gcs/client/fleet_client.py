@@ -226,6 +226,10 @@ class Client(Calls):
     def take_lead(self) -> list[service.StationView]:
         """Have the station that is asked lead. Raises: RefusedError where one station flies all vehicles."""
 
+    @calls("POST", "/api/v1/stations/{name}/take-over")
+    def take_over_station(self, name: str) -> service.CommandRecord:
+        """Fly on with the vehicles of a lost station. Raises: RefusedError."""
+
     @calls("GET", "/api/v1/vehicles")
     def vehicles(self) -> list[schemas.Vehicle]:
         """Get every vehicle."""

@@ -15,18 +15,26 @@ def station_config(site: Config, name: str) -> Config:
         known = ", ".join(each.name for each in site.stations) or "none in this configuration"
         raise ConfigError(f"there is no station '{name}'; stations: {known}")
     links = [link for link in site.links if link.name in station.links]
-    ids = {vehicle.id for link in links for vehicle in link.fleet}
-    rows = tuple(row for row, vehicle in enumerate(site.ids) if vehicle in ids)
+    named = {link.name: link for link in site.links}
+    mirrors = [named[one.link].model_copy(update={"listen": one.listen}) for one in station.standby]
+    ids = [vehicle.id for link in (*links, *mirrors) for vehicle in link.fleet]
+    row_of = {vehicle: row for row, vehicle in enumerate(site.ids)}
+    rows = tuple(row_of[vehicle] for vehicle in ids)
     places = {vehicle: place for vehicle, place in site.preflight.start_places.items() if vehicle in ids}
     record = site.record
     if record is not None:
         record = record.model_copy(update={"folder": record.folder / name})
     changes = {
-        "links": tuple(links),
+        "links": (*links, *mirrors),
         "api": station.api or site.api,
         "record": record,
         "preflight": site.preflight.model_copy(update={"start_places": places}),
         "stations": (),
-        "site_rows": SiteRows(station=name, count=len(site.ids), rows=rows),
+        "site_rows": SiteRows(
+            station=name,
+            count=len(site.ids),
+            rows=rows,
+            standby=sum(len(link.fleet) for link in mirrors),
+        ),
     }
     return Config.model_validate({key: getattr(site, key) for key in Config.model_fields} | changes)

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from gcs.bus.settings import Endpoint
-from gcs.config.sections import ApiSettings
+from gcs.config.sections import ApiSettings, Urls
 from gcs.config.setting_errors import located
 from gcs.model.settings import Settings
 from gcs.stations.messages import COUNT_MAX
@@ -18,13 +18,21 @@ LOOPBACK: Final = "loopback"
 """Name of the one machine whose stations reach each other over loopback."""
 
 
+class StandbySettings(Settings):
+    """Another station's link that a station receives as well, and takes over when that one is lost."""
+
+    link: str
+    listen: Urls  # of its own: a mirrored port, or its radio of the same network
+
+
 class StationSettings(Settings):
     """One station: the links that it owns, and where other stations and clients reach it."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
-    links: Annotated[tuple[str, ...], Field(min_length=1)]
+    links: tuple[str, ...] = ()
     endpoint: Endpoint
     api: ApiSettings | None = None  # None: as the whole site's
+    standby: tuple[StandbySettings, ...] = ()
 
     @property
     def machine(self) -> str:
@@ -38,6 +46,7 @@ class SiteRows(Settings):
     station: str
     count: Annotated[int, Field(ge=1)]  # vehicles of the site
     rows: tuple[Annotated[int, Field(ge=0)], ...]  # of the station's vehicles among them
+    standby: int = 0  # so many at the end are another station's
 
 
 def check_stations(
@@ -91,6 +100,8 @@ def check_stations(
 def _check_links(stations: Sequence[StationSettings], counts: Mapping[str, int]) -> None:
     owners: dict[str, str] = {}
     for at, station in enumerate(stations):
+        if not station.links and not station.standby:
+            raise located("at least one link, of its own or on standby, is needed", "stations", at, "links")
         for number, link in enumerate(station.links):
             if link not in counts:
                 raise located(f"one of the links {', '.join(counts)}", "stations", at, "links", number)
@@ -99,9 +110,23 @@ def _check_links(stations: Sequence[StationSettings], counts: Mapping[str, int])
                 raise located(text, "stations", at, "links", number)
             owners[link] = station.name
         count = sum(counts[link] for link in station.links)
+        count += _check_standby(at, station, counts)
         if count > COUNT_MAX:
             text = f"{count} vehicles; one station flies at most {COUNT_MAX}: divide its links"
             raise located(text, "stations", at, "links")
     without = [name for name in counts if name not in owners]
     if without:
         raise located(f"link {', '.join(without)} belongs to no station", "stations")
+
+
+def _check_standby(at: int, station: StationSettings, counts: Mapping[str, int]) -> int:
+    """Check what the station at this place stands by for. Returns: the number of these vehicles."""
+    seen: set[str] = set()
+    for number, standby in enumerate(station.standby):
+        if standby.link not in counts or standby.link in station.links:
+            others = ", ".join(name for name in counts if name not in station.links)
+            raise located(f"a link of another station: {others}", "stations", at, "standby", number, "link")
+        if standby.link in seen:
+            raise located("it is there twice", "stations", at, "standby", number, "link")
+        seen.add(standby.link)
+    return sum(counts[link] for link in seen)

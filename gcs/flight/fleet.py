@@ -25,7 +25,7 @@ from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Command, ParameterValue
 from gcs.links.batch_link import Link
-from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
@@ -103,6 +103,10 @@ class Elsewhere(Protocol):
     """What a flight needs to know of the vehicles that other stations fly."""
 
     @property
+    def owned(self) -> Mask:
+        """(n,) own rows that this station flies; the others are another station's, unless that is lost."""
+
+    @property
     def delay_s(self) -> float:
         """One-way delay of the bus."""
 
@@ -166,6 +170,7 @@ class Fleet:
     ) -> None:
         """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970."""
         self.config = config
+        self.site: Elsewhere | None = None  # None: this station flies all vehicles
         self.unix_s = unix_s
         self.book = book or CommandLog(None)
         self.links = tuple(links)
@@ -191,7 +196,6 @@ class Fleet:
         self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
-        self.site: Elsewhere | None = None  # None: this station flies all vehicles
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
@@ -224,6 +228,10 @@ class Fleet:
         parts = [link.snapshot() for link in self.links]
         self.telemetry = joined(parts, self._order)
         self.fleet = self._table.state(parts, now_s)
+        if (site := self.site) is not None and not site.owned.all():  # others say where these are
+            position_m, elsewhere = self.fleet.position_m.copy(), ~site.owned
+            position_m[elsewhere] = np.nan
+            self.fleet = replace(self.fleet, position_m=position_m)
         telemetry, floor = self.telemetry, self.control.safety.floor
         least = floor.uncertainty_m, floor.vertical_uncertainty
         reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
@@ -301,6 +309,8 @@ class Fleet:
 
     async def execute(self, command: Command) -> None:
         """Send a command to the vehicle's link. Raises: CommandError."""
+        if self.site is not None and not self.site.owned[self.vehicles[command.vehicle_id].row]:
+            raise CommandError(f"{command.vehicle_id} is flown by another station")
         await self.link_of[command.vehicle_id].execute(command)
 
     def mode(self, vehicle: Vehicle) -> Mode:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
-from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -29,9 +28,11 @@ from gcs.flight.site_commander import SiteCommander, SitePlanEditor
 from gcs.flight.site_member import Membership, SiteMember
 from gcs.flight.site_view import whole_view
 from gcs.flight.snapshots import Estimating, fleet_view
+from gcs.flight.standby import Standby
 from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
+from gcs.model.interrupted_flight import Interruption
 from gcs.planning.return_paths.planner import warm_up as warm_up_paths
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
@@ -89,6 +90,7 @@ class Orchestrator:
         if member is not None:
             flight.site = member
             flight.memory = Memory.fresh(len(flight.vehicles) + member.site.count, loop.time())
+        self._own_view: FleetView | None = None  # of several stations: without the others' vehicles
         self._record = record
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
@@ -111,24 +113,31 @@ class Orchestrator:
         self.events = EventLog()
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
         self.player = ShowPlayer(flight, self.shows)
-        editing = flight, self.player, maneuvers, loop.time
         self.preflight = PreflightGate(flight, parameter_reader, self.player)
         found = None if record is None else record.found
-        commanding = flight, maneuvers, self.player, self.preflight, self._planning, found
         self.stations: SiteCommander | None = None
-        self.plan: PlanEditor
-        self.commands: Commander
-        if member is None:
-            self.plan, self.commands = PlanEditor(*editing), Commander(*commanding)
-        else:
-            self.plan = self._site_plan = SitePlanEditor(*editing, member)
-            self.commands = self.stations = SiteCommander(*commanding, member)
+        self.plan, self.commands = self._roles(maneuvers, found, membership)
         self.recovery = self.commands.recovery
         self.alarms = AlarmMonitor(flight)
         self._progress = ShowProgress(
             flight, maneuvers, self.commands, parameter_reader, self.player, self._clock
         )
         self.view = Latest(self._promised_view(self._decide())())
+
+    def _roles(
+        self, maneuvers: Maneuvers, found: Interruption | None, membership: Membership | None
+    ) -> tuple[PlanEditor, Commander]:
+        """What changes the plan, and what executes commands: for this station, or for a whole site."""
+        flight, member = self._flight, self._member
+        editing = flight, self.player, maneuvers, asyncio.get_running_loop().time
+        commanding = flight, maneuvers, self.player, self.preflight, self._planning, found
+        if member is None or membership is None:
+            return PlanEditor(*editing), Commander(*commanding)
+        bus = membership.site.bus
+        standby = Standby(flight, maneuvers, member, bus.lease_s, bus.standby_rejoins)
+        plan = SitePlanEditor(*editing, member)
+        self.stations = SiteCommander(*commanding, member, standby, plan)
+        return plan, self.stations
 
     async def run(self) -> None:
         try:
@@ -162,11 +171,7 @@ class Orchestrator:
             if self._record is not None:
                 run, view = self._flight.show_run, self.view.value
                 parts = {} if run is None else run.parts
-                own = (
-                    view
-                    if self._member is None
-                    else replace(view, rows=view.rows.first(len(self._flight.vehicles)))
-                )
+                own = view if self._own_view is None else self._own_view
                 sample, whole = (Sample(each, parts, self._flight.control) for each in (own, view))
                 self._record.note(sample, self._flight.links, whole)
             self._flight.wake()
@@ -185,7 +190,8 @@ class Orchestrator:
         self._progress.telemetry_monitor.look()
         self.player.lead()
         result = self._decide()
-        self._routing.send(result.setpoints)
+        if member is None or member.may_send:
+            self._routing.send(result.setpoints)
         # The rest can wait for the next tick: setpoints cannot.
         flight.memory = result.memory
         self._interventions += sum(reason != "" for reason in result.limited_by)
@@ -193,7 +199,7 @@ class Orchestrator:
             member.publish(result, all_up=self._maneuvers.all_up)
         self._progress.advance()
         if self.stations is not None:
-            self.stations.advance_site(self._site_plan)
+            self.stations.advance_site()
         if self.alarms.is_due(now_s):
             self.alarms.look(result, self._findings())
         return result
@@ -244,4 +250,7 @@ class Orchestrator:
 
     def _view_of(self, flight: Fleet, result: Tick, **fields: Any) -> FleetView:
         own = fleet_view(flight, result, **fields)
-        return own if self._member is None else whole_view(own, self._member)
+        if self._member is None:
+            return own
+        self._own_view = own
+        return whole_view(own, self._member)

@@ -28,6 +28,7 @@ from gcs.flight.site_requests import (
     ShowRequest,
     VehiclesRequest,
 )
+from gcs.flight.standby import Standby
 from gcs.model.errors import GcsError, LinkError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
@@ -97,9 +98,11 @@ class SiteCommander(Commander):
         planning: Executor,
         found: Interruption | None,
         member: SiteMember,
+        standby: Standby,
+        plan: "SitePlanEditor",
     ) -> None:
         super().__init__(flight, maneuvers, show_player, preflight_gate, planning, found)
-        self._member = member
+        self._member, self._standby, self._plan = member, standby, plan
         self._gate = preflight_gate
         self._asked: dict[str, _Requested] = {}  # by record id
         self._executed: list[_Executed] = []
@@ -196,6 +199,10 @@ class SiteCommander(Commander):
             log.warning("lead_taken", extra={"term": term, "of": before, "by": CALLER.get()})
         return self._member.views()
 
+    def take_over(self, station: str) -> CommandRecord:
+        """Fly on with the vehicles of a lost station that this one stands by for. Raises: RefusedError."""
+        return self._standby.go_on(station)
+
     def _split(
         self, vehicles: Sequence[VehicleId] | None
     ) -> tuple[list[VehicleId], dict[str, list[VehicleId]]]:
@@ -205,7 +212,8 @@ class SiteCommander(Commander):
         site = self._member.site
         owner = dict(zip(site.ids, site.owners, strict=True))
         for name in dict.fromkeys(vehicles or ()):
-            if name in self.flight.vehicles:
+            own = self.flight.vehicles.get(name)
+            if own is not None and self._member.owned[own.row]:
                 here.append(name)
             elif owner.get(name):
                 away.setdefault(owner[name], []).append(name)
@@ -246,7 +254,7 @@ class SiteCommander(Commander):
 
     # once a tick
 
-    def advance_site(self, plan: "SitePlanEditor") -> None:
+    def advance_site(self) -> None:
         """Execute what other stations ask, report to them, and follow the lead."""
         now_s = self.flight.fleet.time_s
         for sender, body in self._member.received:
@@ -258,7 +266,7 @@ class SiteCommander(Commander):
             if isinstance(request, Outcomes):
                 self._take_outcomes(sender, request)
             elif isinstance(request, PlanRequest):
-                self._execute_as(request.by, partial(plan.change_for, sender, request))
+                self._execute_as(request.by, partial(self._plan.change_for, sender, request))
             else:
                 self._execute(sender, request)
         if now_s >= self._report_due_s:
@@ -268,6 +276,9 @@ class SiteCommander(Commander):
         if now_s >= self._ready_due_s:
             self._ready_due_s = now_s + READY_EVERY_S
             self._member.why_not_ready = self._why_not_ready()
+        if self._standby.look(now_s):
+            self._waits_for = ""
+            super().command_show(ShowAction.RESUME)
         self._follow(now_s)
 
     def _execute_as(self, by: str, execute: Callable[[], Any]) -> Any:

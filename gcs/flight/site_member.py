@@ -40,6 +40,10 @@ TEXTS_MAX: Final = 200
 """Vehicles of which reasons are sent: those whose phase needs an explanation."""
 
 RETURNS_OF_A_TERM: Final = 10_000
+ENDED_S: Final = 0.06
+CLOSED_WITHIN_S: Final = 0.14
+"""A connection that is gone so soon after the newest batch was closed by its host: the process has ended."""
+
 RETURN_SENT_S: Final = 4.0
 """The paths of a return are repeated for this time."""
 
@@ -69,10 +73,12 @@ def station_fleets(site: Config) -> dict[str, StationFleet]:
     links = {link.name: link for link in site.links}
     fleets = {}
     for station in site.stations:
-        vehicles = [one for name in station.links for one in links[name].fleet]
-        fleets[station.name] = StationFleet(
-            tuple(one.id for one in vehicles), tuple(one.charge for one in vehicles)
-        )
+        own = [link.name for link in site.links if link.name in station.links]
+        mirrored = [one.link for one in station.standby]
+        vehicles = [one for name in (*own, *mirrored) for one in links[name].fleet]
+        standby = sum(len(links[name].fleet) for name in mirrored)
+        ids, charge = tuple(one.id for one in vehicles), tuple(one.charge for one in vehicles)
+        fleets[station.name] = StationFleet(ids, charge, standby)
     return fleets
 
 
@@ -96,6 +102,27 @@ class SiteMember:
         self.lead_silent_s = site_config.bus.lead_silent_s
         self._system_ids = {one.id: one.system_id for one in site_config.fleet}
         self._link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
+        owner_of = {link: station.name for station in site_config.stations for link in station.links}
+        own = next(one for one in site_config.stations if one.name == membership.station)
+        self.standbys = [  # stations that take over vehicles of this one
+            one.name
+            for one in site_config.stations
+            if any(owner_of[each.link] == own.name for each in one.standby)
+        ]
+        self.stands_by_for = list(dict.fromkeys(owner_of[one.link] for one in own.standby))
+        self._standby_ids = {
+            name: [
+                vehicle.id
+                for link in site_config.links
+                if owner_of[link.name] == name and link.name in {one.link for one in own.standby}
+                for vehicle in link.fleet
+            ]
+            for name in self.stands_by_for
+        }
+        self._ended: dict[str, bool] = {}  # stations that are gone: whether their process has ended
+        self._stalled_from: int | None = None  # first batch after this station stood still
+        self._stall_s = site_config.bus.lease_s + site_config.setpoint_timeout_s
+        self._ticked_s: float | None = None
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.return_number = 0  # of the newest collective return that was received
@@ -138,6 +165,8 @@ class SiteMember:
             except LinkError:
                 site.refused += 1
         self._others = None
+        self._note_ended(now_s)
+        self._note_stall(now_s)
 
     def _take_plan(self, sender: str, payload: bytes, arrived_s: float) -> None:
         site = self.site
@@ -172,6 +201,49 @@ class SiteMember:
         if message.number > self.return_number:
             self.return_number, self._returns = message.number, {}
         self._returns[int(message.rows[0])] = message
+
+    def _note_ended(self, now_s: float) -> None:
+        """Distinguish a process that has ended, whose connection closes at once, from a bus that is cut."""
+        here = self.bus.present
+        for name, station in self.site.stations.items():
+            if name in here or now_s - station.arrived_s < ENDED_S:
+                self._ended.pop(name, None)
+            elif name not in self._ended:
+                self._ended[name] = now_s - station.arrived_s < CLOSED_WITHIN_S
+
+    def _note_stall(self, now_s: float) -> None:
+        """After a pause of this station, its standbys may have taken its vehicles over."""
+        before_s, self._ticked_s = self._ticked_s, now_s
+        if self.standbys and before_s is not None and now_s - before_s > self._stall_s:
+            self._stalled_from = self.site.sequence + 1
+        if self._stalled_from is not None and all(map(self._has_answered, self.standbys)):
+            self._stalled_from = None
+
+    def _has_answered(self, name: str) -> bool:
+        """Whether a standby has received this station since it stood still, or is gone."""
+        station = self.site.stations[name]
+        if station.batch is None or name not in self.present():
+            return station.batch is None or self.ended(name)
+        echoes = [echo.sequence for echo in station.batch.echoes if echo.station == self.site.number]
+        return self._stalled_from is not None and max(echoes, default=0) >= self._stalled_from
+
+    def ended(self, station: str) -> bool:
+        """Whether the process of a station that is not received has ended, as far as the bus can tell."""
+        return self._ended.get(station, False)
+
+    @property
+    def may_send(self) -> bool:
+        """Whether setpoints may leave: no standby may have taken the vehicles over meanwhile."""
+        return self._stalled_from is None
+
+    @property
+    def owned(self) -> Mask:
+        """(n,) own rows that this station flies."""
+        return self.site.owned
+
+    def standby_ids(self, station: str) -> list[VehicleId]:
+        """Vehicles of another station that this one stands by for."""
+        return self._standby_ids.get(station, [])
 
     # known
 

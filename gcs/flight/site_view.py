@@ -22,7 +22,7 @@ def whole_view(own: FleetView, member: SiteMember) -> FleetView:
     latitude_deg, longitude_deg, altitude_m = member.flight.config.frame.geodetic(others.position_m)
     airborne = others.airborne
     columns = member.columns()
-    table = VehicleTable(
+    whole = VehicleTable(
         ids=[*rows.ids, *columns["ids"]],
         system_ids=[*rows.system_ids, *columns["system_ids"]],
         links=[*rows.links, *columns["links"]],
@@ -51,6 +51,9 @@ def whole_view(own: FleetView, member: SiteMember) -> FleetView:
         homes_m=[*rows.homes_m, *(home_m if np.isfinite(home_m).all() else None for home_m in site.home_m)],
         stations=[*[site.own] * n, *columns["stations"]],
     )
+    shown = site.shown
+    table = whole if len(shown) == n + k else whole.of(shown)
+    unknown = np.full(len(shown) - n, np.nan)
     changed: dict[str, Any] = {"rows": table, "stations": member.views(), "show": member.show}
     if (found := own.estimates) is not None:  # of the own vehicles only
         low_s, empty_s = np.append(found.low_s, unknown), np.append(found.empty_s, unknown)

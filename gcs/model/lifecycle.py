@@ -43,6 +43,7 @@ class Event(StrEnum):
     TAKE_CONTROL = "take control"
     KILL = "kill"
     CONFIRMED_DOWN = "confirmed down"
+    RELEASED = "released"  # another station has taken it over
     PAUSE = "pause"  # on its way home or down: stops in place, still flown by the service
 
 
@@ -73,6 +74,7 @@ NEXT: Final[dict[tuple[Phase, Event], Phase]] = {
         (Event.KILL, Phase.KILLED, set(Phase) - {Phase.OFFLINE}),  # also repeatedly
         (Event.CONFIRMED_DOWN, Phase.OFFLINE, {Phase.LOST, Phase.KILLED}),
         (Event.PAUSE, Phase.FORMATION, {Phase.RETURN, Phase.LANDING}),
+        (Event.RELEASED, Phase.OFFLINE, set(Phase)),
     )
     for phase in phases
 }

@@ -156,6 +156,9 @@ class Stations(Protocol):
     def take_lead(self) -> Sequence[StationView]:
         """Lead from now on: hold the plan, compute the formation. Returns: all stations."""
 
+    def take_over(self, station: str) -> CommandRecord:
+        """Fly on with a lost station's vehicles, for which this one is the standby. Raises: RefusedError."""
+
 
 class CommandRecords(Protocol):
     """The newest commands and their outcomes."""

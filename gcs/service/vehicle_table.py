@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +59,16 @@ class VehicleTable:
         for name in VALUES:
             freeze(getattr(self, name), (n,), name)
 
-    def first(self, count: int) -> "VehicleTable":
-        """The first `count` rows."""
-        return VehicleTable(**{field.name: getattr(self, field.name)[:count] for field in fields(self)})
+    def of(self, rows: NDArray[np.intp]) -> "VehicleTable":
+        """These rows, in this order."""
+        chosen = rows.tolist()
+        columns: dict[str, Any] = {}
+        for field in fields(self):
+            column = getattr(self, field.name)
+            if len(column):
+                arrays = isinstance(column, np.ndarray)
+                columns[field.name] = column[rows] if arrays else [column[row] for row in chosen]
+        return VehicleTable(**columns)
 
     def counts(self) -> Counts:
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())

@@ -123,7 +123,7 @@ class Site:
         self.delays = Delays(len(names))
         self.refused = 0  # messages that are damaged, of another version, or of another site
         self._without_control = without_control
-        self._sequence = 0
+        self.sequence = 0
         self._led = _Led()
         others = {name: fleet for name, fleet in fleets.items() if name != own}
         charge = {
@@ -416,6 +416,22 @@ class Site:
     # ownership
 
     @property
+    def shown(self) -> Rows:
+        """Rows of a display, each vehicle once: of the n own rows and the k others' after them."""
+        n = len(self.own_ids)
+        rows = np.arange(n)
+        elsewhere = ~self.owned[self._own_rows]
+        rows[self._own_rows[elsewhere]] = n + self._their_rows[elsewhere]
+        return np.concatenate([rows, n + np.setdiff1d(np.arange(self.count), self._their_rows)])
+
+    def known_home_m(self, row: int) -> Array | None:
+        """(3,) where the vehicle of an own row took off, as its station reported it."""
+        at = np.flatnonzero(self._own_rows == row)
+        if len(at) == 0 or not np.isfinite(self.home_m[self._their_rows[at[0]]]).all():
+            return None
+        return np.asarray(self.home_m[self._their_rows[at[0]]].copy())
+
+    @property
     def owners(self) -> list[str]:
         """(k,) Station that flies each of the others' vehicles; empty: none is known."""
         return [self.names[number] if number >= 0 else "" for number in self._owner.tolist()]
@@ -428,17 +444,22 @@ class Site:
         before[self._own_rows] = self._epochs[self._their_rows]
         self.epochs[rows] = np.minimum(np.maximum(self.epochs[rows], before[rows]), EPOCH_MAX - 1) + 1
         self.owned[rows] = True
+        at = self._their_rows[np.isin(self._own_rows, rows)]
+        self._owner[at], self._epochs[at] = (
+            self.number,
+            self.epochs[self._own_rows[np.isin(self._own_rows, rows)]],
+        )
         return [self.own_ids[row] for row in rows.tolist()]
 
     # sent
 
     def next_sequence(self, now_s: float) -> tuple[int, tuple[Echo, ...]]:
         """Number of the next batch, and the echoes that it carries."""
-        self._sequence += 1
-        self.delays.sent(self._sequence, now_s)
+        self.sequence += 1
+        self.delays.sent(self.sequence, now_s)
         echoes = tuple(
             Echo(station.number, station.batch.sequence, now_s - station.arrived_s)
             for station in self.stations.values()
             if station.batch is not None and now_s - station.arrived_s <= LOST_S
         )
-        return self._sequence, echoes
+        return self.sequence, echoes

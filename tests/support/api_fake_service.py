@@ -269,6 +269,11 @@ class FakeService:
             self.happen(f"the lead was taken by {CALLER.get()}")
         return self._stations()
 
+    def take_over(self, station: str) -> CommandRecord:
+        if station not in self.silent_s:
+            raise RefusedError(f"station {station} is not lost: stop it there first")
+        return self.command_log.open("take-over", list(self.phases), {})
+
     def _stations(self) -> tuple[StationView, ...]:
         owners = self._owners()
         return tuple(

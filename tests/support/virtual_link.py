@@ -83,6 +83,7 @@ class VirtualPorts(Ports):
         self.commands: dict[VehicleId, list[SentCommand]] = {name: [] for name in ids}
         self.requested: list[tuple[VehicleId, str]] = []
         self._ids = (*ids, *(f"row {row}" for row in range(len(ids), len(fleet.autopilots))))
+        self.ids = tuple(ids)
         self._fleet = fleet
         self._clock = clock
         self._is_open = False
@@ -242,13 +243,21 @@ class VirtualLink(NativeLink):
         recording_problem: one of `problems`, if it is not empty.
     """
 
-    def __init__(self, config: Config, fleet: Fleet) -> None:
-        """The link `loop` to all vehicles of the configuration; vehicle i is row i of the fleet."""
+    def __init__(
+        self,
+        config: Config,
+        fleet: Fleet,
+        *,
+        ids: Sequence[VehicleId] | None = None,
+        ports: VirtualPorts | None = None,
+    ) -> None:
+        """The link `loop` to all vehicles of the configuration, or `ids`; vehicle i is row i of the fleet."""
         clock = asyncio.get_running_loop().time
-        self.ports = VirtualPorts(config.ids, fleet, clock)
+        names = config.ids if ids is None else ids
+        self.ports = ports or VirtualPorts(names, fleet, clock)
         super().__init__(
             "loop",
-            {name: system_id for system_id, name in enumerate(config.ids, start=1)},
+            {name: system_id for system_id, name in enumerate(names, start=1)},
             (),
             config.frame,
             setpoint_timeout_s=config.setpoint_timeout_s,

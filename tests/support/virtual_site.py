@@ -1,25 +1,25 @@
 """Flies several stations in virtual time: real orchestrators and links, fake fleets, a bus in memory."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import closing
 from typing import Any, TypeVar
 
 import numpy as np
 
-from gcs.bus.memory_bus import MemoryNetwork, network
+from gcs.bus.memory_bus import MemoryBus, MemoryNetwork, network
 from gcs.config.schema import Config
 from gcs.config.site import station_config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.flight.site_member import Membership
 from gcs.links.batch_link import Link
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import Array, Mask
+from gcs.model.state import Array, Mask, VehicleId
 from gcs.preflight.parameters import settings_of
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
 from gcs.sim.fleet import Fleet, Settings
-from tests.support.virtual_link import STREAMS_HZ, VirtualLink
+from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from tests.support.virtual_show import FLEET_STEP_S, ORIGIN, READY_AT_ONCE, SOON_DISARMED, load_machine_code
 from tests.support.virtual_time import AtOnce, Loop, UnixClock
 
@@ -64,14 +64,50 @@ def site_config(stations: int, each: int, **sections: Any) -> Config:
     return Config.model_validate({**raw, **sections})
 
 
+def two_hosts(vehicles: int, *, rejoins: bool = False, **sections: Any) -> Config:
+    """North flies all vehicles, and south is its standby on the same radio network."""
+    raw = site_config(2, vehicles, **sections).model_dump()
+    standby = [{"link": "north", "listen": "udpin://127.0.0.1:14640"}]
+    north, south = raw["stations"]
+    raw["links"] = raw["links"][:1]
+    raw["stations"] = [north, south | {"links": [], "standby": standby}]
+    raw["bus"]["standby_rejoins"] = rejoins
+    return Config.model_validate(raw)
+
+
+class MirroredPorts(VirtualPorts):
+    """Ports whose datagrams other ports receive as well: a radio network that several hosts are on."""
+
+    def __init__(self, ids: Sequence[VehicleId], fleet: Fleet, clock: Callable[[], float]) -> None:
+        super().__init__(ids, fleet, clock)
+        self.mirrors: list[MirrorPorts] = []
+
+    def _arrive(self, first_host: int, row: int, datagram: bytes) -> None:
+        super()._arrive(first_host, row, datagram)
+        for mirror in self.mirrors:
+            mirror._arrive(first_host, row, datagram)
+
+
+class MirrorPorts(VirtualPorts):
+    """Another host's ports on the radio network of `first`."""
+
+    def __init__(
+        self, ids: Sequence[VehicleId], fleet: Fleet, clock: Callable[[], float], first: MirroredPorts
+    ) -> None:
+        super().__init__(ids, fleet, clock)
+        self.step = first.step  # type: ignore[method-assign]
+        self._to_vehicles = first._to_vehicles
+        first.mirrors.append(self)
+
+
 class Station:
     """One running station with its fake fleet."""
 
-    def __init__(self, name: str, site: Config, first: int, columns: int, bus: MemoryNetwork) -> None:
-        self.name = name
+    def __init__(self, name: str, site: Config, first: int, columns: int) -> None:
+        self.name, self._site = name, site
         self.config = station_config(site, name)
         self.unix, self.planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
-        count = len(self.config.ids)
+        count = len(self.config.ids) - self.standby
         settings = Settings(
             count=count,
             first=first,
@@ -82,16 +118,35 @@ class Station:
             quirks=READY_AT_ONCE,
             parameters={**SOON_DISARMED, **settings_of(site)},
         )
-        self.fleet = Fleet(settings, start_s=now_s, unix_at_start_s=self.unix(), step_s=FLEET_STEP_S)
-        self.link = VirtualLink(self.config, self.fleet)
-        self.bus = bus.buses[name]
-        links: list[Link] = [self.link]
-        membership = Membership(name, site, self.bus, 1)
+        self.radios: list[tuple[Fleet, MirroredPorts, VirtualLink]] = []  # none of a pure standby
+        if count:
+            own_ids, clock = self.config.ids[:count], asyncio.get_running_loop().time
+            fleet = Fleet(settings, start_s=now_s, unix_at_start_s=self.unix(), step_s=FLEET_STEP_S)
+            ports = MirroredPorts(own_ids, fleet, clock)
+            self.radios = [(fleet, ports, VirtualLink(self.config, fleet, ids=own_ids, ports=ports))]
+
+    @property
+    def standby(self) -> int:
+        """Vehicles of other stations that it stands by for."""
+        return 0 if self.config.site_rows is None else self.config.site_rows.standby
+
+    def run(self, stations: Mapping[str, "Station"], bus: MemoryBus) -> None:
+        """Start the service."""
+        links: list[Link] = [link for _, _, link in self.radios]
+        owner = {link: each for each in self._site.stations for link in each.links}
+        settings = next(each for each in self._site.stations if each.name == self.name)
+        self.mirrors: dict[str, MirrorPorts] = {}
+        for one in settings.standby:
+            other = stations[owner[one.link].name]
+            clock = asyncio.get_running_loop().time
+            for fleet, first, _ in other.radios:
+                self.mirrors[other.name] = ports = MirrorPorts(first.ids, fleet, clock, first)
+                links.append(VirtualLink(self.config, fleet, ids=first.ids, ports=ports))
+        membership = Membership(self.name, self._site, bus, 1)
         self.service = Orchestrator(
             self.config, links, unix_s=self.unix, planning=self.planning, membership=membership
         )
-        self.task = asyncio.create_task(self.service.run(), name=name)
-        self._flown_on: asyncio.Task[None] | None = None
+        self.task = asyncio.create_task(self.service.run(), name=self.name)
 
     @property
     def view(self) -> FleetView:
@@ -102,13 +157,15 @@ class Station:
         """End the station as SIGKILL does; its vehicles fly on with nothing sent to them."""
         self.task.cancel()
         await asyncio.gather(self.task, return_exceptions=True)
-        self._flown_on = asyncio.create_task(self._fly_alone())
+        self._alone = asyncio.create_task(self._fly_alone())
 
     async def _fly_alone(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            self.link._step_until(loop.time())
-            await asyncio.sleep(self.fleet.step_s)
+            for fleet, ports, _ in self.radios:
+                while fleet.time_s + fleet.step_s / 2 < loop.time():
+                    ports.step()
+            await asyncio.sleep(FLEET_STEP_S)
 
 
 class SiteShow:
@@ -120,9 +177,11 @@ class SiteShow:
         counts = [sum(links[name] for name in station.links) for station in site.stations]
         columns = int(np.ceil(np.sqrt(sum(counts))))
         self.stations = {
-            station.name: Station(station.name, site, sum(counts[:at]), columns, network_)
+            station.name: Station(station.name, site, sum(counts[:at]), columns)
             for at, station in enumerate(site.stations)
         }
+        for name, each in self.stations.items():
+            each.run(self.stations, network_.buses[name])
         self.violations = 0
         self.nearest_m = np.inf
         self._watching = asyncio.create_task(self._watch())
@@ -131,17 +190,20 @@ class SiteShow:
         return self.stations[name]
 
     @property
+    def fleets(self) -> list[Fleet]:
+        """The fake fleets of all stations."""
+        return [fleet for each in self.stations.values() for fleet, _, _ in each.radios]
+
+    @property
     def true_m(self) -> Array:
         """(n, 3) true positions of all vehicles, show frame."""
         frame = self.config.frame
-        return np.concatenate(
-            [frame.from_ned(each.fleet.bodies.position_m) for each in self.stations.values()]
-        )
+        return np.concatenate([frame.from_ned(fleet.bodies.position_m) for fleet in self.fleets])
 
     @property
     def armed(self) -> Mask:
         """(n,) of all vehicles."""
-        autopilots = [one for each in self.stations.values() for one in each.fleet.autopilots]
+        autopilots = [one for fleet in self.fleets for one in fleet.autopilots]
         return np.array([one.commander.armed for one in autopilots], dtype=np.bool_)
 
     async def _watch(self) -> None:

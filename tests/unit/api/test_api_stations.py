@@ -48,7 +48,7 @@ def test_one_station_lists_no_stations_and_has_no_lead() -> None:
     assert {each["station"] for each in fleet["vehicles"]} == {None}
     refused = api("POST", "/api/v1/stations/lead")
     assert refused.status_code == 409
-    assert "no lead" in refused.json()["detail"]
+    assert "no other station" in refused.json()["detail"]
 
 
 def test_lead_is_taken_by_the_station_that_is_asked(site: FakeService) -> None:
@@ -138,3 +138,15 @@ def test_metrics_tell_stations_apart(site: FakeService) -> None:
     assert 'gcs_station_delay_seconds{station="south"} 0.002' in lines
     assert 'gcs_station_leads{station="north"} 1.0' in lines
     assert not [line for line in Api()("GET", "/metrics").text.splitlines() if "gcs_station" in line]
+
+
+def test_vehicles_of_a_lost_station_are_flown_on(site: FakeService) -> None:
+    api = Api(site)
+    refused = api("POST", "/api/v1/stations/south/take-over")
+    assert refused.status_code == 409
+    assert "is not lost" in refused.json()["detail"]
+    site.silent_s["south"] = 2.5
+    accepted = api("POST", "/api/v1/stations/south/take-over")
+    assert accepted.status_code == 202
+    assert accepted.headers["Location"] == f"/api/v1/commands/{accepted.json()['id']}"
+    assert Api()("POST", "/api/v1/stations/south/take-over").status_code == 409

@@ -71,7 +71,10 @@ def remote(raw: dict[str, Any], **bus: object) -> None:
             set_at("stations", 2, "links", value=["south-radio", "south-radio"]),
             "stations.2.links.1 = 'south-radio': south has this link",
         ),
-        (set_at("stations", 2, "links", value=[]), "stations.2.links: at least 1 entries are needed"),
+        (
+            set_at("stations", 2, "links", value=[]),
+            "stations.2.links: at least one link, of its own or on standby",
+        ),
         (
             lambda raw: raw["stations"].pop(),
             "stations: link west-radio belongs to no station",

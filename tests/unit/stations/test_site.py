@@ -157,3 +157,48 @@ def test_first_term_is_the_first_stations() -> None:
     assert not lead.observe(1, 1)
     assert not lead.observe(9, 7)  # no such station
     assert lead.leads
+
+
+MIRRORED = {
+    "north": StationFleet(("n1", "n2"), (1.0, 1.0)),
+    "south": StationFleet(("s1", "n1", "n2"), (1.0, 1.0, 1.0), standby=2),
+    "west": StationFleet(("w1",), (1.0,)),
+}
+
+
+def claimed(of: Site, count: int, owned: list[bool], epochs: list[int]) -> bytes:
+    usual = replace(batch(count), site=of.site, term=1, lead=0, echoes=())
+    where_m = np.tile([5.0, 0.0, -20.0], (count, 1))
+    seen = replace(usual, position_m=where_m, age_s=np.full(count, 0.1))
+    return replace(seen, owned=np.array(owned), epochs=np.array(epochs, np.uint8)).encode()
+
+
+def test_standby_takes_over_with_a_higher_epoch() -> None:
+    north, south, west = (Site(name, MIRRORED, WithoutControl()) for name in MIRRORED)
+    assert south.owned.tolist() == [True, False, False]
+    assert west.ids == ("n1", "n2", "s1")
+    south.receive("north", "states", claimed(south, 2, [True, True], [1, 1]), 100.0)
+    west.receive("north", "states", claimed(west, 2, [True, True], [1, 1]), 100.0)
+    west.receive("south", "states", claimed(west, 3, [True, False, False], [1, 0, 0]), 100.0)
+    assert west.owners == ["north", "north", "south"]
+    assert np.isfinite(south.others(100.1).position_m[:2]).all()
+    assert south.take_over("north") == ["n1", "n2"]
+    assert south.epochs.tolist() == [1, 2, 2]
+    assert np.isnan(south.others(100.1).position_m[:2]).all()  # its own rows have them now
+    for site in (north, west):
+        site.receive("south", "states", claimed(site, 3, [True, True, True], [1, 2, 2]), 101.0)
+        site.receive("north", "states", claimed(site, 2, [True, True], [1, 1]), 101.1)  # too late
+    assert west.owners == ["south", "south", "south"]
+    assert north.owned.tolist() == [False, False]
+    assert south.take_over("north") == []
+
+
+def test_display_shows_every_vehicle_once() -> None:
+    south = Site("south", MIRRORED, WithoutControl())
+    n = len(south.own_ids)
+    names = [*south.own_ids, *south.ids]
+    assert sorted(names[row] for row in south.shown.tolist()) == ["n1", "n2", "s1", "w1"]
+    assert [row >= n for row in south.shown.tolist()] == [False, True, True, True]
+    south.receive("north", "states", claimed(south, 2, [True, True], [1, 1]), 100.0)
+    south.take_over("north")
+    assert [row >= n for row in south.shown.tolist()] == [False, False, False, True]

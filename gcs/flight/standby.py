@@ -1,0 +1,192 @@
+"""A standby: receives another station's vehicles, and takes them over when that station is lost.
+
+Two stations never send setpoints to one vehicle. The standby takes the ownership, with a higher epoch, once
+the owner's lease and watchdog must have ended, and commands HOLD. It sends setpoints of its own only after
+FENCED_S, by which an owner that is alive but cut off has had its vehicles hold as well; and an owner that
+stood still sends nothing until its standby has answered it.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from gcs.flight.fleet import Fleet
+from gcs.flight.maneuvers import Maneuvers
+from gcs.flight.refusals import why_never, why_not_touching_down
+from gcs.flight.site_member import SiteMember
+from gcs.flight.vehicle import Vehicle
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
+from gcs.service import CommandRecord, Outcome
+
+log = logging.getLogger(__name__)
+
+SPARE_S: Final = 0.05
+"""The owner counts as lost this long after its lease and its watchdog have ended."""
+
+FENCED_S: Final = 1.0
+"""An owner that has not received its standby for this time has its vehicles hold."""
+
+NO_SETPOINTS_S: Final = 2.0
+"""After the loss of the owner, the standby sends no setpoints for FENCED_S, a command, and a reserve."""
+
+LONG_TICK_S: Final = 0.1
+"""Of a longer pause of this station itself, only this much counts as silence of another."""
+
+
+@dataclass(eq=False)
+class Standby:
+    """What a station does for those that it stands by for, and for its own standbys. Used once a tick."""
+
+    flight: Fleet
+    maneuvers: Maneuvers
+    member: SiteMember
+    lease_s: float
+    rejoins: bool
+
+    taken: dict[str, float] = field(default_factory=dict)  # stations taken over, and when each was lost
+    _silent_s: dict[str, float] = field(default_factory=dict)
+    _looked_s: float | None = None
+    _held: set[str] = field(default_factory=set)  # vehicles that were commanded to hold
+    _fenced: bool = False
+    _joining: set[str] = field(default_factory=set)  # vehicles that go back into formation
+    _wants_resume: bool = False
+    _rejoined: set[str] = field(default_factory=set)  # vehicles that went back by themselves
+
+    @property
+    def lost_after_s(self) -> float:
+        """Silence of an owner after which it is taken over."""
+        return self.lease_s + self.flight.config.setpoint_timeout_s + SPARE_S
+
+    def look(self, now_s: float) -> bool:
+        """Take over what is due. Returns: whether the show is to be resumed now."""
+        step_s = 0.0 if self._looked_s is None else min(now_s - self._looked_s, LONG_TICK_S)
+        self._looked_s = now_s
+        self._release()
+        self._mind_own_standbys(now_s)
+        for name in self.member.stands_by_for:
+            arrived_s = self.member.site.stations[name].arrived_s
+            silent_s = self._silent_s.get(name, 0.0) + step_s if now_s - arrived_s > step_s else 0.0
+            self._silent_s[name] = silent_s
+            if silent_s > self.lost_after_s and arrived_s > 0.0 and self.member.ids_of(name):
+                self._take(name, now_s)
+        self._hold()
+        if self.rejoins:
+            self._rejoin_by_itself(now_s)
+        return self._joined()
+
+    # of others
+
+    def _take(self, name: str, now_s: float) -> None:
+        site = self.member.site
+        ids = site.take_over(name)
+        for one in ids:
+            vehicle = self.flight.vehicles[one]
+            vehicle.home_m = site.known_home_m(vehicle.row)
+            vehicle.reason = f"taken over from station {name}"
+        if ids:
+            self.taken[name] = now_s
+            log.error("station_taken_over", extra={"station": name, "vehicles": len(ids)})
+
+    def _of_taken(self) -> list[Vehicle]:
+        return [self.flight.vehicles[one] for name in self.taken for one in self.member.standby_ids(name)]
+
+    def _hold(self) -> None:
+        """Have vehicles that were taken over hold, unless a person or their own failsafe has them."""
+        for vehicle in self._of_taken() if self.taken else ():
+            if vehicle.id in self._held or vehicle.phase is not Phase.PILOT:
+                continue
+            self._held.add(vehicle.id)  # once: a later mode is the decision of a pilot or of the autopilot
+            if not why_never(self.flight, vehicle) and not why_not_touching_down(self.flight, vehicle):
+                self.maneuvers.start(vehicle, self.maneuvers.take_control, lambda _outcome, _reason: None)
+
+    def _rejoin_by_itself(self, now_s: float) -> None:
+        for name, taken_s in self.taken.items():
+            if now_s - taken_s > NO_SETPOINTS_S and not self._joining:
+                waiting = [one for one in self._holding(name) if one.id not in self._rejoined]
+                if waiting:
+                    self._rejoined |= {one.id for one in waiting}
+                    self.join(waiting, None)
+
+    def _holding(self, name: str) -> list[Vehicle]:
+        vehicles = [self.flight.vehicles[one] for one in self.member.standby_ids(name)]
+        return [one for one in vehicles if one.phase is Phase.HOLD and not self.maneuvers.running(one)]
+
+    def go_on(self, name: str) -> CommandRecord:
+        """Fly on with a lost station's vehicles, on an operator's command. Raises: RefusedError."""
+        if name not in self.member.stands_by_for:
+            known = ", ".join(self.member.stands_by_for) or "none"
+            raise RefusedError(f"this station is no standby for {name}; it is for: {known}")
+        now_s = self.flight.fleet.time_s
+        if name not in self.taken:
+            raise RefusedError(f"station {name} is not lost: stop it there first")
+        left_s = NO_SETPOINTS_S - (now_s - self.taken[name])
+        if left_s > 0.0:
+            raise RefusedError(f"station {name} may still send setpoints: again in {left_s:.1f} s")
+        waiting = self._holding(name)
+        if not waiting:
+            raise RefusedError(f"no vehicle of station {name} holds here")
+        record = self.flight.book.open("take-over", [one.id for one in waiting], {})
+        self.join(waiting, record)
+        return record
+
+    def join(self, vehicles: Sequence[Vehicle], record: CommandRecord | None) -> None:
+        """Have vehicles join the formation, and resume the show when they have."""
+        lead = self.member.site.lead
+        if not self.member.lead_is_here:
+            log.warning("lead_taken", extra={"term": lead.take(), "by": "standby"})
+        for vehicle in vehicles:
+            self._joining.add(vehicle.id)
+
+            def done(outcome: Outcome, reason: str, name: str = vehicle.id) -> None:
+                self._joining.discard(name)
+                if record is not None:
+                    self.flight.book.close(record.id, name, outcome, reason)
+
+            self.maneuvers.start(vehicle, self.maneuvers.join, done)
+        self._wants_resume = True
+
+    def _joined(self) -> bool:
+        if not self._wants_resume or self._joining:
+            return False
+        self._wants_resume = False
+        return self.flight.show is ShowPhase.PAUSED and bool(self.flight.in_phase(Phase.FORMATION))
+
+    # the own vehicles
+
+    def _release(self) -> None:
+        """Stop what flies vehicles that another station owns now."""
+        owned = self.member.owned
+        if owned.all():
+            return
+        for vehicle in self.flight.vehicles.values():
+            if not owned[vehicle.row] and vehicle.phase is not Phase.OFFLINE:
+                self.maneuvers.stop(vehicle, "another station flies it now")
+                vehicle.apply(Event.RELEASED, "flown by another station")
+
+    def _mind_own_standbys(self, now_s: float) -> None:
+        """Have the own vehicles hold while this station is cut off from a standby: it may take them over."""
+        stations = self.member.site.stations
+        cut = [
+            name
+            for name in self.member.standbys
+            if stations[name].batch is not None
+            and now_s - stations[name].arrived_s > FENCED_S
+            and not self.member.ended(name)
+        ]
+        if not cut:
+            self._fenced = False
+            return
+        if self._fenced:
+            return
+        self._fenced = True
+        flown = [
+            one
+            for one in self.flight.vehicles.values()
+            if one.phase in AIRBORNE - {Phase.HOLD, Phase.TAKEOFF}
+        ]
+        flown = [one for one in flown if not one.handed_over]
+        log.error("standby_not_received", extra={"station": cut[0], "vehicles": len(flown)})
+        for vehicle in flown:
+            self.maneuvers.start(vehicle, self.maneuvers.hold, lambda _outcome, _reason: None)

@@ -1,0 +1,101 @@
+"""Two hosts on one radio network: the standby takes over the vehicles of a lost owner."""
+
+import numpy as np
+import pytest
+
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Orbit
+from gcs.model.state import Array
+from gcs.service import Outcome, ShowAction
+from tests.support.virtual_site import SiteShow, fly_site, two_hosts
+
+BUS = {"delay_s": 0.01, "spread_s": 0.005, "loss": 0.01}
+
+
+def setpoints_s(show: SiteShow, of: str, vehicle: str) -> Array:
+    """Times of the setpoints that a station has sent to a vehicle of north."""
+    ports = show["north"].radios[0][1] if of == "north" else show["south"].mirrors["north"]
+    return np.array([sent.time_s for sent in ports.sent[vehicle]])
+
+
+def owned(show: SiteShow) -> int:
+    """Vehicles that south flies, as its view has it."""
+    return list(show["south"].view.rows.stations).count("south")
+
+
+def both_never_at_once(show: SiteShow, least_s: float = 0.5) -> bool:
+    """Whether the setpoints of the two stations are apart in time, for every vehicle."""
+    for vehicle in show["north"].config.ids:
+        north_s, south_s = setpoints_s(show, "north", vehicle), setpoints_s(show, "south", vehicle)
+        if len(north_s) and len(south_s):
+            apart_s = np.abs(north_s[:, None] - south_s[None, :]).min()
+            if apart_s < least_s:
+                return False
+    return True
+
+
+@pytest.mark.parametrize("after_s", [2.0, 5.7])
+def test_show_goes_on_when_the_owner_is_killed(after_s: float) -> None:
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show["north"].service.plan.set_orbit(Orbit(8.0, 2.0))
+        await show.wait(after_s)
+        assert owned(show) == 0
+        await show["north"].kill()
+        took_s = await show.until(lambda: owned(show) == 4, 3.0)
+        assert took_s <= 1.5
+        south = show["south"].service
+        await show.until(lambda: show.in_phase("south", Phase.HOLD) == 4, 4.0)
+        assert south.stations is not None
+        with pytest.raises(RefusedError, match="may still send setpoints"):
+            south.stations.take_over("north")
+        await show.wait(2.0)
+        record = south.stations.take_over("north")
+        await show.until(lambda: show["south"].view.show is ShowPhase.RUNNING, 15.0)
+        record = await show.settled("south", record)
+        assert {one.outcome for one in record.outcomes.values()} == {Outcome.DONE}
+        assert show["south"].view.plan.orbit.radius_m == 8.0
+        record = south.commands.command_show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED, "south", limit_s=100.0)
+        assert both_never_at_once(show)
+        assert show.violations == 0
+
+    fly_site(story, two_hosts(4), **BUS)
+
+
+def test_show_goes_on_by_itself_where_configured() -> None:
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        await show["north"].kill()
+        await show.until(
+            lambda: (
+                show["south"].view.show is ShowPhase.RUNNING and show.in_phase("south", Phase.FORMATION) == 4
+            ),
+            20.0,
+        )
+        assert both_never_at_once(show)
+        assert show.violations == 0
+
+    fly_site(story, two_hosts(4, rejoins=True), **BUS)
+
+
+def test_owner_that_is_cut_off_holds_and_obeys_the_standby() -> None:
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show.network.cut({"north"}, {"south"})
+        await show.until(lambda: show.in_phase("south", Phase.HOLD) == 4, 6.0)
+        await show.until(
+            lambda: (
+                show["south"].view.show is ShowPhase.RUNNING and show.in_phase("south", Phase.FORMATION) == 4
+            ),
+            20.0,
+        )
+        show.network.cut()
+        await show.wait(5.0)
+        assert show.in_phase("south", Phase.FORMATION) == 4
+        assert list(show["north"].view.rows.stations).count("south") == 4
+        assert both_never_at_once(show)
+        assert show.violations == 0
+
+    fly_site(story, two_hosts(4, rejoins=True), **BUS)
