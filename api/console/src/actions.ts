@@ -1,6 +1,6 @@
 // Calls of the service. Each reports its result; the page shows no success before the service answers.
 
-import type { Preview, Command, ShowCheck, State, StoredShow } from "./state";
+import type { Preview, Command, ShowCheck, State, Station, StoredShow } from "./state";
 import { texts } from "./texts";
 import type { Message } from "./messages";
 import { outcome, type Api, type Outcome } from "./schemas/rest";
@@ -41,6 +41,9 @@ export interface Actions {
   /** For a start of these vehicles; null: of all that are online. */
   loadPreflight(vehicles?: readonly string[] | null): Promise<boolean>;
   loadOrders(): Promise<boolean>;
+  loadStations(): Promise<boolean>;
+  /** Have the station that answers this page lead. */
+  takeLead(): Promise<boolean>;
   loadShows(): Promise<boolean>;
   checkShow(name: string): Promise<boolean>;
   selectShow(name: string, hash: string): Promise<boolean>;
@@ -203,6 +206,16 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       const result: Outcome<Command[]> = await outcome(api.GET("/api/v1/commands"));
       if (result.ok) dispatch({ kind: "commands", commands: result.data });
       return result.ok;
+    },
+    async loadStations() {
+      const result: Outcome<Station[]> = await outcome(api.GET("/api/v1/stations"));
+      if (result.ok) dispatch({ kind: "stations", stations: result.data });
+      return result.ok;
+    },
+    async takeLead() {
+      const taken = await asked(texts.stations.take, api.POST("/api/v1/stations/lead"), texts.stations.taken);
+      if (taken !== null) dispatch({ kind: "stations", stations: taken.data });
+      return taken !== null;
     },
     async loadShows() {
       const result: Outcome<StoredShow[]> = await outcome(api.GET("/api/v1/shows"));

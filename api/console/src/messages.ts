@@ -4,7 +4,7 @@ import type { AttentionMessage } from "./alarms/attentionState";
 import type { PanelState, Layout } from "./panels/state";
 import type { Choice, Selection } from "./selection";
 import type {
-  Access, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Status, StoredShow, View,
+  Access, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Station, Status, StoredShow, View,
 } from "./state";
 
 export type Message =
@@ -18,6 +18,7 @@ export type Message =
   | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }
+  | { kind: "stations"; stations: readonly Station[] }
   | { kind: "marks"; marks: ReplayMarks | null }
   | { kind: "flightReport"; flightReport: ReportBody | null }
   | { kind: "done" | "grave" | "refused"; text: string }

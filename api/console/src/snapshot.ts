@@ -7,6 +7,8 @@ type Schemas = components["schemas"];
 /** Content of the stream's text messages: state that changes seldom. */
 export type Status = Schemas["Status"];
 export type VehicleRecord = Schemas["VehicleRecord"];
+/** One of the stations that fly one formation, as the one that answers receives it. */
+export type Station = Schemas["StationView"];
 export type LogEvent = Schemas["LogEvent"];
 export type Command = Schemas["CommandRecord"];
 export type PreflightReport = Schemas["PreflightReport"];

@@ -32,6 +32,8 @@ function updateShared(state: State, message: Message): State {
       return { ...state, commands: message.commands };
     case "preflight":
       return { ...state, preflight: message.report };
+    case "stations":
+      return state.status === null ? state : { ...state, status: { ...state.status, stations: [...message.stations] } };
     case "marks":
       return { ...state, marks: message.marks };
     case "flightReport":

@@ -5,7 +5,7 @@ import { sorted, windowed, type Row } from "../src/panels/rows";
 
 const row = (id: string, change: Partial<Row> = {}): Row => ({
   index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fixIsBad: false, fix: "3D", fix_m: 0.4,
-  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", ...change,
+  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", station: "", ...change,
 });
 const ids = (rows: readonly Row[]): string[] => rows.map((each) => each.id);
 
@@ -25,6 +25,8 @@ describe("the filter", () => {
     expect(found("battery<30")).toEqual(["d1"]);
     expect(found("fix:rtk age>1")).toEqual(["d10"]);
     expect(found("-limited d")).toEqual(["d1", "d10"]);
+    expect(found("station:north")).toEqual([]);
+    expect(ids([row("d1", { station: "North" }), row("d2", { station: "south" })].filter(parseQuery("station:North,west").test))).toEqual(["d1"]);
   });
 
   it("calls a position old that is not known", () => {
@@ -55,6 +57,14 @@ describe("the order", () => {
     const rows = [row("a", { nearest_m: NaN }), row("b", { nearest_m: 3 }), row("c", { nearest_m: 5 })];
     expect(ids(sorted(rows, { column: "nearest", descending: false }))).toEqual(["b", "c", "a"]);
     expect(ids(sorted(rows, { column: "nearest", descending: true }))).toEqual(["c", "b", "a"]);
+  });
+});
+
+describe("the order by station", () => {
+  it("has the vehicles of a station in their own order", () => {
+    const rows = [row("d10", { station: "b" }), row("d9", { station: "b" }), row("d1", { station: "c" }), row("d2", { station: "a" })];
+    expect(ids(sorted(rows, { column: "station", descending: false }))).toEqual(["d2", "d9", "d10", "d1"]);
+    expect(ids(sorted(rows, { column: "station", descending: true }))).toEqual(["d1", "d9", "d10", "d2"]);
   });
 });
 

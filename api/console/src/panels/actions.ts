@@ -53,6 +53,7 @@ export interface PanelActions
   releaseKill(): void;
   disarmKill(): void;
   readPreflight(): void;
+  takeLead(): void;
   upload(file: File): void;
   enter(): void;
   replay(change: ReplayChange): void;

@@ -7,11 +7,13 @@ import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { seconds } from "./format";
 import { icon, type IconName } from "./icons";
+import { missing } from "./stations";
 import { life } from "./topbar";
 
 /** Across the page, while what is shown is not how it is now. */
 export function banner(state: State): TemplateResult | typeof nothing {
   const now = life(state);
+  if (now === "live" && missing(state.status).length > 0) return stationsMissing(state);
   if (now === "live" || now === "replay" || now === "denied") return nothing;
   const age = state.frame ? seconds((state.page_ms - state.frame.received_ms) / 1000) : "";
   const text =
@@ -32,6 +34,16 @@ export function banner(state: State): TemplateResult | typeof nothing {
     ${icon(now === "connecting" ? "events" : "warning")}
     <strong>${text}</strong>
     <span>${hints.join(" ")}</span>
+  </div>`;
+}
+
+/** Stations that are not received: no command reaches their vehicles, and what is shown of them is old. */
+function stationsMissing(state: State): TemplateResult {
+  const gone = missing(state.status);
+  return html`<div class="banner banner-stations" role="alert" data-testid="banner-stations">
+    ${icon("warning")}
+    <strong>${texts.stations.notReceived(gone.map((each) => each.name).join(", "))}</strong>
+    <span>${texts.stations.shownAsLast(gone.reduce((sum, each) => sum + each.vehicles, 0))}${gone.some((each) => each.leads) ? ` ${texts.stations.leadIsGone}` : ""}</span>
   </div>`;
 }
 

@@ -10,6 +10,7 @@ import { NEW_OBSTACLE } from "./obstacles";
 import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type PanelState, type LeftPanel, type RightPanel } from "./state";
 import { startOrder } from "./start";
+import { isSite } from "./stations";
 import type { PanelActions, PanelName } from "./actions";
 
 const LEFT: readonly PanelName[] = ["preflight", "shows", "shape", "obstacles"];
@@ -37,9 +38,10 @@ export function createDeskActions(
   function openPanel(name: PanelName): void {
     const { panels, status } = state();
     if (status?.replay && DEAD_IN_REPLAY.has(name)) return;
+    if (name === "stations" && !isSite(status)) return;
     const sheet = isSmall(panels.layout) && panels.sheet === "start" ? null : panels.sheet; // it hides the panel
     if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left", sheet });
-    else set({ right: name as RightPanel, front: "right", sheet });
+    else set({ right: name as RightPanel, front: "right", sheet, ...(name === "stations" ? { sure: "" } : {}) });
   }
 
   function releaseKill(): void {
@@ -208,6 +210,10 @@ export function createDeskActions(
       dispatch({ kind: "kill-over" });
     },
     readPreflight: () => void service.loadPreflight(),
+    takeLead() {
+      set({ sure: "" });
+      void service.takeLead();
+    },
     checkShow: service.checkShow,
     selectShow: service.selectShow,
     deselectShow: service.deselectShow,

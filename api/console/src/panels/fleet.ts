@@ -7,15 +7,20 @@ import { PHASES, type Frame, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { button } from "./controls";
-import { fixed, percentOnly } from "./format";
+import { fixed, percentOnly, UNKNOWN } from "./format";
 import { selectionBar } from "./group";
 import { icon, PHASE_ICON } from "./icons";
 import { place, sized } from "./place";
 import { hasTerm, toggled } from "./query";
 import { isStale, rowOf, windowed, type Column, type Row } from "./rows";
 import { ROW_PX } from "./state";
+import { isMissingStation } from "./stations";
 
 const COLUMNS: readonly Column[] = ["id", "phase", "held", "nearest", "battery", "age", "fix", "link", "height", "mode"];
+const OF_SITE: readonly Column[] = ["id", "phase", "station", ...COLUMNS.slice(2)];
+
+/** Whether a column says which station flies each vehicle: also in a record of a site. */
+const hasStations = (status: Status): boolean => status.vehicles.some((each) => each.station !== null);
 
 const TERMS = [
   { term: "limited", label: texts.fleet.limited },
@@ -41,6 +46,7 @@ function chips(state: State, actions: PanelActions): TemplateResult {
     ${PHASES.filter((phase) => table.phases[phase]).map((phase) =>
       chip(`phase:${phase}`, texts.fleet.phases[phase], `chip-${phase}`, table.phases[phase], icon(PHASE_ICON[phase])),
     )}
+    ${(state.status?.stations ?? []).map((each) => chip(`station:${each.name.toLowerCase()}`, each.name, `chip-station-${each.name}`, each.vehicles, icon("station")))}
     ${TERMS.map((each) => chip(each.term, each.label, `chip-${each.term.replace("<", "-")}`))}
   </div>`;
 }
@@ -90,6 +96,7 @@ function rowView(state: State, actions: PanelActions, row: Row, position: number
       </button>
     </th>
     <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${texts.fleet.phases[row.phase]}</span></td>
+    ${stationCell(state, row)}
     <td class="held col-held" title=${row.limitedBy || nothing}>
       ${row.limited ? html`${icon("limited")}<span class="for-readers">${texts.fleet.limited}</span>` : nothing}
     </td>
@@ -101,6 +108,14 @@ function rowView(state: State, actions: PanelActions, row: Row, position: number
     <td class="number col-height">${fixed(row.height_m)}</td>
     <td class="col-mode">${row.mode}</td>
   </tr>`;
+}
+
+function stationCell({ status }: State, { station }: Row): TemplateResult | typeof nothing {
+  if (!status || !hasStations(status)) return nothing;
+  const isMissing = isMissingStation(status, station);
+  return html`<td class="col-station ${isMissing ? "low" : ""}" title=${isMissing ? texts.stations.notReceived(station) : nothing}>
+    ${isMissing ? icon("warning") : nothing}<span>${station || UNKNOWN}</span>
+  </td>`;
 }
 
 const keysOf = (event: MouseEvent | KeyboardEvent): { shift: boolean; ctrl: boolean } => ({
@@ -152,6 +167,7 @@ function table(state: State, actions: PanelActions, status: Status, frame: Frame
     .slice(shown.first, shown.last)
     .filter((index) => index < Math.min(frame.n, status.vehicles.length))
     .map((index, offset) => ({ row: rowOf(status, frame, nearest_m, index), position: shown.first + offset }));
+  const columns = hasStations(status) ? OF_SITE : COLUMNS;
   const measured = (event: Event): void => {
     const { scrollTop, clientHeight } = event.currentTarget as HTMLElement;
     actions.set({ scroll_px: scrollTop, room_px: clientHeight });
@@ -168,20 +184,20 @@ function table(state: State, actions: PanelActions, status: Status, frame: Frame
     @focusin=${measured}
     @keydown=${(event: KeyboardEvent) => onKey(actions, event)}
   >
-    <table class="fleet value" aria-rowcount=${command.length + 1} data-testid="fleet-table">
+    <table class="fleet value ${columns === OF_SITE ? "of-site" : ""}" aria-rowcount=${command.length + 1} data-testid="fleet-table">
       <thead>
         <tr aria-rowindex="1">
-          ${COLUMNS.map((column) => heading(state, actions, column))}
+          ${columns.map((column) => heading(state, actions, column))}
         </tr>
       </thead>
       <tbody>
-        <tr class="spacer" aria-hidden="true"><td colspan=${COLUMNS.length} ${place({ height: `${shown.above_px}px` })}></td></tr>
+        <tr class="spacer" aria-hidden="true"><td colspan=${columns.length} ${place({ height: `${shown.above_px}px` })}></td></tr>
         ${repeat(
           rows,
           ({ row }) => row.id,
           ({ row, position }) => rowView(state, actions, row, position),
         )}
-        <tr class="spacer" aria-hidden="true"><td colspan=${COLUMNS.length} ${place({ height: `${shown.below_px}px` })}></td></tr>
+        <tr class="spacer" aria-hidden="true"><td colspan=${columns.length} ${place({ height: `${shown.below_px}px` })}></td></tr>
       </tbody>
     </table>
     ${command.length === 0 ? html`<p class="empty">${texts.fleet.noMatch}</p>` : nothing}

@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import { flightReport } from "../replay/report";
 import { replayBar } from "../replay/bar";
-import type { State } from "../state";
+import type { State, Status } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { alarmsOf } from "../alarms/model";
@@ -30,6 +30,7 @@ import { shape } from "./shape";
 import { shows } from "./shows";
 import { start } from "./start";
 import type { LeftPanel, RightPanel, Sheet } from "./state";
+import { isSite, missing, stations } from "./stations";
 import { timeline } from "./timeline";
 import { life, topbar } from "./topbar";
 import { vehicle } from "./vehicle";
@@ -40,6 +41,10 @@ type PanelName = LeftPanel | RightPanel;
 const LEFT: readonly LeftPanel[] = ["preflight", "shows", "shape", "obstacles"];
 const RIGHT: readonly RightPanel[] = ["fleet", "vehicle", "events", "plots"];
 
+function rightTabs(status: Status | null): readonly RightPanel[] {
+  return [...RIGHT, ...(isSite(status) ? (["stations"] as const) : []), ...(status?.replay ? (["report"] as const) : [])];
+}
+
 const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
   preflight: { view: preflight, icon: "preflight" },
   shows: { view: shows, icon: "show" },
@@ -49,6 +54,7 @@ const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
   vehicle: { view: vehicle, icon: "vehicle" },
   events: { view: events, icon: "events" },
   plots: { view: plots, icon: "plots" },
+  stations: { view: stations, icon: "station" },
   report: { view: flightReport, icon: "check" },
 };
 
@@ -62,6 +68,7 @@ const SHEETS: Record<Sheet, { view: View; title: string }> = {
 function count(state: State, name: PanelName): number {
   const report = name === "preflight" ? preflightNow(state) : null;
   if (report && !report.passes) return failures(report);
+  if (name === "stations") return missing(state.status).length;
   if (name === "obstacles") return state.status?.obstacles.length ?? 0;
   return 0;
 }
@@ -83,7 +90,7 @@ function rail(state: State, actions: PanelActions, side: "left" | "right", names
         @click=${() => actions.togglePanel(name)}
       >
         ${icon(PANELS[name].icon)}<span>${texts.shell.tabs[name]}</span>
-        ${number > 0 ? html`<b class="badge ${name === "preflight" ? "bad" : ""}">${number}</b>` : nothing}
+        ${number > 0 ? html`<b class="badge ${name === "obstacles" ? "" : "bad"}">${number}</b>` : nothing}
       </button>`;
     })}
   </nav>`;
@@ -155,7 +162,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
     ${isSmall(layout) ? nothing : recovery(state)}
     <div class="alarms" data-region="alarms">${isSmall(layout) ? recovery(state) : nothing} ${alarms(state, actions)}</div>
     <div class="rails">
-      ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", isReplay ? [...RIGHT, "report"] : RIGHT)}
+      ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", rightTabs(state.status))}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>

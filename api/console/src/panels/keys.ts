@@ -25,6 +25,7 @@ export const PANEL_KEYS = {
   "6": "vehicle",
   "7": "events",
   "8": "plots",
+  "9": "stations",
 } as const;
 
 export type Command =

@@ -1,6 +1,6 @@
 /** The filter of the fleet table: a line of terms, all of which a vehicle must meet. Pure.
  *
- * `phase:hold,return battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1`
+ * `phase:hold,return station:north battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1`
  */
 
 import { texts } from "../texts";
@@ -26,6 +26,7 @@ const WORDS: Record<string, (row: Row) => string> = {
   id: (row) => row.id,
   phase: (row) => row.phase,
   mode: (row) => row.mode,
+  station: (row) => row.station.toLowerCase(),
   fix: (row) => row.fix.toLowerCase(),
 };
 
@@ -56,7 +57,7 @@ function term(text: string): Test {
     if (value && given === "unknown") return (row) => Number.isNaN(value(row));
     const word = WORDS[field];
     if (!word) throw new Error(texts.fleet.noField(field, FIELDS));
-    const choices = given.split(",");
+    const choices = given.toLowerCase().split(",");
     return (row) => choices.includes(word(row));
   }
   return FLAGS[text] ?? ((row) => row.id.includes(text) || row.phase === text || row.mode === text);

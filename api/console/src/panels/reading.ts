@@ -1,4 +1,4 @@
-/** Data that the stream lacks are requested while their panel is open: preflight, commands, show files. */
+/** Data that the stream lacks are requested while their panel is open: preflight, commands, delays of stations, show files. */
 
 import type { Actions } from "../actions";
 import { startOrder } from "./start";
@@ -9,10 +9,11 @@ import { fresh, type State } from "../state";
 const PREFLIGHT_MS = 2000;
 const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
+const STATIONS_MS = 1000;
 
 /** Call it a few times a second. One request of a kind at a time, so that a slow service gets no more. */
-export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadShows" | "loadMarks">): (state: State) => void {
-  const asked_ms = { preflight: -Infinity, commands: -Infinity };
+export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadShows" | "loadMarks">): (state: State) => void {
+  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity };
   const busy = new Set<string>();
   let showsFor: string | null = null;
   let marksFor = NaN;
@@ -44,6 +45,10 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
     if (ordersOpen && page_ms - asked_ms.commands >= ORDERS_MS) {
       asked_ms.commands = page_ms;
       ask("commands", service.loadOrders);
+    }
+    if (right === "stations" && page_ms - asked_ms.stations >= STATIONS_MS) {
+      asked_ms.stations = page_ms;
+      ask("stations", service.loadStations);
     }
     if (left !== "shows") showsFor = null;
     else if (showsFor !== `${state.access.name} ${status.began_unix_time_s}`) {

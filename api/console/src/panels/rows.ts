@@ -21,9 +21,10 @@ export interface Row {
   ready: boolean;
   limited: boolean;
   limitedBy: string;
+  station: string; // that flies it; empty where one flies all, or none is known to
 }
 
-export type Column = "id" | "phase" | "mode" | "battery" | "age" | "fix" | "nearest" | "link" | "height" | "held";
+export type Column = "id" | "phase" | "mode" | "battery" | "age" | "fix" | "nearest" | "link" | "height" | "held" | "station";
 
 export interface Sort {
   column: Column;
@@ -54,6 +55,7 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
     ready: (flags & 2) !== 0,
     limited: (flags & 4) !== 0,
     limitedBy: vehicle.limited_by,
+    station: vehicle.station ?? "",
   };
 }
 
@@ -63,7 +65,7 @@ export function isStale(row: Row): boolean {
 
 const byName = new Intl.Collator("en", { numeric: true });
 
-const VALUE: Record<Exclude<Column, "id">, (row: Row) => number> = {
+const VALUE: Record<Exclude<Column, "id" | "station">, (row: Row) => number> = {
   phase: (row) => PHASES.indexOf(row.phase),
   mode: (row) => MODES.indexOf(row.mode),
   battery: (row) => row.battery,
@@ -80,6 +82,7 @@ export function sorted(rows: readonly Row[], sort: Sort): Row[] {
   const sign = sort.descending ? -1 : 1;
   const { column } = sort;
   if (column === "id") return [...rows].sort((a, b) => sign * byName.compare(a.id, b.id));
+  if (column === "station") return [...rows].sort((a, b) => sign * byName.compare(a.station, b.station) || byName.compare(a.id, b.id));
   const value = VALUE[column];
   return [...rows].sort((a, b) => {
     const [u, v] = [value(a), value(b)];

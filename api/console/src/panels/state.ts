@@ -13,7 +13,7 @@ export type PanelSide = "left" | "right";
 /** What is changed together, by one button. */
 export type Group = "formation" | "orbit" | "target" | "yaw";
 export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
-export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "report";
+export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "stations" | "report";
 export type Sheet = "start" | "kill" | "help";
 
 /** Something that the service, or the page, refused. */
@@ -56,7 +56,7 @@ export interface PanelState {
   preflightFor: string; // the vehicles it was requested for, with spaces between; empty: all that are online
   preflightProblem: string;
   allChecks: boolean; // also those that pass
-  sure: string; // what waits for a second press: "obstacle:tower", "show:parade"
+  sure: string; // what waits for a second press: "obstacle:tower", "show:parade", "lead"
   excluding: string | null;
   editing: string | null; // an obstacle's id; "": a new one
   startAt: boolean; // at a clock time

@@ -2,7 +2,7 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { overall, soundButton } from "../alarms/panel";
-import { fresh, type State } from "../state";
+import { fresh, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { camera } from "./camera";
@@ -103,6 +103,12 @@ function gauges(state: State): TemplateResult {
   </div>`;
 }
 
+/** Of a site also the station that answers: another page may be that of another one. */
+function roleAt(role: string, status: Status | null): string {
+  const own = status?.stations.find((each) => each.own)?.name;
+  return own === undefined ? role : texts.bar.roleAt(role, own);
+}
+
 function who(state: State): TemplateResult {
   const { access } = state;
   const right = (["operate", "emergency", "watch"] as const).find((each) => access?.rights.has(each));
@@ -110,7 +116,7 @@ function who(state: State): TemplateResult {
     ${icon("pilot")}
     <span class="gauge-words">
       <strong>${access?.name ?? "–"}</strong>
-      <small>${right ? texts.bar.roles[right] : "–"}</small>
+      <small data-testid="role">${right ? roleAt(texts.bar.roles[right], state.status) : "–"}</small>
     </span>
   </div>`;
 }

@@ -7,6 +7,7 @@ import { withLayout } from "./layout";
 import { reportKey } from "./preflight";
 import { parseQuery } from "./query";
 import { rowOf, sorted } from "./rows";
+import { isSite } from "./stations";
 import { REFUSALS_KEPT, type PanelState, type Table } from "./state";
 import { steppedBack, steppedForward } from "./stepping";
 
@@ -73,7 +74,9 @@ function withRefusal(
 
 /** What is open and is gone, or has no use any more, is closed. */
 function settled(before: State): State {
-  const state = changed(before, steppedBack(before));
+  const isLeading = before.panels.sure === "lead" && before.status?.stations.some((each) => each.own && each.leads);
+  const isGoneSite = before.panels.right === "stations" && !isSite(before.status);
+  const state = changed(before, { ...steppedBack(before), ...(isGoneSite ? { right: "fleet" as const } : {}), ...(isLeading ? { sure: "" } : {}) });
   const { editing, drafts } = state.panels;
   const isGone = editing !== null && editing !== "" && !state.status?.obstacles.some((each) => each.id === editing);
   return isGone ? changed(state, { editing: null, drafts: without(drafts, "obstacle") }) : state;

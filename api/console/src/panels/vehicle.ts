@@ -11,6 +11,7 @@ import { roughly } from "./energy";
 import { icon, PHASE_ICON, type IconName } from "./icons";
 import { VEHICLE_ACTIONS, whyNotVehicle, type VehicleAction } from "./rights";
 import { isStale, rowOf, type Row } from "./rows";
+import { isMissingStation } from "./stations";
 
 const ACTION_ICON: Record<VehicleAction, IconName> = {
   hold: "hold",
@@ -60,6 +61,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("armed", row.armed ? t.yes : t.no)}
     ${pair("landed", t.landed[frame.landed[i]!] ?? UNKNOWN)}
     ${pair("ready", row.ready ? t.yes : t.no)}
+    ${vehicle.station === null ? nothing : pair("station", vehicle.station)}
     ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}
     ${pair("commands", last ? `${texts.events.action(last.action)}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
   </dl>`;
@@ -116,6 +118,9 @@ export function vehicle(state: State, actions: PanelActions): TemplateResult {
       })}
     </header>
     ${reason ? html`<p class="value" data-testid="vehicle-reason">${reason}</p>` : nothing}
+    ${isMissingStation(status, row.station)
+      ? html`<p class="problem" data-testid="vehicle-station-missing">${icon("warning")} ${texts.stations.ofMissing(row.station)}</p>`
+      : nothing}
     ${isStale(row) ? html`<p class="problem">${icon("warning")} ${texts.fleet.stale}</p>` : nothing}
     ${row.limited
       ? html`<p class="notice" data-testid="vehicle-limited">${icon("limited")} ${t.held}: ${row.limitedBy || texts.fleet.limited}</p>`
