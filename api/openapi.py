@@ -19,9 +19,10 @@ Lengths are in metres. Positions are in the show frame (x along the show's headi
 positive up) or in latitude and longitude. Headings are in degrees clockwise from north. Commands answer 202
 with a command record; its outcome is at `/api/v1/commands/{id}`. `/api/v1/stream?rate_hz=10` is a WebSocket
 that sends what `/api/v1/fleet` answers, always the newest state. `/api/v1/stream/console` sends binary frames
-for displays, and `/api/v1/status` whenever it changes (docs/stream.md). Where commands are recorded, the
-answer leaves after the record is written; with the header `X-Recorded: no` it was not written, and `alarms`
-say why.
+for displays, and `/api/v1/status` whenever it changes (docs/stream.md). Where several stations fly one
+formation, each shows the vehicles of all and accepts commands for all; `/api/v1/stations` lists the stations.
+Where commands are recorded, the answer leaves after the record is written; with the header `X-Recorded: no` it
+was not written, and `alarms` say why.
 """
 
 MEANING: Final = {

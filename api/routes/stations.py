@@ -1,7 +1,7 @@
 """Routes of the stations of a site, which fly one formation together. They only translate."""
 
 from http import HTTPStatus
-from typing import Final
+from typing import Any, Final
 
 from fastapi import APIRouter, Response
 
@@ -12,16 +12,40 @@ from gcs.service import CommandRecord, StationView
 
 ALONE: Final = "one station flies all vehicles here: there is no other station"
 
+EXAMPLE: Final = [
+    {
+        "name": name,
+        "own": name == "north",
+        "leads": name == "north",
+        "received": name != "west",
+        "silent_s": {"north": 0.0, "west": 2.5}.get(name, 0.03),
+        "show": "running",
+        "vehicles": 250,
+        "delay_s": 0.0 if name == "north" else 0.002,
+        "term": 1,
+    }
+    for name in ("north", "south", "west")
+]
+LISTED: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"content": {"application/json": {"example": EXAMPLE}}}
+}
+
+COMMAND: Final = command(no_body=True)
+
 router = APIRouter(prefix="/stations", tags=["stations"], dependencies=TOKEN)
 
 
-@router.get("", summary="Every station of the site")
+@router.get("", summary="Every station of the site", responses=LISTED)
 async def list_stations(context: ContextDep) -> list[StationView]:
     """The stations as the one that answers receives them; empty where one station flies all vehicles."""
     return list(context.view.stations)
 
 
-@router.post("/lead", summary="Have the station that answers take the lead", **command(no_body=True))
+@router.post(
+    "/lead",
+    summary="Have the station that answers take the lead",
+    **COMMAND | {"responses": COMMAND["responses"] | LISTED},
+)
 async def take_lead(context: ContextDep) -> list[StationView]:
     """It holds the plan and computes the formation from now on; the stations that receive it follow.
 

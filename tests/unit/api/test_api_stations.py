@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from gcs.api.context import Feed
 from gcs.api.schemas import binary_frame as frames
 from gcs.api.schemas import convert
 from gcs.estimation.time_estimates import nothing
 from gcs.model.lifecycle import Phase
+from gcs.service import StationView
 from tests.support.api_fake_service import FRAME, FakeService
 from tests.support.api_harness import Api
 
@@ -150,3 +152,11 @@ def test_vehicles_of_a_lost_station_are_flown_on(site: FakeService) -> None:
     assert accepted.status_code == 202
     assert accepted.headers["Location"] == f"/api/v1/commands/{accepted.json()['id']}"
     assert Api()("POST", "/api/v1/stations/south/take-over").status_code == 409
+
+
+def test_example_of_the_document_is_an_answer_of_stations() -> None:
+    paths = Api().app.openapi()["paths"]
+    for path, method in (("/api/v1/stations", "get"), ("/api/v1/stations/lead", "post")):
+        example = paths[path][method]["responses"]["200"]["content"]["application/json"]["example"]
+        found = TypeAdapter(list[StationView]).validate_python(example)
+        assert sum(each.own for each in found) == sum(each.leads for each in found) == 1

@@ -795,7 +795,7 @@ export interface paths {
         put?: never;
         /**
          * Fly on with the vehicles of a lost station
-         * @description The station that answers is the standby of that one, and its vehicles hold. They go back into formation.
+         * @description The station that answers is the standby of that one. Its vehicles go from hold back into formation.
          *
          *     `409` where the station is not lost, may still send setpoints, or none of its vehicles holds here.
          */
@@ -7997,6 +7997,43 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example [
+                     *       {
+                     *         "delay_s": 0,
+                     *         "leads": true,
+                     *         "name": "north",
+                     *         "own": true,
+                     *         "received": true,
+                     *         "show": "running",
+                     *         "silent_s": 0,
+                     *         "term": 1,
+                     *         "vehicles": 250
+                     *       },
+                     *       {
+                     *         "delay_s": 0.002,
+                     *         "leads": false,
+                     *         "name": "south",
+                     *         "own": false,
+                     *         "received": true,
+                     *         "show": "running",
+                     *         "silent_s": 0.03,
+                     *         "term": 1,
+                     *         "vehicles": 250
+                     *       },
+                     *       {
+                     *         "delay_s": 0.002,
+                     *         "leads": false,
+                     *         "name": "west",
+                     *         "own": false,
+                     *         "received": false,
+                     *         "show": "running",
+                     *         "silent_s": 2.5,
+                     *         "term": 1,
+                     *         "vehicles": 250
+                     *       }
+                     *     ]
+                     */
                     "application/json": components["schemas"]["StationView"][];
                 };
             };
@@ -8192,6 +8229,43 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
+                    /**
+                     * @example [
+                     *       {
+                     *         "delay_s": 0,
+                     *         "leads": true,
+                     *         "name": "north",
+                     *         "own": true,
+                     *         "received": true,
+                     *         "show": "running",
+                     *         "silent_s": 0,
+                     *         "term": 1,
+                     *         "vehicles": 250
+                     *       },
+                     *       {
+                     *         "delay_s": 0.002,
+                     *         "leads": false,
+                     *         "name": "south",
+                     *         "own": false,
+                     *         "received": true,
+                     *         "show": "running",
+                     *         "silent_s": 0.03,
+                     *         "term": 1,
+                     *         "vehicles": 250
+                     *       },
+                     *       {
+                     *         "delay_s": 0.002,
+                     *         "leads": false,
+                     *         "name": "west",
+                     *         "own": false,
+                     *         "received": false,
+                     *         "show": "running",
+                     *         "silent_s": 2.5,
+                     *         "term": 1,
+                     *         "vehicles": 250
+                     *       }
+                     *     ]
+                     */
                     "application/json": components["schemas"]["StationView"][];
                 };
             };
