@@ -37,7 +37,7 @@ from tests.bench.link_traffic import FRAME, HOST
 NUMBER_AT = 4  # of a MAVLink 2 frame: where its number is
 
 
-def config_of(count: int, rate_hz: float, transport: str = "native") -> Config:
+def config_of(count: int, rate_hz: float, transport: str = "native", position_hz: float = 10.0) -> Config:
     """So many vehicles, 250 to a port."""
     links = [
         {
@@ -45,6 +45,7 @@ def config_of(count: int, rate_hz: float, transport: str = "native") -> Config:
             "transport": transport,
             "listen": f"udpin://{HOST}:{FIRST_PORT + index}",
             "vehicles": {"count": min(EACH, count), "id_pattern": "{link}-{system_id}"},
+            "streams": {"position_hz": position_hz},
         }
         for index in range(namespaces(count))
     ]
@@ -151,12 +152,12 @@ def p99_ms(times_s: Array | Sequence[float]) -> float:
     return float(np.percentile(np.array(times_s), 99)) * 1e3 if len(times_s) else nan
 
 
-async def service(fleet: Fleet, count: int, rate_hz: float, transport: str, missing: int = 0) -> Cost:
+async def service(fleet: Fleet, config: Config, missing: int = 0) -> Cost:
     """The whole service with a formation in the air: law, safety, setpoints. Nothing asks the API.
 
     `missing` vehicles are never received; the figures are those of the others.
     """
-    config = config_of(count, rate_hz, transport)
+    count = len(config.fleet)
     links = links_of(config)
     passages = [Passage(link) for link in links]
     orchestrator = Orchestrator(config, links)
@@ -236,9 +237,9 @@ async def connecting_s(count: int, transport: str) -> float:
     return fleet.connecting_s([(*key, when_s) for key, when_s in met_s.items()])
 
 
-async def links_alone(fleet: Fleet, count: int, rate_hz: float) -> Cost:
+async def links_alone(fleet: Fleet, config: Config) -> Cost:
     """Telemetry to one batch, a batch to setpoints, nothing between."""
-    links = links_of(config_of(count, rate_hz))
+    links, rate_hz = links_of(config), config.tick_rate_hz
     passages = [Passage(link) for link in links]
     running = [asyncio.create_task(link.run()) for link in links]
     still = np.zeros((EACH, 3))

@@ -68,7 +68,16 @@ def sphere_m(count: int, radius_m: float, height_m: float) -> Array:
 class Namespace:
     """Vehicles 1 to n behind one address, talking to one port."""
 
-    def __init__(self, port: int, position_m: Array, *, own_ports: bool, silent: int, garbage: int) -> None:
+    def __init__(
+        self,
+        port: int,
+        position_m: Array,
+        *,
+        own_ports: bool,
+        silent: int,
+        garbage: int,
+        position_hz: float = STREAMS_HZ[GLOBAL_POSITION_INT],
+    ) -> None:
         """With `own_ports` vehicle i speaks to port + i - 1; the first are silent, the next send garbage."""
         n = len(position_m)
         self._garbage = np.arange(silent, silent + garbage)
@@ -87,7 +96,8 @@ class Namespace:
         self._packets.open()
         self._ground = source_of(int.from_bytes(b"\x7f\0\0\1", "big"), port, 0) + own_ports * np.arange(n)
         phase = np.random.default_rng(port).random(n)
-        self._due_s = {message_id: phase / rate_hz for message_id, rate_hz in STREAMS_HZ.items()}
+        self._streams_hz = {**STREAMS_HZ, GLOBAL_POSITION_INT: position_hz}
+        self._due_s = {message_id: phase / rate_hz for message_id, rate_hz in self._streams_hz.items()}
 
     def step(self, time_s: float) -> None:
         """Read what came, move, send what is due."""
@@ -103,7 +113,7 @@ class Namespace:
         for message_id, due_s in self._due_s.items():
             rows = np.flatnonzero((due_s <= time_s) & self._speaks)
             if len(rows):
-                due_s[rows] += 1.0 / STREAMS_HZ[message_id]
+                due_s[rows] += 1.0 / self._streams_hz[message_id]
                 self._send(message_id, self._messages(message_id, rows, time_s), rows)
                 if message_id == HEARTBEAT:
                     new = rows[np.isnan(self.first_beat_s[rows])]
@@ -178,6 +188,7 @@ def main() -> None:
         parser.add_argument(name, type=float)
     for name in ("silent", "garbage"):
         parser.add_argument(f"--{name}", type=int, default=0)
+    parser.add_argument("--position-hz", type=float, default=STREAMS_HZ[GLOBAL_POSITION_INT])
     parser.add_argument("--own-ports", action="store_true")
     given = parser.parse_args()
     place_m = sphere_m(given.namespaces * given.each, given.radius, given.height)
@@ -188,6 +199,7 @@ def main() -> None:
             own_ports=given.own_ports,
             silent=given.silent,
             garbage=given.garbage,
+            position_hz=given.position_hz,
         )
         for index in range(given.namespaces)
     ]

@@ -11,10 +11,10 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gcs.cli.process import run_exactly
-from tests.bench import link_pymavlink, link_service, mavsdk_plainly
+from tests.bench import link_bare, link_pymavlink, link_service, mavsdk_plainly
 from tests.bench.link_measures import CannotError, Cost, flying
 
 BROKEN_SHARE = 0.05
@@ -32,12 +32,14 @@ class Row:
     what: str
     transport: str
     count: int
-    rate_hz: float = 20.0
+    rate_hz: float = 20.0  # of setpoints
+    position_hz: float = 10.0  # of each vehicle's telemetry
 
     @property
     def title(self) -> str:
         """With the columns that say how many, how often."""
-        return f"{TITLES[self.what].format(self.transport):<34}{self.count:>5}{self.rate_hz:>5.0f}"
+        columns = f"{self.count:>5}{self.rate_hz:>5.0f}{self.position_hz:>5.0f}"
+        return f"{TITLES[self.what].format(self.transport):<34}{columns}"
 
 
 TITLES = {
@@ -45,6 +47,7 @@ TITLES = {
     "silent": "  with 5 % silent",
     "garbage": "  with 5 % that send garbage",
     "links": "  its links alone",
+    "bare": "  bare sockets, in C",
     "plainly": "  MAVSDK, one instance",
     "wrapped": "  MAVSDK, its asyncio wrappers",
     "plainly-silent": "  MAVSDK, one instance, 5 % silent",
@@ -69,6 +72,7 @@ ROWS = (
     Row("service", "native", 1000),
     Row("links", "native", 1000),
     Row("pymavlink", "native", 1000),
+    Row("service", "native", 2000, position_hz=5.0),
     Row("service", "native", 250, 50.0),
     Row("pymavlink", "native", 250, 50.0),
     Row("service", "native", 250),
@@ -86,8 +90,19 @@ CORE_PERCENT = {
     Row("service", "mavsdk", 64): 15.0,
     Row("service", "mavsdk", 250): 40.0,
     Row("service", "native", 1000): 45.0,
+    Row("service", "native", 2000, position_hz=5.0): 45.0,
     Row("service", "native", 250, 50.0): 25.0,
 }
+RESIDENT_MB = {
+    Row("service", "native", 1000): 250.0,
+    Row("service", "native", 2000, position_hz=5.0): 350.0,
+}
+"""Rows in which nothing may be lost, and no tick take long."""
+
+TIMES_BARE = 4.0
+"""The processor time of the service, over that of bare sockets with the same datagrams in the same run."""
+
+BESIDE_BARE = Row("service", "native", 1000)
 CONNECTED_S = 3.0
 PASSED_ON_MS = 3.0
 """Beyond one tick period."""
@@ -117,9 +132,9 @@ def requirements(row: Row, cost: Cost) -> list[Requirement]:
         Requirement("telemetry lost, %", cost.lost_in_percent, 0.0),
         Requirement("setpoints lost, %", cost.lost_out_percent, 0.0),
     ]
-    if row == Row("service", "native", 1000):
+    if row in RESIDENT_MB:
         required += [
-            Requirement("MB", cost.resident_mb, 250.0),
+            Requirement("MB", cost.resident_mb, RESIDENT_MB[row]),
             *lost,
             Requirement("tick, ms", cost.tick_p99_ms, 25.0),
             Requirement("late, ms", cost.late_p99_ms, 10.0),
@@ -137,7 +152,9 @@ def measured(row: Row) -> Cost:
     what, _, fault_injector = row.what.partition("-")
     fault_injector = fault_injector or (what if what in {"silent", "garbage"} else "")
     broken = round(BROKEN_SHARE * count) if fault_injector else 0
-    options = [f"--{fault_injector}", str(broken)] if fault_injector else []
+    options = ["--position-hz", str(row.position_hz)]
+    if fault_injector:
+        options += [f"--{fault_injector}", str(broken)]
     if what in {"plainly", "wrapped"}:
         options.append("--own-ports")
     with flying(count, *options) as fleet:
@@ -147,9 +164,12 @@ def measured(row: Row) -> Cost:
             return run_exactly(mavsdk_plainly.with_wrappers(fleet, count, rate_hz))
         if what == "pymavlink":
             return link_pymavlink.per_message(fleet, count, rate_hz)
+        if what == "bare":
+            return link_bare.bare_sockets(fleet, count, rate_hz)
+        config = link_service.config_of(count, rate_hz, row.transport, row.position_hz)
         if what == "links":
-            return run_exactly(link_service.links_alone(fleet, count, rate_hz))
-        return run_exactly(link_service.service(fleet, count, rate_hz, row.transport, broken))
+            return run_exactly(link_service.links_alone(fleet, config))
+        return run_exactly(link_service.service(fleet, config, broken))
 
 
 def connecting_s(row: Row) -> float:
@@ -179,7 +199,8 @@ def figures(cost: Cost) -> str:
 def heads() -> str:
     """Over the columns."""
     columns = f"{'% core':>9}{'MB':>7}{'sent/s':>9}{'passed p99':>12}{'tick p99':>10}{'late p99':>10}"
-    return f"{'what (times in ms)':<34}{'N':>5}{'Hz':>5}{columns}{'lost in':>9}{'lost out':>10}"
+    rates = f"{'N':>5}{'Hz':>5}{'in':>5}"
+    return f"{'what (times in ms)':<34}{rates}{columns}{'lost in':>9}{'lost out':>10}"
 
 
 def tell(row: Row) -> None:
@@ -196,14 +217,29 @@ def tell(row: Row) -> None:
     except CannotError as error:
         print(f"{row.title}   cannot: {error}")
         return
+    if row == BESIDE_BARE:
+        required += beside_bare(row, cost)
     if required:
         print(f"    must: {'; '.join(map(str, required))}")
+
+
+def beside_bare(row: Row, cost: Cost) -> list[Requirement]:
+    """Measure bare sockets in the same run and print their row; the service is compared with it."""
+    bare = replace(row, what="bare")
+    try:
+        beside = measured(bare)
+    except CannotError as error:
+        print(f"{bare.title}   cannot: {error}")
+        return []
+    times = cost.core_percent / beside.core_percent
+    print(f"{bare.title}{figures(beside)}   the service takes {times:.1f} times as much")
+    return [Requirement("times bare sockets", times, TIMES_BARE)]
 
 
 def describe(row: Row) -> str:
     """The same from a process of its own, whatever becomes of it."""
     command = [sys.executable, "-m", "tests.bench.links"]
-    command += [row.what, row.transport, str(row.count), str(row.rate_hz)]
+    command += [row.what, row.transport, str(row.count), str(row.rate_hz), str(row.position_hz)]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -225,7 +261,7 @@ def main(desired: list[str]) -> int:
     if len(desired) >= 3:
         logging.disable(logging.WARNING)  # a thousand vehicles found in the air say so
         print(heads())
-        tell(Row(desired[0], desired[1], int(desired[2]), float((*desired, "20")[3])))
+        tell(Row(desired[0], desired[1], int(desired[2]), *map(float, desired[3:])))
         return 0
     print(heads())
     missed, failed = [], []
@@ -239,9 +275,9 @@ def main(desired: list[str]) -> int:
         if "MISS" in text:
             missed.append(row)
     for row in missed:
-        print(f"not reached: {row.what} {row.transport} {row.count} {row.rate_hz:g}")
+        print(f"not reached: {row.what} {row.transport} {row.count} {row.rate_hz:g} {row.position_hz:g}")
     for row in failed:
-        print(f"not measured: {row.what} {row.transport} {row.count} {row.rate_hz:g}")
+        print(f"not measured: {row.what} {row.transport} {row.count} {row.rate_hz:g} {row.position_hz:g}")
     return 1 if failed else 0
 
 
