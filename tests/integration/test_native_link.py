@@ -11,13 +11,13 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links import Verb
-from gcs.links.endpoints import mmsg
 from gcs.links.endpoints.ports import Datagrams, host_number, socket_of, source_of
 from gcs.links.endpoints.udp import UdpPorts
 from gcs.links.link import Direction
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import Listen, StreamSettings
 from gcs.links.stream_requests import desired_rates
+from gcs.mavlink.kernels import Whole
 from gcs.model.errors import LinkError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Setpoints
@@ -73,9 +73,9 @@ def test_each_socket_sends_once_in_any_order(monkeypatch: pytest.MonkeyPatch) ->
     calls: list[tuple[int, int]] = []
     send_all = UdpPorts._send_all
 
-    def counted(ports: UdpPorts, outbox: mmsg.Batch, *more: Any) -> None:
+    def counted(ports: UdpPorts, destination: Whole, *more: Any) -> None:
         calls.append(more[1:3])
-        send_all(ports, outbox, *more)
+        send_all(ports, destination, *more)
 
     monkeypatch.setattr(UdpPorts, "_send_all", counted)
     ports = UdpPorts("bench", Listen(HOST, port := free_ports(2), 2), time.monotonic)

@@ -1,18 +1,23 @@
 """Many datagrams with one system call: sendmmsg and recvmmsg of Linux, through ctypes.
 
-The structures are the C library's, filled through numpy views, so that a batch costs no Python per datagram.
+The structures are the C library's, seen as numpy arrays. Compiled loops fill and read them.
 """
 
 import ctypes
 import errno
 import os
 import socket
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.mavlink.kernels import Bytes, Whole
+from gcs.model.jit import kernel
+from gcs.model.state import Array
+
+Field: TypeAlias = NDArray[Any]
+"""(count,) whole numbers: one field of a C structure in every row."""
 
 SO_TIMESTAMPNS: Final = 35  # Linux; Python does not name it
 
@@ -52,6 +57,11 @@ _CONTROL: Final = _aligned(length="P", level="i4", kind="i4", seconds="l", nanos
 _SEGMENT: Final = _aligned(length="P", level="i4", kind="i4", bytes="u2")
 """struct cmsghdr with the length of a run's datagrams."""
 
+_CONTROL_LENGTH: Final = _CONTROL.itemsize
+_SEGMENT_LENGTH: Final = _SEGMENT.itemsize
+_SOCKET: Final = int(socket.SOL_SOCKET)
+_STAMP: Final = SO_TIMESTAMPNS
+
 _LIBC: Final[Any] = ctypes.CDLL(None, use_errno=True)
 
 
@@ -69,7 +79,7 @@ class Batch:
 
     Attributes:
         data: (count, longest) bytes of each.
-        length: (count,) of each; to be written before `send`.
+        length: (count,) of each.
         host, port: (count,) IPv4 addresses as numbers.
         time_s: (count,) the kernel's wall-clock time of arrival, NaN where it gave none.
     """
@@ -83,44 +93,53 @@ class Batch:
         self._parts = np.zeros(count, _PART)
         self._control = np.zeros(count, _CONTROL)
         self._messages = np.zeros(count, _MESSAGE)
-        self._addresses["family"] = socket.AF_INET
-        rows = np.arange(count, dtype=np.uint64)
-        self._parts["base"] = self.data.ctypes.data + rows * np.uint64(longest)
-        headers = self._messages["header"]
-        headers["name"] = self._addresses.ctypes.data + rows * np.uint64(_ADDRESS.itemsize)
-        headers["parts"] = self._parts.ctypes.data + rows * np.uint64(self._parts.itemsize)
-        headers["part_count"] = 1
-        headers["name_length"] = _ADDRESS.itemsize
-        self._control_places = self._control.ctypes.data + rows * np.uint64(self._control.itemsize)
         self._runs = np.zeros(count, _MESSAGE)
         self._segments = np.zeros(count, _SEGMENT)
+        self._addresses["family"] = socket.AF_INET
+        self._parts["base"] = _places(self.data)
+        for messages in (self._messages, self._runs):
+            messages["header"]["name_length"] = _ADDRESS.itemsize
+        headers, runs = self._messages["header"], self._runs["header"]
+        headers["name"], headers["parts"] = _places(self._addresses), _places(self._parts)
+        headers["part_count"] = 1
+        self._receives = False  # a batch is only received into, or only sent from
         self._segments["length"] = socket.CMSG_LEN(2)
         self._segments["level"], self._segments["kind"] = socket.IPPROTO_UDP, _UDP_SEGMENT
-        self._segment_places = self._segments.ctypes.data + rows * np.uint64(self._segments.itemsize)
+        self._address_bytes = self._addresses.view(np.uint8).reshape(count, _ADDRESS.itemsize)
+        control = self._control
+        self._expected = (
+            (headers["name_length"], _ADDRESS.itemsize),
+            (headers["control_length"], _CONTROL.itemsize),
+            (control["length"], 0),
+        )
+        self._received = (
+            *(self._messages["length"], control["length"], control["level"], control["kind"]),
+            *(control["seconds"], control["nanoseconds"], self.length, self.time_s),
+        )
+        self._described = (
+            *(headers["name"], headers["parts"], _places(self._segments), self._segments["bytes"]),
+            *(runs["name"], runs["parts"], runs["part_count"], runs["control"], runs["control_length"]),
+        )
+        self._message_places, self._run_place = _places(self._messages), int(_places(self._runs)[0])
+        nothing = np.zeros(0, np.int64)  # compiles or loads the kernels now, not in flight
+        _take(0, 0, *self._received)
+        self.put(self.data[:0], nothing, nothing)
+        _describe_runs(0, 0, self._address_bytes, self.length, *self._described)
 
     def receive(self, fd: int, first: int, most: int) -> int:
         """Read datagrams into row `first` and the following rows. Returns: number; never waits.
 
         Raises: OSError; BlockingIOError when there is nothing to read.
         """
+        if not self._receives:
+            self._receives = True
+            self._parts["length"] = self.data.shape[1]
+            self._messages["header"]["control"] = _places(self._control)
         rows = slice(first, first + most)
-        headers = self._messages["header"][rows]
-        self._parts["length"][rows] = self.data.shape[1]
-        self._control["length"][rows] = 0
-        headers["name_length"] = _ADDRESS.itemsize
-        headers["control"] = self._control_places[rows]
-        headers["control_length"] = self._control.itemsize
-        count = _call(_LIBC.recvmmsg, fd, self._messages[rows], None)
-        came = slice(first, first + count)
-        self.length[came] = self._messages["length"][came]
-        control = self._control[came]
-        stamped = (
-            (control["length"] >= _CONTROL.itemsize)
-            & (control["level"] == socket.SOL_SOCKET)
-            & (control["kind"] == SO_TIMESTAMPNS)
-        )
-        time_s = control["seconds"] + control["nanoseconds"] * 1e-9
-        self.time_s[came] = np.where(stamped, time_s, np.nan)
+        for field, value in self._expected:  # what recvmmsg changes
+            field[rows] = value
+        count = _call(_LIBC.recvmmsg, fd, int(self._message_places[first]), most, None)
+        _take(first, first + count, *self._received)
         return count
 
     def read(self, fd: int, first: int, most: int) -> int:
@@ -134,54 +153,112 @@ class Batch:
                 continue
         return 0
 
+    def put(self, data: Bytes, length: Whole, destination: Whole) -> None:
+        """Write datagrams to the first rows, to be sent: (n, longest), (n,), and (n,) of `source_of`."""
+        _put(data, length, destination, self.data, self.length, self._parts["length"], self._address_bytes)
+
     def send(self, fd: int, first: int, end: int) -> int:
         """Send rows `first` to `end` - 1, in order. Returns: number of rows sent; never waits.
 
         Raises: OSError when the first of them could not be sent.
         """
-        rows = slice(first, end)
-        self._parts["length"][rows] = self.length[rows]
-        headers = self._messages["header"][rows]
-        headers["control"] = 0
-        headers["control_length"] = 0
-        return _call(_LIBC.sendmmsg, fd, self._messages[rows])
+        return _call(_LIBC.sendmmsg, fd, int(self._message_places[first]), end - first)
 
     def send_runs(self, fd: int, first: int, end: int) -> int:
         """As `send`; neighbours of equal length and destination cost the kernel little more than one."""
-        rows = slice(first, end)
-        self._parts["length"][rows] = self.length[rows]
-        begins = self._begins(first, end)
-        counts = np.diff(begins, append=end)
-        k, several = len(begins), counts > 1
-        self._segments["bytes"][:k] = self.length[begins]
-        headers = self._runs["header"][:k]
-        headers["name"] = self._messages["header"]["name"][begins]
-        headers["name_length"] = _ADDRESS.itemsize
-        headers["parts"] = self._messages["header"]["parts"][begins]
-        headers["part_count"] = counts
-        headers["control"] = np.where(several, self._segment_places[:k], 0)
-        headers["control_length"] = np.where(several, self._segments.itemsize, 0)
-        return int(counts[: _call(_LIBC.sendmmsg, fd, self._runs[:k])].sum())
-
-    def _begins(self, first: int, end: int) -> Whole:
-        """Where runs begin among rows `first` to `end` - 1."""
-        rows = np.arange(first, end)
-        address, length = self._addresses[first:end], self.length[first:end]
-        begins = np.ones(len(rows), np.bool_)
-        begins[1:] = length[1:] != length[:-1]
-        for part in ("host", "port"):
-            begins[1:] |= address[part][1:] != address[part][:-1]
-        begins |= (rows - np.maximum.accumulate(np.where(begins, rows, 0))) % _RUN_MOST == 0
-        return np.flatnonzero(begins) + first
+        runs = _describe_runs(first, end, self._address_bytes, self.length, *self._described)
+        done = _call(_LIBC.sendmmsg, fd, self._run_place, runs)
+        return int(self._runs["header"]["part_count"][:done].sum())
 
 
-def _call(function: Any, fd: int, messages: NDArray[np.void], *more: object) -> int:
-    """Result of sendmmsg or recvmmsg with these messages. Raises: OSError."""
-    place, count = ctypes.c_void_p(messages.ctypes.data), ctypes.c_uint(len(messages))
-    done: int = function(fd, place, count, 0, *more)
+def _places(rows: NDArray[Any]) -> NDArray[np.uint64]:
+    """(n,) address of each row in memory."""
+    return np.uint64(rows.ctypes.data) + np.arange(len(rows), dtype=np.uint64) * np.uint64(rows.strides[0])
+
+
+def _call(function: Any, fd: int, place: int, count: int, *more: object) -> int:
+    """Result of sendmmsg or recvmmsg with `count` messages at `place` in memory. Raises: OSError."""
+    done: int = function(fd, ctypes.c_void_p(place), ctypes.c_uint(count), 0, *more)
     if done < 0:
         number = ctypes.get_errno()
         if number in (errno.EAGAIN, errno.EWOULDBLOCK):
             raise BlockingIOError(number, os.strerror(number))
         raise OSError(number, os.strerror(number))
     return done
+
+
+@kernel
+def _take(
+    first: int,
+    end: int,
+    message_length: Field,
+    control_length: Field,
+    level: Field,
+    kind: Field,
+    seconds: Field,
+    nanoseconds: Field,
+    length: Whole,
+    time_s: Array,
+) -> None:
+    """Read what the kernel wrote of rows `first` to `end` - 1 into `length` and `time_s`.
+
+    The other arguments are fields of the C structures, by row.
+    """
+    for row in range(first, end):
+        length[row] = message_length[row]
+        stamped = control_length[row] >= _CONTROL_LENGTH and level[row] == _SOCKET and kind[row] == _STAMP
+        time_s[row] = seconds[row] + nanoseconds[row] * 1e-9 if stamped else np.nan
+
+
+@kernel
+def _put(
+    data: Bytes,
+    length: Whole,
+    destination: Whole,
+    room: Bytes,
+    room_length: Whole,
+    part_length: Field,
+    address: Bytes,
+) -> None:
+    """As `Batch.put`; `address` (count, 16) is struct sockaddr_in, big-endian from its second byte on."""
+    for row in range(len(length)):
+        for at in range(length[row]):
+            room[row, at] = data[row, at]
+        room_length[row] = part_length[row] = length[row]
+        for byte in range(2):
+            address[row, 2 + byte] = destination[row] >> 8 * (1 - byte) & 0xFF
+        for byte in range(4):
+            address[row, 4 + byte] = destination[row] >> 8 * (5 - byte) & 0xFF
+
+
+@kernel
+def _describe_runs(
+    first: int,
+    end: int,
+    address: Bytes,
+    length: Whole,
+    name: Field,
+    parts: Field,
+    segment: Field,
+    segment_bytes: Field,
+    run_name: Field,
+    run_parts: Field,
+    run_count: Field,
+    run_control: Field,
+    run_control_length: Field,
+) -> int:
+    """Describe rows `first` to `end` - 1 as runs of equal length and destination. Returns: number of runs."""
+    run = -1
+    for row in range(first, end):
+        goes_on = row > first and run_count[run] < _RUN_MOST and length[row] == length[row - 1]
+        for byte in range(2, 8):
+            goes_on = goes_on and address[row, byte] == address[row - 1, byte]
+        if not goes_on:
+            run += 1
+            run_name[run], run_parts[run], run_count[run] = name[row], parts[row], 0
+            segment_bytes[run] = length[row]
+        run_count[run] += 1
+        several = run_count[run] > 1
+        run_control[run] = segment[run] if several else 0
+        run_control_length[run] = _SEGMENT_LENGTH if several else 0
+    return run + 1

@@ -150,28 +150,26 @@ class UdpPorts(Ports):
         left = np.zeros(len(destination), np.bool_)
         if not self._sockets or not len(destination):
             return left
-        index = np.where(destination < 0, -1, destination >> 48)
-        changes = np.flatnonzero(np.diff(index)) + 1
-        if len(changes) >= len(np.unique(index)):  # one call for each socket, not for each change of socket
+        index = destination >> 48  # below 0: no address
+        changes = np.flatnonzero(index[1:] != index[:-1]) + 1
+        if len(changes) and len(changes) >= len(
+            np.unique(index)
+        ):  # one call for each socket, not each change
             order = np.argsort(index, kind="stable")
             left[order] = self.send(data[order], length[order], destination[order], until_s=until_s)
             return left
         (n, longest), (rows, columns) = data.shape, self._outbox.data.shape
         if rows < n or columns < longest:
             self._outbox = mmsg.Batch(max(n, rows), max(longest, columns))
-        outbox = self._outbox
-        outbox.data[:n, :longest] = data
-        outbox.length[:n] = length
-        outbox.host[:n] = destination >> 16 & 0xFFFFFFFF
-        outbox.port[:n] = destination & 0xFFFF
-        for first, end in zip([0, *changes.tolist()], [*changes.tolist(), len(index)], strict=True):
+        self._outbox.put(data, length, destination)
+        for first, end in zip([0, *changes.tolist()], [*changes.tolist(), n], strict=True):
             if 0 <= index[first] < len(self._sockets):
-                self._send_all(outbox, self._sockets[int(index[first])], first, end, left, until_s)
+                self._send_all(destination, self._sockets[int(index[first])], first, end, left, until_s)
         return left
 
     def _send_all(
         self,
-        outbox: mmsg.Batch,
+        destination: Whole,
         through: socket.socket,
         first: int,
         end: int,
@@ -181,16 +179,13 @@ class UdpPorts(Ports):
         # Check again right before every call: the process may have been suspended since the last check.
         while first < end and self._clock() <= until_s:
             try:
-                send = outbox.send_runs if self._in_runs else outbox.send
+                send = self._outbox.send_runs if self._in_runs else self._outbox.send
                 count = send(through.fileno(), first, end)
             except OSError as error:  # a full buffer, no route: it may come back
                 if self._in_runs and error.errno in mmsg.REFUSALS:
                     self._in_runs = False  # not possible on this route: one by one from now on
                     continue
-                destination = source_of(
-                    int(outbox.host[first]), int(outbox.port[first]), self._sockets.index(through)
-                )
-                self._note_failure(destination, error)
+                self._note_failure(int(destination[first]), error)
                 first += 1
                 continue
             left[first : first + count] = True
