@@ -11,6 +11,7 @@ from gcs.links.endpoints.ports import Datagrams
 from gcs.links.link import Address, Counters
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Whole
 from gcs.mavlink.reports import SILENT_AFTER_S
+from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
 log = logging.getLogger(__name__)
@@ -21,6 +22,32 @@ CONFLICT_KEPT_S = 5.0
 _STRANGERS_LOGGED_MAX: Final = 64
 NOWHERE: Final = -1
 """The source of a vehicle without an address."""
+
+
+@kernel
+def known_sources(
+    frames: Whole, source: Whole, time_s: Array, row_of: Whole, known: Whole, received_s: Array
+) -> tuple[Whole, Mask, bool]:
+    """Frames that came from the known sources of their systems.
+
+    Args:
+        frames: (k, FRAME_COLUMNS).
+        source: (m,) of each datagram.
+        time_s: (m,) of its arrival.
+        row_of: (256,) the row of each system id, or NOWHERE.
+        known: (n,) the source of each row, or NOWHERE.
+        received_s: (n,) arrival of the newest frame of each row, written.
+
+    Returns: (k,) the row of each, (k,) whether its source is known, and whether all are.
+    """
+    rows, taken, all_known = np.empty(len(frames), np.int64), np.empty(len(frames), np.bool_), True
+    for k in range(len(frames)):
+        datagram, row = frames[k, DATAGRAM], row_of[frames[k, SYSTEM]]
+        rows[k], taken[k] = row, row != NOWHERE and known[row] == source[datagram]
+        if taken[k]:
+            received_s[row] = max(time_s[datagram], received_s[row])
+        all_known = all_known and taken[k]
+    return rows, taken, all_known
 
 
 @dataclass(eq=False)
@@ -69,14 +96,13 @@ class Addresses:
 
     def judge(self, frames: Whole, arrived: Datagrams) -> tuple[Whole, Mask]:
         """The row of every frame (k,), and whether it is accepted: unknown systems and duplicates are not."""
-        rows = self._row_of[frames[:, SYSTEM]]
-        source = arrived.source[frames[:, DATAGRAM]]
-        time_s = arrived.time_s[frames[:, DATAGRAM]]
-        taken = (rows != NOWHERE) & (self.source[rows] == source)
-        np.maximum.at(self.received_s, rows[taken], time_s[taken])
-        for odd in np.flatnonzero(~taken).tolist():
-            row, system_id = int(rows[odd]), int(frames[odd, SYSTEM])
-            taken[odd] = self._judge_new(row, system_id, int(source[odd]), float(time_s[odd]))
+        source, time_s = arrived.source, arrived.time_s
+        rows, taken, all_known = known_sources(
+            frames, source, time_s, self._row_of, self.source, self.received_s
+        )
+        for odd in () if all_known else np.flatnonzero(~taken).tolist():
+            row, system_id, datagram = int(rows[odd]), int(frames[odd, SYSTEM]), int(frames[odd, DATAGRAM])
+            taken[odd] = self._judge_new(row, system_id, int(source[datagram]), float(time_s[datagram]))
         return rows, taken
 
     def _judge_new(self, row: int, system_id: int, source: int, time_s: float) -> bool:

@@ -18,6 +18,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from gcs.links import receiver, sender
 from gcs.links.address_book import Addresses
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
 from gcs.links.endpoints.ports import Ports
@@ -25,7 +26,7 @@ from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.forwarding import Forwarding
 from gcs.links.link import Address, Command, Counters, Observer, ParameterValue, Verb
 from gcs.links.receiver import Inbox, ParameterUpdates
-from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s
+from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s, most_urgent_first
 from gcs.links.settings import Forward, Place, check_system_ids
 from gcs.links.signing import SignatureFilter, Signing
 from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
@@ -36,7 +37,7 @@ from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
 from gcs.mavlink.kernels import Whole
 from gcs.mavlink.reports import SILENT_AFTER_S
 from gcs.model.errors import CommandError, UnknownError
-from gcs.model.frames import ShowFrame, wrap_rad
+from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId
 
 _BEAT_S: Final = 1.0
@@ -187,6 +188,8 @@ class Link(ABC):
         self._protocol: CommandProtocol | None = None  # while the link is open
         codec.warm_up()
         reports.warm_up()
+        sender.warm_up()
+        receiver.warm_up()
         self._prepare()
 
     # what transports do differently
@@ -344,16 +347,21 @@ class Link(ABC):
             ours = {self._row[name]: at for at, name in enumerate(setpoints.ids) if name in self._row}
             self._listed = setpoints.ids, np.array(list(ours.values()), int), np.array(list(ours), int)
         _, at, rows = self._listed
-        velocity_ned_m_s = self._frame.into_ned(setpoints.velocity_m_s[at])
-        yaw_rad = wrap_rad(setpoints.yaw_rad[at] + radians(self._frame.heading_deg))
-        fit = np.isfinite(velocity_ned_m_s).all(axis=1) & np.isfinite(yaw_rad)
-        fit &= (self._connected(now_s) & self._commandable)[rows]
-        for row in [row for row in self._killed if self._latch.is_shut(int(self._system_ids[row]))]:
-            fit &= rows != row
+        may_receive = self._connected(now_s) & self._commandable
+        for row in self._killed:
+            may_receive[row] &= not self._latch.is_shut(int(self._system_ids[row]))
+        rows, velocity_ned_m_s, yaw_rad, sample_s = most_urgent_first(
+            setpoints.velocity_m_s,
+            setpoints.yaw_rad,
+            at,
+            rows,
+            may_receive,
+            radians(self._frame.heading_deg),
+            self._telemetry.position_time_s,
+            self._snapshot_before_s,
+        )
         until_s = min(now_s, setpoints.time_s) + self._hold_s
-        order, sample_s = self._by_urgency(rows[fit])
-        chosen = np.flatnonzero(fit)[order]
-        batch = SetpointBatch(rows[chosen], velocity_ned_m_s[chosen], yaw_rad[chosen], until_s)
+        batch = SetpointBatch(rows, velocity_ned_m_s, yaw_rad, until_s)
         self._expect_setpoints(batch)
         self._ready = batch, sample_s
         return sample_s
@@ -423,13 +431,6 @@ class Link(ABC):
 
     def _never_connected(self, row: int, otherwise: str) -> CommandError:
         return CommandError(f"{self.ids[row]}: {otherwise}: never received on link {self.name}")
-
-    def _by_urgency(self, rows: Whole) -> tuple[Whole, Array]:
-        """(k,) an order of `rows`, oldest new sample first, and the arrival of each; inf: no new one."""
-        newest_s = self._telemetry.position_time_s[rows]
-        new_s = np.where(newest_s > self._snapshot_before_s, newest_s, np.inf)
-        order = np.argsort(new_s, kind="stable")
-        return order, new_s[order]
 
     def _connected(self, now_s: float) -> Mask:
         """(n,) vehicles with a sign of life and a known mode."""

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.links.address_book import Addresses
+from gcs.links.address_book import Addresses, known_sources
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.link import Counters, Direction, Observer, ParameterValue
 from gcs.links.signing import SignatureFilter
-from gcs.links.stream_requests import StreamRequests
+from gcs.links.stream_requests import StreamRequests, count_messages
 from gcs.links.telemetry import FleetTelemetry
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
-from gcs.mavlink.kernels import BEGIN, COMPONENT, DATAGRAM, END, MESSAGE, SYSTEM, Bytes, Whole
+from gcs.mavlink.kernels import BEGIN, COMPONENT, DATAGRAM, END, FRAME_COLUMNS, MESSAGE, SYSTEM, Bytes, Whole
 from gcs.model.state import Array, VehicleId
 
 
@@ -72,7 +72,8 @@ class Inbox:
         if self.signatures is not None:
             frames = frames[self.signatures.accepted(arrived.data, frames, arrived.source)]
         rows, taken = self.addresses.judge(frames, arrived)
-        frames, rows = frames[taken], rows[taken]
+        if not taken.all():
+            frames, rows = frames[taken], rows[taken]
         time_s = arrived.time_s[frames[:, DATAGRAM]]
         self.counters.received += len(frames)
         self.telemetry.take(arrived.data, frames, rows, time_s)
@@ -99,3 +100,10 @@ class Inbox:
             named = codec.parameter_values(value_records)
             for row, (name, value) in zip(rows[values].tolist(), named, strict=True):
                 self.parameters.take(row, name, value)
+
+
+def warm_up() -> None:
+    """Compile or load the kernels."""
+    nothing, none, times_s = np.zeros((0, FRAME_COLUMNS), np.int64), np.zeros(0, np.int64), np.zeros(0)
+    known_sources(nothing, none, times_s, none, none, times_s)
+    count_messages(none, none, none, nothing)

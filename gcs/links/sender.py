@@ -14,7 +14,8 @@ from gcs.links.signing import SignatureFilter
 from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined
 from gcs.mavlink.kernels import Bytes, Whole
 from gcs.model.errors import InvalidError
-from gcs.model.state import Array, Mask
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask, Setpoints
 
 _SEND_MARGIN_S: Final = 0.02
 """Between the last reading of the clock and the datagram's leaving, other threads may hold the GIL."""
@@ -68,6 +69,59 @@ class SetpointBatch(NamedTuple):
 
     def part(self, rows: slice) -> "SetpointBatch":
         return SetpointBatch(self.rows[rows], self.velocity_ned_m_s[rows], self.yaw_rad[rows], self.until_s)
+
+
+@kernel
+def most_urgent_first(
+    velocity_m_s: Array,
+    yaw_rad: Array,
+    at: Whole,
+    rows: Whole,
+    may_receive: Mask,
+    heading_rad: float,
+    sample_s: Array,
+    answered_s: float,
+) -> tuple[Whole, Array, Array, Array]:
+    """Setpoints in NED for the vehicles that can receive them, oldest new sample first.
+
+    Args:
+        velocity_m_s: (m, 3) of a tick, show frame.
+        yaw_rad: (m,) from the show's x axis.
+        at: (k,) indices of this link's vehicles in them.
+        rows: (k,) rows of these vehicles on the link.
+        may_receive: (n,) by row; setpoints that are not finite are left out as well.
+        heading_rad: of the show's x axis, clockwise from north.
+        sample_s: (n,) arrival of each vehicle's newest position.
+        answered_s: a position that arrived until then is not new.
+
+    Returns: the fields of `SetpointBatch` but the last; (j,) arrival of each new sample, inf: no new one.
+    """
+    cosine, sine, count = np.cos(heading_rad), np.sin(heading_rad), 0
+    fit, urgent_s = np.empty(len(at), np.int64), np.empty(len(at))
+    for k in range(len(at)):
+        i, row = at[k], rows[k]
+        x, y, z = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
+        if may_receive[row] and np.isfinite(x + y + z + yaw_rad[i]):
+            fit[count] = k
+            urgent_s[count] = sample_s[row] if sample_s[row] > answered_s else np.inf
+            count += 1
+    order = np.argsort(urgent_s[:count], kind="mergesort")  # stable
+    ned_m_s, turned_rad = np.empty((count, 3)), np.empty(count)
+    for place in range(count):
+        i = at[fit[order[place]]]
+        ned_m_s[place, 0] = cosine * velocity_m_s[i, 0] - sine * velocity_m_s[i, 1]
+        ned_m_s[place, 1] = sine * velocity_m_s[i, 0] + cosine * velocity_m_s[i, 1]
+        ned_m_s[place, 2] = velocity_m_s[i, 2]
+        turned_rad[place] = (yaw_rad[i] + heading_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return rows[fit[order]], ned_m_s, turned_rad, urgent_s[order]
+
+
+def warm_up() -> None:
+    """Compile or load the kernel; setpoints are read-only arrays, which numba compiles as another type."""
+    nothing = Setpoints(0.0, (), np.zeros((0, 3)), np.zeros(0))
+    none, times_s = np.zeros(0, np.int64), np.zeros(0)
+    can = np.zeros(0, np.bool_)
+    most_urgent_first(nothing.velocity_m_s, nothing.yaw_rad, none, none, can, 0.0, times_s, 0.0)
 
 
 @dataclass(eq=False)
@@ -130,12 +184,12 @@ class Outbox:
 
     def _send(self, frames: Frames, destination: Whole, targets: Whole, now_s: float, until_s: float) -> Mask:
         """`targets` (k,) are the system ids that observers receive."""
-        self.counters.unroutable += int((destination == NOWHERE).sum())
+        self.counters.unroutable += int(np.count_nonzero(destination == NOWHERE))
         if self.signatures is not None:
             frames = self.signatures.signed(frames)
             destination = np.where(frames.length == 0, NOWHERE, destination)
         left = self.ports.send(frames.data, frames.length, destination, until_s=until_s)
-        self.counters.sent += int(left.sum())
+        self.counters.sent += int(np.count_nonzero(left))
         self.counters.send_errors, self.counters.no_room = self.ports.send_errors, self.ports.no_room
         if self.observers:
             for at in np.flatnonzero(left).tolist():

@@ -13,6 +13,7 @@ from gcs.links.settings import StreamSettings
 from gcs.mavlink import framing
 from gcs.mavlink.codec import Records, addressed
 from gcs.mavlink.kernels import Whole
+from gcs.model.jit import kernel
 from gcs.model.state import Mask
 
 _NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
@@ -53,6 +54,17 @@ def desired_rates(streams: StreamSettings) -> dict[int, float]:
     }
 
 
+_NO_COLUMN: Final = -1
+
+
+@kernel
+def count_messages(rows: Whole, messages: Whole, column_of: Whole, counts: Whole) -> None:
+    """Count (k,) messages by row and column in `counts` (n, c); `column_of` has the column by message id."""
+    for k in range(len(rows)):
+        if 0 <= messages[k] < len(column_of) and column_of[messages[k]] != _NO_COLUMN:
+            counts[rows[k], column_of[messages[k]]] += 1
+
+
 @dataclass(eq=False)
 class StreamRequests:
     """State of the requests to each of n vehicles. Rows as on the link, columns: messages of `rates_hz`."""
@@ -65,7 +77,8 @@ class StreamRequests:
     def __post_init__(self, rates_hz: Mapping[int, float]) -> None:
         n, kinds = len(self.system_ids), len(rates_hz)
         self._message = np.array(list(rates_hz), np.int64)
-        self._sorter = np.argsort(self._message)
+        self._column_of = np.full(self._message.max(initial=0) + 1, _NO_COLUMN)
+        self._column_of[self._message] = np.arange(kinds)
         self._rate_hz = np.array(list(rates_hz.values()))
         self._interval_us = np.where(self._rate_hz > 0, 1e6 / np.maximum(self._rate_hz, 1e-9), -1.0)
         self._due: Mask = np.zeros((n, kinds), np.bool_)  # intervals still to be requested
@@ -84,11 +97,7 @@ class StreamRequests:
         return settled
 
     def count(self, rows: Whole, messages: Whole) -> None:
-        if len(self._message):
-            place = np.searchsorted(self._message, messages, sorter=self._sorter)
-            column = self._sorter[np.minimum(place, len(self._message) - 1)]
-            known = self._message[column] == messages
-            np.add.at(self._counts, (rows[known], column[known]), 1)
+        count_messages(rows, messages, self._column_of, self._counts)
 
     def watch(self, connected: Mask, connection_count: Whole, now_s: float) -> None:
         """Begin with vehicles that have connected, also again; send the requests that are due.
@@ -99,12 +108,14 @@ class StreamRequests:
             now_s: the link's clock.
         """
         new = connection_count != self._connection_count
-        self._connection_count = connection_count.copy()
-        self._due[new], self._pause_s[new] = True, _WINDOW_S
-        self._tries[new], self._requested_s[new] = 0, -np.inf
+        if new.any():
+            self._connection_count = connection_count.copy()
+            self._due[new], self._pause_s[new] = True, _WINDOW_S
+            self._tries[new], self._requested_s[new] = 0, -np.inf
         self._check_rates(connected, now_s)
-        due = connected & ~self.settled & (now_s - self._requested_s >= _ANSWER_S)
-        self._request(np.flatnonzero(due), now_s)
+        if self._due.any():
+            due = connected & ~self.settled & (now_s - self._requested_s >= _ANSWER_S)
+            self._request(np.flatnonzero(due), now_s)
 
     def take_acks(self, rows: Whole, reported: Records) -> None:
         """Continue with the vehicles that answered: (k,) rows and COMMAND_ACKs, whatever the result."""

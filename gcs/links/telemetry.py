@@ -125,9 +125,10 @@ class FleetTelemetry:
                 event = self.waiting.pop(row, None)
                 if event is not None:
                     event.set()
-        texts = (frames[:, MESSAGE] == framing.STATUSTEXT) & (frames[:, COMPONENT] == AUTOPILOT_COMPONENT)
-        if texts.any():
-            for at in np.flatnonzero(texts).tolist():
+        texts = np.flatnonzero(frames[:, MESSAGE] == framing.STATUSTEXT)
+        texts = texts[frames[texts, COMPONENT] == AUTOPILOT_COMPONENT]
+        if len(texts):
+            for at in texts.tolist():
                 text = framing.status_text(frame(data, frames[at].tolist()))
                 self.texts[rows[at]].take(text, float(time_s[at]))
             self._texts_reported = tuple(each.texts for each in self.texts)

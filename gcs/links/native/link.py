@@ -243,11 +243,11 @@ class NativeLink(Link):
         frames = codec.Frames(data[: len(rows)], length[: len(rows)])
         self._frames = codec.Frames(data[len(rows) :], length[len(rows) :])
         left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
-        left_s = self._clock()  # after the call: never earlier than the datagrams
+        left_s, count = self._clock(), int(np.count_nonzero(left))  # never earlier than the datagrams
         if left_s > desired.until_s:
-            self.counters.setpoints_dropped += int((~left).sum())
+            self.counters.setpoints_dropped += len(left) - count
         self._sent.note(rows[left], left_s)
-        self.counters.setpoints_sent += int(left.sum())
+        self.counters.setpoints_sent += count
 
     def _command_channel(self, row: int, otherwise: str) -> NativeCommandChannel:
         if not np.isfinite(self._telemetry.heartbeat_time_s[row]):
