@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import chain
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +74,17 @@ def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
     return bool(nearest_m(offset_m / distance_m[:, None]) >= least)
 
 
-def joined(parts: Sequence[Telemetry], order: Sequence[int] | None) -> Telemetry:
-    """The telemetry of several links as one; `order`: the place of each row among theirs, None: the same."""
+Joined: TypeAlias = tuple[Sequence[Telemetry], Telemetry]
+"""The telemetry of each link, and of all of them."""
+
+
+def joined(
+    parts: Sequence[Telemetry], order: Sequence[int] | None, before: Joined | None = None
+) -> Telemetry:
+    """The telemetry of several links as one; `order`: the place of each row among theirs, None: the same.
+
+    Columns of Python values seldom change: where those of all links are the same as `before`, so is theirs.
+    """
     if len(parts) == 1 and order is None:
         return parts[0]
     columns: dict[str, Any] = {}
@@ -84,6 +93,10 @@ def joined(parts: Sequence[Telemetry], order: Sequence[int] | None) -> Telemetry
         if isinstance(values[0], np.ndarray):
             column = np.concatenate(values)
             columns[field.name] = column if order is None else column[order]
+        elif before is not None and all(
+            getattr(part, field.name) is value for part, value in zip(before[0], values, strict=True)
+        ):
+            columns[field.name] = getattr(before[1], field.name)
         else:
             row = tuple(chain.from_iterable(values))
             columns[field.name] = row if order is None else tuple(row[place] for place in order)
@@ -204,6 +217,7 @@ class Fleet:
         place_of = {name: place for place, name in enumerate(received_in)}
         order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
         self._order = None if order == sorted(order) else order
+        self._joined: Joined | None = None  # of the last tick
         self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
         noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
         flies_on_s = max(noticed_s, config.operation.silence_s)
@@ -226,7 +240,8 @@ class Fleet:
 
     def receive(self, now_s: float) -> FleetState:
         parts = [link.snapshot() for link in self.links]
-        self.telemetry = joined(parts, self._order)
+        self.telemetry = joined(parts, self._order, self._joined)
+        self._joined = parts, self.telemetry
         self.fleet = self._table.state(parts, now_s)
         if (site := self.site) is not None and not site.owned.all():  # others say where these are
             position_m, elsewhere = self.fleet.position_m.copy(), ~site.owned

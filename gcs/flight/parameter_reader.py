@@ -41,6 +41,8 @@ class ParameterReader:
         }
         for link in flight.links:
             link.watch_parameters(self._names)
+        self._reported: tuple[object, object] = None, None
+        self._reported_columns = np.full(n, -1), np.zeros(n, dtype=bool)  # the same as arrays
         self._reboot_count = np.full(n, -1)
         self._absent: Mask = np.zeros(n, dtype=bool)
         self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
@@ -60,7 +62,10 @@ class ParameterReader:
             return
         self._take_announced(received)
         now_s, absent = flight.fleet.time_s, ~flight.has_heartbeat
-        reboot_count, armed = np.array(received.reboot_count), np.array(received.armed)
+        if received.reboot_count is not self._reported[0] or received.armed is not self._reported[1]:
+            self._reported = received.reboot_count, received.armed  # seldom other objects
+            self._reported_columns = np.array(received.reboot_count), np.array(received.armed)
+        reboot_count, armed = self._reported_columns
         for row in np.flatnonzero((absent & ~self._absent) | (reboot_count != self._reboot_count)).tolist():
             self._forget(flight.at_row(row))
         self._reboot_count, self._absent = reboot_count, absent

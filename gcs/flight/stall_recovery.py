@@ -6,7 +6,8 @@ Those have sent nothing yet, or a stall before the command took them out of cont
 import logging
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Final
+from operator import attrgetter
+from typing import Any, Final
 
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight.fleet import Fleet
@@ -41,6 +42,9 @@ RECEIVED_WITHIN_S: Final = 3.0
 
 REPLACED: Final = "replaced by another command"
 
+_STATE: Final = attrgetter("phase", "reason", "entering_offboard", "handed_over")
+"""What a stall needs of a vehicle; read for all of them in every tick."""
+
 Reached = Callable[[Vehicle], None]
 Missed = Callable[[Vehicle, Outcome, str], None]
 
@@ -63,16 +67,22 @@ class StallRecovery:
     def __post_init__(self) -> None:
         # At the end of a tick: commands after a stall may come before its first tick.
         self._show = self.flight.show, self.flight.reason
-        self._flown: dict[VehicleId, tuple[Phase, str]] = {}  # vehicles under setpoints
+        self._states: list[Any] = []  # of `_STATE`, of all vehicles by row
         self.stall: Stall | None = None  # the newest, while it explains modes
 
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
         self._show = self.flight.show, self.flight.reason
-        self._flown = {
-            vehicle.id: (vehicle.phase, vehicle.reason)
-            for vehicle in self.flight.vehicles.values()
-            if vehicle.entering_offboard or (vehicle.phase in FLOWN and not vehicle.handed_over)
+        self._states = list(map(_STATE, self.flight.vehicles.values()))
+
+    def _flown(self) -> dict[VehicleId, tuple[Phase, str]]:
+        """Vehicles under setpoints as of the last note, with their phases and reasons."""
+        return {
+            name: (phase, reason)
+            for name, (phase, reason, entering, handed_over) in zip(
+                self.flight.vehicles, self._states, strict=False
+            )
+            if entering or (phase in FLOWN and not handed_over)
         }
 
     def stalled(self, gap_s: float) -> None:
@@ -82,13 +92,14 @@ class StallRecovery:
         if gap_s < STALL_SHARE * flight.config.operation.setpoint_loss_s:
             return
         log.warning("service_stalled", extra={"stalled_s": round(gap_s, 1), "show": show.value})
-        if not self._flown:
+        flown = self._flown()
+        if not flown:
             return
         written, vehicles = None, {}
         if show_run is not None:
             shown = show_run.view(now_s)
             written = Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
-        for name, (phase, why) in self._flown.items():
+        for name, (phase, why) in flown.items():
             vehicle = flight.vehicles[name]
             pad_m = None if vehicle.home_m is None else triple(vehicle.home_m.tolist())
             vehicles[name] = Before(vehicle.system_id, phase, why, pad_m)

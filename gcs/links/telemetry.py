@@ -141,19 +141,19 @@ class FleetTelemetry:
             discovered: (n,) vehicles with a position in the result; None: all.
         """
         now = self._columns
-        undiscovered = np.zeros(len(self._ids), np.bool_) if discovered is None else ~discovered
+        undiscovered = None if discovered is None else ~discovered
         complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(now.place[:, 0])
         ready = self.prearm_ok & complete & may_be_ready
         return Telemetry(
             ids=self._ids,
-            position_time_s=np.where(undiscovered, -np.inf, self.position_time_s),
+            position_time_s=_without(undiscovered, self.position_time_s, -np.inf),
             heartbeat_time_s=self.heartbeat_time_s.copy(),
             life_time_s=self.life_time_s.copy(),
-            latitude_deg=np.where(undiscovered, np.nan, now.place[:, 0]),
-            longitude_deg=np.where(undiscovered, np.nan, now.place[:, 1]),
-            altitude_amsl_m=np.where(undiscovered, np.nan, now.place[:, 2]),
-            velocity_ned_m_s=np.where(undiscovered[:, None], np.nan, now.velocity_ned_m_s),
-            yaw_deg=np.where(undiscovered, np.nan, now.yaw_deg),
+            latitude_deg=_without(undiscovered, now.place[:, 0]),
+            longitude_deg=_without(undiscovered, now.place[:, 1]),
+            altitude_amsl_m=_without(undiscovered, now.place[:, 2]),
+            velocity_ned_m_s=_without(undiscovered, now.velocity_ned_m_s),
+            yaw_deg=_without(undiscovered, now.yaw_deg),
             battery_remaining=now.battery_remaining.copy(),
             armed=self._armed_reported.of(self.armed),
             mode=self._modes_reported.of(self.custom_mode),
@@ -169,6 +169,14 @@ class FleetTelemetry:
             clock_base_s=now.clock_base_s.copy(),
             texts=self._texts_reported,
         )
+
+
+def _without(rows: Mask | None, values: Array, instead: float = np.nan) -> Array:
+    """A copy of the values (n, ...), with another in these rows; None: in none."""
+    values = values.copy()
+    if rows is not None:
+        values[rows] = instead
+    return values
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,6 +124,7 @@ class Batch:
         nothing = np.zeros(0, np.int64)  # compiles or loads the kernels now, not in flight
         _take(0, 0, *self._received)
         self.put(self.data[:0], nothing, nothing)
+        self.arrivals(nothing, 0.0, 0.0, self.time_s[:0])
         _describe_runs(0, 0, self._address_bytes, self.length, *self._described)
 
     def receive(self, fd: int, first: int, most: int) -> int:
@@ -152,6 +153,19 @@ class Batch:
             except OSError:  # the socket still works
                 continue
         return 0
+
+    def arrivals(self, index: Whole, now_s: float, wall_s: float, drained_s: Array) -> tuple[Whole, Array]:
+        """Where the datagrams of the first rows came from, and when.
+
+        Args:
+            index: (n,) the socket of ours that received each.
+            now_s: when they were read, on our clock.
+            wall_s: the same on the wall clock, which stamps them.
+            drained_s: (s,) when each socket was last empty.
+
+        Returns: (n,) of `source_of`; (n,) arrival of each, after `drained_s` and not after `now_s`.
+        """
+        return _arrivals(index, self._address_bytes, self.time_s, now_s, wall_s, drained_s)
 
     def put(self, data: Bytes, length: Whole, destination: Whole) -> None:
         """Write datagrams to the first rows, to be sent: (n, longest), (n,), and (n,) of `source_of`."""
@@ -208,6 +222,22 @@ def _take(
         length[row] = message_length[row]
         stamped = control_length[row] >= _CONTROL_LENGTH and level[row] == _SOCKET and kind[row] == _STAMP
         time_s[row] = seconds[row] + nanoseconds[row] * 1e-9 if stamped else np.nan
+
+
+@kernel
+def _arrivals(
+    index: Whole, address: Bytes, stamp_s: Array, now_s: float, wall_s: float, drained_s: Array
+) -> tuple[Whole, Array]:
+    """As `Batch.arrivals`; (count, 16) addresses as of `_put`, (count,) stamps of the wall clock, or NaN."""
+    source, time_s = np.empty(len(index), np.int64), np.empty(len(index))
+    for row in range(len(index)):
+        place = index[row]
+        for byte in (4, 5, 6, 7, 2, 3):
+            place = place << 8 | np.int64(address[row, byte])
+        source[row] = place
+        at_s = now_s - (wall_s - stamp_s[row])
+        time_s[row] = now_s if np.isnan(at_s) else min(max(at_s, drained_s[index[row]]), now_s)
+    return source, time_s
 
 
 @kernel

@@ -208,10 +208,7 @@ class UdpPorts(Ports):
         arrived before the socket was last empty, which bounds the error.
         """
         room, index = self._room, self._index[:count]
-        source = index << 48 | room.host[:count].astype(np.int64) << 16 | room.port[:count]
-        stamped_s = now_s - (wall_s - room.time_s[:count])
-        bounded_s = np.minimum(np.maximum(stamped_s, self._drained_s[index]), now_s)
-        time_s = np.where(np.isnan(stamped_s), now_s, bounded_s)
+        source, time_s = room.arrivals(index, now_s, wall_s, self._drained_s)
         length = np.minimum(room.length[:count], _LONGEST)
         arrived = Datagrams(room.data.reshape(-1), self._start[:count], length, source, time_s)
         if not self._filtered:
