@@ -21,8 +21,8 @@ with a command record; its outcome is at `/api/v1/commands/{id}`. `/api/v1/strea
 that sends what `/api/v1/fleet` answers, always the newest state. `/api/v1/stream/console` sends binary frames
 for displays, and `/api/v1/status` whenever it changes (docs/stream.md). Where several stations fly one
 formation, each shows the vehicles of all and accepts commands for all; `/api/v1/stations` lists the stations.
-Where commands are recorded, the answer leaves after the record is written; with the header `X-Recorded: no` it
-was not written, and `alarms` say why.
+Where commands are recorded, the answer leaves after the record is written; with the header `X-Recorded: no`
+it was not written, and `alarms` say why.
 """
 
 MEANING: Final = {

@@ -25,6 +25,9 @@ from tests.support.virtual_time import AtOnce, Loop, UnixClock
 
 T = TypeVar("T")
 
+LOOKS_S = 0.2
+"""Interval at which a story looks for what it waits for: each look makes the views of all stations."""
+
 NAMES = ("north", "south", "west", "east")
 
 
@@ -229,7 +232,7 @@ class SiteShow:
                     name: (each.view.show.value, each.view.reason) for name, each in self.stations.items()
                 }
                 raise TimeoutError(f"not within {limit_s} s: {shows}")
-            await asyncio.sleep(0.05)
+            await asyncio.sleep(LOOKS_S)
         return loop.time() - began_s
 
     async def reach(self, phase: ShowPhase, *names: str, limit_s: float = 60.0) -> float:
