@@ -166,6 +166,7 @@ def make_record(config: Config, site: Config | None = None) -> Record | None:
         found=found,
         excluded=excluded,
         elsewhere={} if site is None else _elsewhere(config, site),
+        site_json=None if site is None else site.model_dump_json(),
     )
 
 
@@ -300,7 +301,10 @@ def _any_airborne(view: FleetView) -> bool:
         return True
     if view.interrupted is not None and Offer.BRING_HOME in view.interrupted.offers:
         return True  # a stall or restart left vehicles hovering
-    return not AIRBORNE.isdisjoint(view.rows.phases)
+    own = next((station.name for station in view.stations if station.own), "")
+    flown_by = view.rows.stations or [""] * len(view.rows.phases)
+    ours = (phase for phase, by in zip(view.rows.phases, flown_by, strict=True) if by == own)
+    return not AIRBORNE.isdisjoint(ours)
 
 
 def run_serve(arguments: argparse.Namespace) -> int:

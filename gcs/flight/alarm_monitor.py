@@ -103,6 +103,7 @@ class Findings:
     obstacles_wait: Sequence[str] = ()  # why obstacles of the show have not appeared yet
     not_recorded: Sequence[str] = ()
     failed_links: Mapping[str, str] = field(default_factory=dict)  # reason by name of the link
+    lost_stations: Mapping[str, str] = field(default_factory=dict)  # of the site: reason by name
     interrupted: InterruptedFlight | None = None
     return_problem: str = ""  # why the vehicles return without a common plan
     supervisor: str = ""  # why this service is no longer restarted
@@ -286,6 +287,8 @@ class AlarmMonitor:
         flight = self.flight
         for name, why in findings.failed_links.items():
             yield Condition(AlarmCause.LINK_FAILED, why, about=name)
+        for name, why in findings.lost_stations.items():
+            yield Condition(AlarmCause.STATION_LOST, why, about=name)
         for link in flight.links:
             for vehicle_id, why in link.conflicts.items():
                 yield Condition(AlarmCause.DUPLICATE_SYSTEM_ID, why, (vehicle_id,))

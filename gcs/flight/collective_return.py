@@ -24,6 +24,9 @@ STOPPED_WITHIN_S = 5.0
 PLANNED_WITHIN_S = 10.0
 """The best plan at that time is flown; the first is always completed. 50 vehicles take less than a second."""
 
+LEAD_FOLLOWS_S = 2.0
+"""A lead that does not return as well by then plans nothing for this station."""
+
 SHARED_WITHIN_S = 30.0
 """By then another station's plan must have arrived; otherwise each station plans for its own vehicles."""
 
@@ -107,6 +110,8 @@ class CollectiveReturn:
     def _waits_for_paths(self, since_s: float) -> bool:
         """Whether another station plans the return; take its paths once they have arrived."""
         if self._site is None or self._site.plans_returns is not False or since_s > SHARED_WITHIN_S:
+            return False
+        if since_s > LEAD_FOLLOWS_S and not self._site.lead_returns:
             return False
         received = self._site.received_paths(self._number)
         if received is not None:

@@ -143,6 +143,10 @@ class Elsewhere(Protocol):
     def plans_returns(self) -> bool | None:
         """Whether this station plans a return for all; False: another does; None: each for its own."""
 
+    @property
+    def lead_returns(self) -> bool:
+        """Whether the lead's show is on its way home, so that it plans for all."""
+
     def stands(self, below_m_s: float) -> bool:
         """Whether all of them that return have stopped."""
 

@@ -212,6 +212,7 @@ class Orchestrator:
             obstacles_wait=self.player.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
+            lost_stations={} if self._member is None else self._member.lost,
             interrupted=self.recovery.view(),
             return_problem=self.commands.return_problem,
             supervisor="" if self._heart is None else self._heart.problem,

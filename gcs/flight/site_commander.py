@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextvars import copy_context
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from math import inf
 from typing import Any, Final
@@ -41,6 +41,12 @@ log = logging.getLogger(__name__)
 ANSWERED_WITHIN_S: Final = 6.0
 """A station that has not answered a request by then is taken for one that has not received it."""
 
+NO_STATION: Final = "of no station"
+"""Stands for the station of a vehicle that none flies."""
+
+BRIEF: Final = 12
+"""Characters of each reason, where all reasons do not fit into one message."""
+
 REPORTED_EVERY_S: Final = 0.1
 
 FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
@@ -74,6 +80,7 @@ class _Requested:
     record_id: str
     asked_s: float
     open: set[str] = field(default_factory=set)  # stations that have not finished it
+    answered: set[str] = field(default_factory=set)  # of these, stations that have begun it
 
 
 @dataclass(slots=True)
@@ -215,11 +222,11 @@ class SiteCommander(Commander):
             own = self.flight.vehicles.get(name)
             if own is not None and self._member.owned[own.row]:
                 here.append(name)
-            elif owner.get(name):
-                away.setdefault(owner[name], []).append(name)
+            elif name in owner or name in self.flight.vehicles:
+                away.setdefault(owner.get(name) or NO_STATION, []).append(name)
             else:
                 known = ", ".join((*self.flight.vehicles, *site.ids))
-                raise UnknownError(f"there is no vehicle {name}, or no station flies it; there are {known}")
+                raise UnknownError(f"there is no vehicle {name}; there are {known}")
         return here, away
 
     def _others_fly(self, action: ShowAction) -> bool:
@@ -244,10 +251,15 @@ class SiteCommander(Commander):
     ) -> CommandRecord:
         """Have a station execute its part; its vehicles are pending until it answers."""
         book = self.flight.book
-        if station not in self._member.present():
-            missing = f"station {station} is not received"
+        missing = f"station {station} is not received"
+        if station in self._member.present():
+            try:
+                self._member.post(station, REQUEST.dump_python(request, mode="json"))
+                missing = ""
+            except LinkError as error:  # the own part and the other stations' are executed all the same
+                missing = f"station {station}: {error}"
+        if missing:
             return book.include(record.id, {one: VehicleOutcome(Outcome.FAILED, missing) for one in ids})
-        self._member.post(station, REQUEST.dump_python(request, mode="json"))
         asked = self._asked.setdefault(record.id, _Requested(record.id, self.flight.fleet.time_s))
         asked.open.add(station)
         return book.include(record.id, {one: VehicleOutcome(Outcome.PENDING) for one in ids})
@@ -288,6 +300,9 @@ class SiteCommander(Commander):
 
     def _execute(self, sender: str, request: Request) -> None:
         match request:
+            case ShowRequest(action=ShowAction.RESUME) if self.flight.show in FORMED:
+                formed = [one.id for one in self.flight.in_phase(Phase.FORMATION)]
+                execute = partial(self.flight.book.done, request.action, formed, {}, "flies already")
             case ShowRequest(reason=""):
                 self._waits_for = ""
                 execute = partial(
@@ -318,8 +333,14 @@ class SiteCommander(Commander):
     def _answer(self, station: str, outcomes: Outcomes) -> None:
         try:
             self._member.post(station, REQUEST.dump_python(outcomes, mode="json"))
-        except LinkError as error:
-            log.warning("not_answered", extra={"station": station, "reason": str(error)})
+        except LinkError:  # too long, with all reasons
+            brief = {name: (outcome, why[:BRIEF]) for name, (outcome, why) in outcomes.outcomes.items()}
+            try:
+                self._member.post(
+                    station, REQUEST.dump_python(replace(outcomes, outcomes=brief), mode="json")
+                )
+            except LinkError as error:
+                log.warning("not_answered", extra={"station": station, "reason": str(error)})
 
     def _report(self) -> None:
         """Send the outcomes that have changed."""
@@ -341,6 +362,7 @@ class SiteCommander(Commander):
         asked = self._asked.get(reported.ref)
         if asked is None or sender not in asked.open:
             return
+        asked.answered.add(sender)
         book, ids = self.flight.book, set(self._member.site.ids)
         found = {
             name: VehicleOutcome(outcome, reason)
@@ -367,13 +389,15 @@ class SiteCommander(Commander):
         here = set(self._member.present())
         for asked in list(self._asked.values()):
             late = now_s - asked.asked_s > ANSWERED_WITHIN_S
-            for name in [one for one in asked.open if one not in here and late]:
+            silent = asked.open - asked.answered
+            for name in [one for one in asked.open if late and (one not in here or one in silent)]:
                 asked.open.discard(name)
                 try:
                     outcomes = self.flight.book.get(asked.record_id).outcomes
                 except UnknownError:
                     continue
-                lost = VehicleOutcome(Outcome.FAILED, f"station {name} is not received")
+                why = "does not answer" if name in here else "is not received"
+                lost = VehicleOutcome(Outcome.FAILED, f"station {name} {why}")
                 of_station = set(self._member.ids_of(name))
                 pending = [one for one in of_station if one in outcomes]
                 open_ids = [one for one in pending if outcomes[one].outcome is Outcome.PENDING]

@@ -152,15 +152,15 @@ class SiteMember:
             try:
                 if topic in {STATES, "formation", "homes"} or topic.startswith("slots."):
                     site.receive(sender, topic, payload, message.time_s)
-                elif sender not in site.stations:
-                    site.refused += 1
+                elif sender not in site.stations or site.stations[sender].batch is None:
+                    site.refused += 1  # no station of this site, as far as its batches have shown
                 elif topic == f"letters.{site.own}":
                     self.received += [(sender, one) for one in self.letters[sender].take(payload, now_s)]
                 elif topic == "plan":
                     self._take_plan(sender, payload, message.time_s)
                 elif topic == "info":
                     self._take_info(sender, payload)
-                elif topic.startswith(f"return.{site.own}."):
+                elif topic.startswith(f"return.{site.own}.") and sender == site.lead.name:
                     self._take_return(ReturnMessage.decode(payload))
             except LinkError:
                 site.refused += 1
@@ -252,6 +252,22 @@ class SiteMember:
         return self.site.present(self.flight.fleet.time_s if now_s is None else now_s)
 
     @property
+    def lost(self) -> dict[str, str]:
+        """Stations that are not received any more, with what is known of their vehicles."""
+        found = {}
+        for name in self.site.lost(self.flight.fleet.time_s):
+            flying = len(self.ids_of(name, *AIRBORNE))
+            vehicles = "vehicle of it" if flying == 1 else "vehicles of it"
+            found[name] = f"{flying} {vehicles} in the air" if flying else "none of its vehicles in the air"
+        return found
+
+    @property
+    def shows_of_others_fly(self) -> bool:
+        """Whether another station's show is in the air, while this one's is over or has not begun."""
+        on_ground = self.flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
+        return on_ground and any(self.show_of(name) not in ON_THE_GROUND for name in self.present())
+
+    @property
     def lead_is_here(self) -> bool:
         """Whether this station leads, or receives the one that does."""
         lead = self.site.lead
@@ -328,6 +344,11 @@ class SiteMember:
         received = np.array([owner in here for owner in self.site.owners], dtype=np.bool_)
         in_phase = np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases])
         return np.flatnonzero(received & in_phase)
+
+    @property
+    def lead_returns(self) -> bool:
+        """Whether the lead's show is on its way home, so that it plans for all."""
+        return self.show_of(self.site.lead.name) is ShowPhase.RETURNING
 
     def stands(self, below_m_s: float) -> bool:
         """Whether all of them that return have stopped."""
@@ -451,7 +472,7 @@ class SiteMember:
         seen = replace(flight.fleet, position_m=flight.seen_m(), velocity_m_s=flight.seen_m_s())
         made = batch(site, seen, tasks, flight.traits.uncertainty_m, memory, reported)
         self._send(STATES, made.encode())
-        if site.lead.leads:
+        if site.lead.leads and not self.shows_of_others_fly:  # a lead that restarts disturbs no flight
             for topic, payload in formation_messages(site, memory, reported):
                 self._send(topic, payload)
             self._publish_plan(now_s)
@@ -546,13 +567,15 @@ class SiteMember:
     def columns(self) -> dict[str, list[Any]]:
         """Per vehicle of the other stations: names, links, phases and reasons, for displays."""
         site = self.site
-        owners = site.owners
+        owners, here = site.owners, set(self.present())
         phases = [PHASES[code] for code in site.phases.tolist()]
         reasons = []
         for name, owner, phase in zip(site.ids, owners, phases, strict=True):
             texts = self._info[owner].reasons if owner in self._info else None
             own_text = None if texts is None or phase not in EXPLAINED else texts.get(name)
             usual = "on the ground" if phase in GROUNDED else f"flown by station {owner}"
+            if owner and owner not in here:
+                usual = f"station {owner} is not received"
             reasons.append(own_text or (usual if owner else "not received yet"))
         return {
             "ids": list(site.ids),

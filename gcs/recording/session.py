@@ -36,6 +36,7 @@ class Record:
         found: Interruption | None = None,
         excluded: Mapping[VehicleId, Exclusion] = MappingProxyType({}),
         elsewhere: Mapping[VehicleId, tuple[int, str]] = MappingProxyType({}),
+        site_json: str | None = None,
     ) -> None:
         """Writes nothing before it is entered.
 
@@ -47,6 +48,7 @@ class Record:
             found: the flight that was interrupted before, if any.
             excluded: vehicles excluded from the show before.
             elsewhere: the same of other stations' vehicles, which follow in the flight data.
+            site_json: the configuration of all stations, for the flight data; None: there is one station.
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
@@ -54,7 +56,7 @@ class Record:
         self.excluded = excluded
         self._journal = Journal(root / AUDIT)
         self.audit = Audit(self._journal, self.session, vehicles)
-        about = layout.about(self.session, config_json, {**vehicles, **elsewhere})
+        about = layout.about(self.session, site_json or config_json, {**vehicles, **elsewhere})
         self._flight = FlightFile(self.folder, about) if flight else None
         self._handler = _LogHandler(self.audit, self._flight)
         self._attached = ExitStack()

@@ -51,6 +51,7 @@ class AlarmCause(StrEnum):
     INTERRUPTED = "interrupted"
     DUPLICATE_SYSTEM_ID = "duplicate-system-id"
     LINK_FAILED = "link-failed"
+    STATION_LOST = "station-lost"
     RETURN_UNPLANNED = "return-unplanned"
     TARGET_STALE = "target-stale"
     OBSTACLE_WAITS = "obstacle-waits"
@@ -155,6 +156,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     ),
     AlarmCause.LINK_FAILED: CauseRow(
         W, "Link {about} failed", "Check cable, radio and port. The service keeps trying."
+    ),
+    AlarmCause.STATION_LOST: CauseRow(
+        W,
+        "Station {about} not received",
+        "Watch its vehicles: without it they follow their own failsafe. Restart it, or restore the bus;"
+        " its standby can take them over.",
+        off_after_s=0.0,
     ),
     AlarmCause.RETURN_UNPLANNED: CauseRow(
         W,
