@@ -28,6 +28,7 @@ from gcs.mavlink import codec, reports
 from gcs.planning.return_paths import planner
 from gcs.service import check_process
 from tests.support.machine import restrict_at_usual_priority
+from tests.support.netns import enter
 
 PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 
@@ -42,8 +43,12 @@ class Started:
         stdout: int | IO[str],
         stderr: IO[str] | None = None,
         folder: Path | None = None,
+        namespace: str | None = None,
     ) -> None:
-        """Start `python -m MODULE WORDS` in `folder`. `stdout` is `PIPE`, `DEVNULL` or an open file."""
+        """Start `python -m MODULE WORDS` in `folder`. `stdout` is `PIPE`, `DEVNULL` or an open file.
+
+        `namespace`: of the network, as `ip netns` names it; None: this one.
+        """
         self.stdout: TextIO | None = None
         self.returncode: int | None = None
         ours, theirs = socket.socketpair()
@@ -53,7 +58,8 @@ class Started:
                 reader, files[0] = os.pipe()
                 self.stdout = os.fdopen(reader)
             files += [(sys.__stderr__ or nothing if stderr is None else stderr).fileno(), theirs.fileno()]
-            socket.send_fds(_loaded(), [json.dumps([str(folder or "."), module, *words]).encode()], files)
+            request = [str(folder or "."), namespace or "", module, *words]
+            socket.send_fds(_loaded(), [json.dumps(request).encode()], files)
             if stdout == PIPE:
                 os.close(files[0])
         self._status = ours.makefile("r")
@@ -159,8 +165,10 @@ def _watched(request: list[str], out: int, err: int, status: int) -> None:
     os.dup2(out, 1)
     os.dup2(err, 2)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    folder, *sys.argv = request
+    folder, namespace, *sys.argv = request
     os.chdir(folder)
+    if namespace:
+        enter(namespace)
 
 
 if __name__ == "__main__":
