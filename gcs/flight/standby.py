@@ -17,7 +17,7 @@ from gcs.flight.refusals import why_never, why_not_touching_down
 from gcs.flight.site_member import SiteMember
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError
-from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
+from gcs.model.lifecycle import AIRBORNE, GROUNDED, Event, Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome
 
 log = logging.getLogger(__name__)
@@ -69,8 +69,10 @@ class Standby:
             arrived_s = self.member.site.stations[name].arrived_s
             silent_s = self._silent_s.get(name, 0.0) + step_s if now_s - arrived_s > step_s else 0.0
             self._silent_s[name] = silent_s
-            if silent_s > self.lost_after_s and arrived_s > 0.0 and self.member.ids_of(name):
+            if silent_s > self.lost_after_s and self.member.ids_of(name, *AIRBORNE):
                 self._take(name, now_s)
+            elif name in self.taken and name in self.member.present():
+                self._give_back(name)
         self._hold()
         if self.rejoins:
             self._rejoin_by_itself(now_s)
@@ -88,6 +90,16 @@ class Standby:
         if ids:
             self.taken[name] = now_s
             log.error("station_taken_over", extra={"station": name, "vehicles": len(ids)})
+
+    def _give_back(self, name: str) -> None:
+        """Leave the vehicles of a station that is there again to it, once all are on the ground."""
+        vehicles = [self.flight.vehicles[one] for one in self.member.standby_ids(name)]
+        if all(one.phase in GROUNDED and not self.maneuvers.running(one) for one in vehicles):
+            del self.taken[name]
+            ids = {one.id for one in vehicles}
+            self._held, self._rejoined = self._held - ids, self._rejoined - ids
+            self.member.site.give_back(ids)
+            log.warning("station_given_back", extra={"station": name, "vehicles": len(ids)})
 
     def _of_taken(self) -> list[Vehicle]:
         return [self.flight.vehicles[one] for name in self.taken for one in self.member.standby_ids(name)]

@@ -1,6 +1,6 @@
 """What one station knows of the others: their vehicles at the time of a tick, and the lead's formation."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
@@ -36,6 +36,9 @@ WITHOUT_LINK: Final = (PHASE_CODE[Phase.LOST], KILLED)
 """Phases of vehicles that their own station does not command, and whose space others keep clear."""
 
 RETURN_HEIGHT_M: Final = 30.0
+
+NO_STATION: Final = -1
+"""Number of the station of a vehicle that none flies."""
 
 LOST_S: Final = 0.5
 """A station without a batch for this time is lost: its vehicles are without control until they are seen."""
@@ -142,12 +145,13 @@ class Site:
         self.own_ids = mine.ids
         n, k = len(mine.ids), len(self.ids)
         self.count = k
-        self.owned = np.arange(n) < n - mine.standby
+        self._home_count = n - mine.standby
+        self.owned = np.arange(n) < self._home_count
         self.epochs = self.owned.astype(np.uint8)
         shared = [(row, row_of[one]) for row, one in enumerate(mine.ids) if one in row_of]
         self._own_rows = np.array([row for row, _ in shared], dtype=np.intp)  # that others know as well
         self._their_rows = np.array([row for _, row in shared], dtype=np.intp)  # the same vehicles
-        self._owner = np.full(k, -1)  # number of the station that flies each
+        self._owner = np.full(k, NO_STATION)  # number of the station that flies each
         self._epochs = np.zeros(k, np.uint8)
         self._position_m, self._velocity_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
         self._desired_m_s = np.full((k, 3), np.nan)
@@ -192,11 +196,16 @@ class Site:
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
         claims = batch.epochs > self._epochs[rows]
-        claims |= (batch.epochs == self._epochs[rows]) & np.isin(self._owner[rows], (-1, station.number))
+        claims |= (batch.epochs == self._epochs[rows]) & np.isin(
+            self._owner[rows], (NO_STATION, station.number)
+        )
         taken = batch.owned & claims
         at = rows[taken]
         self._owner[at], self._epochs[at] = station.number, batch.epochs[taken]
         self.owned[self._own_rows[self._epochs[self._their_rows] > self.epochs[self._own_rows]]] = False
+        given = ~batch.owned & (self._owner[rows] == station.number)
+        self._owner[rows[given]] = NO_STATION
+        self._take_back()
         self._made_s[at] = made_s
         self._measured_s[at] = made_s - batch.age_s[taken]
         self._uncertainty_m[at] = batch.uncertainty_m[taken]
@@ -212,11 +221,19 @@ class Site:
             if arrived_s - self._measured_s[row] <= self._without_control.telemetry_age_max_s:
                 del self._swept[row]
 
+    def _take_back(self) -> None:
+        """Own again the vehicles of this station that a standby has given back."""
+        back = ~self.owned[self._own_rows] & (self._own_rows < self._home_count)
+        back &= (self._owner[self._their_rows] == NO_STATION) & (self._epochs[self._their_rows] < EPOCH_MAX)
+        rows = self._own_rows[back]
+        self.epochs[rows] = self._epochs[self._their_rows[back]] + 1
+        self.owned[rows] = True
+
     def _take_homes(self, station: Station, payload: bytes) -> None:
         home_m = decode_homes(payload)
         if len(home_m) != len(station.rows):
             raise LinkError(f"homes of {len(home_m)} vehicles")
-        theirs = np.isin(self._owner[station.rows], (-1, station.number)) & np.isfinite(home_m[:, 0])
+        theirs = np.isin(self._owner[station.rows], (NO_STATION, station.number)) & np.isfinite(home_m[:, 0])
         self.home_m[station.rows[theirs]] = home_m[theirs]
 
     def _take_formation(self, station: Station, message: FormationMessage, arrived_s: float) -> None:
@@ -438,7 +455,7 @@ class Site:
 
     def take_over(self, station: str) -> list[VehicleId]:
         """Own from now on the vehicles of that station that this one stands by for. Returns: them."""
-        theirs = np.isin(self._owner[self._their_rows], (-1, self.names.index(station)))
+        theirs = np.isin(self._owner[self._their_rows], (NO_STATION, self.names.index(station)))
         rows = self._own_rows[theirs & ~self.owned[self._own_rows]]
         before = np.zeros(len(self.own_ids), np.uint8)
         before[self._own_rows] = self._epochs[self._their_rows]
@@ -450,6 +467,11 @@ class Site:
             self.epochs[self._own_rows[np.isin(self._own_rows, rows)]],
         )
         return [self.own_ids[row] for row in rows.tolist()]
+
+    def give_back(self, ids: Collection[VehicleId]) -> None:
+        """Own these no longer, although no other station claims them: their station owns them again."""
+        rows = np.array([row for row, one in enumerate(self.own_ids) if one in ids], dtype=np.intp)
+        self.owned[rows] = False
 
     # sent
 

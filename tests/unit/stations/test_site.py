@@ -193,6 +193,24 @@ def test_standby_takes_over_with_a_higher_epoch() -> None:
     assert south.take_over("north") == []
 
 
+def test_vehicles_that_are_given_back_are_owned_again() -> None:
+    north, south, west = (Site(name, MIRRORED, WithoutControl()) for name in MIRRORED)
+    for site in (north, west):
+        site.receive("south", "states", claimed(site, 3, [True, True, True], [1, 2, 2]), 101.0)
+    south.receive("north", "states", claimed(south, 2, [True, True], [1, 1]), 100.0)
+    south.take_over("north")
+    south.give_back({"n1", "n2"})
+    assert south.owned.tolist() == [True, False, False]
+    for site in (north, west):
+        site.receive("south", "states", claimed(site, 3, [True, False, False], [1, 2, 2]), 102.0)
+    assert north.owned.tolist() == [True, True]
+    assert north.epochs.tolist() == [3, 3]
+    for site in (south, west):
+        site.receive("north", "states", claimed(site, 2, [True, True], [3, 3]), 103.0)
+    assert west.owners == ["north", "north", "south"]
+    assert south.owners[:2] == ["north", "north"]
+
+
 def test_display_shows_every_vehicle_once() -> None:
     south = Site("south", MIRRORED, WithoutControl())
     n = len(south.own_ids)
