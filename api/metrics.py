@@ -86,6 +86,12 @@ def _stations(view: FleetView) -> Iterator[Metric]:
         values = {each.name: value(each) for each in view.stations}
         known = {key: float(each) for key, each in values.items() if each is not None and isfinite(each)}
         yield _labelled(name, text, "station", known)
+    if (bus := view.bus) is None:
+        return
+    yield CounterMetricFamily("gcs_bus_messages_sent", "Messages to the other stations.", bus.sent)
+    yield CounterMetricFamily("gcs_bus_sent_bytes", "Bytes of these, each counted once.", bus.sent_bytes)
+    yield CounterMetricFamily("gcs_bus_messages_received", "Messages of the other stations.", bus.received)
+    yield CounterMetricFamily("gcs_bus_messages_refused", "Messages that are no valid ones.", bus.refused)
 
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:

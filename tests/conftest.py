@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, settings
 
 from gcs.api.schemas import convert
 from gcs.service import check_process
+from tests.support import netns
 from tests.support.browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
 from tests.support.machine import restrict_at_usual_priority
 
@@ -30,6 +31,7 @@ settings.load_profile("machine")
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
+SEVERAL_HOSTS = HERE / "system" / "test_site_hosts.py"
 BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "recording")  # a state's age; threads that write soon
 NOT_COMPUTED = (BROWSER, HERE / "integration", *BY_THE_CLOCK)  # `make computed` does not collect them
 REAL_TIME = (*NOT_COMPUTED, HERE / "system")
@@ -42,6 +44,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if is_required() and chromium() is None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
+    if netns.is_required() and not netns.are_possible():
+        raise pytest.UsageError(f"{netns.REQUIRED} is set, and there are none: {netns.GET_THEM}")
+    config.addinivalue_line(
+        "markers", "netns: needs network namespaces, and is deselected where there are none"
+    )
     config.addinivalue_line(
         "markers", "soak: shown by endurance only; run by `make soak`, and no part of `make test`"
     )
@@ -60,6 +67,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         unseen = [item for item in items if BROWSER in item.path.parents]
         config.hook.pytest_deselected(items=unseen)
         items[:] = [item for item in items if BROWSER not in item.path.parents]
+    if not netns.are_possible():
+        alone = [item for item in items if item.get_closest_marker("netns")]
+        config.hook.pytest_deselected(items=alone)
+        items[:] = [item for item in items if not item.get_closest_marker("netns")]
     if config.getoption("again"):
         # Not pytest's --last-failed: it finds no id of schemathesis, and then runs everything.
         assert config.cache is not None
@@ -99,6 +110,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         each == BROWSER or BROWSER in each.parents or each in BROWSER.parents for each in asked
     ):
         terminalreporter.write_line(NOT_RUN, yellow=True)
+    if not netns.are_possible() and any(each in (SEVERAL_HOSTS, *SEVERAL_HOSTS.parents) for each in asked):
+        terminalreporter.write_line(netns.NOT_RUN, yellow=True)
     if config.getoption("again"):
         for report in terminalreporter.getreports("passed"):
             if report.when == "call":

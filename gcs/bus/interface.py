@@ -2,8 +2,9 @@
 
 import asyncio
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeAlias
 
 from gcs.model.errors import LinkError
 
@@ -23,6 +24,15 @@ class Received:
     time_s: float  # of its arrival or, where the bus cannot tell, of its collection; the loop's clock
 
 
+Accepts: TypeAlias = Callable[[str, bytes], bool]
+"""Whether the bytes of a topic can be a message of this site."""
+
+
+def anything(_topic: str, _payload: bytes) -> bool:
+    """Accept every message."""
+    return True
+
+
 @dataclass(slots=True)
 class BusCounters:
     """Totals since the bus was created."""
@@ -30,7 +40,7 @@ class BusCounters:
     sent: int = 0
     received: int = 0
     sent_bytes: int = 0
-    refused: int = 0  # too large, or not of a station of this site
+    refused: int = 0  # too large, or not accepted
 
 
 class Bus(Protocol):
@@ -42,6 +52,7 @@ class Bus(Protocol):
 
     station: str
     counters: BusCounters
+    accepts: Accepts  # what it does not accept takes no other message's place
 
     async def run(self) -> None:
         """Keep the bus open until it is cancelled. Raises: LinkError when it cannot be opened."""

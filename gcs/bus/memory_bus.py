@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.bus.interface import PAYLOAD_MAX, BusCounters, Received
+from gcs.bus.interface import PAYLOAD_MAX, Accepts, BusCounters, Received, anything
 from gcs.model.errors import LinkError
 
 UNDER_WAY_MAX: Final = 4096
@@ -70,6 +70,7 @@ class MemoryBus:
     def __init__(self, station: str, network: MemoryNetwork) -> None:
         self.station = station
         self.counters = BusCounters()
+        self.accepts: Accepts = anything
         self.open = True  # False: its station has stopped
         self._network = network
         self._under_way: list[tuple[float, int, Received]] = []
@@ -105,6 +106,9 @@ class MemoryBus:
         now_s = self._network.now_s()
         while self._under_way and self._under_way[0][0] <= now_s:
             message = heapq.heappop(self._under_way)[2]
+            if not self.accepts(message.topic, message.payload):
+                self.counters.refused += 1
+                continue
             self.counters.received += 1
             found[message.sender, message.topic] = message
         return list(found.values())

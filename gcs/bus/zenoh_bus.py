@@ -5,13 +5,14 @@ Needs the extra `stations`.
 
 import asyncio
 import json
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, TypeAlias
 
 import zenoh
 
-from gcs.bus.interface import PAYLOAD_MAX, BusCounters, Received
+from gcs.bus.interface import PAYLOAD_MAX, Accepts, BusCounters, Received, anything
 from gcs.bus.settings import Endpoint, key_files
 from gcs.model.errors import LinkError
 
@@ -32,6 +33,19 @@ RETRY: Final = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_fa
 
 HANDSHAKE_MS: Final = 2000
 """Limit of one attempt to connect: closing waits for it, and so does the next attempt."""
+
+
+RUNTIMES: Final = ("rx", "tx", "net", "acc")
+
+
+def threads(stations: int) -> str:
+    """Zenoh's setting of its threads, for the environment.
+
+    Closing the connection to a host that has vanished holds a thread for 10 s (Zenoh's issues 2718 and 1101):
+    with one thread each, as is the default, all other stations are silent for as long.
+    """
+    each = f"(worker_threads: {2 * stations})"
+    return f"({', '.join(f'{name}: {each}' for name in RUNTIMES)})"
 
 
 def kept(stations: int) -> int:
@@ -158,6 +172,7 @@ class ZenohBus:
         """
         self.station = station
         self.counters = BusCounters()
+        self.accepts: Accepts = anything
         self._endpoints, self._lease_s, self._keys = dict(endpoints), lease_s, keys
         self._now_s = now_s
         self._open: _Open | None = None
@@ -166,6 +181,7 @@ class ZenohBus:
     async def run(self) -> None:
         config = configuration(self.station, self._endpoints, self._lease_s, self._keys)
         here = self._endpoints[self.station]
+        os.environ.setdefault("ZENOH_RUNTIME", threads(len(self._endpoints)))
         try:
             session = await asyncio.to_thread(zenoh.open, config)
         except zenoh.ZError as error:
@@ -199,10 +215,11 @@ class ZenohBus:
                 if sample is None:
                     break
                 payload = sample.payload.to_bytes()
-                if len(payload) > PAYLOAD_MAX or sample.kind != zenoh.SampleKind.PUT:
+                topic = str(sample.key_expr).removeprefix(f"{ROOT}/{sender}/")
+                possible = len(payload) <= PAYLOAD_MAX and sample.kind == zenoh.SampleKind.PUT
+                if not possible or not self.accepts(topic, payload):
                     self.counters.refused += 1
                     continue
-                topic = str(sample.key_expr).removeprefix(f"{ROOT}/{sender}/")
                 self.counters.received += 1
                 found[sender, topic] = Received(sender, topic, payload, now_s)
         return list(found.values())

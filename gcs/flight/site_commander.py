@@ -273,7 +273,7 @@ class SiteCommander(Commander):
             try:
                 request = REQUEST.validate_python(body)
             except ValueError:
-                log.warning("request_unreadable", extra={"station": sender})
+                log.warning("request_unreadable", extra={"other": sender})
                 continue
             if isinstance(request, Outcomes):
                 self._take_outcomes(sender, request)
@@ -340,7 +340,7 @@ class SiteCommander(Commander):
                     station, REQUEST.dump_python(replace(outcomes, outcomes=brief), mode="json")
                 )
             except LinkError as error:
-                log.warning("not_answered", extra={"station": station, "reason": str(error)})
+                log.warning("not_answered", extra={"other": station, "reason": str(error)})
 
     def _report(self) -> None:
         """Send the outcomes that have changed."""
@@ -407,9 +407,7 @@ class SiteCommander(Commander):
 
     def _why_not_ready(self) -> str:
         """Why this station's vehicles could not start now, as preflight has it."""
-        if self.flight.show not in ON_THE_GROUND or self.flight.airborne:
-            return ""
-        if not self.flight.in_phase(Phase.STANDBY):
+        if self.flight.show not in ON_THE_GROUND or self.flight.airborne or not self._member.owned.any():
             return ""
         try:
             self._gate.need(None, None)
@@ -441,7 +439,7 @@ class SiteCommander(Commander):
         return now_s - station.arrived_s > self._member.lead_silent_s
 
     def _wait_for(self, station: str, until_s: float, reason: str) -> None:
-        log.warning("holds_for_station", extra={"station": station, "reason": reason})
+        log.warning("holds_for_station", extra={"other": station, "reason": reason})
         super().execute_show_failsafe(ShowAction.PAUSE, reason)
         self._waits_for, self._waits_until_s = station, until_s
         self._waits_since_s = self.flight.fleet.time_s
@@ -517,6 +515,6 @@ class SitePlanEditor(PlanEditor):
             else:
                 getattr(PlanEditor, request.change)(self, value)
         except (GcsError, KeyError, ValueError) as refused:
-            reported = {"station": station, "change": request.change, "reason": str(refused)}
+            reported = {"other": station, "change": request.change, "reason": str(refused)}
             log.warning("plan_change_refused", extra=reported)
         self.member.note_applied(station, request.number)

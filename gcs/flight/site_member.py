@@ -21,10 +21,11 @@ from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPh
 from gcs.model.plan import Plan, plan_json, plan_of
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
-from gcs.service import StationView
+from gcs.service import BusView, StationView
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
 from gcs.stations.publishing import STATES, Reported, batch, formation_messages
+from gcs.stations.recognition import may_be_valid
 from gcs.stations.return_messages import ReturnMessage, in_parts
 from gcs.stations.site import Rows, Site, StationFleet, WithoutControl
 
@@ -47,6 +48,8 @@ CLOSED_WITHIN_S: Final = 0.14
 RETURN_SENT_S: Final = 4.0
 """The paths of a return are repeated for this time."""
 
+NOT_CHECKED: Final = "it has not reported yet whether its vehicles are ready"
+
 EXPLAINED: Final = frozenset({Phase.LOST, Phase.PILOT, Phase.KILLED, Phase.OFFLINE})
 
 
@@ -64,7 +67,7 @@ class Membership:
 class _Info:
     """The newest texts of another station."""
 
-    why_not_ready: str = ""
+    why_not_ready: str = NOT_CHECKED
     reasons: Mapping[VehicleId, str] | None = None
 
 
@@ -98,7 +101,8 @@ class SiteMember:
             site_config.setpoint_timeout_s,
             site_config.control.telemetry_age_max_s,
         )
-        self.site = Site(membership.station, station_fleets(site_config), without_control)
+        self.site = site = Site(membership.station, station_fleets(site_config), without_control)
+        self.bus.accepts = lambda topic, payload: may_be_valid(topic, payload, site.site)
         self.lead_silent_s = site_config.bus.lead_silent_s
         self._system_ids = {one.id: one.system_id for one in site_config.fleet}
         self._link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
@@ -138,7 +142,7 @@ class SiteMember:
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._applied: dict[str, int] = {}  # newest change of each station that this lead has applied
         self._changes = 0  # of the plan, that this station asked of the lead
-        self.why_not_ready = ""  # why this station could not start now
+        self.why_not_ready = NOT_CHECKED  # why this station could not start now; empty: it could
         self._others: Others | None = None
 
     # received
@@ -554,6 +558,12 @@ class SiteMember:
                 )
             )
         return tuple(found)
+
+    def bus_view(self) -> BusView:
+        """Totals of this station's bus."""
+        counters = self.bus.counters
+        refused = counters.refused + self.site.refused
+        return BusView(counters.sent, counters.sent_bytes, counters.received, refused)
 
     @property
     def show(self) -> ShowPhase:

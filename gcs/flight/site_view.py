@@ -55,6 +55,7 @@ def whole_view(own: FleetView, member: SiteMember) -> FleetView:
     table = whole if len(shown) == n + k else whole.of(shown)
     unknown = np.full(len(shown) - n, np.nan)
     changed: dict[str, Any] = {"rows": table, "stations": member.views(), "show": member.show}
+    changed["bus"] = member.bus_view()
     if (found := own.estimates) is not None:  # of the own vehicles only
         low_s, empty_s = np.append(found.low_s, unknown), np.append(found.empty_s, unknown)
         changed["estimates"] = replace(found, low_s=low_s, empty_s=empty_s)

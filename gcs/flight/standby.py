@@ -89,7 +89,7 @@ class Standby:
             vehicle.reason = f"taken over from station {name}"
         if ids:
             self.taken[name] = now_s
-            log.error("station_taken_over", extra={"station": name, "vehicles": len(ids)})
+            log.error("station_taken_over", extra={"other": name, "vehicles": len(ids)})
 
     def _give_back(self, name: str) -> None:
         """Leave the vehicles of a station that is there again to it, once all are on the ground."""
@@ -99,7 +99,7 @@ class Standby:
             ids = {one.id for one in vehicles}
             self._held, self._rejoined = self._held - ids, self._rejoined - ids
             self.member.site.give_back(ids)
-            log.warning("station_given_back", extra={"station": name, "vehicles": len(ids)})
+            log.warning("station_given_back", extra={"other": name, "vehicles": len(ids)})
 
     def _of_taken(self) -> list[Vehicle]:
         return [self.flight.vehicles[one] for name in self.taken for one in self.member.standby_ids(name)]
@@ -199,6 +199,6 @@ class Standby:
             if one.phase in AIRBORNE - {Phase.HOLD, Phase.TAKEOFF}
         ]
         flown = [one for one in flown if not one.handed_over]
-        log.error("standby_not_received", extra={"station": cut[0], "vehicles": len(flown)})
+        log.error("standby_not_received", extra={"other": cut[0], "vehicles": len(flown)})
         for vehicle in flown:
             self.maneuvers.start(vehicle, self.maneuvers.hold, lambda _outcome, _reason: None)

@@ -231,6 +231,16 @@ class StationView:
 
 
 @dataclass(frozen=True, slots=True)
+class BusView:
+    """Totals of the bus between the stations, since this station's start."""
+
+    sent: int  # messages, each to all other stations
+    sent_bytes: int
+    received: int
+    refused: int  # damaged, of another version, or not of a station of this site
+
+
+@dataclass(frozen=True, slots=True)
 class ActiveFailsafe:
     """What the service does automatically while a cause lasts; see `gcs.failsafe.policy`."""
 
@@ -431,6 +441,7 @@ class FleetView:
     playback: Playback | None = None  # None: this is no replay
     histograms: tuple[Histogram, ...] = ()  # of the ticks since the start; not copies: they change
     stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
+    bus: BusView | None = None  # None: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 
     @cached_property

@@ -19,7 +19,7 @@ from multiprocessing import Pipe, Process, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from gcs.bus.interface import Bus, BusCounters, Received
+from gcs.bus.interface import Accepts, Bus, BusCounters, Received, anything
 from gcs.bus.keys import make_site_keys
 from gcs.bus.settings import Endpoint
 from gcs.bus.zenoh_bus import ZenohBus
@@ -36,6 +36,7 @@ class DatagramBus:
 
     def __init__(self, station: str, endpoints: dict[str, Endpoint]) -> None:
         self.station, self.counters = station, BusCounters()
+        self.accepts: Accepts = anything
         self._to = [(one.host, one.port) for name, one in endpoints.items() if name != station]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_000_000)

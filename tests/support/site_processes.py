@@ -155,6 +155,19 @@ def verdict(config: Config, files: Sequence[Path]) -> Verdict:
     return Verdict(nearest_m, violations, frozenset(np.array(by_number)[landed].tolist()))
 
 
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Ticks of a station."""
+
+    ticks: int
+    missed_s: float  # periods of ticks that were dropped
+    late_s: float  # sum over the ticks
+
+    def since(self, before: "Timing") -> "Timing":
+        """The ticks after those of `before`."""
+        return Timing(self.ticks - before.ticks, self.missed_s - before.missed_s, self.late_s - before.late_s)
+
+
 class SiteProcesses:
     """Running stations, by name. Each has its folder with its log and its records."""
 
@@ -216,10 +229,19 @@ class SiteProcesses:
         """Whether a station obeys that lead."""
         return self.stations(name)[lead].leads
 
+    def receives(self, name: str, *others: str) -> bool:
+        """Whether a station receives these now."""
+        found = self.stations(name)
+        return all(found[other].received for other in others)
+
     def own_phases(self, name: str) -> list[str]:
         """Phases of a station's own vehicles."""
         fleet = self.at(name, lambda client: client.fleet())
         return [one.phase for one in fleet.vehicles if one.id.startswith(name[0])]
+
+    def all_form(self, *names: str) -> bool:
+        """Whether all vehicles of these stations, or of all that run, fly in formation."""
+        return all(set(self.own_phases(name)) == {"formation"} for name in names or self.left)
 
     # the flight
 
@@ -250,6 +272,7 @@ class SiteProcesses:
             assert time.monotonic() < end_s, refused
             time.sleep(0.3)
         wait_until("running", SOON_S, lambda: self.all_show("running"))
+        assert self.all_form()
 
     def come_home(self, at: str) -> None:
         """Stop the show at one station, and wait until the vehicles of all that run are on the ground."""
@@ -264,10 +287,14 @@ class SiteProcesses:
         """Ids of the vehicles of these stations."""
         return {one for one in self.config.ids if any(one.startswith(name[0]) for name in names)}
 
-    def lateness_s(self, name: str) -> tuple[float, int]:
-        """Sum of the lateness of all ticks, and their number, as the station itself reports them."""
+    def timing(self, name: str) -> "Timing":
+        """Of all ticks since its start, as the station itself reports them."""
         text = self.at(name, lambda client: client.metrics())
-        return _metric(text, "gcs_tick_lateness_seconds_sum"), int(_metric(text, "gcs_ticks_total"))
+        return Timing(
+            int(_metric(text, "gcs_ticks_total")),
+            _metric(text, "gcs_ticks_missed_total") / self.config.tick_rate_hz,
+            _metric(text, "gcs_tick_lateness_seconds_sum"),
+        )
 
     def metric(self, name: str, metric: str) -> float:
         """One value of a station's metrics."""

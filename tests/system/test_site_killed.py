@@ -32,11 +32,12 @@ def has_target(site: SiteProcesses, name: str) -> bool:
     return site.at(name, Client.target).x_m == TARGET_M[0]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("victim", "seed"),
     [
         (NAMES[0], 0),
-        *(pytest.param(leads_or_follows(seed), seed, marks=pytest.mark.soak) for seed in range(1, KILLS)),
+        *((leads_or_follows(seed), seed) for seed in range(1, KILLS)),
     ],
 )
 def test_a_killed_station_ends_no_show(tmp_path: Path, victim: str, seed: int) -> None:
