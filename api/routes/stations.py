@@ -57,17 +57,17 @@ async def take_lead(context: ContextDep) -> list[StationView]:
 
 
 @router.post(
-    "/{station}/take-over",
+    "/{name}/take-over",
     summary="Fly on with the vehicles of a lost station",
     **command(404, status=HTTPStatus.ACCEPTED, no_body=True),
 )
-async def take_over_station(context: ContextDep, station: StationName, response: Response) -> CommandRecord:
+async def take_over_station(context: ContextDep, name: StationName, response: Response) -> CommandRecord:
     """The station that answers is the standby of that one. Its vehicles go from hold back into formation.
 
     `409` where the station is not lost, may still send setpoints, or none of its vehicles holds here.
     """
     if context.service.stations is None:
         raise RefusedError(ALONE)
-    record = context.service.stations.take_over(station)
+    record = context.service.stations.take_over(name)
     response.headers["Location"] = f"/api/v1/commands/{record.id}"
     return record

@@ -52,10 +52,11 @@ class Site:
         return {line["station"] for line in self.printed("out", "serving")}
 
     def vehicles(self, station: int) -> set[str]:
-        """Vehicles that a station receives."""
+        """Vehicles that a station flies and receives."""
         try:
             with Client(f"http://127.0.0.1:{self.first + 4 + 2 * station}", timeout_s=2.0) as client:
-                return {one.id for one in client.fleet().vehicles if one.phase != "offline"}
+                seen = client.fleet().vehicles
+                return {one.id for one in seen if one.phase != "offline" and one.station == STATIONS[station]}
         except GcsError:
             return set()
 

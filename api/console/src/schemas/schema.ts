@@ -784,7 +784,7 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/api/v1/stations/{station}/take-over": {
+    "/api/v1/stations/{name}/take-over": {
         parameters: {
             query?: never;
             header?: never;
@@ -8089,7 +8089,7 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
-                station: string;
+                name: string;
             };
             cookie?: never;
         };
