@@ -121,10 +121,12 @@ EVERYTHING = [
     "! north south",
     "stations --json",
     "lead take",
+    "silent south",
+    "station take-over south",
     "status",
 ]
 """In an order in which each is possible; `!` has every vehicle in the formation, with names that of a site of
-these stations, `good` has a check end well, `recorded` makes it a replay."""
+these stations, `silent` has a station lost, `good` has a check end well, `recorded` makes it a replay."""
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")
 SHOW = load(LIGHTHOUSE).show
@@ -154,13 +156,21 @@ def station(
         yield received
 
 
+def become(service: FakeService, word: str, names: list[str]) -> None:
+    """Have the service be of a site, or one of its stations lost."""
+    if word == "!":
+        service.join_site(names)
+        service.fly()
+    else:
+        service.silent_s[names[0]] = 2.5
+
+
 def asked_of(service: FakeService, line: str, *options: str) -> int:
     """Carry out a line of EVERYTHING."""
     service.tick()
     word, *names = line.split()
-    if word == "!":
-        service.join_site(names)
-        service.fly()
+    if word in {"!", "silent"}:
+        become(service, word, names)
         return 0
     if word == "pilot":
         service.phases[names[0]] = LifePhase.PILOT
@@ -219,7 +229,7 @@ def test_with_json_every_command_prints_exactly_one_document(
     reported: dict[str, object] = {}
     with station(service, monkeypatch):
         for line in EVERYTHING:
-            if line.split()[0] in {"!", "pilot", "lost", "cut-off", "recorded", "good"}:
+            if line.split()[0] in {"!", "silent", "pilot", "lost", "cut-off", "recorded", "good"}:
                 asked_of(service, line)
                 continue
             assert asked_of(service, line, "--json") == 0
