@@ -48,7 +48,7 @@ class MemoryNetwork:
         return together and self.buses[one].open and self.buses[other].open
 
     def present(self, station: str) -> frozenset[str]:
-        """Stations whose presence that one knows."""
+        """Stations that are present as far as that one knows."""
         kept = self.now_s() - self._cut_s < self.lease_s
         others = [name for name, bus in self.buses.items() if name != station and bus.open]
         return frozenset(name for name in others if kept or self.connects(station, name))

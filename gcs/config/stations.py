@@ -15,7 +15,7 @@ from gcs.stations.messages import COUNT_MAX
 STATIONS_MAX: Final = 100
 
 LOOPBACK: Final = "loopback"
-"""Name of the one machine whose stations reach each other over loopback."""
+"""Stands for the one machine on which stations reach each other over loopback."""
 
 
 class StandbySettings(Settings):

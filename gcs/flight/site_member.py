@@ -207,7 +207,7 @@ class SiteMember:
         self._returns[int(message.rows[0])] = message
 
     def _note_ended(self, now_s: float) -> None:
-        """Distinguish a process that has ended, whose connection closes at once, from a bus that is cut."""
+        """Distinguish a process that has ended (its connection closes at once) from a bus that is cut."""
         here = self.bus.present
         for name, station in self.site.stations.items():
             if name in here or now_s - station.arrived_s < ENDED_S:

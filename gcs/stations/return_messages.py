@@ -77,9 +77,9 @@ class ReturnMessage:
         try:
             unpacked = whole.decompress(payload[at:], m * t * 24)
         except zlib.error:
-            raise LinkError("a return whose paths are damaged") from None
+            raise LinkError("a return with damaged paths") from None
         if len(unpacked) != m * t * 24 or not whole.eof:
-            raise LinkError("a return whose paths have another length")
+            raise LinkError("a return with paths of another length")
         changes = np.frombuffer(unpacked, "<i4").reshape(6, m, t).transpose(1, 2, 0)
         both: Array = STEP_M * np.cumsum(changes, axis=1, dtype=np.float64)
         rows, pad_m, over_s, down_s, planned = columns
