@@ -19,7 +19,7 @@ import numpy as np
 
 from gcs.cli import demo_report as report
 from gcs.cli import demo_script, demo_site
-from gcs.cli.demo_script import DemoScript, Marks, StoppedEarlyError
+from gcs.cli.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
 from gcs.cli.process import run_exactly, set_up_log
 from gcs.cli.serve import running
@@ -98,13 +98,9 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     fence = raw["control"]["safety"]["fence"]
     fence["height_max_m"] = max(fence["height_max_m"], 2.0 * radius_m + 30.0)
     config = configuration.Config.model_validate(raw)
-    stagger_s = config.operation.takeoff_stagger_s
-    needed_s = (
-        demo_script.shortest_s(count, stagger_s, _top_m(config))
-        if large
-        else demo_script.whole_s(count, _top_m(config))
-    )
-    if arguments.seconds < needed_s:
+    scale = _scale(config)
+    needed_s = scale.shortest_s if large else scale.whole_s
+    if arguments.seconds is not None and arguments.seconds < needed_s:
         raise ConfigError(f"--seconds {arguments.seconds:g}: at least {needed_s:g} for {count} vehicles")
     if arguments.stations == 1:
         return config
@@ -125,8 +121,9 @@ def _check_stations(arguments: argparse.Namespace) -> None:
         raise ConfigError(text)
 
 
-def _top_m(config: configuration.Config) -> float:
-    return config.formation.radius_m + config.formation.height_m
+def _scale(config: configuration.Config) -> Scale:
+    formation, stagger_s = config.formation, config.operation.takeoff_stagger_s
+    return Scale(len(config.ids), stagger_s, formation.radius_m, formation.radius_m + formation.height_m)
 
 
 def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
@@ -181,9 +178,9 @@ async def _fly(
             rows: list[tuple[float, ...]] = []
             recorder = asyncio.create_task(_follow(orchestrator, rows), name="history")
             with Client(url) as client:
-                whole = arguments.seconds >= demo_script.whole_s(arguments.vehicles, _top_m(config))
-                landing_s = demo_script.home_s(_top_m(config))
-                script = DemoScript(client, arguments.seconds, describe, landing_s=landing_s, whole=whole)
+                scale = _scale(config)
+                seconds = arguments.seconds or max(demo_script.DEFAULT_S, scale.whole_s)
+                script = DemoScript(client, seconds, describe, scale)
                 failure = await _fly_script(script)
             marks = script.marks
             recorder.cancel()
@@ -273,7 +270,7 @@ def _judge(
         figures[name] = worst(values.values(), default=None)
         figures |= {f"{name}_{part}": value for part, value in values.items()}
     if marks.orbit is not None:
-        error_m = report.orbit_error_m(truth.between(*marks.orbit), commanded, demo_script.ORBIT_RADIUS_M)
+        error_m = report.orbit_error_m(truth.between(*marks.orbit), commanded, _scale(config).orbit_radius_m)
         figures["orbit_radius_error_m"] = round(error_m, 3)
     if marks.target_from_m and marks.target_to_m:
         moved_m = np.hypot(*np.subtract(marks.target_to_m, marks.target_from_m))

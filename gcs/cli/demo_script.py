@@ -12,8 +12,8 @@ from gcs.client import Client
 from gcs.formation.orbit import orbit_velocity
 from gcs.model.errors import CommandError, GcsError, RefusedError
 from gcs.model.plan import Direction, Obstacle
+from gcs.service import CommandRecord
 
-ORBIT_RADIUS_M = 15.0
 ORBIT_SPEED_M_S = 2.5
 TARGET_VELOCITY_M_S = (0.8, -0.4)
 CONNECT_S = 60.0
@@ -38,7 +38,12 @@ AWAY_SPEED_M_S = 1.2
 """Speed of the target after the obstacle; with the orbit's speed it stays below the centre's limit."""
 
 AHEAD_S = 13.0
-"""Time until the formation, on its path, meets the obstacle."""
+"""Time until a sphere of `USUAL_RADIUS_M` meets the obstacle on its path."""
+
+USUAL_RADIUS_M = 15.0
+"""Of the sphere in the shipped demonstration, and of its orbit. Larger spheres have larger orbits."""
+
+DEFAULT_S = 240.0
 
 
 class StoppedEarlyError(GcsError):
@@ -58,30 +63,59 @@ class Marks:
     target_to_m: tuple[float, float] | None = None
 
 
-def whole_s(vehicles: int, top_m: float) -> float:
-    """Shortest duration of the whole script, with a sphere whose top is at `top_m`."""
-    return ceil((115.0 + 1.5 * vehicles + home_s(top_m)) / 10.0) * 10.0
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Sizes and durations of the script for a fleet and its sphere."""
 
+    vehicles: int
+    stagger_s: float  # between two take-offs
+    radius_m: float  # of the sphere
+    top_m: float  # of the sphere, above the ground
 
-def home_s(top_m: float) -> float:
-    """Time until all have landed from a sphere whose top is at `top_m`."""
-    return top_m / SINK_M_S + TOUCH_DOWN_S
+    @property
+    def orbit_radius_m(self) -> float:
+        """So large that the obstacle, which stands on the orbit, is outside the sphere at first."""
+        return USUAL_RADIUS_M + 2.0 * self.beyond_m
 
+    @property
+    def tower_height_m(self) -> float:
+        """So high that none of them flies over it."""
+        return max(45.0, ceil(self.top_m))
 
-def shortest_s(vehicles: int, stagger_s: float, top_m: float) -> float:
-    """Shortest duration of a flight to a sphere whose top is at `top_m`, and home."""
-    up_s = READY_FIRST_S + stagger_s * vehicles + CLIMB_S + top_m / RISE_M_S
-    return ceil((up_s + SHORT_SETTLE_S + STEADY_S + home_s(top_m)) / 10.0) * 10.0
+    @property
+    def ahead_s(self) -> float:
+        """Time until the formation, on its path, meets the obstacle."""
+        return AHEAD_S + self.beyond_m / ORBIT_SPEED_M_S
+
+    @property
+    def beyond_m(self) -> float:
+        """By how much the sphere is larger than the usual one."""
+        return max(self.radius_m - USUAL_RADIUS_M, 0.0)
+
+    @property
+    def home_s(self) -> float:
+        """Time until all have landed from the top of the sphere."""
+        return self.top_m / SINK_M_S + TOUCH_DOWN_S
+
+    @property
+    def whole_s(self) -> float:
+        """Shortest duration of the whole script."""
+        passing_s = 4.0 * self.beyond_m / ORBIT_SPEED_M_S
+        return ceil((115.0 + 1.5 * self.stagger_s * self.vehicles + passing_s + self.home_s) / 10.0) * 10.0
+
+    @property
+    def shortest_s(self) -> float:
+        """Shortest duration of a flight without target and obstacle: up to the sphere, and home."""
+        up_s = READY_FIRST_S + self.stagger_s * self.vehicles + CLIMB_S + self.top_m / RISE_M_S
+        return ceil((up_s + SHORT_SETTLE_S + STEADY_S + self.home_s) / 10.0) * 10.0
 
 
 class DemoScript:
     """Runs the demonstration; every step is an API call."""
 
-    def __init__(
-        self, client: Client, seconds: float, say: Callable[[str], None], *, landing_s: float, whole: bool
-    ) -> None:
-        """`landing_s`: reserved for the return. Without `whole` no target moves and no obstacle appears."""
-        self._landing_s, self._whole = landing_s, whole
+    def __init__(self, client: Client, seconds: float, say: Callable[[str], None], scale: Scale) -> None:
+        """With less time than `Scale.whole_s` no target moves and no obstacle appears."""
+        self._scale, self._whole = scale, seconds >= scale.whole_s
         self._client = client
         self._say = say
         self._end_s = time.monotonic() + seconds
@@ -109,7 +143,7 @@ class DemoScript:
 
     def _take_off(self) -> None:
         self._until("every vehicle ready", CONNECT_S, lambda: all(v.ready for v in self._client.vehicles()))
-        command = self._client.start()
+        command = self._start()
         self._say(f"start: {len(command.outcomes)} vehicles take off, one after the other, straight up")
         self._until(
             "take-off",
@@ -121,10 +155,25 @@ class DemoScript:
         self._say("assembled; the formation settles above the target")
         self._sleep(SETTLE_S if self._whole else SHORT_SETTLE_S)
 
+    def _start(self) -> CommandRecord:
+        """Start as soon as preflight permits it. Raises: RefusedError with what is still wrong at the end."""
+        end_s, said = time.monotonic() + READY_S, ""
+        while True:
+            try:
+                return self._client.start()
+            except RefusedError as refused:
+                if time.monotonic() > end_s:
+                    raise
+                if str(refused) != said:
+                    said = str(refused)
+                    self._say(f"not yet: {said}")
+            self._sleep(0.5)
+
     def _orbit(self) -> None:
         steady_s = time.monotonic()
-        self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
-        self._say(f"orbit: {ORBIT_RADIUS_M:g} m around the target at {ORBIT_SPEED_M_S:g} m/s")
+        orbit_m = self._scale.orbit_radius_m
+        self._client.change_orbit(radius_m=orbit_m, speed_m_s=ORBIT_SPEED_M_S)
+        self._say(f"orbit: {orbit_m:g} m around the target at {ORBIT_SPEED_M_S:g} m/s")
         self._sleep(12.0)
         self.marks.target_from_m = self._target_m()
         x, y = TARGET_VELOCITY_M_S
@@ -135,17 +184,17 @@ class DemoScript:
 
     def _circle(self) -> None:
         steady_s = time.monotonic()
-        self._client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
+        self._client.change_orbit(radius_m=self._scale.orbit_radius_m, speed_m_s=ORBIT_SPEED_M_S)
         self._say(
             f"no time for target and tower; orbit at {ORBIT_SPEED_M_S:g} m/s until it is time to go home"
         )
-        self._sleep(max(STEADY_S, self._left_s() - self._landing_s))
+        self._sleep(max(STEADY_S, self._left_s() - self._scale.home_s))
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
     def _obstacle(self) -> None:
         for try_s in range(6):
-            x_m, y_m = (round(each, 1) for each in self._ahead_m(AHEAD_S + 2.0 * try_s))
-            size = {"half_length_x_m": 3.0, "half_length_y_m": 3.0, "height_m": 45.0}
+            x_m, y_m = (round(each, 1) for each in self._ahead_m(self._scale.ahead_s + 2.0 * try_s))
+            size = {"half_length_x_m": 3.0, "half_length_y_m": 3.0, "height_m": self._scale.tower_height_m}
             box = Obstacle("tower", x_m, y_m, **size)
             try:
                 self._client.add_obstacle(x_m=x_m, y_m=y_m, **size, obstacle_id=box.id)
@@ -153,9 +202,9 @@ class DemoScript:
                 self._say(f"not there: {refused}")
                 continue
             self.marks.obstacle, self.marks.obstacle_time_s = box, time.monotonic()
-            self._say(f"a tower of 6 x 6 x 45 m stands in their way at ({box.x_m:g}, {box.y_m:g})")
+            self._say(f"a tower of 6 x 6 x {box.height_m:g} m stands in their way at {x_m:g}, {y_m:g}")
             self._sleep(10.0)
-            self._until("passing the tower", 60.0, partial(self._clear_of, box))
+            self._until("passing the tower", 60.0 + 2.0 * self._scale.beyond_m, partial(self._clear_of, box))
             self._say("past the tower; the target turns away from it, and they re-form")
             self._move_target_away(box)
             self._sleep(TURN_S)
@@ -164,7 +213,7 @@ class DemoScript:
 
     def _stay(self) -> None:
         steady_s = time.monotonic()
-        self._sleep(max(20.0, self._left_s() - self._landing_s))
+        self._sleep(max(20.0, self._left_s() - self._scale.home_s))
         self.marks.after = self.marks.orbit = (steady_s, time.monotonic() - 0.5)
         self.marks.target_to_m = self._target_m()
 

@@ -60,7 +60,8 @@ HOLDS_LEAST_S: Final = 1.0
 SETTLED_S: Final = 0.5
 """A phase of the lead counts once it has lasted so long: an operator's command may be under way to it."""
 
-READY_EVERY_S: Final = 2.0
+READY_EVERY_S, READY_LEAST_S = 2.0, 0.25
+"""Time between two checks of readiness, and the least time when a vehicle became ready between them."""
 
 VALUES: Final[Mapping[str, TypeAdapter[Any]]] = {
     "set_formation": TypeAdapter(Formation),
@@ -113,7 +114,7 @@ class SiteCommander(Commander):
         self._gate = preflight_gate
         self._asked: dict[str, _Requested] = {}  # by record id
         self._executed: list[_Executed] = []
-        self._report_due_s = self._ready_due_s = 0.0
+        self._report_due_s = 0.0
         self._waits_for = ""  # the station for which this one holds, by itself
         self._waits_until_s = self._waits_since_s = 0.0
         self._gone: frozenset[str] = frozenset()
@@ -285,9 +286,8 @@ class SiteCommander(Commander):
             self._report_due_s = now_s + REPORTED_EVERY_S
             self._report()
             self._expire(now_s)
-        if now_s >= self._ready_due_s:
-            self._ready_due_s = now_s + READY_EVERY_S
-            self._member.why_not_ready = self._why_not_ready()
+        if self._member.is_check_due(READY_EVERY_S, READY_LEAST_S):
+            self._member.note_checked(self._why_not_ready())
         if self._standby.look(now_s):
             self._waits_for = ""
             super().command_show(ShowAction.RESUME)

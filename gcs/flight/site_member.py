@@ -4,7 +4,7 @@ import json
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import nan
+from math import inf, nan
 from typing import Any, Final
 
 import numpy as np
@@ -48,6 +48,7 @@ CLOSED_WITHIN_S: Final = 0.14
 RETURN_SENT_S: Final = 4.0
 """The paths of a return are repeated for this time."""
 
+WHY_LENGTH: Final = 400
 NOT_CHECKED: Final = "it has not reported yet whether its vehicles are ready"
 
 EXPLAINED: Final = frozenset({Phase.LOST, Phase.PILOT, Phase.KILLED, Phase.OFFLINE})
@@ -142,7 +143,9 @@ class SiteMember:
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._applied: dict[str, int] = {}  # newest change of each station that this lead has applied
         self._changes = 0  # of the plan, that this station asked of the lead
-        self.why_not_ready = NOT_CHECKED  # why this station could not start now; empty: it could
+        self._why_not_ready = NOT_CHECKED  # why this station could not start now; empty: it could
+        self._ready_when_checked: tuple[bool, ...] = ()
+        self._checked_s = -inf
         self._others: Others | None = None
 
     # received
@@ -195,7 +198,7 @@ class SiteMember:
         try:
             read = from_json(payload)
             reasons = {str(name)[:64]: str(text)[:300] for name, text in read["reasons"].items()}
-            self._info[sender] = _Info(str(read["why_not_ready"])[:300], reasons)
+            self._info[sender] = _Info(str(read["why_not_ready"])[:WHY_LENGTH], reasons)
         except (AttributeError, KeyError, TypeError, ValueError):
             raise LinkError("texts that cannot be read") from None
 
@@ -454,6 +457,23 @@ class SiteMember:
         """Send a request or answer to one station. Raises: LinkError when too many wait."""
         self.letters[station].post(body, self.flight.fleet.time_s)
 
+    def is_check_due(self, every_s: float, least_s: float) -> bool:
+        """Whether readiness must be checked again; after `least_s` where a vehicle became ready."""
+        since_s = self.flight.fleet.time_s - self._checked_s
+        changed = self.flight.telemetry.ready != self._ready_when_checked
+        return since_s >= every_s or (changed and since_s >= least_s)
+
+    def note_checked(self, why_not_ready: str) -> None:
+        """Note why this station's vehicles could not start now; empty: they could.
+
+        A vehicle is published as ready only after a check that saw it ready.
+        """
+        if why_not_ready != self._why_not_ready:
+            self._slow_due_s = 0.0
+        self._why_not_ready = why_not_ready
+        self._ready_when_checked = tuple(self.flight.telemetry.ready)
+        self._checked_s = self.flight.fleet.time_s
+
     def note_change(self) -> int:
         """Note that this station asks the lead for a change of the plan. Returns: its number."""
         self._changes += 1
@@ -475,6 +495,12 @@ class SiteMember:
         tasks = flight.last_tasks
         seen = replace(flight.fleet, position_m=flight.seen_m(), velocity_m_s=flight.seen_m_s())
         made = batch(site, seen, tasks, flight.traits.uncertainty_m, memory, reported)
+        if now_s >= self._slow_due_s:
+            self._slow_due_s = now_s + SLOWLY_S
+            homes = [vehicle.home_m for vehicle in flight.vehicles.values()]
+            nowhere = np.full(3, nan)
+            self._send("homes", encode_homes(np.array([nowhere if one is None else one for one in homes])))
+            self._send("info", self._info_now())
         self._send(STATES, made.encode())
         if site.lead.leads and not self.shows_of_others_fly:  # a lead that restarts disturbs no flight
             for topic, payload in formation_messages(site, memory, reported):
@@ -487,12 +513,6 @@ class SiteMember:
             self._return_due_s = now_s + SLOWLY_S
             for topic, payload in self._return_parts:
                 self._send(topic, payload)
-        if now_s >= self._slow_due_s:
-            self._slow_due_s = now_s + SLOWLY_S
-            homes = [vehicle.home_m for vehicle in flight.vehicles.values()]
-            nowhere = np.full(3, nan)
-            self._send("homes", encode_homes(np.array([nowhere if one is None else one for one in homes])))
-            self._send("info", self._info_now())
 
     def _send(self, topic: str, payload: bytes) -> None:
         try:
@@ -514,16 +534,17 @@ class SiteMember:
     def _info_now(self) -> bytes:
         vehicles = [one for one in self.flight.vehicles.values() if one.phase in EXPLAINED]
         reasons = {one.id: one.reason[:150] for one in vehicles[:TEXTS_MAX]}
-        return json.dumps({"why_not_ready": self.why_not_ready[:250], "reasons": reasons}).encode()
+        return json.dumps({"why_not_ready": self._why_not_ready[:WHY_LENGTH], "reasons": reasons}).encode()
 
     def _reported(self, *, all_up: bool) -> Reported:
         flight = self.flight
         telemetry = flight.telemetry
+        checked = np.array(self._ready_when_checked or False, np.bool_)
         return Reported(
             np.array([PHASE_CODE[phase] for phase in flight.phases], np.uint8),
             np.array([MODE_CODE[mode] for mode in telemetry.mode], np.uint8),
             np.array(telemetry.armed, np.bool_),
-            np.array(telemetry.ready, np.bool_),
+            np.array(telemetry.ready, np.bool_) & checked,
             telemetry.battery_remaining,
             flight.link_quality.share,
             flight.show,

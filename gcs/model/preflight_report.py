@@ -6,7 +6,7 @@ Plain data for the service port. The checks themselves are in `gcs.preflight`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field, computed_field
 
@@ -102,6 +102,10 @@ class Exclusion:
         return f"taken out of the show by {self.by}{why}"
 
 
+NAMED_MAX: Final = 12
+"""Up to this many vehicles are named in a text; of more it has the number."""
+
+
 def describe(found: Iterable[tuple[VehicleId | None, Check]]) -> str:
     """All problems and then all remedies, in words; text that several vehicles share appears once.
 
@@ -119,4 +123,9 @@ def _grouped(lines: Iterable[tuple[VehicleId | None, str]]) -> list[str]:
         names = vehicles_of.setdefault(text, [])
         if vehicle_id is not None and vehicle_id not in names:
             names.append(vehicle_id)
-    return [f"{', '.join(names)}: {text}" if names else text for text, names in vehicles_of.items()]
+    return [f"{_named(names)}: {text}" if names else text for text, names in vehicles_of.items()]
+
+
+def _named(names: list[VehicleId]) -> str:
+    more = f" and {len(names) - NAMED_MAX} more" if len(names) > NAMED_MAX else ""
+    return ", ".join(names[:NAMED_MAX]) + more
