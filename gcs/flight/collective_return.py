@@ -7,7 +7,7 @@ from concurrent.futures import Executor, Future
 import numpy as np
 
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_places import homes_m
+from gcs.flight.landing_places import closed_to, homes_m
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import ShapeError, cut
 from gcs.model.lifecycle import Phase
@@ -52,6 +52,8 @@ class CollectiveReturn:
         self._site = flight.site
         self._number = 0 if flight.site is None else flight.site.return_number  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
+        self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
+        self._left: set[VehicleId] = set()  # vehicles whose place was closed meanwhile: they leave the plan
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
         self._planned: Future[ReturnPaths] | None = None
@@ -81,7 +83,7 @@ class CollectiveReturn:
 
     def takes_part(self, vehicle: Vehicle) -> bool:
         """Whether the vehicle is in the plan, or still may be."""
-        if self._is_off:
+        if self._is_off or vehicle.id in self._left:
             return False
         return vehicle.id in (self._expected if self._planned is None else self._rows)
 
@@ -137,6 +139,15 @@ class CollectiveReturn:
                 led_s = self._site.led_s()
             self._site.note_return(progress.time_s)
         progress.advance(step_s, position_m, flown, led_s)
+        self._leave_closed_places()
+
+    def _leave_closed_places(self) -> None:
+        """Take vehicles out of the plan whose landing place a vehicle has closed that was lost meanwhile."""
+        closing, flight = self._flight.closing(), self._flight
+        if closing != self._closing:
+            self._closing = closing
+            closed = closed_to(flight, self._places, self._home_m[: len(self._places)])
+            self._left.update(flight.fleet.ids[self._places[at]] for at in np.flatnonzero(closed).tolist())
 
     def _fail(self, error: BaseException) -> None:
         """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""

@@ -134,7 +134,13 @@ class Elsewhere(Protocol):
         """(j,) of those that fly with the formation, or on the ground are to fly."""
 
     def closed(self) -> tuple[Array, Array]:
-        """(m, 2, 3) paths of those without control, and (m,) the uncertainty of each."""
+        """(m, 2, 3) paths of those that are lost, and (m,) the uncertainty of each."""
+
+    def closing(self) -> frozenset[VehicleId]:
+        """Those that are lost."""
+
+    def landing_m(self) -> Array:
+        """(j, 2) where they stand on the ground, or come down."""
 
     def taken_m(self, besides: Returning | None = None) -> Array:
         """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
@@ -223,6 +229,7 @@ class Fleet:
         self._order = None if order == sorted(order) else order
         self._joined: Joined | None = None  # of the last tick
         self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
+        self._closing: tuple[FleetState, frozenset[VehicleId]] | None = None  # likewise: see `closing`
         noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
         flies_on_s = max(noticed_s, config.operation.silence_s)
         self._table = Table(config.ids, config.frame, flies_on_s=flies_on_s, brakes_s=2.0 * STOP_S)
@@ -509,6 +516,14 @@ class Fleet:
             return segments_m, uncertainty_m
         their_m, their_uncertainty_m = self.site.closed()
         return np.concatenate([segments_m, their_m]), np.concatenate([uncertainty_m, their_uncertainty_m])
+
+    def closing(self) -> frozenset[VehicleId]:
+        """Lost vehicles of any station: the paths that `closed` returns are theirs."""
+        if self._closing is None or self._closing[0] is not self.fleet:
+            lost = self.in_phase(Phase.LOST, Phase.KILLED)
+            own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
+            self._closing = self.fleet, own if self.site is None else own | self.site.closing()
+        return self._closing[1]
 
     def _silent_now(self) -> list[tuple[Vehicle, float]]:
         """Airborne vehicles that are not commanded for want of positions, not lost yet; and for how long."""

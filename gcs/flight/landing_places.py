@@ -8,9 +8,9 @@ from gcs.control import ellipses_of
 from gcs.flight.fleet import Fleet, Returning
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
-from gcs.model.state import Array, VehicleId
+from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import distinct_sites_m
-from gcs.planning.return_paths.planner import return_places_m
+from gcs.planning.return_paths.planner import closed_places, return_places_m
 
 
 def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
@@ -51,6 +51,24 @@ def homes_m(flight: Fleet, vehicles: Sequence[Vehicle], elsewhere: Returning | N
         own_m,
         flight.closed(),
     )
+
+
+def closed_to(flight: Fleet, rows: Sequence[int], place_m: Array) -> Mask:
+    """(n,) At which landing places (n, 3) of these own vehicles the space of a lost one lies by now."""
+    uncertainty_m, floor = flight.traits.uncertainty_m[list(rows)], flight.control.safety.floor
+    over_m = flight.config.operation.takeoff_height_m
+    return closed_places(place_m, over_m, floor, uncertainty_m, flight.closed())
+
+
+def is_taken(flight: Fleet, vehicle: Vehicle, place_m: Array) -> bool:
+    """Whether another station's vehicle stands or lands at a place (3,) that is not the vehicle's pad.
+
+    Stations that choose places at the same time do not know each other's choice.
+    """
+    if flight.site is None or (vehicle.home_m is not None and (place_m == vehicle.home_m).all()):
+        return False
+    away_m = np.linalg.norm(flight.site.landing_m() - place_m[:2], axis=1)
+    return bool((away_m < flight.config.operation.landing_site_spacing_m / 2.0).any())
 
 
 def _taken_m(

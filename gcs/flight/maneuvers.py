@@ -6,6 +6,7 @@ A refused command ends the maneuver and leaves the vehicle in its phase.
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
+from functools import partial
 from math import inf
 from typing import TypeAlias
 
@@ -13,12 +14,12 @@ import numpy as np
 
 from gcs.flight.collective_return import CollectiveReturn
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_places import homes_m
+from gcs.flight.landing_places import homes_m, is_taken
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase, ShowPhase
-from gcs.model.state import Array, FleetState, Mode
+from gcs.model.state import Array, FleetState, Mode, VehicleId
 from gcs.planning.return_paths.paths import above_place_m, is_above, may_hand_over
 from gcs.service import Outcome
 
@@ -189,13 +190,33 @@ class Maneuvers:
             return
         if not await self._under_control(vehicle, Event.COME_HOME, "on its way home"):
             return
-        place_m = homes_m(self._flight, [vehicle])[0]
-        # sideways at its own height, but not lower than the take-off height of all
-        here_m, least_m = self._flight.position_m(vehicle), self._settings.takeoff_height_m
-        vehicle.goal_m = above_place_m(here_m[None], place_m[None], least_m)[0]
-        await self._until(vehicle, lambda: self._above(vehicle, place_m))
+        place_m = await self._fly_above_place(vehicle)
         vehicle.apply(Event.DESCEND, comes_down(place_m, home_m))
         await self._descend_slowly(vehicle, place_m)
+
+    async def _fly_above_place(self, vehicle: Vehicle) -> Array:
+        """Lead a vehicle above its pad or the nearest open place, and above another when that is closed.
+
+        Returns: (3,) that place, show frame.
+        """
+        flight, least_m = self._flight, self._settings.takeoff_height_m
+        vehicle.follows_planned_path = False
+        while True:
+            closing, place_m = flight.closing(), np.asarray(homes_m(flight, [vehicle])[0])
+            # sideways at its own height, but not lower than the take-off height of all
+            vehicle.goal_m = above_place_m(flight.position_m(vehicle)[None], place_m[None], least_m)[0]
+            ended = partial(self._above_or_closed, vehicle, place_m, closing)
+            await self._until(vehicle, ended)
+            if self._above(vehicle, place_m) and not is_taken(flight, vehicle, place_m):
+                return place_m
+
+    def _above_or_closed(self, vehicle: Vehicle, place_m: Array, closing: frozenset[VehicleId]) -> bool:
+        """Whether it is above its place, or that is to be chosen again: not while its position is unknown."""
+        changed = self._flight.closing() != closing or is_taken(self._flight, vehicle, place_m)
+        return self._above(vehicle, place_m) or (changed and self._is_received(vehicle))
+
+    def _is_received(self, vehicle: Vehicle) -> bool:
+        return bool(np.isfinite(self._flight.position_m(vehicle)).all())
 
     def come_home_together(self, collective_return: CollectiveReturn, stops_m: Array) -> Maneuver:
         """Stop at `stops_m` (3,), follow the path of the collective return, and land."""
@@ -212,20 +233,22 @@ class Maneuvers:
             await self._until(
                 vehicle, lambda: collective_return.is_planned or not collective_return.takes_part(vehicle)
             )
+            if collective_return.takes_part(vehicle):
+                vehicle.reason = "on its way home"
+                await self._until(vehicle, lambda: self._led(vehicle, collective_return), patience_s=WAY_S)
             if not collective_return.takes_part(vehicle):
                 await self.come_home(vehicle)
                 return
-            vehicle.reason = "on its way home"
-            await self._until(vehicle, lambda: self._led(vehicle, collective_return), patience_s=WAY_S)
             place_m = collective_return.place_m(vehicle)
             vehicle.apply(Event.DESCEND, comes_down(place_m, home_m))
             await self._descend_slowly(vehicle, place_m)
 
         return maneuver
 
-    @staticmethod
-    def _led(vehicle: Vehicle, collective_return: CollectiveReturn) -> bool:
-        """Move the goal along the path. Returns: whether it has led the vehicle above its landing place."""
+    def _led(self, vehicle: Vehicle, collective_return: CollectiveReturn) -> bool:
+        """Move the goal along the path. Returns: whether it is above its place, or has left the plan."""
+        if not collective_return.takes_part(vehicle):
+            return self._is_received(vehicle)
         vehicle.goal_m = collective_return.goal_m(vehicle)
         vehicle.follows_planned_path = collective_return.follows_path(vehicle)
         return collective_return.has_arrived(vehicle)

@@ -432,18 +432,26 @@ class SiteMember:
         self._return_s = time_s
 
     def closed(self) -> tuple[Array, Array]:
-        """(m, 2, 3) paths of those without control, and (m,) the uncertainty of each."""
-        others = self.others
-        return others.segments_m, others.uncertainty_m[others.segments_of]
+        """(m, 2, 3) paths of those that are lost, and (m,) the uncertainty of each."""
+        segments_m, segments_of = self.site.closed(self.flight.fleet.time_s)
+        return segments_m, self.others.uncertainty_m[segments_of]
+
+    def closing(self) -> frozenset[VehicleId]:
+        """Those that are lost."""
+        return frozenset(self.site.ids[row] for row in self.site.lost_rows(self.flight.fleet.time_s).tolist())
+
+    def landing_m(self) -> Array:
+        """(j, 2) where they stand on the ground, or come down."""
+        lands = ~self.others.airborne | (self.site.phases == PHASE_CODE[Phase.LANDING])
+        places_m = self.others.position_m[lands, :2]
+        return np.asarray(places_m[np.isfinite(places_m).all(axis=1)])
 
     def taken_m(self, besides: Returning | None = None) -> Array:
         """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
         home_m = self.site.home_m[:, :2].copy()
         if besides is not None:
             home_m[besides.rows] = nan
-        grounded = ~self.others.airborne
-        places_m = np.concatenate([home_m, self.others.position_m[grounded][:, :2]])
-        return np.asarray(places_m[np.isfinite(places_m).all(axis=1)])
+        return np.concatenate([home_m[np.isfinite(home_m).all(axis=1)], self.landing_m()])
 
     @property
     def delay_s(self) -> float:

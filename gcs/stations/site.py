@@ -286,12 +286,9 @@ class Site:
             here[station.number] = True
             if station.batch is not None:
                 pace = min(pace, station.batch.pace)
-        mine = np.zeros(self.count, np.bool_)
-        mine[self._their_rows] = self.owned[self._own_rows]
+        mine = self._mine
         airborne = self._airborne & ~mine
-        without = (airborne & ~fresh) | (np.isin(self.phases, WITHOUT_LINK) & ~mine)
-        without &= np.isfinite(self._position_m[:, 0])
-        paths, owners, drift = self._paths(np.flatnonzero(without), age_s)
+        paths, owners, drift = self._paths(np.flatnonzero(self._without(age_s)), age_s)
         position_m = self._position_m + forward_s[:, None] * self._velocity_m_s
         position_m[mine] = np.nan
         return Others(
@@ -308,6 +305,32 @@ class Site:
             drift,
             pace,
         )
+
+    @property
+    def _mine(self) -> Mask:
+        """(k,) those that this station flies itself."""
+        mine = np.zeros(self.count, np.bool_)
+        mine[self._their_rows] = self.owned[self._own_rows]
+        return mine
+
+    def _without(self, age_s: Array) -> Mask:
+        """(k,) those without control, with positions of this age (k,)."""
+        silent = self._airborne & (age_s > self._without_control.telemetry_age_max_s)
+        without = (silent | np.isin(self.phases, WITHOUT_LINK)) & ~self._mine
+        return np.asarray(without & np.isfinite(self._position_m[:, 0]))
+
+    def lost_rows(self, now_s: float) -> Rows:
+        """Those without control that are lost, and not only silent: with their station at once."""
+        age_s = now_s - self._measured_s
+        lost = np.isin(self.phases, WITHOUT_LINK) | (age_s >= self._without_control.silence_s)
+        lost |= np.isin(self._owner, [self.stations[name].number for name in self.lost(now_s)])
+        return np.flatnonzero(self._without(age_s) & lost)
+
+    def closed(self, now_s: float) -> tuple[Array, Rows]:
+        """(m, 2, 3) all paths that lost vehicles may take until they are seen again, and (m,) their rows."""
+        swept = [(row, self._swept_of(row)) for row in self.lost_rows(now_s).tolist()]
+        rows = [row for row, own_m in swept for _ in own_m]
+        return np.concatenate([np.zeros((0, 2, 3)), *(own_m for _, own_m in swept)]), np.array(rows, np.intp)
 
     def reported(self, now_s: float) -> Reports:
         """What the others' vehicles report, for displays."""
@@ -388,47 +411,55 @@ class Site:
 
     def _paths_of(self, row: int, silent_s: float) -> Array:
         """(m, 2, 3) of one vehicle."""
-        kept = self._swept.get(row)
-        if kept is not None:
-            return kept
-        alone, phase = self._without_control, self.phases[row]
-        position_m, home_m = self._position_m[row], self.home_m[row]
-        home = home_m if np.isfinite(home_m).all() else None
-        moves_m_s = [self._velocity_m_s[row]]
-        desired_m_s = self._desired_m_s[row]
-        if phase != KILLED and np.isfinite(desired_m_s).all():
-            differs = np.linalg.norm(desired_m_s - moves_m_s[0]) > ALIKE_M_S
-            moves_m_s = [desired_m_s, moves_m_s[0]] if differs else [desired_m_s]
-        if silent_s < alone.silence_s and phase not in WITHOUT_LINK:
-            parts = [
-                silent_segments_m(
-                    position_m,
-                    each_m_s,
-                    home,
-                    alone.action,
-                    alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
-                    silent_s=silent_s,
-                    noticed_s=alone.noticed_s,
-                    drift_s=alone.drift_s,
-                )
-                for each_m_s in moves_m_s
-            ]
-            return np.concatenate(parts)
-        killed = phase == KILLED
+        alone = self._without_control
+        if row in self._swept or silent_s >= alone.silence_s or self.phases[row] in WITHOUT_LINK:
+            self._swept[row] = swept = self._swept_of(row)
+            return swept
+        parts = [
+            silent_segments_m(
+                self._position_m[row],
+                each_m_s,
+                self._home_of(row),
+                alone.action,
+                alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
+                silent_s=silent_s,
+                noticed_s=alone.noticed_s,
+                drift_s=alone.drift_s,
+            )
+            for each_m_s in self._may_keep_m_s(row)
+        ]
+        return np.concatenate(parts)
+
+    def _swept_of(self, row: int) -> Array:
+        """(m, 2, 3) all paths that one vehicle may take by itself."""
+        if row in self._swept:
+            return self._swept[row]
+        alone, killed = self._without_control, self.phases[row] == KILLED
         parts = [
             swept_segments_m(
-                position_m,
+                self._position_m[row],
                 each_m_s,
-                home,
+                self._home_of(row),
                 "land" if killed else alone.action,
                 alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
                 climbing_to_m=None if killed else alone.takeoff_height_m,
                 drift_s=alone.drift_s,
             )
-            for each_m_s in moves_m_s
+            for each_m_s in self._may_keep_m_s(row)
         ]
-        self._swept[row] = swept = np.concatenate(parts)
-        return swept
+        return np.concatenate(parts)
+
+    def _home_of(self, row: int) -> Array | None:
+        home_m: Array = self.home_m[row]
+        return home_m if np.isfinite(home_m).all() else None
+
+    def _may_keep_m_s(self, row: int) -> list[Array]:
+        """One or two (3,) velocities that a vehicle may keep without commands."""
+        moves_m_s, desired_m_s = self._velocity_m_s[row], self._desired_m_s[row]
+        if self.phases[row] == KILLED or not np.isfinite(desired_m_s).all():
+            return [moves_m_s]
+        differs = np.linalg.norm(desired_m_s - moves_m_s) > ALIKE_M_S
+        return [desired_m_s, moves_m_s] if differs else [desired_m_s]
 
     # ownership
 

@@ -77,10 +77,38 @@ def test_killed_station_ends_no_show(victim: str, after_s: float) -> None:
         outcomes = {name[0]: one.outcome for name, one in record.outcomes.items()}
         assert {outcomes.pop(victim[0]), *outcomes.values()} == {Outcome.FAILED, Outcome.PENDING}
         landed = functools.partial(show.in_phase, phase=Phase.STANDBY)
-        await show.until(lambda: max(map(landed, rest)) > 0, 60.0)
+        await show.until(lambda: min(map(landed, rest)) == 4, 120.0)
         assert show.violations == 0
 
     fly_site(story, site_config(4, 4), **BUS)
+
+
+@pytest.mark.parametrize(
+    ("victim", "after_s"),
+    [
+        ("south", 0.5),
+        pytest.param("south", 2.0, marks=pytest.mark.soak),
+        pytest.param("north", 4.0, marks=pytest.mark.soak),
+    ],
+)
+def test_pads_closed_on_the_way_home_are_left_for_open_places(victim: str, after_s: float) -> None:
+    """Killed on the way home, a station closed pads of another: vehicles hovered beside its space."""
+
+    async def story(show: SiteShow) -> None:
+        pads_m = show.true_m
+        await show.start()
+        show["north"].service.commands.command_show(ShowAction.STOP)
+        await show.until(lambda: "on its way home" in show["south"].view.rows.reasons)
+        await show.wait(after_s)
+        await show[victim].kill()
+        rest = "north" if victim == "south" else "south"
+        await show.until(lambda: show.in_phase(rest, Phase.STANDBY) == 4, 60.0)
+        landed = slice(0, 4) if rest == "north" else slice(4, 8)
+        off_m = np.linalg.norm((show.true_m - pads_m)[landed, :2], axis=1)
+        assert 1.0 < off_m.max() < 12.0  # else no pad was closed
+        assert show.violations == 0
+
+    fly_site(story, site_config(2, 4, formation={"radius_m": 8.0, "height_m": 16.0}), **BUS)
 
 
 def test_cut_bus_holds_both_halves_until_it_heals() -> None:

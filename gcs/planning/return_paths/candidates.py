@@ -169,6 +169,21 @@ def _clear_of(place_m: Array, first: Rows, segments_m: Array, kept_m: Array) -> 
     return clear
 
 
+@kernel
+def least_apart_m(place_m: Array, segments_m: Array, kept_m: Array) -> Array:
+    """(k,) By how much the places (k, p, 3), the nearest of each p, are beyond the kept distances (s,).
+
+    From segments (s, 2, 3), all scaled; negative: nearer.
+    """
+    apart_m = np.full(len(place_m), np.inf)
+    for k in range(len(place_m)):
+        for s in range(len(segments_m)):
+            for at in range(place_m.shape[1]):
+                away_m = _from_m(place_m[k, at], segments_m[s, 0], segments_m[s, 1]) - kept_m[s]
+                apart_m[k] = min(apart_m[k], away_m)
+    return apart_m
+
+
 BEGUN_SHARE = 0.98
 """A vehicle that begins inside the closed space must keep this share of its distance."""
 

@@ -11,7 +11,15 @@ from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
 from gcs.planning.landing_sites import CLEAR_M, open_places_m
-from gcs.planning.return_paths.candidates import EACH, SPEED_SHARE, AreFree, Candidates, Closed, lay
+from gcs.planning.return_paths.candidates import (
+    EACH,
+    SPEED_SHARE,
+    AreFree,
+    Candidates,
+    Closed,
+    lay,
+    least_apart_m,
+)
 from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, WELL_IN_PLACE_M, ReturnPaths
 from gcs.safety.filter import Limits
@@ -256,6 +264,7 @@ def warm_up() -> None:
         reserve_m=0.7,
     )
     plan_return_paths(planner)
+    closed_places(pad_m, 5.0, Floor(), np.zeros(2), (np.zeros((1, 2, 3)), np.zeros(1)))
 
 
 INSIDE_FENCE_M = 1.0
@@ -333,28 +342,36 @@ def return_places_m(
     Returns: (n, 3) show frame; where no place is open, home.
     """
     floor = control.safety.floor
-    if not len(lost[0]):
+    closed = closed_places(home_m, over_m, floor, uncertainty_m, lost)
+    if not closed.any():
         return np.array(home_m)
     space, are_free = _closed(floor, uncertainty_m, *lost), _are_free(control, plan, time_s)
-    along_m = space.segments_m[:, 1] - space.segments_m[:, 0]
-    length_m2 = np.maximum((along_m**2).sum(axis=1), 1e-9)
-
-    def apart_m(place_m: Array) -> Array:
-        """(k,) least distance of the way down to each place (k, 3) from the closed space, scaled."""
-        down_m = (
-            place_m[:, None] - over_m * np.linspace(0.0, 1.0, 3)[:, None] * (0.0, 0.0, 1.0)
-        ) * space.scale
-        offset_m = down_m[:, :, None] - space.segments_m[:, 0]
-        at = np.clip((offset_m * along_m).sum(axis=3) / length_m2, 0.0, 1.0)
-        away_m = np.linalg.norm(offset_m - at[..., None] * along_m, axis=3) - space.kept_m
-        return np.asarray(away_m.min(axis=(1, 2), initial=np.inf))
 
     def are_open(place_m: Array) -> Mask:
         above_m = place_m - (0.0, 0.0, over_m)
-        return np.asarray((apart_m(place_m) >= 0.0) & are_free(place_m) & are_free(above_m))
+        apart_m = _way_down_apart_m(place_m, over_m, space)
+        return np.asarray((apart_m >= 0.0) & are_free(place_m) & are_free(above_m))
 
-    closed = apart_m(home_m) < -ReturnSettings().spare_m - PAD_CLOSED_M
     return open_places_m(home_m, closed, taken_m, spacing_m, ellipses_of(plan, control, time_s), are_open)
+
+
+def closed_places(
+    place_m: Array, over_m: float, floor: Floor, uncertainty_m: Array, lost: tuple[Array, Array]
+) -> Mask:
+    """(n,) At which places (n, 3) a lost vehicle keeps returning vehicles from landing.
+
+    The other arguments are those of `return_places_m`.
+    """
+    if not len(lost[0]):
+        return np.zeros(len(place_m), dtype=np.bool_)
+    apart_m = _way_down_apart_m(place_m, over_m, _closed(floor, uncertainty_m, *lost))
+    return np.asarray(apart_m < -ReturnSettings().spare_m - PAD_CLOSED_M)
+
+
+def _way_down_apart_m(place_m: Array, over_m: float, space: Closed) -> Array:
+    """(k,) Least distance of the way down to each place (k, 3) from the closed space, scaled."""
+    down_m = place_m[:, None] - over_m * np.linspace(0.0, 1.0, 3)[:, None] * (0.0, 0.0, 1.0)
+    return least_apart_m(down_m * space.scale, space.segments_m, space.kept_m)
 
 
 def _closed(floor: Floor, uncertainty_m: Array, segments_m: Array, lost_m: Array) -> Closed:

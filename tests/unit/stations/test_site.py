@@ -71,6 +71,21 @@ def test_silent_station_is_lost_and_its_space_closed() -> None:
     assert len(north.others(104.1).segments_m) == 0
 
 
+def test_places_to_land_allow_for_a_lost_station_at_once() -> None:
+    """A return that was planned within their first 2 s led vehicles below them."""
+    north = site()
+    north.receive("south", "states", from_south(north), 100.0)
+    assert len(north.closed(100.0 + LOST_S - 0.01)[0]) == 0
+    now_s = 100.0 + LOST_S + 0.01
+    closed_m, rows = north.closed(now_s)
+    assert set(rows.tolist()) == {0, 1, 2}
+    assert [-closed_m[rows == row][..., 2].max() for row in range(3)] == pytest.approx([0.0] * 3)
+    assert north.others(now_s).segments_m[..., 2].max() < -10.0  # in flight the ground is open until then
+    np.testing.assert_array_equal(closed_m, north.others(103.0).segments_m)
+    north.receive("south", "states", from_south(north, age_s=np.full(3, 1.0)), 104.0)
+    assert len(north.closed(104.1)[0]) == 0  # back, and only silent
+
+
 def test_vehicle_that_its_station_lost_is_closed_for_all() -> None:
     north = site()
     phases = np.array([PHASE_CODE[Phase.FORMATION], PHASE_CODE[Phase.LOST], PHASE_CODE[Phase.KILLED]])
