@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from http import HTTPStatus
+from typing import Final
 
 from fastapi import APIRouter, Response
 
@@ -13,6 +14,9 @@ from gcs.model.errors import InvalidError, UnknownError
 from gcs.model.plan import Obstacle, Orbit
 
 router = APIRouter(dependencies=TOKEN)
+
+YAW_FIELDS: Final = {"policy": "policy", "heading_deg": "fixed_rad"}
+"""Fields of `gcs.model.plan.Yaw`, by those of a request."""
 
 
 @router.get("/formation", tags=["formation"], summary="Radius, height and law")
@@ -27,7 +31,8 @@ async def change_formation(body: requests.FormationChange, context: ContextDep) 
 
     A radius too small for the fleet is refused, with the smallest allowed one.
     """
-    context.service.plan.set_formation(replace(context.plan.formation, **body.given()))
+    given = body.given()
+    context.service.plan.set_formation(replace(context.plan.formation, **given), given.keys())
     return await get_formation(context)
 
 
@@ -55,7 +60,8 @@ async def get_orbit(context: ContextDep) -> Orbit:
 @router.patch("/orbit", tags=["target"], summary="Change the orbit", **command())
 async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> Orbit:
     """Changes the given fields. The formation follows continuously."""
-    context.service.plan.set_orbit(replace(context.plan.orbit, **body.given()))
+    given = body.given()
+    context.service.plan.set_orbit(replace(context.plan.orbit, **given), given.keys())
     return await get_orbit(context)
 
 
@@ -68,7 +74,8 @@ async def get_yaw(context: ContextDep) -> schemas.Yaw:
 @router.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", **command())
 async def change_yaw(body: requests.YawChange, context: ContextDep) -> schemas.Yaw:
     """Changes the policy, the heading for the policy `fixed`, or both."""
-    context.service.plan.set_yaw(convert.yaw_desired(body, context.plan.yaw, context.frame))
+    fields = {YAW_FIELDS[name] for name in body.given()}
+    context.service.plan.set_yaw(convert.yaw_desired(body, context.plan.yaw, context.frame), fields)
     return await get_yaw(context)
 
 

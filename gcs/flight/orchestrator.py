@@ -24,8 +24,9 @@ from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
-from gcs.flight.site_commander import SiteCommander, SitePlanEditor
+from gcs.flight.site_commander import SiteCommander
 from gcs.flight.site_member import Membership, SiteMember
+from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_view import whole_view
 from gcs.flight.snapshots import Estimating, fleet_view
 from gcs.flight.standby import Standby

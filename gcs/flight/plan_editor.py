@@ -1,8 +1,9 @@
 """Changes of the plan: by operators, and from the record of an interrupted flight. All are checked first."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
@@ -15,6 +16,8 @@ from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Targ
 from gcs.planning.feasibility import check_formation, check_orbit, check_radius, check_target, followed
 
 log = logging.getLogger(__name__)
+
+Part = TypeVar("Part", Formation, Orbit, Yaw)
 
 
 @dataclass(eq=False)
@@ -41,11 +44,12 @@ class PlanEditor:
         flying = found if flight.show in ON_THE_GROUND else self._taking_part()
         return flying or list(flight.vehicles.values())
 
-    def set_formation(self, formation: Formation) -> None:
+    def set_formation(self, formation: Formation, fields: Collection[str] = ()) -> None:
         """Change radius, height and, on the ground, the law; a refusal names values that are accepted."""
         flight = self.flight
         self.show_player.need_free("formation")
         was = flight.plan.formation
+        formation = _changed(was, formation, fields)
         if formation.law is not was.law:
             flight.need_no_countdown()
             self.show_player.need_ground("change the law")
@@ -62,9 +66,10 @@ class PlanEditor:
         check_target(target, flight.plan.orbit, formation, control, changed="formation")
         flight.plan = replace(flight.plan, formation=formation)
 
-    def set_orbit(self, orbit: Orbit) -> None:
+    def set_orbit(self, orbit: Orbit, fields: Collection[str] = ()) -> None:
         flight = self.flight
         self.show_player.need_free("orbit")
+        orbit = _changed(flight.plan.orbit, orbit, fields)
         control = flight.control
         check_orbit(orbit, control.law)
         check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
@@ -77,8 +82,8 @@ class PlanEditor:
         now_s = self.now_s()
         return followed(self.flight.plan, now_s, self.flight.control.safety.fence)
 
-    def set_yaw(self, yaw: Yaw) -> None:
-        self.flight.plan = replace(self.flight.plan, yaw=yaw)
+    def set_yaw(self, yaw: Yaw, fields: Collection[str] = ()) -> None:
+        self.flight.plan = replace(self.flight.plan, yaw=_changed(self.flight.plan.yaw, yaw, fields))
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         self.show_player.need_own_obstacle(obstacle.id)
@@ -116,6 +121,11 @@ class PlanEditor:
 
     def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
         self.flight.plan = replace(self.flight.plan, obstacles=tuple(obstacles))
+
+
+def _changed(was: Part, desired: Part, fields: Collection[str]) -> Part:
+    """`was` with these fields of `desired`; without fields, all of `desired`."""
+    return replace(was, **{name: getattr(desired, name) for name in fields}) if fields else desired
 
 
 def merged_obstacles(

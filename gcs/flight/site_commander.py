@@ -1,28 +1,27 @@
 """Executes commands for the vehicles of all stations: each commands its own, and reports to the others."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextvars import copy_context
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from typing import Any, Final
 
-from pydantic import TypeAdapter
-
 from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.site_member import SiteMember
+from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_requests import (
     REQUEST,
     KillRequest,
     Outcomes,
     PlanRequest,
+    Refusal,
     Request,
     SettleRequest,
     ShowRequest,
@@ -32,7 +31,6 @@ from gcs.flight.standby import Standby
 from gcs.model.errors import GcsError, LinkError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Interruption
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
-from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, StationView, VehicleAction, VehicleOutcome
 
@@ -62,16 +60,6 @@ SETTLED_S: Final = 0.5
 
 READY_EVERY_S, READY_LEAST_S = 2.0, 0.25
 """Time between two checks of readiness, and the least time when a vehicle became ready between them."""
-
-VALUES: Final[Mapping[str, TypeAdapter[Any]]] = {
-    "set_formation": TypeAdapter(Formation),
-    "set_orbit": TypeAdapter(Orbit),
-    "set_target": TypeAdapter(Target),
-    "set_yaw": TypeAdapter(Yaw),
-    "add_obstacle": TypeAdapter(Obstacle),
-    "change_obstacle": TypeAdapter(Obstacle),
-    "remove_obstacle": TypeAdapter(dict[str, str]),
-}
 
 
 @dataclass(slots=True)
@@ -107,7 +95,7 @@ class SiteCommander(Commander):
         found: Interruption | None,
         member: SiteMember,
         standby: Standby,
-        plan: "SitePlanEditor",
+        plan: SitePlanEditor,
     ) -> None:
         super().__init__(flight, maneuvers, show_player, preflight_gate, planning, found)
         self._member, self._standby, self._plan = member, standby, plan
@@ -280,6 +268,9 @@ class SiteCommander(Commander):
                 self._take_outcomes(sender, request)
             elif isinstance(request, PlanRequest):
                 self._execute_as(request.by, partial(self._plan.change_for, sender, request))
+            elif isinstance(request, Refusal):
+                about = {"other": sender, "change": request.change, "by": request.by}
+                log.warning("refused_by_lead", extra={**about, "reason": request.reason})
             else:
                 self._execute(sender, request)
         if now_s >= self._report_due_s:
@@ -464,57 +455,3 @@ class SiteCommander(Commander):
             self._wait_for(lead.name, inf, f"the leading station {lead.name} holds")
         elif show is ShowPhase.RUNNING and flight.show is ShowPhase.ASSEMBLING:
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
-
-
-@dataclass(eq=False)
-class SitePlanEditor(PlanEditor):
-    """Changes the plan at the lead; a follower checks a change, and asks the lead for it."""
-
-    member: SiteMember
-
-    def set_formation(self, formation: Formation) -> None:
-        self._change("set_formation", formation, partial(super().set_formation, formation))
-
-    def set_orbit(self, orbit: Orbit) -> None:
-        self._change("set_orbit", orbit, partial(super().set_orbit, orbit))
-
-    def set_target(self, target: Target) -> None:
-        self._change("set_target", target, partial(super().set_target, target))
-
-    def set_yaw(self, yaw: Yaw) -> None:
-        self._change("set_yaw", yaw, partial(super().set_yaw, yaw))
-
-    def add_obstacle(self, obstacle: Obstacle) -> None:
-        self._change("add_obstacle", obstacle, partial(super().add_obstacle, obstacle))
-
-    def change_obstacle(self, obstacle: Obstacle) -> None:
-        self._change("change_obstacle", obstacle, partial(super().change_obstacle, obstacle))
-
-    def remove_obstacle(self, obstacle_id: str) -> None:
-        self._change("remove_obstacle", {"id": obstacle_id}, partial(super().remove_obstacle, obstacle_id))
-
-    def _change(self, name: Any, value: Any, apply: Callable[[], None]) -> None:
-        member = self.member
-        if member.site.lead.leads:
-            apply()
-            return
-        lead = member.site.lead.name
-        if not member.lead_is_here:
-            raise RefusedError(f"the leading station {lead} is not received: gcs lead take")
-        apply()
-        written = value if isinstance(value, dict) else asdict(value)
-        request = PlanRequest(member.note_change(), CALLER.get(), name, written)
-        member.post(lead, REQUEST.dump_python(request, mode="json"))
-
-    def change_for(self, station: str, request: PlanRequest) -> None:
-        """Apply a change that a follower asks for; a refusal is logged, and its plan comes back to it."""
-        try:
-            value = VALUES[request.change].validate_python(request.value)
-            if request.change == "remove_obstacle":
-                PlanEditor.remove_obstacle(self, value["id"])
-            else:
-                getattr(PlanEditor, request.change)(self, value)
-        except (GcsError, KeyError, ValueError) as refused:
-            reported = {"other": station, "change": request.change, "reason": str(refused)}
-            log.warning("plan_change_refused", extra=reported)
-        self.member.note_applied(station, request.number)

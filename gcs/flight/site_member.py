@@ -3,6 +3,7 @@
 import json
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf, nan
 from typing import Any, Final
@@ -16,6 +17,7 @@ from gcs.control import Tick
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
 from gcs.flight.fleet import Fleet, Returning
+from gcs.flight.site_requests import REQUEST, Refusal
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import Plan, plan_json, plan_of
@@ -481,6 +483,13 @@ class SiteMember:
         self._why_not_ready = why_not_ready
         self._ready_when_checked = tuple(self.flight.telemetry.ready)
         self._checked_s = self.flight.fleet.time_s
+
+    def refuse(self, station: str, refusal: Refusal) -> None:
+        """Log why a change that a station asked for is not made, and have that station log it as well."""
+        extra = {"other": self.site.own, "change": refusal.change, "by": refusal.by, "reason": refusal.reason}
+        log.warning("refused_by_lead", extra=extra)
+        with suppress(LinkError):  # as many wait as may: that station is hardly received
+            self.post(station, REQUEST.dump_python(refusal, mode="json"))
 
     def note_change(self) -> int:
         """Note that this station asks the lead for a change of the plan. Returns: its number."""

@@ -72,8 +72,18 @@ class PlanRequest:
         "change_obstacle",
         "remove_obstacle",
     ]
-    value: dict[str, Any]
+    value: dict[str, Any]  # of the fields that are changed
     kind: Literal["plan"] = "plan"
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why the lead has not made a change; an answer to a request without a command record."""
+
+    change: Text
+    by: Text
+    reason: Text
+    kind: Literal["refusal"] = "refusal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +96,9 @@ class Outcomes:
     kind: Literal["outcomes"] = "outcomes"
 
 
-Request: TypeAlias = ShowRequest | VehiclesRequest | KillRequest | SettleRequest | PlanRequest | Outcomes
+Request: TypeAlias = (
+    ShowRequest | VehiclesRequest | KillRequest | SettleRequest | PlanRequest | Refusal | Outcomes
+)
 
 REQUEST: Final[TypeAdapter[Request]] = TypeAdapter(Annotated[Request, Field(discriminator="kind")])
 """Reads and writes them as JSON. Raises: ValueError for anything else."""

@@ -55,6 +55,7 @@ WORDS: Final[Mapping[str, str]] = {
     "recording": "telemetry is recorded in {file}",
     "recording_failed": "{what} are not recorded: {cause}",
     "recording_resumed": "{what} are recorded again in {place}",
+    "refused_by_lead": "station {other} refused {change} of {by}: {reason}",
     "return_planner_failed": "the vehicles return without a common plan: {reason}",
     "send_failed": "link {link} could not send[ to {address}]: {cause}",
     "show_check_failed": "the check of show {show} failed: {reason}",

@@ -1,6 +1,6 @@
 """The service port: one small protocol for each role, and an audit that records nothing."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypedDict, Unpack
 
@@ -230,22 +230,25 @@ class Events(Protocol):
 
 
 class PlanChanges(Protocol):
-    """The plan, and its changes by operators. Raises: InvalidError, RefusedError, UnknownError."""
+    """The plan, and its changes by operators. Raises: InvalidError, RefusedError, UnknownError.
+
+    `fields`: names of the fields that are changed, the others stay as they are by then; empty: all.
+    """
 
     @property
     def current(self) -> Plan:
         """The plan as of now: an accepted change is in it at once, before the next tick."""
 
-    def set_formation(self, formation: Formation) -> None:
+    def set_formation(self, formation: Formation, fields: Collection[str] = ()) -> None:
         """Change radius and height, which the formation follows within its limits, or the law."""
 
-    def set_orbit(self, orbit: Orbit) -> None:
+    def set_orbit(self, orbit: Orbit, fields: Collection[str] = ()) -> None:
         """Change how the centre circles the target."""
 
     def set_target(self, target: Target) -> None:
         """Set the target's position and velocity; `time_s` is overwritten with now."""
 
-    def set_yaw(self, yaw: Yaw) -> None:
+    def set_yaw(self, yaw: Yaw, fields: Collection[str] = ()) -> None:
         """Change the vehicles' heading."""
 
     def add_obstacle(self, obstacle: Obstacle) -> None:

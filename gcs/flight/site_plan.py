@@ -1,0 +1,89 @@
+"""Changes of the plan of a site: any station asks for them, and the lead applies them."""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any, Final
+
+from pydantic import TypeAdapter
+
+from gcs.flight.plan_editor import PlanEditor
+from gcs.flight.site_member import SiteMember
+from gcs.flight.site_requests import REQUEST, PlanRequest, Refusal
+from gcs.model.errors import GcsError, RefusedError
+from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.service import CALLER
+
+VALUES: Final[Mapping[str, TypeAdapter[Any]]] = {
+    "set_formation": TypeAdapter(Formation),
+    "set_orbit": TypeAdapter(Orbit),
+    "set_target": TypeAdapter(Target),
+    "set_yaw": TypeAdapter(Yaw),
+    "add_obstacle": TypeAdapter(Obstacle),
+    "change_obstacle": TypeAdapter(Obstacle),
+    "remove_obstacle": TypeAdapter(dict[str, str]),
+}
+
+PARTS: Final = {"set_formation": "formation", "set_orbit": "orbit", "set_yaw": "yaw"}
+"""Parts of the plan of which single fields may be changed."""
+
+
+@dataclass(eq=False)
+class SitePlanEditor(PlanEditor):
+    """Changes the plan at the lead; a follower checks a change, and asks the lead for it."""
+
+    member: SiteMember
+
+    def set_formation(self, formation: Formation, fields: Collection[str] = ()) -> None:
+        self._change("set_formation", formation, partial(super().set_formation, formation, fields), fields)
+
+    def set_orbit(self, orbit: Orbit, fields: Collection[str] = ()) -> None:
+        self._change("set_orbit", orbit, partial(super().set_orbit, orbit, fields), fields)
+
+    def set_target(self, target: Target) -> None:
+        self._change("set_target", target, partial(super().set_target, target))
+
+    def set_yaw(self, yaw: Yaw, fields: Collection[str] = ()) -> None:
+        self._change("set_yaw", yaw, partial(super().set_yaw, yaw, fields), fields)
+
+    def add_obstacle(self, obstacle: Obstacle) -> None:
+        self._change("add_obstacle", obstacle, partial(super().add_obstacle, obstacle))
+
+    def change_obstacle(self, obstacle: Obstacle) -> None:
+        self._change("change_obstacle", obstacle, partial(super().change_obstacle, obstacle))
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        self._change("remove_obstacle", {"id": obstacle_id}, partial(super().remove_obstacle, obstacle_id))
+
+    def _change(self, name: Any, value: Any, apply: Callable[[], None], fields: Collection[str] = ()) -> None:
+        member = self.member
+        if member.site.lead.leads:
+            apply()
+            return
+        lead = member.site.lead.name
+        if not member.lead_is_here:
+            raise RefusedError(f"the leading station {lead} is not received: gcs lead take")
+        apply()
+        written = value if isinstance(value, dict) else asdict(value)
+        if fields:
+            written = {key: each for key, each in written.items() if key in fields}
+        request = PlanRequest(member.note_change(), CALLER.get(), name, written)
+        member.post(lead, REQUEST.dump_python(request, mode="json"))
+
+    def change_for(self, station: str, request: PlanRequest) -> None:
+        """Apply a change that a follower asks for: the fields that it names, the others stay.
+
+        Both stations log a refusal, and the plan comes back to the follower.
+        """
+        try:
+            given = dict(request.value)
+            if request.change in PARTS:
+                given = asdict(getattr(self.flight.plan, PARTS[request.change])) | given
+            value = VALUES[request.change].validate_python(given)
+            if request.change == "remove_obstacle":
+                PlanEditor.remove_obstacle(self, value["id"])
+            else:
+                getattr(PlanEditor, request.change)(self, value)
+        except (GcsError, KeyError, ValueError) as refused:
+            self.member.refuse(station, Refusal(request.change, request.by, str(refused)[:500]))
+        self.member.note_applied(station, request.number)
