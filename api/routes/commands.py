@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 from fastapi import APIRouter, Response
 
 from gcs.api.auth.authorization import VALID_S
-from gcs.api.context import Context, ContextDep
+from gcs.api.context import ContextDep
 from gcs.api.openapi import READ, TOKEN, CommandId, VehicleId, command, errors
 from gcs.api.schemas import fleet as schemas
 from gcs.api.schemas import requests
@@ -180,13 +180,6 @@ async def get_command(command_id: CommandId, context: ContextDep) -> CommandReco
 # Before a start
 
 
-def _need_here(context: Context, vehicle_id: str) -> None:
-    """Raises: RefusedError if another station flies the vehicle."""
-    station = context.elsewhere([vehicle_id]).get(vehicle_id)
-    if station is not None:
-        raise RefusedError(f"{vehicle_id} is flown by station {station or '?'}: command it there")
-
-
 @router.post(
     "/vehicles/{vehicle_id}/exclude",
     tags=["preflight"],
@@ -196,9 +189,11 @@ def _need_here(context: Context, vehicle_id: str) -> None:
 async def exclude_vehicle(
     vehicle_id: VehicleId, context: ContextDep, response: Response, body: requests.ExcludeBody | None = None
 ) -> CommandRecord:
-    """Only on the ground. The vehicle takes part in no start until it is included again."""
+    """Only on the ground. The vehicle takes part in no start until it is included again.
+
+    Of a site of several stations the one that flies the vehicle excludes it, and reports the outcome.
+    """
     reason = "" if body is None else body.reason
-    _need_here(context, vehicle_id)
     return _accepted(response, context.service.preflight.exclude(vehicle_id, reason))
 
 
@@ -210,7 +205,6 @@ async def exclude_vehicle(
 )
 async def include_vehicle(vehicle_id: VehicleId, context: ContextDep, response: Response) -> CommandRecord:
     """Only on the ground. The vehicle must then pass every check, as all others."""
-    _need_here(context, vehicle_id)
     return _accepted(response, context.service.preflight.include(vehicle_id))
 
 

@@ -12,7 +12,7 @@ from gcs.service import CommandRecord, StationView
 
 ALONE: Final = "one station flies all vehicles here: there is no other station"
 
-EXAMPLE: Final = [
+EXAMPLE: Final[list[dict[str, Any]]] = [
     {
         "name": name,
         "own": name == "north",
@@ -23,6 +23,7 @@ EXAMPLE: Final = [
         "vehicles": 250,
         "delay_s": 0.0 if name == "north" else 0.002,
         "term": 1,
+        "offers": [],
     }
     for name in ("north", "south", "west")
 ]
@@ -62,9 +63,10 @@ async def take_lead(context: ContextDep) -> list[StationView]:
     **command(404, status=HTTPStatus.ACCEPTED, no_body=True),
 )
 async def take_over_station(context: ContextDep, name: StationName, response: Response) -> CommandRecord:
-    """The station that answers is the standby of that one. Its vehicles go from hold back into formation.
+    """At the standby of that station, whichever answers. Its vehicles go from hold back into formation.
 
-    `409` where the station is not lost, may still send setpoints, or none of its vehicles holds here.
+    Refused where the station is not lost, may still send setpoints, or none of its vehicles holds: by the
+    standby itself with `409`, of another station the outcomes have the reason.
     """
     if context.service.stations is None:
         raise RefusedError(ALONE)

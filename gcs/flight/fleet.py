@@ -48,6 +48,7 @@ from gcs.planning.lost_space import (
     swept_segments_m,
 )
 from gcs.planning.return_paths.paths import ReturnPaths, keeps_to_path, lowest_beside_m
+from gcs.preflight.vehicles import Placed
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
@@ -144,6 +145,9 @@ class Elsewhere(Protocol):
 
     def taken_m(self, besides: Returning | None = None) -> Array:
         """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
+
+    def placed(self) -> Placed:
+        """Those that only other stations receive, for the distances between pads."""
 
     @property
     def plans_returns(self) -> bool | None:

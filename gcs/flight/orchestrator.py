@@ -40,6 +40,7 @@ from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
+from gcs.service.interface import Preflight, Recovery
 from gcs.shows.library import ShowLibrary
 
 
@@ -114,11 +115,13 @@ class Orchestrator:
         self.events = EventLog()
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
         self.player = ShowPlayer(flight, self.shows)
-        self.preflight = PreflightGate(flight, parameter_reader, self.player)
+        self._gate = PreflightGate(flight, parameter_reader, self.player)
         found = None if record is None else record.found
-        self.stations: SiteCommander | None = None
-        self.plan, self.commands = self._roles(maneuvers, found, membership)
-        self.recovery = self.commands.recovery
+        self.stations: SiteCommander | None
+        self.plan, self.commands, self.stations = self._roles(maneuvers, found, membership)
+        self._recovery = self.commands.recovery
+        self.preflight: Preflight = self._gate if self.stations is None else self.stations
+        self.recovery: Recovery = self._recovery if self.stations is None else self.stations
         self.alarms = AlarmMonitor(flight)
         self._progress = ShowProgress(
             flight, maneuvers, self.commands, parameter_reader, self.player, self._clock
@@ -127,24 +130,24 @@ class Orchestrator:
 
     def _roles(
         self, maneuvers: Maneuvers, found: Interruption | None, membership: Membership | None
-    ) -> tuple[PlanEditor, Commander]:
+    ) -> tuple[PlanEditor, Commander, SiteCommander | None]:
         """What changes the plan, and what executes commands: for this station, or for a whole site."""
         flight, member = self._flight, self._member
         editing = flight, self.player, maneuvers, asyncio.get_running_loop().time
-        commanding = flight, maneuvers, self.player, self.preflight, self._planning, found
+        commanding = flight, maneuvers, self.player, self._gate, self._planning, found
         if member is None or membership is None:
-            return PlanEditor(*editing), Commander(*commanding)
+            return PlanEditor(*editing), Commander(*commanding), None
         bus = membership.site.bus
         standby = Standby(flight, maneuvers, member, bus.lease_s, bus.standby_rejoins)
         plan = SitePlanEditor(*editing, member)
-        self.stations = SiteCommander(*commanding, member, standby, plan)
-        return plan, self.stations
+        commander = SiteCommander(*commanding, member, standby, plan)
+        return plan, commander, commander
 
     async def run(self) -> None:
         try:
             with attached(self.events), garbage_between_ticks() as collect:
                 async with self._group as group:
-                    self.recovery.log_found()
+                    self._recovery.log_found()
                     for link in self._flight.links:
                         group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
                     if self._member is not None:
@@ -214,7 +217,7 @@ class Orchestrator:
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
             lost_stations={} if self._member is None else self._member.lost,
-            interrupted=self.recovery.view(),
+            interrupted=self._recovery.view(),
             return_problem=self.commands.return_problem,
             supervisor="" if self._heart is None else self._heart.problem,
             notes=self._standing,
@@ -246,7 +249,7 @@ class Orchestrator:
             unix_time_s=self._flight.unix_s(),
             start_unix_s=None if countdown is None else countdown.at_unix_s,
             failsafes=self._progress.failsafe_monitor.active,
-            interrupted=self.recovery.view(),
+            interrupted=self._recovery.view(),
             alarms=self.alarms.alarms,
         )
 

@@ -1,10 +1,9 @@
 """Executes commands for the vehicles of all stations: each commands its own, and reports to the others."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextvars import copy_context
-from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from typing import Any, Final
@@ -12,40 +11,36 @@ from typing import Any, Final
 from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.preflight_gate import PreflightGate
+from gcs.flight.preflight_gate import REASON_MAX, PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.site_member import SiteMember
 from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_requests import (
     REQUEST,
+    CommandRequest,
+    ExcludeRequest,
     KillRequest,
     Outcomes,
     PlanRequest,
     Refusal,
-    Request,
     SettleRequest,
     ShowRequest,
+    StandbyRequest,
     VehiclesRequest,
 )
-from gcs.flight.standby import Standby
-from gcs.model.errors import GcsError, LinkError, RefusedError, UnknownError
-from gcs.model.interrupted_flight import Interruption
+from gcs.flight.site_routing import SiteRouting
+from gcs.flight.standby import TAKE_OVER, Standby
+from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
+from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
+from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
-from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, StationView, VehicleAction, VehicleOutcome
+from gcs.service import CALLER, CommandRecord, ShowAction, StationView, VehicleAction
 
 log = logging.getLogger(__name__)
 
-ANSWERED_WITHIN_S: Final = 6.0
-"""A station that has not answered a request by then is taken for one that has not received it."""
-
 NO_STATION: Final = "of no station"
 """Stands for the station of a vehicle that none flies."""
-
-BRIEF: Final = 12
-"""Characters of each reason, where all reasons do not fit into one message."""
-
-REPORTED_EVERY_S: Final = 0.1
 
 FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 
@@ -62,28 +57,12 @@ READY_EVERY_S, READY_LEAST_S = 2.0, 0.25
 """Time between two checks of readiness, and the least time when a vehicle became ready between them."""
 
 
-@dataclass(slots=True)
-class _Requested:
-    """A command of this station that other stations execute as well."""
-
-    record_id: str
-    asked_s: float
-    open: set[str] = field(default_factory=set)  # stations that have not finished it
-    answered: set[str] = field(default_factory=set)  # of these, stations that have begun it
-
-
-@dataclass(slots=True)
-class _Executed:
-    """A command that another station asked for."""
-
-    record: CommandRecord
-    station: str
-    ref: str
-    reported: dict[VehicleId, VehicleOutcome] = field(default_factory=dict)
-
-
 class SiteCommander(Commander):
-    """Commands for the whole site. Implements `gcs.service.Commands` and `gcs.service.Stations`."""
+    """Commands for the whole site.
+
+    Implements `gcs.service.Commands`, `gcs.service.Stations`, `gcs.service.Preflight` and
+    `gcs.service.Recovery`.
+    """
 
     def __init__(
         self,
@@ -100,9 +79,7 @@ class SiteCommander(Commander):
         super().__init__(flight, maneuvers, show_player, preflight_gate, planning, found)
         self._member, self._standby, self._plan = member, standby, plan
         self._gate = preflight_gate
-        self._asked: dict[str, _Requested] = {}  # by record id
-        self._executed: list[_Executed] = []
-        self._report_due_s = 0.0
+        self._routing = SiteRouting(member, flight.book)
         self._waits_for = ""  # the station for which this one holds, by itself
         self._waits_until_s = self._waits_since_s = 0.0
         self._gone: frozenset[str] = frozenset()
@@ -141,14 +118,14 @@ class SiteCommander(Commander):
                 at_unix_time_s,
             )
             if expected or action is not ShowAction.START:
-                record = self._ask(record, name, request, expected)
+                record = self._routing.ask(record, name, request, expected)
         return record
 
     def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
         record = super().execute_show_failsafe(action, reason)
         for name in self._member.present():
             expected = self._member.ids_of(name, *AIRBORNE)
-            record = self._ask(
+            record = self._routing.ask(
                 record, name, ShowRequest(record.id, "service", action, reason=reason), expected
             )
         return record
@@ -159,7 +136,9 @@ class SiteCommander(Commander):
             return super().command_vehicle(vehicle_id, action)
         record = self.flight.book.open(action, [], {})
         for name, ids in away.items():
-            record = self._ask(record, name, VehiclesRequest(record.id, CALLER.get(), action, (*ids,)), ids)
+            record = self._routing.ask(
+                record, name, VehiclesRequest(record.id, CALLER.get(), action, (*ids,)), ids
+            )
         return record
 
     def command_vehicles(
@@ -176,14 +155,16 @@ class SiteCommander(Commander):
             record = self._local(action.value, local, others=bool(away))
         for name, ids in away.items():
             expected = None if vehicles is None else (*ids,)
-            record = self._ask(record, name, VehiclesRequest(record.id, CALLER.get(), action, expected), ids)
+            record = self._routing.ask(
+                record, name, VehiclesRequest(record.id, CALLER.get(), action, expected), ids
+            )
         return record
 
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         here, away = self._split(vehicle_ids)
         record = super().kill(here) if here or not away else self.flight.book.open("kill", [], {})
         for name, ids in away.items():
-            record = self._ask(record, name, KillRequest(record.id, CALLER.get(), (*ids,)), ids)
+            record = self._routing.ask(record, name, KillRequest(record.id, CALLER.get(), (*ids,)), ids)
         return record
 
     def take_lead(self) -> tuple[StationView, ...]:
@@ -196,8 +177,66 @@ class SiteCommander(Commander):
         return self._member.views()
 
     def take_over(self, station: str) -> CommandRecord:
-        """Fly on with the vehicles of a lost station that this one stands by for. Raises: RefusedError."""
-        return self._standby.go_on(station)
+        """Fly on with the vehicles of a lost station, at its standby. Raises: RefusedError, UnknownError."""
+        member = self._member
+        if station in member.stands_by_for:
+            return self._standby.go_on(station)
+        if station not in member.site.names:
+            raise UnknownError(f"there is no station {station}; there are {', '.join(member.site.names)}")
+        standbys = member.standbys_of[station]
+        if not standbys:
+            raise RefusedError(f"no station stands by for {station}")
+        record = self.flight.book.open(TAKE_OVER, [], {})
+        for name in standbys:
+            flown = [one for one in member.ids_of(name, Phase.HOLD) if one in member.configured_ids(station)]
+            request = StandbyRequest(record.id, CALLER.get(), station)
+            record = self._routing.ask(record, name, request, flown or member.configured_ids(station))
+        return record
+
+    # preflight
+
+    def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """As `PreflightGate.report`, of the own vehicles."""
+        return self._gate.report(vehicles)
+
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
+        """Take a vehicle out of the show, at the station that flies it."""
+        if len(reason) > REASON_MAX:
+            raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
+        here, away = self._split([vehicle_id])
+        if here:
+            return self._gate.exclude(vehicle_id, reason)
+        return self._ask_exclusion("exclude", away, reason)
+
+    def include(self, vehicle_id: VehicleId) -> CommandRecord:
+        """Include an excluded vehicle again, at the station that flies it."""
+        here, away = self._split([vehicle_id])
+        return self._gate.include(vehicle_id) if here else self._ask_exclusion("include", away, None)
+
+    def _ask_exclusion(
+        self, action: str, away: Mapping[str, Sequence[VehicleId]], reason: str | None
+    ) -> CommandRecord:
+        record = self.flight.book.open(action, [], {})
+        for name, ids in away.items():
+            request = ExcludeRequest(record.id, CALLER.get(), ids[0], reason)
+            record = self._routing.ask(record, name, request, ids)
+        return record
+
+    # recovery
+
+    def settle(self, offer: Offer) -> CommandRecord:
+        """Settle the interrupted flights of all stations that offer this, as one command."""
+        offering = self._member.offering(offer)
+        view = self.recovery.view()
+        local = partial(self.recovery.settle, offer)
+        if not offering or (view is not None and offer in view.offers):
+            record = self._local(offer.value, local, others=bool(offering))
+        else:
+            record = self.flight.book.open(offer.value, [], {})
+        for name in offering:
+            request = SettleRequest(record.id, CALLER.get(), offer)
+            record = self._routing.ask(record, name, request, self._member.ids_of(name, Phase.PILOT))
+        return record
 
     def _split(
         self, vehicles: Sequence[VehicleId] | None
@@ -235,24 +274,6 @@ class SiteCommander(Commander):
             log.info("own_part_refused", extra={"command": action, "reason": str(refused)})
             return self.flight.book.open(action, [], {})
 
-    def _ask(
-        self, record: CommandRecord, station: str, request: Request, ids: Sequence[VehicleId]
-    ) -> CommandRecord:
-        """Have a station execute its part; its vehicles are pending until it answers."""
-        book = self.flight.book
-        missing = f"station {station} is not received"
-        if station in self._member.present():
-            try:
-                self._member.post(station, REQUEST.dump_python(request, mode="json"))
-                missing = ""
-            except LinkError as error:  # the own part and the other stations' are executed all the same
-                missing = f"station {station}: {error}"
-        if missing:
-            return book.include(record.id, {one: VehicleOutcome(Outcome.FAILED, missing) for one in ids})
-        asked = self._asked.setdefault(record.id, _Requested(record.id, self.flight.fleet.time_s))
-        asked.open.add(station)
-        return book.include(record.id, {one: VehicleOutcome(Outcome.PENDING) for one in ids})
-
     # once a tick
 
     def advance_site(self) -> None:
@@ -265,7 +286,7 @@ class SiteCommander(Commander):
                 log.warning("request_unreadable", extra={"other": sender})
                 continue
             if isinstance(request, Outcomes):
-                self._take_outcomes(sender, request)
+                self._routing.take(sender, request)
             elif isinstance(request, PlanRequest):
                 self._execute_as(request.by, partial(self._plan.change_for, sender, request))
             elif isinstance(request, Refusal):
@@ -273,12 +294,11 @@ class SiteCommander(Commander):
                 log.warning("refused_by_lead", extra={**about, "reason": request.reason})
             else:
                 self._execute(sender, request)
-        if now_s >= self._report_due_s:
-            self._report_due_s = now_s + REPORTED_EVERY_S
-            self._report()
-            self._expire(now_s)
+        self._routing.advance(now_s)
         if self._member.is_check_due(READY_EVERY_S, READY_LEAST_S):
             self._member.note_checked(self._why_not_ready())
+            interrupted = self.recovery.view()
+            self._member.offers = () if interrupted is None else interrupted.offers
         if self._standby.look(now_s):
             self._waits_for = ""
             super().command_show(ShowAction.RESUME)
@@ -289,112 +309,46 @@ class SiteCommander(Commander):
         context.run(CALLER.set, by)
         return context.run(execute)
 
-    def _execute(self, sender: str, request: Request) -> None:
-        match request:
-            case ShowRequest(action=ShowAction.RESUME) if self.flight.show in FORMED:
-                formed = [one.id for one in self.flight.in_phase(Phase.FORMATION)]
-                execute = partial(self.flight.book.done, request.action, formed, {}, "flies already")
-            case ShowRequest(reason=""):
-                self._waits_for = ""
-                execute = partial(
-                    super().command_show,
-                    request.action,
-                    request.vehicles,
-                    at_unix_time_s=request.at_unix_time_s,
-                )
-            case ShowRequest():
-                execute = partial(super().execute_show_failsafe, request.action, request.reason)
-            case VehiclesRequest(action=VehicleAction.CONFIRM_DOWN, vehicles=(one,)):
-                execute = partial(super().command_vehicle, one, request.action)
-            case VehiclesRequest():
-                execute = partial(super().command_vehicles, request.action, request.vehicles)
-            case KillRequest():
-                execute = partial(super().kill, request.vehicles)
-            case SettleRequest():
-                execute = partial(self.recovery.settle, request.offer)
-            case _:
-                return
+    def _execute(self, sender: str, request: CommandRequest) -> None:
+        execute = self._show_part(request) if isinstance(request, ShowRequest) else self._part(request)
         try:
             record = self._execute_as(request.by, execute)
         except GcsError as refused:
-            self._answer(sender, Outcomes(request.ref, refused=str(refused)[:500]))
+            self._routing.answer(sender, Outcomes(request.ref, refused=str(refused)[:500]))
             return
-        self._executed.append(_Executed(record, sender, request.ref))
+        self._routing.note_executed(record, sender, request.ref)
 
-    def _answer(self, station: str, outcomes: Outcomes) -> None:
-        try:
-            self._member.post(station, REQUEST.dump_python(outcomes, mode="json"))
-        except LinkError:  # too long, with all reasons
-            brief = {name: (outcome, why[:BRIEF]) for name, (outcome, why) in outcomes.outcomes.items()}
-            try:
-                self._member.post(
-                    station, REQUEST.dump_python(replace(outcomes, outcomes=brief), mode="json")
-                )
-            except LinkError as error:
-                log.warning("not_answered", extra={"other": station, "reason": str(error)})
+    def _show_part(self, request: ShowRequest) -> Callable[[], CommandRecord]:
+        """What executes a fleet-wide command with the own vehicles."""
+        if request.action is ShowAction.RESUME and self.flight.show in FORMED:
+            formed = [one.id for one in self.flight.in_phase(Phase.FORMATION)]
+            return partial(self.flight.book.done, request.action, formed, {}, "flies already")
+        if request.reason:
+            return partial(super().execute_show_failsafe, request.action, request.reason)
+        self._waits_for = ""
+        return partial(
+            super().command_show, request.action, request.vehicles, at_unix_time_s=request.at_unix_time_s
+        )
 
-    def _report(self) -> None:
-        """Send the outcomes that have changed."""
-        going_on = []
-        for one in self._executed:
-            try:
-                record = self.flight.book.get(one.record.id)
-            except UnknownError:
-                continue
-            if record.outcomes != one.reported or not record.outcomes:
-                one.reported = dict(record.outcomes)
-                found = {name: (each.outcome, each.reason[:200]) for name, each in record.outcomes.items()}
-                self._answer(one.station, Outcomes(one.ref, found))
-            if record.outcome is Outcome.PENDING:
-                going_on.append(one)
-        self._executed = going_on
-
-    def _take_outcomes(self, sender: str, reported: Outcomes) -> None:
-        asked = self._asked.get(reported.ref)
-        if asked is None or sender not in asked.open:
-            return
-        asked.answered.add(sender)
-        book, ids = self.flight.book, set(self._member.site.ids)
-        found = {
-            name: VehicleOutcome(outcome, reason)
-            for name, (outcome, reason) in reported.outcomes.items()
-            if name in ids
-        }
-        over = bool(reported.refused) or all(one.outcome is not Outcome.PENDING for one in found.values())
-        if over:
-            asked.open.discard(sender)
-            why = reported.refused or "it did not apply to it"
-            outcome = Outcome.FAILED if reported.refused else Outcome.NOT_INCLUDED
-            left = VehicleOutcome(outcome, f"station {sender}: {why}")
-            pending = book.get(reported.ref).outcomes
-            of_sender = set(self._member.ids_of(sender))
-            for name, one in pending.items():
-                if name in of_sender and name not in found and one.outcome is Outcome.PENDING:
-                    found[name] = left
-        book.include(reported.ref, found)
-        if not asked.open:
-            del self._asked[reported.ref]
-
-    def _expire(self, now_s: float) -> None:
-        """Close the parts of stations that do not answer, or are not received any more."""
-        here = set(self._member.present())
-        for asked in list(self._asked.values()):
-            late = now_s - asked.asked_s > ANSWERED_WITHIN_S
-            silent = asked.open - asked.answered
-            for name in [one for one in asked.open if late and (one not in here or one in silent)]:
-                asked.open.discard(name)
-                try:
-                    outcomes = self.flight.book.get(asked.record_id).outcomes
-                except UnknownError:
-                    continue
-                why = "does not answer" if name in here else "is not received"
-                lost = VehicleOutcome(Outcome.FAILED, f"station {name} {why}")
-                of_station = set(self._member.ids_of(name))
-                pending = [one for one in of_station if one in outcomes]
-                open_ids = [one for one in pending if outcomes[one].outcome is Outcome.PENDING]
-                self.flight.book.include(asked.record_id, dict.fromkeys(open_ids, lost))
-            if not asked.open:
-                self._asked.pop(asked.record_id, None)
+    def _part(
+        self, request: VehiclesRequest | KillRequest | ExcludeRequest | StandbyRequest | SettleRequest
+    ) -> Callable[[], CommandRecord]:
+        """What executes a command with the own vehicles."""
+        match request:
+            case VehiclesRequest(action=VehicleAction.CONFIRM_DOWN, vehicles=(one,)):
+                return partial(super().command_vehicle, one, request.action)
+            case VehiclesRequest():
+                return partial(super().command_vehicles, request.action, request.vehicles)
+            case KillRequest():
+                return partial(super().kill, request.vehicles)
+            case ExcludeRequest(reason=None):
+                return partial(self._gate.include, request.vehicle)
+            case ExcludeRequest():
+                return partial(self._gate.exclude, request.vehicle, request.reason or "")
+            case StandbyRequest():
+                return partial(self._standby.go_on, request.station)
+            case SettleRequest():
+                return partial(self.recovery.settle, request.offer)
 
     def _why_not_ready(self) -> str:
         """Why this station's vehicles could not start now, as preflight has it."""

@@ -19,10 +19,12 @@ from gcs.control.others import Others
 from gcs.flight.fleet import Fleet, Returning
 from gcs.flight.site_requests import REQUEST, Refusal
 from gcs.model.errors import GcsError, LinkError
+from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import Plan, plan_json, plan_of
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
+from gcs.preflight.vehicles import Placed
 from gcs.service import BusView, StationView
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
@@ -72,6 +74,7 @@ class _Info:
 
     why_not_ready: str = NOT_CHECKED
     reasons: Mapping[VehicleId, str] | None = None
+    offers: tuple[Offer, ...] = ()  # of its interrupted flight
 
 
 def station_fleets(site: Config) -> dict[str, StationFleet]:
@@ -111,11 +114,21 @@ class SiteMember:
         self._link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
         owner_of = {link: station.name for station in site_config.stations for link in station.links}
         own = next(one for one in site_config.stations if one.name == membership.station)
-        self.standbys = [  # stations that take over vehicles of this one
-            one.name
-            for one in site_config.stations
-            if any(owner_of[each.link] == own.name for each in one.standby)
-        ]
+        self.standbys_of = {
+            owner: [
+                one.name
+                for one in site_config.stations
+                if any(owner_of[each.link] == owner for each in one.standby)
+            ]
+            for owner in self.site.names
+        }
+        self.standbys = self.standbys_of[own.name]  # stations that take over vehicles of this one
+        self._configured = {
+            each.name: tuple(
+                one.id for link in site_config.links if link.name in each.links for one in link.fleet
+            )
+            for each in site_config.stations
+        }
         self.stands_by_for = list(dict.fromkeys(owner_of[one.link] for one in own.standby))
         self._standby_ids = {
             name: [
@@ -148,6 +161,7 @@ class SiteMember:
         self._why_not_ready = NOT_CHECKED  # why this station could not start now; empty: it could
         self._ready_when_checked: tuple[bool, ...] = ()
         self._checked_s = -inf
+        self.offers: tuple[Offer, ...] = ()  # of this station's interrupted flight
         self._others: Others | None = None
 
     # received
@@ -200,7 +214,8 @@ class SiteMember:
         try:
             read = from_json(payload)
             reasons = {str(name)[:64]: str(text)[:300] for name, text in read["reasons"].items()}
-            self._info[sender] = _Info(str(read["why_not_ready"])[:WHY_LENGTH], reasons)
+            offers = tuple(Offer(offer) for offer in read["offers"])
+            self._info[sender] = _Info(str(read["why_not_ready"])[:WHY_LENGTH], reasons, offers)
         except (AttributeError, KeyError, TypeError, ValueError):
             raise LinkError("texts that cannot be read") from None
 
@@ -322,6 +337,14 @@ class SiteMember:
         found = np.isin(self.site.phases, codes)
         owners = self.site.owners
         return [self.site.ids[row] for row in np.flatnonzero(found).tolist() if owners[row] == station]
+
+    def configured_ids(self, station: str) -> tuple[VehicleId, ...]:
+        """Vehicles of a station's own links, whichever station flies them now."""
+        return self._configured[station]
+
+    def offering(self, offer: Offer) -> list[str]:
+        """Other stations that offer this for an interrupted flight of theirs."""
+        return [name for name in self.present() if offer in self._info[name].offers]
 
     @property
     def taking_part(self) -> Mask:
@@ -455,6 +478,14 @@ class SiteMember:
             home_m[besides.rows] = nan
         return np.concatenate([home_m[np.isfinite(home_m).all(axis=1)], self.landing_m()])
 
+    def placed(self) -> Placed:
+        """Vehicles that only other stations receive, for the distances between pads."""
+        site, others = self.site, self.others
+        owners, own = site.owners, set(site.own_ids)
+        rows = [row for row, name in enumerate(owners) if name and site.ids[row] not in own]
+        names = tuple(f"{site.ids[row]} of station {owners[row]}" for row in rows)
+        return Placed(names, others.position_m[rows, :2], others.uncertainty_m[rows])
+
     @property
     def delay_s(self) -> float:
         """Greatest one-way delay of a received station."""
@@ -551,7 +582,10 @@ class SiteMember:
     def _info_now(self) -> bytes:
         vehicles = [one for one in self.flight.vehicles.values() if one.phase in EXPLAINED]
         reasons = {one.id: one.reason[:150] for one in vehicles[:TEXTS_MAX]}
-        return json.dumps({"why_not_ready": self._why_not_ready[:WHY_LENGTH], "reasons": reasons}).encode()
+        excluded = list(self.flight.excluded.items())[: TEXTS_MAX - len(reasons)]
+        reasons |= {name: str(exclusion)[:150] for name, exclusion in excluded if name not in reasons}
+        why = self._why_not_ready[:WHY_LENGTH]
+        return json.dumps({"why_not_ready": why, "offers": self.offers, "reasons": reasons}).encode()
 
     def _reported(self, *, all_up: bool) -> Reported:
         flight = self.flight
@@ -593,6 +627,7 @@ class SiteMember:
                     vehicles=int(site.owned.sum()) if own else owners.count(name),
                     delay_s=0.0 if own else site.delays.one_way_s(number),
                     term=site.lead.term,
+                    offers=self.offers if own else self._info[name].offers,
                 )
             )
         return tuple(found)
@@ -620,7 +655,8 @@ class SiteMember:
         reasons = []
         for name, owner, phase in zip(site.ids, owners, phases, strict=True):
             texts = self._info[owner].reasons if owner in self._info else None
-            own_text = None if texts is None or phase not in EXPLAINED else texts.get(name)
+            explained = phase in EXPLAINED or phase is Phase.STANDBY  # of these the excluded ones
+            own_text = None if texts is None or not explained else texts.get(name)
             usual = "on the ground" if phase in GROUNDED else f"flown by station {owner}"
             if owner and owner not in here:
                 usual = f"station {owner} is not received"

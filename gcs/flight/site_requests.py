@@ -58,6 +58,27 @@ class SettleRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class ExcludeRequest:
+    """Take one of the receiver's vehicles out of the show, or include it again."""
+
+    ref: Text
+    by: Text
+    vehicle: VehicleId
+    reason: Text | None  # None: include it
+    kind: Literal["exclude"] = "exclude"
+
+
+@dataclass(frozen=True, slots=True)
+class StandbyRequest:
+    """Fly on with the vehicles of a lost station that the receiver stands by for."""
+
+    ref: Text
+    by: Text
+    station: Text
+    kind: Literal["standby"] = "standby"
+
+
+@dataclass(frozen=True, slots=True)
 class PlanRequest:
     """Change the plan; only the lead does."""
 
@@ -96,9 +117,12 @@ class Outcomes:
     kind: Literal["outcomes"] = "outcomes"
 
 
-Request: TypeAlias = (
-    ShowRequest | VehiclesRequest | KillRequest | SettleRequest | PlanRequest | Refusal | Outcomes
+CommandRequest: TypeAlias = (
+    ShowRequest | VehiclesRequest | KillRequest | SettleRequest | ExcludeRequest | StandbyRequest
 )
+"""Requests with a command record at the station that asks."""
+
+Request: TypeAlias = CommandRequest | PlanRequest | Refusal | Outcomes
 
 REQUEST: Final[TypeAdapter[Request]] = TypeAdapter(Annotated[Request, Field(discriminator="kind")])
 """Reads and writes them as JSON. Raises: ValueError for anything else."""

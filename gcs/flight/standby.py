@@ -22,6 +22,9 @@ from gcs.service import CommandRecord, Outcome
 
 log = logging.getLogger(__name__)
 
+TAKE_OVER: Final = "take-over"
+"""Name of the command that flies on with a lost station's vehicles."""
+
 SPARE_S: Final = 0.05
 """The owner counts as lost this long after its lease and its watchdog have ended."""
 
@@ -139,7 +142,7 @@ class Standby:
         waiting = self._holding(name)
         if not waiting:
             raise RefusedError(f"no vehicle of station {name} holds here")
-        record = self.flight.book.open("take-over", [one.id for one in waiting], {})
+        record = self.flight.book.open(TAKE_OVER, [one.id for one in waiting], {})
         self.join(waiting, record)
         return record
 

@@ -362,8 +362,13 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
 
     A pair that both fly is reported once, with the first of them: the second has no such check then.
     """
-    floor, ids = inputs.floor, inputs.fleet.ids
+    floor, ids = inputs.floor, list(inputs.fleet.ids)
     place_m, kept_m = inputs.fleet.position_m[:, :2], floor.kept_m(0.0)[0]
+    uncertainty_m = inputs.uncertainty_m
+    if (others := inputs.others) is not None:
+        ids += others.names
+        place_m = np.concatenate([place_m, others.place_m])
+        uncertainty_m = np.concatenate([uncertainty_m, others.uncertainty_m])
     found: dict[VehicleId, list[Check]] = {}
     reported: set[tuple[int, int]] = set()
     for name in vehicles:
@@ -373,7 +378,7 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
         away_m = np.linalg.norm(place_m - place_m[row], axis=1)
         away_m[row] = np.inf
         near_m = np.where(np.isfinite(away_m), away_m, np.inf)
-        least_m = kept_m + floor.reserve_m(inputs.uncertainty_m, inputs.uncertainty_m[row])
+        least_m = kept_m + floor.reserve_m(uncertainty_m, uncertainty_m[row])
         too_close = np.flatnonzero(near_m < least_m).tolist()
         for other in too_close:
             if (other, row) in reported:

@@ -15,6 +15,15 @@ from gcs.safety.walls import Fence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """Where k further vehicles are, which are not checked themselves."""
+
+    names: tuple[str, ...]  # as problems show them
+    place_m: Array  # (k, 2), show frame; NaN: not known
+    uncertainty_m: Array  # (k,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PreflightInputs:
     """Inputs for the whole fleet. Rows as in FleetState."""
 
@@ -33,6 +42,7 @@ class PreflightInputs:
     battery_need: float | None = 0.0  # of a selected show, share of a full battery; None: not known
     speed_need_m_s: float = 0.0  # of a selected show, sideways
     speed_max_m_s: Array | None = None  # (n,) that a vehicle is configured for
+    others: Placed | None = None  # of other stations
     ahead_s: float = 0.0  # our Unix time minus the loop's clock
 
     def is_placed(self, row: int) -> bool:

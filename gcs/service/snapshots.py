@@ -12,7 +12,7 @@ from pydantic import Field
 
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.errors import Problem
-from gcs.model.interrupted_flight import InterruptedFlight
+from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.settings import PUBLISHED, Measured
@@ -228,6 +228,10 @@ class StationView:
     vehicles: Annotated[int, Field(description="Vehicles that it flies.")]
     delay_s: Annotated[Measured, Field(description="One way, over the bus.")]
     term: Annotated[int, Field(description="Term of the lead that the answering station obeys.")]
+    offers: Annotated[
+        tuple[Offer, ...],
+        Field(description="For its interrupted flight: POST /api/v1/show/take-over, at any station."),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from pydantic_core import from_json
 
 from gcs.model.errors import LinkError
 
-EXPIRES_S: Final = 5.0
+EXPIRES_S: Final = 4.0
 """A request that is not received by then is dropped: so late a command is not expected any more."""
 
 AGAIN_S: Final = 0.1

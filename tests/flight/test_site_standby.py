@@ -99,3 +99,30 @@ def test_owner_that_is_cut_off_holds_and_obeys_the_standby() -> None:
         assert show.violations == 0
 
     fly_site(story, two_hosts(4, rejoins=True), **BUS)
+
+
+def test_any_station_has_the_standby_go_on() -> None:
+    async def story(show: SiteShow) -> None:
+        await show.start("west")
+        stations = show["west"].service.stations
+        assert stations is not None
+        with pytest.raises(RefusedError, match="no station stands by for west"):
+            stations.take_over("west")
+        early = stations.take_over("north")
+        await show.wait(1.0)
+        early = await show.settled("west", early)
+        assert early.outcomes["n1"].reason == "station south: station north is not lost: stop it there first"
+        await show["north"].kill()
+        await show.until(lambda: show.in_phase("south", Phase.HOLD) == 2, 6.0)
+        await show.wait(2.5)
+        record = stations.take_over("north")
+        assert set(record.outcomes) == {"n1", "n2"}
+        record = await show.settled("west", record, 30.0)
+        assert {one.outcome for one in record.outcomes.values()} == {Outcome.DONE}
+        executed = [one.action for one in show["south"].service.command_log.newest()]
+        assert executed[:2] == ["resume", "take-over"]
+        assert show.in_phase("south", Phase.FORMATION) == 2
+        assert both_never_at_once(show)
+        assert show.violations == 0
+
+    fly_site(story, two_hosts(2, west=True), **BUS)

@@ -16,6 +16,7 @@ from gcs.links.batch_link import Link
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.preflight.parameters import settings_of
+from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
 from gcs.sim.fleet import Fleet, Settings
@@ -67,13 +68,16 @@ def site_config(stations: int, each: int, **sections: Any) -> Config:
     return Config.model_validate({**raw, **sections})
 
 
-def two_hosts(vehicles: int, *, rejoins: bool = False, **sections: Any) -> Config:
-    """North flies all vehicles, and south is its standby on the same radio network."""
-    raw = site_config(2, vehicles, **sections).model_dump()
+def two_hosts(vehicles: int, *, rejoins: bool = False, west: bool = False, **sections: Any) -> Config:
+    """North flies so many vehicles, and south is its standby on the same radio network.
+
+    `west` adds a station with as many vehicles of its own.
+    """
+    raw = site_config(3 if west else 2, vehicles, **sections).model_dump()
     standby = [{"link": "north", "listen": "udpin://127.0.0.1:14640"}]
-    north, south = raw["stations"]
-    raw["links"] = raw["links"][:1]
-    raw["stations"] = [north, south | {"links": [], "standby": standby}]
+    north, south, *others = raw["stations"]
+    raw["links"] = [link for link in raw["links"] if link["name"] != "south"]
+    raw["stations"] = [north, south | {"links": [], "standby": standby}, *others]
     raw["bus"]["standby_rejoins"] = rejoins
     return Config.model_validate(raw)
 
@@ -145,11 +149,21 @@ class Station:
             for fleet, first, _ in other.radios:
                 self.mirrors[other.name] = ports = MirrorPorts(first.ids, fleet, clock, first)
                 links.append(VirtualLink(self.config, fleet, ids=first.ids, ports=ports))
-        membership = Membership(self.name, self._site, bus, 1)
+        self._bus = bus
+        self._serve(links)
+
+    def _serve(self, links: Sequence[Link], record: Record | None = None, session: int = 1) -> None:
+        membership = Membership(self.name, self._site, self._bus, session)
         self.service = Orchestrator(
-            self.config, links, unix_s=self.unix, planning=self.planning, membership=membership
+            self.config, links, record, unix_s=self.unix, planning=self.planning, membership=membership
         )
         self.task = asyncio.create_task(self.service.run(), name=self.name)
+
+    def restart(self, record: Record) -> None:
+        """Start the service again after `kill`, with what its record has; for stations without standby."""
+        self._alone.cancel()
+        links = [VirtualLink(self.config, fleet, ids=one.ids, ports=one) for fleet, one, _ in self.radios]
+        self._serve(links, record, session=2)
 
     @property
     def view(self) -> FleetView:

@@ -1,0 +1,154 @@
+"""Commands that stations execute for each other: requests, and the outcomes that come back to the caller."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from gcs.flight.site_member import SiteMember
+from gcs.flight.site_requests import REQUEST, Outcomes, Request
+from gcs.model.errors import LinkError, UnknownError
+from gcs.model.state import VehicleId
+from gcs.service import CommandRecord, Outcome, VehicleOutcome
+from gcs.service.commands import CommandLog
+
+log = logging.getLogger(__name__)
+
+ANSWERED_WITHIN_S: Final = 5.0
+"""A station that has not answered a request by then is taken for one that has not received it."""
+
+BRIEF: Final = 12
+"""Characters of each reason, where all reasons do not fit into one message."""
+
+REPORTED_EVERY_S: Final = 0.1
+
+
+@dataclass(slots=True)
+class _Requested:
+    """A command of this station that other stations execute as well."""
+
+    record_id: str
+    asked_s: float
+    open: dict[str, set[VehicleId]] = field(default_factory=dict)  # by stations that have not finished it
+    answered: set[str] = field(default_factory=set)  # of these, stations that have begun it
+
+
+@dataclass(slots=True)
+class _Executed:
+    """A command that another station asked for."""
+
+    record: CommandRecord
+    station: str
+    ref: str
+    reported: dict[VehicleId, VehicleOutcome] = field(default_factory=dict)
+
+
+class SiteRouting:
+    """What this station asked of others, and what others asked of it. Used on the event loop only."""
+
+    def __init__(self, member: SiteMember, book: CommandLog) -> None:
+        self._member, self._book = member, book
+        self._asked: dict[str, _Requested] = {}  # by record id
+        self._executed: list[_Executed] = []
+        self._report_due_s = 0.0
+
+    def ask(
+        self, record: CommandRecord, station: str, request: Request, ids: Sequence[VehicleId]
+    ) -> CommandRecord:
+        """Have a station execute its part; its vehicles are pending until it answers."""
+        book = self._book
+        missing = f"station {station} is not received"
+        if station in self._member.present():
+            try:
+                self._member.post(station, REQUEST.dump_python(request, mode="json"))
+                missing = ""
+            except LinkError as error:  # the own part and the other stations' are executed all the same
+                missing = f"station {station}: {error}"
+        if missing:
+            return book.include(record.id, {one: VehicleOutcome(Outcome.FAILED, missing) for one in ids})
+        asked = self._asked.setdefault(record.id, _Requested(record.id, self._member.flight.fleet.time_s))
+        asked.open[station] = set(ids)
+        return book.include(record.id, {one: VehicleOutcome(Outcome.PENDING) for one in ids})
+
+    def note_executed(self, record: CommandRecord, station: str, ref: str) -> None:
+        """Report how this command goes on to the station that asked for it."""
+        self._executed.append(_Executed(record, station, ref))
+
+    def advance(self, now_s: float) -> None:
+        """Report what has changed, and close what is not answered; called once a tick."""
+        if now_s >= self._report_due_s:
+            self._report_due_s = now_s + REPORTED_EVERY_S
+            self._report()
+            self._expire(now_s)
+
+    def answer(self, station: str, outcomes: Outcomes) -> None:
+        try:
+            self._member.post(station, REQUEST.dump_python(outcomes, mode="json"))
+        except LinkError:  # too long, with all reasons
+            brief = {name: (outcome, why[:BRIEF]) for name, (outcome, why) in outcomes.outcomes.items()}
+            try:
+                self._member.post(
+                    station, REQUEST.dump_python(replace(outcomes, outcomes=brief), mode="json")
+                )
+            except LinkError as error:
+                log.warning("not_answered", extra={"other": station, "reason": str(error)})
+
+    def _report(self) -> None:
+        """Send the outcomes that have changed."""
+        going_on = []
+        for one in self._executed:
+            try:
+                record = self._book.get(one.record.id)
+            except UnknownError:
+                continue
+            if record.outcomes != one.reported or not record.outcomes:
+                one.reported = dict(record.outcomes)
+                found = {name: (each.outcome, each.reason[:200]) for name, each in record.outcomes.items()}
+                self.answer(one.station, Outcomes(one.ref, found))
+            if record.outcome is Outcome.PENDING:
+                going_on.append(one)
+        self._executed = going_on
+
+    def take(self, sender: str, reported: Outcomes) -> None:
+        asked = self._asked.get(reported.ref)
+        if asked is None or sender not in asked.open:
+            return
+        asked.answered.add(sender)
+        book, ids = self._book, set(self._member.site.ids)
+        found = {
+            name: VehicleOutcome(outcome, reason)
+            for name, (outcome, reason) in reported.outcomes.items()
+            if name in ids
+        }
+        part = asked.open[sender]
+        part |= found.keys()
+        over = bool(reported.refused) or all(one.outcome is not Outcome.PENDING for one in found.values())
+        if over:
+            del asked.open[sender]
+            why = reported.refused or "it did not apply to it"
+            outcome = Outcome.FAILED if reported.refused else Outcome.NOT_INCLUDED
+            left = VehicleOutcome(outcome, f"station {sender}: {why}")
+            pending = book.get(reported.ref).outcomes
+            found |= {one: left for one in part - found.keys() if pending[one].outcome is Outcome.PENDING}
+        book.include(reported.ref, found)
+        if not asked.open:
+            del self._asked[reported.ref]
+
+    def _expire(self, now_s: float) -> None:
+        """Close the parts of stations that do not answer, or are not received any more."""
+        here = set(self._member.present())
+        for asked in list(self._asked.values()):
+            late = now_s - asked.asked_s > ANSWERED_WITHIN_S
+            silent = asked.open.keys() - asked.answered
+            for name in [one for one in asked.open if late and (one not in here or one in silent)]:
+                part = asked.open.pop(name)
+                try:
+                    outcomes = self._book.get(asked.record_id).outcomes
+                except UnknownError:
+                    continue
+                why = "does not answer" if name in here else "is not received"
+                lost = VehicleOutcome(Outcome.FAILED, f"station {name} {why}")
+                pending = [one for one in part if outcomes[one].outcome is Outcome.PENDING]
+                self._book.include(asked.record_id, dict.fromkeys(pending, lost))
+            if not asked.open:
+                self._asked.pop(asked.record_id, None)
