@@ -27,6 +27,7 @@ from gcs.flight.show_progress import ShowProgress
 from gcs.flight.site_commander import SiteCommander
 from gcs.flight.site_member import Membership, SiteMember
 from gcs.flight.site_plan import SitePlanEditor
+from gcs.flight.site_shows import SiteShowPlayer
 from gcs.flight.site_view import whole_view
 from gcs.flight.snapshots import Estimating, fleet_view
 from gcs.flight.standby import Standby
@@ -114,11 +115,12 @@ class Orchestrator:
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
-        self.player = ShowPlayer(flight, self.shows)
+        player = None if member is None else SiteShowPlayer(flight, self.shows, member)
+        self.player = player or ShowPlayer(flight, self.shows)
         self._gate = PreflightGate(flight, parameter_reader, self.player)
         found = None if record is None else record.found
         self.stations: SiteCommander | None
-        self.plan, self.commands, self.stations = self._roles(maneuvers, found, membership)
+        self.plan, self.commands, self.stations = self._roles(maneuvers, found, membership, player)
         self._recovery = self.commands.recovery
         self.preflight: Preflight = self._gate if self.stations is None else self.stations
         self.recovery: Recovery = self._recovery if self.stations is None else self.stations
@@ -129,18 +131,22 @@ class Orchestrator:
         self.view = Latest(self._promised_view(self._decide())())
 
     def _roles(
-        self, maneuvers: Maneuvers, found: Interruption | None, membership: Membership | None
+        self,
+        maneuvers: Maneuvers,
+        found: Interruption | None,
+        membership: Membership | None,
+        player: SiteShowPlayer | None,
     ) -> tuple[PlanEditor, Commander, SiteCommander | None]:
         """What changes the plan, and what executes commands: for this station, or for a whole site."""
         flight, member = self._flight, self._member
         editing = flight, self.player, maneuvers, asyncio.get_running_loop().time
-        commanding = flight, maneuvers, self.player, self._gate, self._planning, found
-        if member is None or membership is None:
-            return PlanEditor(*editing), Commander(*commanding), None
+        commanding = self._gate, self._planning, found
+        if member is None or membership is None or player is None:
+            return PlanEditor(*editing), Commander(flight, maneuvers, self.player, *commanding), None
         bus = membership.site.bus
         standby = Standby(flight, maneuvers, member, bus.lease_s, bus.standby_rejoins)
         plan = SitePlanEditor(*editing, member)
-        commander = SiteCommander(*commanding, member, standby, plan)
+        commander = SiteCommander(flight, maneuvers, player, *commanding, member, standby, plan)
         return plan, commander, commander
 
     async def run(self) -> None:

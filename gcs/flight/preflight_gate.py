@@ -223,8 +223,7 @@ class PreflightGate:
         heading_deg = config.show_frame.heading_deg
         if flight.show_run is not None:
             pads_m = flight.show_run.timeline.show.pads_m[:, :2]
-            numbered = list(flight.vehicles)[: len(pads_m)]
-            return Pattern(pads_m, {name: row for row, name in enumerate(numbered)}, heading_deg)
+            return Pattern(pads_m, self.show_player.pads(), heading_deg)
         places = config.preflight.start_places
         if not places:
             return None

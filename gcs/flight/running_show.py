@@ -27,6 +27,7 @@ class ShowRun:
     started: bool = False  # by a command that named its hash; False again once all vehicles are down
     parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
     figures: ShowFigures | None = None  # results of its check; None: not known
+    received: bool = False  # from another station, which has its file and its check
     cue_times: tuple[CueMark, ...] = field(init=False)  # of every cue as played
 
     def __post_init__(self) -> None:

@@ -37,6 +37,11 @@ class ShowPlayer:
         self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`
         self._reported_s = 0.0
 
+    @property
+    def leads(self) -> bool:
+        """Whether the show decides the plan at this station."""
+        return True
+
     # on the ground
 
     @with_alternative
@@ -77,8 +82,13 @@ class ShowPlayer:
         return [*self._own_misfits(show), *self._clashes(show)]
 
     def _own_misfits(self, show: Show) -> list[Flaw]:
-        config, count = self.flight.config, len(self.flight.vehicles)
-        return service_flaws(show, config.frame, config.control, config.operation, count)
+        config = self.flight.config
+        return service_flaws(show, config.frame, config.control, config.operation, self._count)
+
+    @property
+    def _count(self) -> int:
+        """Number of vehicles that there are for a show."""
+        return len(self.flight.vehicles)
 
     def _clashes(self, show: Show) -> Iterator[Flaw]:
         """Yield the conflicts of the show's obstacles with those of operators."""
@@ -98,12 +108,17 @@ class ShowPlayer:
         _refuse(name, [*self._clashes(show)])
         if flight.show_run is None:
             self._reported = flight.plan
-        flight.show_run = show_run
-        flight.control = control_of(show.limits, show.fence, flight.config.control)
+        self._control(show_run)
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})
         return show_run.view(flight.fleet.time_s)
+
+    def _control(self, show_run: ShowRun) -> None:
+        """Have the show's limits and fence apply."""
+        show = show_run.timeline.show
+        self.flight.show_run = show_run
+        self.flight.control = control_of(show.limits, show.fence, self.flight.config.control)
 
     @with_alternative
     def deselect(self) -> None:
@@ -149,17 +164,29 @@ class ShowPlayer:
             raise RefusedError(
                 f"show {show_run.name!r} is selected with the hash {show_run.hash}, not {show_hash[:64]!r}"
             )
-        self.show_library.cleared(show_run.name, show_hash)
-        needed, count = show_run.timeline.show.fleet.vehicles, len(chosen)
+        if not show_run.received:
+            self.show_library.cleared(show_run.name, show_hash)
+        needed = show_run.timeline.show.fleet.vehicles
+        count = len(chosen) + self._others_start(named=named)
         if count > needed or (count + taken_out < needed and not named):
             fix = "name the vehicles that fly" + (", to take the others out" if count < needed else "")
             raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {fix}")
+
+    def _others_start(self, *, named: bool) -> int:  # noqa: ARG002
+        """Number of vehicles that start with this station's, of a start of all or of named vehicles."""
+        return 0
 
     def begin(self, chosen: Sequence[VehicleId]) -> None:
         show_run = self.flight.show_run
         if show_run is not None:
             show_run.started = True
             show_run.parts = {name: part for part, name in enumerate(chosen)}
+
+    def pads(self) -> dict[VehicleId, int]:
+        """Row of each vehicle's pad among those of the selected show."""
+        show_run = self.flight.show_run
+        most = 0 if show_run is None else len(show_run.timeline.show.pads_m)
+        return {name: row for row, name in enumerate(list(self.flight.vehicles)[:most])}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """Plans to be flown in order, with the names of their cues."""

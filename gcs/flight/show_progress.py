@@ -104,8 +104,12 @@ class ShowProgress:
                 self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
-        elif flight.show_run is not None and flight.show_run.is_over(flight.fleet.time_s):
-            reason = f"show {flight.show_run.name!r} is over: all vehicles return home"
+        elif (
+            (show_run := flight.show_run) is not None
+            and self.show_player.leads
+            and show_run.is_over(flight.fleet.time_s)
+        ):
+            reason = f"show {show_run.name!r} is over: all vehicles return home"
             self.commander.end_show(reason)
         self.commander.recovery.stalls.note_setpoints()
 

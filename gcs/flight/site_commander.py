@@ -12,7 +12,6 @@ from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import REASON_MAX, PreflightGate
-from gcs.flight.show_player import ShowPlayer
 from gcs.flight.site_member import SiteMember
 from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_requests import (
@@ -23,12 +22,17 @@ from gcs.flight.site_requests import (
     Outcomes,
     PlanRequest,
     Refusal,
+    Request,
     SettleRequest,
+    ShowChange,
+    ShowMissing,
+    ShowPart,
     ShowRequest,
     StandbyRequest,
     VehiclesRequest,
 )
 from gcs.flight.site_routing import SiteRouting
+from gcs.flight.site_shows import SiteShowPlayer
 from gcs.flight.standby import TAKE_OVER, Standby
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Interruption, Offer
@@ -68,7 +72,7 @@ class SiteCommander(Commander):
         self,
         flight: Fleet,
         maneuvers: Maneuvers,
-        show_player: ShowPlayer,
+        show_player: SiteShowPlayer,
         preflight_gate: PreflightGate,
         planning: Executor,
         found: Interruption | None,
@@ -78,7 +82,7 @@ class SiteCommander(Commander):
     ) -> None:
         super().__init__(flight, maneuvers, show_player, preflight_gate, planning, found)
         self._member, self._standby, self._plan = member, standby, plan
-        self._gate = preflight_gate
+        self._gate, self._shows = preflight_gate, show_player
         self._routing = SiteRouting(member, flight.book)
         self._waits_for = ""  # the station for which this one holds, by itself
         self._waits_until_s = self._waits_since_s = 0.0
@@ -98,6 +102,12 @@ class SiteCommander(Commander):
         here, away = self._split(vehicles)
         if action is ShowAction.START and (why := self._member.why_not_start()):
             raise RefusedError(f"a start needs every station: {why}")
+        if (show_run := self.flight.show_run) is not None and vehicles is not None:
+            needed = show_run.timeline.show.fleet.vehicles
+            if len(set(vehicles)) > needed:
+                raise RefusedError(
+                    f"show {show_run.name!r} is for {needed} vehicles, {len(vehicles)} would start"
+                )
         own_here = None if vehicles is None else here
         local = partial(
             super().command_show, action, own_here, show_hash=show_hash, at_unix_time_s=at_unix_time_s
@@ -116,6 +126,7 @@ class SiteCommander(Commander):
                 action,
                 None if vehicles is None else tuple(away.get(name, ())),
                 at_unix_time_s,
+                show_hash,
             )
             if expected or action is not ShowAction.START:
                 record = self._routing.ask(record, name, request, expected)
@@ -129,6 +140,10 @@ class SiteCommander(Commander):
                 record, name, ShowRequest(record.id, "service", action, reason=reason), expected
             )
         return record
+
+    def end_show(self, reason: str) -> CommandRecord:
+        """Bring the vehicles of all stations home: the lead's show is over."""
+        return self.execute_show_failsafe(ShowAction.STOP, reason)
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         here, away = self._split([vehicle_id])
@@ -285,15 +300,7 @@ class SiteCommander(Commander):
             except ValueError:
                 log.warning("request_unreadable", extra={"other": sender})
                 continue
-            if isinstance(request, Outcomes):
-                self._routing.take(sender, request)
-            elif isinstance(request, PlanRequest):
-                self._execute_as(request.by, partial(self._plan.change_for, sender, request))
-            elif isinstance(request, Refusal):
-                about = {"other": sender, "change": request.change, "by": request.by}
-                log.warning("refused_by_lead", extra={**about, "reason": request.reason})
-            else:
-                self._execute(sender, request)
+            self._take(sender, request)
         self._routing.advance(now_s)
         if self._member.is_check_due(READY_EVERY_S, READY_LEAST_S):
             self._member.note_checked(self._why_not_ready())
@@ -303,6 +310,24 @@ class SiteCommander(Commander):
             self._waits_for = ""
             super().command_show(ShowAction.RESUME)
         self._follow(now_s)
+
+    def _take(self, sender: str, request: Request) -> None:
+        match request:
+            case Outcomes():
+                self._routing.take(sender, request)
+            case PlanRequest():
+                self._execute_as(request.by, partial(self._plan.change_for, sender, request))
+            case ShowChange():
+                self._execute_as(request.by, partial(self._shows.change_for, sender, request))
+            case ShowPart():
+                self._shows.take_part(request)
+            case ShowMissing():
+                self._shows.send_to(sender, request)
+            case Refusal():
+                about = {"other": sender, "change": request.change, "by": request.by}
+                log.warning("refused_by_lead", extra={**about, "reason": request.reason})
+            case _:
+                self._execute(sender, request)
 
     def _execute_as(self, by: str, execute: Callable[[], Any]) -> Any:
         context = copy_context()
@@ -327,7 +352,11 @@ class SiteCommander(Commander):
             return partial(super().execute_show_failsafe, request.action, request.reason)
         self._waits_for = ""
         return partial(
-            super().command_show, request.action, request.vehicles, at_unix_time_s=request.at_unix_time_s
+            super().command_show,
+            request.action,
+            request.vehicles,
+            show_hash=request.show_hash,
+            at_unix_time_s=request.at_unix_time_s,
         )
 
     def _part(
@@ -354,8 +383,11 @@ class SiteCommander(Commander):
         """Why this station's vehicles could not start now, as preflight has it."""
         if self.flight.show not in ON_THE_GROUND or self.flight.airborne or not self._member.owned.any():
             return ""
+        if why := self._shows.why_not_here:
+            return why
+        show_run = self.flight.show_run
         try:
-            self._gate.need(None, None)
+            self._gate.need(None if show_run is None else show_run.hash, None)
         except GcsError as refused:
             return str(refused)
         return ""

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import inf, nan
+from math import inf, isfinite, nan
 from typing import Any, Final
 
 import numpy as np
@@ -17,6 +17,7 @@ from gcs.control import Tick
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
 from gcs.flight.fleet import Fleet, Returning
+from gcs.flight.running_show import ShowRun
 from gcs.flight.site_requests import REQUEST, Refusal
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
@@ -26,6 +27,7 @@ from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.vehicles import Placed
 from gcs.service import BusView, StationView
+from gcs.shows import ShowClock
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
 from gcs.stations.publishing import STATES, Reported, batch, formation_messages
@@ -68,6 +70,15 @@ class Membership:
     session: int  # a number that no earlier process of this station had
 
 
+@dataclass(frozen=True, slots=True)
+class LeadShow:
+    """The show that the lead has selected, and its clock in time of the own loop."""
+
+    hash: str = ""  # empty: none
+    clock: ShowClock = ShowClock()
+    started: bool = False
+
+
 @dataclass(slots=True)
 class _Info:
     """The newest texts of another station."""
@@ -75,6 +86,29 @@ class _Info:
     why_not_ready: str = NOT_CHECKED
     reasons: Mapping[VehicleId, str] | None = None
     offers: tuple[Offer, ...] = ()  # of its interrupted flight
+
+
+def _shown(show_run: ShowRun | None, now_s: float) -> dict[str, Any] | None:
+    if show_run is None:
+        return None
+    clock = show_run.clock
+    return {
+        "hash": show_run.hash,
+        "clock_s": clock.show_s(now_s),
+        "runs": clock.runs,
+        "started": show_run.started,
+    }
+
+
+def _lead_show(read: Mapping[str, Any] | None, made_s: float) -> LeadShow:
+    """The lead's show. Raises: KeyError, TypeError or ValueError when it cannot be read."""
+    if read is None:
+        return LeadShow()
+    clock_s = float(read["clock_s"])
+    if not isfinite(clock_s):
+        raise ValueError("clock_s is not finite")
+    clock = ShowClock(clock_s, made_s if read["runs"] else None)
+    return LeadShow(str(read["hash"])[:64], clock, bool(read["started"]))
 
 
 def station_fleets(site: Config) -> dict[str, StationFleet]:
@@ -110,6 +144,7 @@ class SiteMember:
         self.site = site = Site(membership.station, station_fleets(site_config), without_control)
         self.bus.accepts = lambda topic, payload: may_be_valid(topic, payload, site.site)
         self.lead_silent_s = site_config.bus.lead_silent_s
+        self.all_ids = site_config.ids
         self._system_ids = {one.id: one.system_id for one in site_config.fleet}
         self._link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
         owner_of = {link: station.name for station in site_config.stations for link in station.links}
@@ -155,6 +190,7 @@ class SiteMember:
         self._plan_version = 0
         self._sent_plan: Plan | None = None
         self._plan_due_s = self._slow_due_s = self._return_due_s = 0.0
+        self.lead_show: LeadShow | None = None  # None: not known
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._applied: dict[str, int] = {}  # newest change of each station that this lead has applied
         self._changes = 0  # of the plan, that this station asked of the lead
@@ -201,6 +237,7 @@ class SiteMember:
                 return
             delay_s = site.delays.one_way_s(site.names.index(sender))
             plan = plan_of(read["plan"], arrived_s - delay_s)
+            self.lead_show = _lead_show(read["show"], arrived_s - delay_s)
         except (AttributeError, GcsError, KeyError, OverflowError, TypeError, ValueError):
             raise LinkError("a plan that cannot be read") from None
         self._plan_version = version
@@ -575,7 +612,12 @@ class SiteMember:
             self._sent_plan, self._plan_due_s = plan, 0.0
         if now_s >= self._plan_due_s:
             self._plan_due_s = now_s + SLOWLY_S
-            about = {"term": self.site.lead.term, "version": self._plan_version, "applied": self._applied}
+            about = {
+                "term": self.site.lead.term,
+                "version": self._plan_version,
+                "applied": self._applied,
+                "show": _shown(self.flight.show_run, now_s),
+            }
             text = f'{json.dumps(about)[:-1]},"plan":{plan_json(plan.moved(-now_s))}}}'
             self._send("plan", text.encode())
 

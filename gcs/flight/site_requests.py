@@ -12,6 +12,11 @@ from gcs.service import Outcome, ShowAction, VehicleAction
 Named: TypeAlias = Annotated[tuple[VehicleId, ...], Field(max_length=1400)]
 Text: TypeAlias = Annotated[str, Field(max_length=500)]
 
+PART_MAX: Final = 40_000
+"""Characters of a part of a show."""
+
+PARTS_MAX: Final = 16
+
 
 @dataclass(frozen=True, slots=True)
 class ShowRequest:
@@ -22,6 +27,7 @@ class ShowRequest:
     action: ShowAction
     vehicles: Named | None = None  # START only: None: all that are online
     at_unix_time_s: float | None = None
+    show_hash: Text | None = None  # START only: of the selected show
     reason: Text = ""  # of a failsafe; empty: an operator's command
     kind: Literal["show"] = "show"
 
@@ -98,6 +104,35 @@ class PlanRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class ShowPart:
+    """A part of a written show, see `gcs.flight.site_shows`."""
+
+    hash: Text
+    part: Annotated[int, Field(ge=0, lt=PARTS_MAX)]
+    parts: Annotated[int, Field(ge=1, le=PARTS_MAX)]
+    text: Annotated[str, Field(max_length=PART_MAX)]
+    kind: Literal["show-part"] = "show-part"
+
+
+@dataclass(frozen=True, slots=True)
+class ShowMissing:
+    """Send the show of this hash, which the lead has selected."""
+
+    hash: Text
+    kind: Literal["show-missing"] = "show-missing"
+
+
+@dataclass(frozen=True, slots=True)
+class ShowChange:
+    """Select the show that was sent before, by its hash, deselect it, or begin at a cue: at the lead."""
+
+    by: Text
+    action: Literal["select", "deselect", "seek"]
+    value: Text
+    kind: Literal["show-change"] = "show-change"
+
+
+@dataclass(frozen=True, slots=True)
 class Refusal:
     """Why the lead has not made a change; an answer to a request without a command record."""
 
@@ -122,7 +157,7 @@ CommandRequest: TypeAlias = (
 )
 """Requests with a command record at the station that asks."""
 
-Request: TypeAlias = CommandRequest | PlanRequest | Refusal | Outcomes
+Request: TypeAlias = CommandRequest | PlanRequest | ShowPart | ShowMissing | ShowChange | Refusal | Outcomes
 
 REQUEST: Final[TypeAdapter[Request]] = TypeAdapter(Annotated[Request, Field(discriminator="kind")])
 """Reads and writes them as JSON. Raises: ValueError for anything else."""
