@@ -10,6 +10,7 @@ import zlib
 from base64 import b64decode, b64encode
 from binascii import Error as Base64Error
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -19,7 +20,7 @@ from gcs.flight.running_show import ShowRun
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.site_member import SiteMember
 from gcs.flight.site_requests import PART_MAX, PARTS_MAX, REQUEST, Refusal, ShowChange, ShowMissing, ShowPart
-from gcs.model.errors import GcsError, RefusedError
+from gcs.model.errors import GcsError, LinkError, RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, SelectedShow, ShowFigures
@@ -166,10 +167,14 @@ class SiteShowPlayer(ShowPlayer):
             log.warning("show_unreadable", extra={"reason": str(refused)})
 
     def send_to(self, station: str, request: ShowMissing) -> None:
-        """Send the selected show to a station that has not got it."""
+        """Send the selected show to a station that has not got it; it asks again if it does not arrive."""
         show_run = self.flight.show_run
-        if show_run is not None and show_run.hash == request.hash:
+        if show_run is None or show_run.hash != request.hash:
+            return
+        try:
             self._post_show(station, show_run)
+        except (RefusedError, LinkError) as error:
+            log.warning("show_not_sent", extra={"other": station, "reason": str(error)})
 
     def _post_show(self, station: str, show_run: ShowRun) -> None:
         if self._packed[0] != show_run.hash:
@@ -214,7 +219,8 @@ class SiteShowPlayer(ShowPlayer):
         elif now_s >= self._ask_due_s:
             self._ask_due_s = now_s + AGAIN_S
             missing = REQUEST.dump_python(ShowMissing(led.hash), mode="json")
-            self.member.post(self.member.site.lead.name, missing)
+            with suppress(LinkError):  # as many wait as may: the lead is hardly received
+                self.member.post(self.member.site.lead.name, missing)
 
     @property
     def why_not_here(self) -> str:
