@@ -21,6 +21,7 @@ from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
 from gcs.estimation.link_health import LinkDelay, LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.running_show import ShowRun
+from gcs.flight.uncontrolled_space import UncontrolledSpace
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Command, ParameterValue
@@ -40,13 +41,7 @@ from gcs.model.state import (
     Whereabouts,
     whereabouts,
 )
-from gcs.planning.lost_space import (
-    STOP_S,
-    KeptSetpoints,
-    expected_drift,
-    silent_segments_m,
-    swept_segments_m,
-)
+from gcs.planning.lost_space import STOP_S
 from gcs.planning.return_paths.paths import ReturnPaths, keeps_to_path, lowest_beside_m
 from gcs.preflight.vehicles import Placed
 from gcs.service.commands import CommandLog
@@ -237,8 +232,7 @@ class Fleet:
         noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
         flies_on_s = max(noticed_s, config.operation.silence_s)
         self._table = Table(config.ids, config.frame, flies_on_s=flies_on_s, brakes_s=2.0 * STOP_S)
-        self._seen_m = np.full((len(self.vehicles), 3), np.nan)  # last known positions
-        self._seen_m_s = self._seen_m.copy()  # last known velocities
+        self.uncontrolled = UncontrolledSpace(config, tuple(self.vehicles.values()))
         looks_hz = config.tick_rate_hz
         requested_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
         self.link_quality = LinkQuality(np.array(requested_hz))
@@ -249,7 +243,6 @@ class Fleet:
         self.has_heartbeat: Mask = ~self.silent  # within `operation.silence_s`
         self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
-        self._kept = KeptSetpoints(len(self.vehicles))
         self._ticked = asyncio.Event()
         self.fleet = self.receive(now_s)
 
@@ -301,26 +294,25 @@ class Fleet:
         return self._table.reset_time_s
 
     def note_seen(self, rows: Mask | int) -> None:
-        self._seen_m[rows] = self.fleet.position_m[rows]
-        self._seen_m_s[rows] = self._table.last_velocity_m_s[rows]
+        self.uncontrolled.note_seen(rows, self.fleet.position_m, self._table.last_velocity_m_s)
 
     def seen_m(self) -> Array:
         """(n, 3) positions, show frame; of silent vehicles the last known."""
         known = np.isfinite(self.fleet.position_m[:, :1])
-        return np.where(known, self.fleet.position_m, self._seen_m)
+        return np.where(known, self.fleet.position_m, self.uncontrolled.seen_m)
 
     def seen_m_s(self) -> Array:
         """(n, 3) velocities likewise."""
         known = np.isfinite(self.fleet.velocity_m_s[:, :1])
-        return np.where(known, self.fleet.velocity_m_s, self._seen_m_s)
+        return np.where(known, self.fleet.velocity_m_s, self.uncontrolled.seen_m_s)
 
     def forget_seen(self, vehicle: Vehicle) -> None:
         """Forget the last known position: the vehicle is not there any more."""
-        self._seen_m[vehicle.row] = np.nan
+        self.uncontrolled.seen_m[vehicle.row] = np.nan
 
     def last_m(self, vehicle: Vehicle) -> Array | None:
         """(3,) Last known position, show frame; None if there is none, or it was forgotten."""
-        place_m: Array = self._seen_m[vehicle.row]
+        place_m: Array = self.uncontrolled.seen_m[vehicle.row]
         return place_m if np.isfinite(place_m).all() else None
 
     def at_row(self, row: int) -> Vehicle:
@@ -369,7 +361,7 @@ class Fleet:
             left[:] = [phase is Phase.PILOT for phase in phases]
         memory, fleet, n = self.memory, self.fleet, len(phases)
         self.setpoint_gaps.note(~np.isnan(memory.desired_m_s[:n, 0]), left, fleet.time_s)
-        self._kept.note(memory.desired_m_s[:n], memory.setpoint_m_s[:n], fleet.age_s, fleet.time_s)
+        self.uncontrolled.note_setpoints(memory, fleet)
 
     @property
     def known(self) -> set[VehicleId]:
@@ -472,8 +464,9 @@ class Fleet:
         phases = [vehicle.phase for vehicle in vehicles]
         frozen_until_s = max([vehicle.frozen_until_s for vehicle in vehicles])
         flown = show_flies and now_s >= frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
-        silent = self._silent_now()
-        if flown and not silent:
+        age_s = self.fleet.age_s
+        silent = self.uncontrolled.silent(age_s, self.control.telemetry_age_max_s)
+        if flown and len(silent) == 0:
             return Tasks.of_formation(len(phases), center_moves=show is ShowPhase.RUNNING)  # the usual case
         task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
         goal_m = np.full((len(vehicles), 3), np.nan)
@@ -483,38 +476,26 @@ class Fleet:
                 if goal is not None:
                     goal_m[row] = goal
         follows = np.array([vehicle.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
-        segments_m, segments_of = self.swept()
-        silent_m = [self._silent_m(vehicle, silent_s) for vehicle, silent_s in silent]
-        silent_rows = np.array([vehicle.row for vehicle, _ in silent], dtype=np.intp)
-        silent_of = np.repeat(silent_rows, [len(own_m) for own_m in silent_m])
+        segments_m, segments_of = self.uncontrolled.swept()
+        silent_m, silent_of = self.uncontrolled.near_m(silent, age_s)
         return Tasks(
             task,
             goal_m,
             np.array([phase in FLIES for phase in phases]),
             np.array([phase is Phase.LANDING for phase in phases]),
-            np.concatenate([segments_m, *silent_m]),
+            np.concatenate([segments_m, silent_m]),
             center_moves=show is ShowPhase.RUNNING,
             formation_waits=show is ShowPhase.PAUSED,
             # those far behind keep the right-of-way rules
             follows_planned_path=keeps_to_path(follows, self.fleet.position_m, goal_m),
             segments_of=np.concatenate([segments_of, silent_of]),
-            drift=self._drift([vehicle for vehicle, _ in silent]),
+            drift=self.uncontrolled.drift(silent, age_s),
             silent_segments=len(silent_of),
         )
 
-    def swept(self) -> tuple[Array, NDArray[np.intp]]:
-        """(m, 2, 3) paths that lost vehicles may take, and (m,) the row of each."""
-        swept = [
-            (vehicle.row, self._swept_m(vehicle, last_m))
-            for vehicle in self.in_phase(Phase.LOST, Phase.KILLED)
-            if (last_m := self.last_m(vehicle)) is not None
-        ]
-        rows = [row for row, own_m in swept for _ in own_m]
-        return np.concatenate([np.zeros((0, 2, 3)), *(m for _, m in swept)]), np.array(rows, dtype=np.intp)
-
     def closed(self) -> tuple[Array, Array]:
         """(m, 2, 3) paths that lost vehicles of any station may take, and (m,) the uncertainty of each."""
-        segments_m, segments_of = self.swept()
+        segments_m, segments_of = self.uncontrolled.swept()
         uncertainty_m = self.traits.uncertainty_m[segments_of]
         if self.site is None:
             return segments_m, uncertainty_m
@@ -528,63 +509,3 @@ class Fleet:
             own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
             self._closing = self.fleet, own if self.site is None else own | self.site.closing()
         return self._closing[1]
-
-    def _silent_now(self) -> list[tuple[Vehicle, float]]:
-        """Airborne vehicles that are not commanded for want of positions, not lost yet; and for how long."""
-        age_s = self.fleet.age_s
-        late = np.flatnonzero((age_s > self.control.telemetry_age_max_s) & np.isfinite(self._seen_m[:, 0]))
-        vehicles = [self.at_row(row) for row in late.tolist()]
-        longest_s = self.config.operation.silence_s
-        return [
-            (vehicle, min(float(age_s[vehicle.row]), longest_s))
-            for vehicle in vehicles
-            if vehicle.phase in AIRBORNE
-        ]
-
-    def _drift(self, silent: Sequence[Vehicle]) -> tuple[Array, Array]:
-        """As of `Tasks`: of silent vehicles and of lost ones."""
-        rows = np.zeros(len(self.vehicles), dtype=np.bool_)
-        rows[[vehicle.row for vehicle in (*silent, *self.in_phase(Phase.LOST))]] = True
-        noticed_s = self.config.operation.setpoint_loss_s
-        keeps_m_s = self._kept.expected_m_s(self._seen_m_s)
-        return expected_drift(self._seen_m, keeps_m_s, self.fleet.age_s, rows, noticed_s=noticed_s)
-
-    def _silent_m(self, vehicle: Vehicle, silent_s: float) -> Array:
-        operation = self.config.operation
-        paths_m = [
-            silent_segments_m(
-                self._seen_m[vehicle.row],
-                keeps_m_s,
-                vehicle.home_m,
-                operation.setpoint_loss_action,
-                float(self.config.return_heights_m[vehicle.row]),
-                silent_s=silent_s,
-                noticed_s=operation.setpoint_loss_s,
-                drift_s=self._drift_s,
-            )
-            for keeps_m_s in self._kept.possible_m_s(vehicle.row, self._seen_m_s[vehicle.row])
-        ]
-        return np.concatenate(paths_m)
-
-    @property
-    def _drift_s(self) -> float:
-        """How long a vehicle without commands may keep its last velocity, its stop included."""
-        return self.config.setpoint_timeout_s + self.config.operation.setpoint_loss_s + STOP_S
-
-    def _swept_m(self, vehicle: Vehicle, last_m: Array) -> Array:
-        operation, moved_m_s = self.config.operation, self._seen_m_s[vehicle.row]
-        killed = vehicle.phase is Phase.KILLED
-        possible_m_s = [moved_m_s] if killed else self._kept.possible_m_s(vehicle.row, moved_m_s)
-        paths_m = [
-            swept_segments_m(
-                last_m,
-                keeps_m_s,
-                vehicle.home_m,
-                "land" if killed else operation.setpoint_loss_action,
-                float(self.config.return_heights_m[vehicle.row]),
-                climbing_to_m=None if killed else operation.takeoff_height_m,
-                drift_s=self._drift_s,
-            )
-            for keeps_m_s in possible_m_s
-        ]
-        return np.concatenate(paths_m)

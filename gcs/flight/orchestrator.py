@@ -36,6 +36,7 @@ from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.model.interrupted_flight import Interruption
 from gcs.planning.return_paths.planner import warm_up as warm_up_paths
+from gcs.planning.silent_space import warm_up as warm_up_silent_space
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
@@ -85,6 +86,7 @@ class Orchestrator:
         """
         warm_up()
         warm_up_paths()
+        warm_up_silent_space()
         loop = asyncio.get_running_loop()
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)

@@ -4,7 +4,9 @@ from collections import deque
 from math import ceil
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
 TINY = 1e-6
@@ -87,13 +89,24 @@ class KeptSetpoints:
         expected_m_s: Array = np.where(np.isfinite(self._desired_m_s), self._desired_m_s, last_velocity_m_s)
         return expected_m_s
 
-    def possible_m_s(self, row: int, last_velocity_m_s: Array) -> list[Array]:
-        """Return one or two (3,) velocities of that vehicle, the most probable first."""
-        desired_m_s, setpoint_m_s = self._desired_m_s[row], self._setpoint_m_s[row]
-        if not np.isfinite(desired_m_s).all():
-            return [last_velocity_m_s]
-        differs = np.linalg.norm(setpoint_m_s - desired_m_s) > ALIKE_M_S
-        return [desired_m_s, setpoint_m_s] if differs else [desired_m_s]
+    def possible_m_s(
+        self, rows: NDArray[np.intp], last_velocity_m_s: Array
+    ) -> tuple[NDArray[np.intp], Array]:
+        """Return the velocities that some vehicles may keep: one or two of each, the most probable first.
+
+        Args:
+            rows: (k,) of the vehicles.
+            last_velocity_m_s: (n, 3) last known velocities.
+
+        Returns: (p,) the row of each velocity, in the order of `rows`, and (p, 3).
+        """
+        desired_m_s, setpoint_m_s = self._desired_m_s[rows], self._setpoint_m_s[rows]
+        known: Mask = np.asarray(np.isfinite(desired_m_s).all(axis=1))
+        first_m_s = np.where(known[:, None], desired_m_s, last_velocity_m_s[rows])
+        differs = known & (np.linalg.norm(setpoint_m_s - desired_m_s, axis=1) > ALIKE_M_S)
+        takes = np.repeat(np.arange(len(rows)), 1 + differs)
+        second = np.append(False, takes[1:] == takes[:-1])[: len(takes)]
+        return rows[takes], np.where(second[:, None], setpoint_m_s[takes], first_m_s[takes])
 
 
 def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: float) -> Array:
@@ -145,18 +158,19 @@ def swept_segments_m(
 
     Returns: (m, 2, 3).
     """
-    stops_m = _stops_m(last_m, last_velocity_m_s, drift_s)
-    stops_m[:, 2] = stops_m[:, 2].min()
+    moves_m_s = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s
+    places_m = stops_m(np.array(last_m), moves_m_s * drift_s)
+    places_m[:, 2] = places_m[:, 2].min()
     lowest_z_m = max(0.0, float(last_m[2]))
-    columns = [np.array([stop_m, (stop_m[0], stop_m[1], lowest_z_m)]) for stop_m in stops_m]
-    paths = [np.array([stops_m[0], stops_m[-1]])] if len(stops_m) > 1 else []
+    columns = [np.array([stop_m, (stop_m[0], stop_m[1], lowest_z_m)]) for stop_m in places_m]
+    paths = [np.array([places_m[0], places_m[-1]])] if len(places_m) > 1 else []
     if climbing_to_m is not None and home_m is not None and home_m[2] - last_m[2] < climbing_to_m:
         top_m = home_m - (0.0, 0.0, climbing_to_m + OVERSHOOT_M)
         columns.append(np.array([top_m, home_m]))
     if action != "return" or home_m is None:
         return np.array([*columns, *paths])
-    top_z_m = min(float(stops_m[0, 2]), float(home_m[2]) - return_height_m)
-    for stop_m in stops_m:
+    top_z_m = min(float(places_m[0, 2]), float(home_m[2]) - return_height_m)
+    for stop_m in places_m:
         away_m = float(np.hypot(*(stop_m - home_m)[:2]))
         least_m = NEAR_HOME_M if away_m <= NEAR_HOME_M else return_height_m
         corner = np.array([stop_m[0], stop_m[1], top_z_m])
@@ -166,19 +180,25 @@ def swept_segments_m(
     return np.array([*columns, *paths, np.array([(home_m[0], home_m[1], top_z_m), home_m])])
 
 
-def _stops_m(last_m: Array, last_velocity_m_s: Array | None, drift_s: float) -> Array:
-    """(k, 3) places along the drift, COLUMNS_APART_M apart at most; k is 1 without a level drift.
+@kernel
+def stops_m(last_m: Array, drift_m: Array) -> Array:
+    """(k, 3) places along the (3,) drift, COLUMNS_APART_M apart at most; k is 1 without a level drift.
 
-    The last place is that of the whole drift also where it only leads up or down.
+    The last place is that of the whole drift also where it only leads up or down. A drift that is not finite
+    is none.
     """
-    drift_m = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s * drift_s
-    if not np.isfinite(drift_m).all():
-        drift_m = np.zeros(3)
-    steps = ceil(float(np.hypot(drift_m[0], drift_m[1])) / COLUMNS_APART_M)
-    stops_m: Array = last_m + np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
-    if not steps:
-        stops_m[0, 2] = min(float(last_m[2]), float(last_m[2] + drift_m[2]))
-    return stops_m
+    drifts = np.isfinite(drift_m[0]) and np.isfinite(drift_m[1]) and np.isfinite(drift_m[2])
+    along_m = drift_m if drifts else np.zeros(3)
+    steps = ceil(np.hypot(along_m[0], along_m[1]) / COLUMNS_APART_M)
+    places_m = np.empty((steps + 1, 3))
+    for at in range(steps + 1):
+        share = 1.0 if at == steps else at * (1.0 / steps)
+        for axis in range(3):
+            places_m[at, axis] = last_m[axis] + share * along_m[axis]
+    if steps == 0:
+        places_m[0, :2] = last_m[:2]
+        places_m[0, 2] = min(last_m[2], places_m[0, 2])
+    return places_m
 
 
 def expected_drift(
@@ -206,54 +226,3 @@ def expected_drift(
     flown_s -= np.minimum(since_s, SEEN_AHEAD_S)
     velocity_m_s = last_velocity_m_s * (1.0 - brakes_s / braking_s)[:, None]
     return last_m + last_velocity_m_s * flown_s[:, None], velocity_m_s
-
-
-def silent_segments_m(
-    last_m: Array,
-    last_velocity_m_s: Array | None,
-    home_m: Array | None,
-    action: str,
-    return_height_m: float,
-    *,
-    silent_s: float,
-    noticed_s: float,
-    drift_s: float = DRIFT_S,
-) -> Array:
-    """Return the part of `swept_segments_m` that a silent vehicle, not lost yet, can reach within AHEAD_S.
-
-    A silence may end: only what the others could no longer avoid later is closed to them. It grows. Before
-    the vehicle can have noticed the silence it flies on: `expected_drift` keeps the others apart from it.
-
-    Args:
-        last_m: as for `swept_segments_m`, and so are the next four.
-        last_velocity_m_s: see there.
-        home_m: see there.
-        action: see there; "hold" only drifts.
-        return_height_m: see there.
-        silent_s: since the newest position.
-        noticed_s: after this silence, at the earliest, the vehicle executes `action` (COM_OF_LOSS_T).
-        drift_s: see DRIFT_S.
-
-    Returns: (m, 2, 3).
-    """
-    acts_s = max(silent_s + AHEAD_S - noticed_s, 0.0)
-    surely_s = min(max(noticed_s - SEEN_AHEAD_S, 0.0) + STOP_S / 2.0, drift_s)  # half of its usual stop
-    moves_m_s = np.zeros(3) if last_velocity_m_s is None else last_velocity_m_s
-    surely_m = np.where(np.isfinite(moves_m_s).all(), moves_m_s * surely_s, 0.0)
-    stops_m = _stops_m(last_m + surely_m, last_velocity_m_s, drift_s - surely_s)
-    to_climb_m = np.inf if home_m is None else max(float(stops_m[0, 2] - home_m[2]) + return_height_m, 0.0)
-    up_m = min(AUTO_UP_M_S * acts_s, to_climb_m) if action == "return" else 0.0
-    down_m = AUTO_DOWN_M_S * acts_s if action in {"land", "descend"} else 0.0
-    top_m, bottom_m = stops_m.copy(), stops_m.copy()
-    top_m[:, 2], bottom_m[:, 2] = stops_m[:, 2].min() - up_m, stops_m[:, 2].max() + down_m
-    pieces = [np.stack([top_m, bottom_m], axis=1), np.stack([stops_m[:-1], stops_m[1:]], axis=1)]
-    if action == "return" and home_m is not None:
-        level_m = np.vstack([last_m, stops_m])  # near home it may return without a climb
-        level_m = level_m[np.hypot(*(home_m - level_m)[:, :2].T) <= NEAR_HOME_M]
-        begun_m = np.concatenate([level_m, top_m[: len(top_m) if up_m == to_climb_m else 0]])
-        way_m = home_m[:2] - begun_m[:, :2]
-        share = np.minimum(AUTO_CRUISE_M_S * acts_s / np.maximum(np.hypot(*way_m.T), TINY), 1.0)
-        reached_m = begun_m.copy()
-        reached_m[:, :2] += share[:, None] * way_m
-        pieces.append(np.stack([begun_m, reached_m], axis=1))
-    return np.concatenate(pieces)

@@ -13,9 +13,9 @@ from gcs.planning.lost_space import (
     STOP_S,
     KeptSetpoints,
     expected_drift,
-    silent_segments_m,
     swept_segments_m,
 )
+from gcs.planning.silent_space import silent_segments_m
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
 from gcs.simulation.scenario import Loss
@@ -72,37 +72,57 @@ class Losses:
         self.drift = expected_drift(fleet.position_m, keeps_m_s, fleet.age_s, silent, noticed_s=loss_s)
         if self.known.any():
             return False
-        ages_s = {row: float(fleet.age_s[row]) for row in np.flatnonzero(self.rows).tolist()}
         lost_now = abs(since_s - self._operation.silence_s) < half_s
         if lost_now:
             self.known = self.rows.copy()
-        swept_m = [
-            self._swept_m(world, fleet, row, None if lost_now else age_s)
-            for row, age_s in ages_s.items()
-            if lost_now or age_s > age_max_s
-        ]
-        self.segments_m = np.concatenate([np.zeros((0, 2, 3)), *swept_m])
+        rows = np.flatnonzero(self.rows if lost_now else silent)
+        closed = self._swept if lost_now else self._near
+        self.segments_m, self.segments_of = closed(world, fleet, rows)
         self.silent_segments = 0 if lost_now else len(self.segments_m)
-        rows = [row for row, age_s in ages_s.items() if lost_now or age_s > age_max_s]
-        self.segments_of = np.repeat(np.array(rows, dtype=np.intp), [len(own_m) for own_m in swept_m])
         return lost_now
 
-    def _swept_m(self, world: TrueWorld, fleet: FleetState, row: int, silent_s: float | None) -> Array:
-        """Of a lost vehicle, or of one that has been silent for that time."""
-        operation, last_m, home_m = self._operation, fleet.position_m[row], world.home_m[row]
-        action, height_m = operation.setpoint_loss_action, float(world.return_height_m[row])
-        noticed_s = operation.setpoint_loss_s
-        drift_s = SETPOINT_TIMEOUT_S + noticed_s + STOP_S
-        paths_m = []
-        for keeps_m_s in self._kept.possible_m_s(row, world.received_m_s[row]):
-            known = last_m, keeps_m_s, home_m, action, height_m
-            if silent_s is None:
-                paths_m.append(swept_segments_m(*known, drift_s=drift_s))
-            else:
-                paths_m.append(
-                    silent_segments_m(*known, silent_s=silent_s, noticed_s=noticed_s, drift_s=drift_s)
-                )
-        return np.concatenate(paths_m)
+    def _swept(
+        self, world: TrueWorld, fleet: FleetState, rows: NDArray[np.intp]
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """(m, 2, 3) paths of lost vehicles, and (m,) the row of each."""
+        of, keeps_m_s = self._kept.possible_m_s(rows, world.received_m_s)
+        swept_m = [
+            swept_segments_m(
+                fleet.position_m[row],
+                each_m_s,
+                world.home_m[row],
+                self._operation.setpoint_loss_action,
+                float(world.return_height_m[row]),
+                drift_s=self._drift_s,
+            )
+            for row, each_m_s in zip(of.tolist(), keeps_m_s, strict=True)
+        ]
+        return (
+            np.concatenate([np.zeros((0, 2, 3)), *swept_m]),
+            np.repeat(of, [len(each_m) for each_m in swept_m]),
+        )
+
+    def _near(
+        self, world: TrueWorld, fleet: FleetState, rows: NDArray[np.intp]
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """The same of silent vehicles, and only what they can reach soon."""
+        of, keeps_m_s = self._kept.possible_m_s(rows, world.received_m_s)
+        segments_m, found = silent_segments_m(
+            fleet.position_m[of],
+            keeps_m_s,
+            world.home_m[of],
+            world.return_height_m[of],
+            fleet.age_s[of],
+            action=self._operation.setpoint_loss_action,
+            noticed_s=self._operation.setpoint_loss_s,
+            drift_s=self._drift_s,
+        )
+        return segments_m, of[found]
+
+    @property
+    def _drift_s(self) -> float:
+        """How long a vehicle without commands may keep its last velocity, its stop included."""
+        return SETPOINT_TIMEOUT_S + self._operation.setpoint_loss_s + STOP_S
 
     def apart_m(self, place_m: Array, floor: Floor) -> Array:
         """(n,) distances of the places (n, 3) from the paths of lost vehicles, in the floor's metric."""

@@ -14,7 +14,8 @@ from gcs.formation.law import turned
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.lost_space import ALIKE_M_S, STOP_S, expected_drift, silent_segments_m, swept_segments_m
+from gcs.planning.lost_space import ALIKE_M_S, STOP_S, expected_drift, swept_segments_m
+from gcs.planning.silent_space import silent_segments_m
 from gcs.stations.delays import Delays
 from gcs.stations.lead import Lead
 from gcs.stations.messages import (
@@ -395,40 +396,53 @@ class Site:
         """(m, 2, 3) paths of vehicles without control, (m,) their rows, and where they drift now."""
         if len(rows) == 0:
             return np.zeros((0, 2, 3)), np.zeros(0, np.intp), None
-        found: list[Array] = []
-        owners: list[int] = []
-        for row in rows.tolist():
-            for path_m in self._paths_of(row, float(age_s[row])):
-                found.append(path_m)
-                owners.append(row)
+        alone = self._without_control
+        near = np.array([row not in self._swept for row in rows.tolist()])
+        near &= (age_s[rows] < alone.silence_s) & ~np.isin(self.phases[rows], [*WITHOUT_LINK])
+        silent_m, silent_of = self._near(rows[near], age_s)
+        swept = {row: self._swept_m(row) for row in rows[~near].tolist()}
+        segments_m = np.concatenate([*swept.values(), silent_m])
+        owners = np.repeat(np.array([*swept], np.intp), [len(each_m) for each_m in swept.values()])
+        owners = np.concatenate([owners, silent_of])
+        by_row = np.argsort(owners, kind="stable")
         drifts = np.zeros(self.count, np.bool_)
         drifts[rows] = self.phases[rows] != KILLED
         expected_m_s = np.where(np.isfinite(self._desired_m_s), self._desired_m_s, self._velocity_m_s)
         drift = expected_drift(
             self._position_m, expected_m_s, age_s, drifts, noticed_s=self._without_control.noticed_s
         )
-        return np.array(found).reshape(-1, 2, 3), np.array(owners, dtype=np.intp), drift
+        return segments_m[by_row], owners[by_row], drift
 
-    def _paths_of(self, row: int, silent_s: float) -> Array:
-        """(m, 2, 3) of one vehicle."""
+    def _kept_m_s(self, row: int) -> list[Array]:
+        """One or two (3,) velocities that a vehicle may keep, the most probable first."""
+        moves_m_s, desired_m_s = self._velocity_m_s[row], self._desired_m_s[row]
+        if self.phases[row] == KILLED or not np.isfinite(desired_m_s).all():
+            return [moves_m_s]
+        differs = np.linalg.norm(desired_m_s - moves_m_s) > ALIKE_M_S
+        return [desired_m_s, moves_m_s] if differs else [desired_m_s]
+
+    def _near(self, rows: NDArray[np.intp], age_s: Array) -> tuple[Array, NDArray[np.intp]]:
+        """(m, 2, 3) paths that silent vehicles may take soon, and (m,) their rows."""
         alone = self._without_control
-        if row in self._swept or silent_s >= alone.silence_s or self.phases[row] in WITHOUT_LINK:
-            self._swept[row] = swept = self._swept_of(row)
-            return swept
-        parts = [
-            silent_segments_m(
-                self._position_m[row],
-                each_m_s,
-                self._home_of(row),
-                alone.action,
-                alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
-                silent_s=silent_s,
-                noticed_s=alone.noticed_s,
-                drift_s=alone.drift_s,
-            )
-            for each_m_s in self._may_keep_m_s(row)
-        ]
-        return np.concatenate(parts)
+        kept_m_s = [(row, each_m_s) for row in rows.tolist() for each_m_s in self._kept_m_s(row)]
+        of = np.array([row for row, _ in kept_m_s], np.intp)
+        segments_m, found = silent_segments_m(
+            self._position_m[of],
+            np.array([each_m_s for _, each_m_s in kept_m_s]).reshape(-1, 3),
+            self.home_m[of],
+            np.array([alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M) for row in of.tolist()]),
+            age_s[of],
+            action=alone.action,
+            noticed_s=alone.noticed_s,
+            drift_s=alone.drift_s,
+        )
+        return segments_m, of[found]
+
+    def _swept_m(self, row: int) -> Array:
+        """(m, 2, 3) paths that a lost vehicle may take; they stay as they are."""
+        if row not in self._swept:
+            self._swept[row] = self._swept_of(row)
+        return self._swept[row]
 
     def _swept_of(self, row: int) -> Array:
         """(m, 2, 3) all paths that one vehicle may take by itself."""
@@ -445,21 +459,13 @@ class Site:
                 climbing_to_m=None if killed else alone.takeoff_height_m,
                 drift_s=alone.drift_s,
             )
-            for each_m_s in self._may_keep_m_s(row)
+            for each_m_s in self._kept_m_s(row)
         ]
         return np.concatenate(parts)
 
     def _home_of(self, row: int) -> Array | None:
         home_m: Array = self.home_m[row]
         return home_m if np.isfinite(home_m).all() else None
-
-    def _may_keep_m_s(self, row: int) -> list[Array]:
-        """One or two (3,) velocities that a vehicle may keep without commands."""
-        moves_m_s, desired_m_s = self._velocity_m_s[row], self._desired_m_s[row]
-        if self.phases[row] == KILLED or not np.isfinite(desired_m_s).all():
-            return [moves_m_s]
-        differs = np.linalg.norm(desired_m_s - moves_m_s) > ALIKE_M_S
-        return [desired_m_s, moves_m_s] if differs else [desired_m_s]
 
     # ownership
 

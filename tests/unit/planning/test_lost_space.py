@@ -11,9 +11,9 @@ from gcs.planning.lost_space import (
     KeptSetpoints,
     expected_drift,
     return_heights_m,
-    silent_segments_m,
     swept_segments_m,
 )
+from gcs.planning.silent_space import silent_segments_m
 from gcs.safety.separation import Floor
 
 LAST, HOME = np.array([30.0, 40.0, -20.0]), np.array([1.0, 2.0, 0.5])
@@ -53,8 +53,11 @@ def test_return_heights_differ_up_to_the_fence() -> None:
     assert np.unique(heights_m, return_counts=True)[1].max() == 3  # 18 layers for 50
 
 
-def silent(action: str, silent_s: float, last: Array = LAST, home: Array | None = HOME) -> Array:
-    return silent_segments_m(last, np.zeros(3), home, action, 30.0, silent_s=silent_s, noticed_s=1.0)
+def silent(
+    action: str, silent_s: float, last: Array = LAST, *, moves: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Array:
+    one = np.array([moves]), HOME[None], np.array([30.0]), np.array([silent_s])
+    return silent_segments_m(last[None], *one, action=action, noticed_s=1.0)[0]
 
 
 def test_space_of_a_silent_vehicle_grows() -> None:
@@ -82,18 +85,44 @@ def test_silent_vehicle_near_home_may_fly_there_without_a_climb() -> None:
 
 
 def test_silent_vehicle_may_drift() -> None:
-    swept = silent_segments_m(
-        LAST, np.array([4.0, 0.0, 0.0]), HOME, "hold", 30.0, silent_s=0.6, noticed_s=1.0
-    )
+    swept = silent("hold", 0.6, moves=(4.0, 0.0, 0.0))
     assert distance_m(LAST + np.array([4.0 * DRIFT_S, 0.0, 0.0]), swept) < 1e-9
     assert swept[:, :, 2].min() == swept[:, :, 2].max() == LAST[2]
 
 
 def test_silent_vehicle_flies_on_before_it_can_have_noticed() -> None:
-    swept = silent_segments_m(
-        LAST, np.array([4.0, 0.0, 0.0]), HOME, "hold", 30.0, silent_s=0.6, noticed_s=1.0
-    )
+    swept = silent("hold", 0.6, moves=(4.0, 0.0, 0.0))
     assert distance_m(LAST, swept) == pytest.approx(4.0), "the space that it leaves is not closed"
+
+
+@pytest.mark.parametrize("action", ["return", "land", "hold"])
+def test_each_of_several_silent_vehicles_closes_its_own_space(action: str) -> None:
+    random = np.random.default_rng(4)
+    last, moves = random.normal(0.0, 20.0, (6, 3)), random.normal(0.0, 4.0, (6, 3))
+    moves[1], moves[2] = 0.0, np.nan
+    home = last + random.normal(0.0, 10.0, (6, 3))
+    home[3] = np.nan
+    each = last, moves, home, random.uniform(10.0, 40.0, 6), random.uniform(0.6, 2.0, 6)
+    together, rows = silent_segments_m(*each, action=action, noticed_s=1.0)
+    assert np.unique(rows).tolist() == [*range(6)]
+    for row in range(6):
+        alone, _ = silent_segments_m(
+            *(column[row : row + 1] for column in each), action=action, noticed_s=1.0
+        )
+        assert together[rows == row].tolist() == alone.tolist()
+    unmoved = together[rows == 2]
+    assert len(unmoved) == 1 or action == "return"
+    assert distance_m(last[2], unmoved) < 1e-9, "a vehicle of unknown velocity stays where it was seen"
+
+
+def test_vehicle_has_one_or_two_velocities_in_the_order_asked() -> None:
+    kept, still = KeptSetpoints(3), np.zeros((3, 3))
+    desired = np.array([[1.0, 0.0, 0.0], [np.nan] * 3, [2.0, 0.0, 0.0]])
+    setpoint = np.array([[4.0, 0.0, 0.0], [np.nan] * 3, [2.5, 0.0, 0.0]])
+    kept.note(desired, setpoint, np.zeros(3), 1.0)
+    rows, velocity_m_s = kept.possible_m_s(np.array([2, 0, 1]), still)
+    assert rows.tolist() == [2, 0, 0, 1]
+    assert velocity_m_s[:, 0].tolist() == [2.0, 1.0, 4.0, 0.0]
 
 
 def test_expected_drift_flies_on_then_brakes_then_is_unknown() -> None:
@@ -195,7 +224,7 @@ def possible(last_m_s: Array, *parts: Part) -> list[list[float]]:
             now_s += TICK_S
             seen_s = now_s if with_status else seen_s
             kept.note(desired_m_s[None], setpoint_m_s[None], np.array([now_s - seen_s]), now_s)
-    velocities_m_s = kept.possible_m_s(0, last_m_s)
+    _, velocities_m_s = kept.possible_m_s(np.array([0]), last_m_s[None])
     assert kept.expected_m_s(last_m_s[None]).tolist() == [velocities_m_s[0].tolist()]
     return [velocity_m_s.tolist() for velocity_m_s in velocities_m_s]
 

@@ -1,0 +1,124 @@
+"""The space closed to others by vehicles that are silent, lost or killed, from where each was seen last."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.config.schema import Config
+from gcs.control import Memory
+from gcs.flight.vehicle import Vehicle
+from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.state import Array, FleetState, Mask
+from gcs.planning.lost_space import STOP_S, KeptSetpoints, expected_drift, swept_segments_m
+from gcs.planning.silent_space import silent_segments_m
+
+Rows = NDArray[np.intp]
+
+_LOST: Final = frozenset({Phase.LOST, Phase.KILLED})
+_NOWHERE: Final = np.full(3, np.nan)
+
+
+class UncontrolledSpace:
+    """Last known positions and velocities of n vehicles, and the paths that these may take without control.
+
+    Attributes:
+        seen_m, seen_m_s: (n, 3) last known positions and velocities, show frame; NaN: none.
+    """
+
+    def __init__(self, config: Config, vehicles: Sequence[Vehicle]) -> None:
+        """`vehicles` (n,) by row."""
+        self._config, self._vehicles = config, vehicles
+        self.seen_m: Array = np.full((len(vehicles), 3), np.nan)
+        self.seen_m_s: Array = self.seen_m.copy()
+        self._kept = KeptSetpoints(len(vehicles))
+        self._swept: dict[int, tuple[bytes, Array]] = {}  # by row, with all that it follows from
+
+    def note_seen(self, rows: Mask | int, position_m: Array, velocity_m_s: Array) -> None:
+        """Take the (n, 3) positions and velocities of some rows as the last known."""
+        self.seen_m[rows] = position_m[rows]
+        self.seen_m_s[rows] = velocity_m_s[rows]
+
+    def note_setpoints(self, memory: Memory, fleet: FleetState) -> None:
+        """Begin a tick: see `KeptSetpoints.note`."""
+        n = len(self._vehicles)
+        self._kept.note(memory.desired_m_s[:n], memory.setpoint_m_s[:n], fleet.age_s, fleet.time_s)
+
+    def silent(self, age_s: Array, age_max_s: float) -> Rows:
+        """(k,) Airborne vehicles without commands because their positions (n,) are too old, not lost yet."""
+        late = np.flatnonzero((age_s > age_max_s) & np.isfinite(self.seen_m[:, 0]))
+        if len(late) == 0:
+            return late
+        return late[[self._vehicles[row].phase in AIRBORNE for row in late.tolist()]]
+
+    def near_m(self, silent: Rows, age_s: Array) -> tuple[Array, Rows]:
+        """(m, 2, 3) paths that silent vehicles (k,) may take soon, and (m,) the row of each."""
+        operation = self._config.operation
+        of, keeps_m_s = self._kept.possible_m_s(silent, self.seen_m_s)
+        home_m = np.full_like(self.seen_m, np.nan)
+        if len(silent):
+            homes = [self._vehicles[row].home_m for row in silent.tolist()]
+            home_m[silent] = np.concatenate([_NOWHERE if each is None else each for each in homes]).reshape(
+                -1, 3
+            )
+        segments_m, found = silent_segments_m(
+            self.seen_m[of],
+            keeps_m_s,
+            home_m[of],
+            self._config.return_heights_m[of],
+            np.minimum(age_s[of], operation.silence_s),
+            action=operation.setpoint_loss_action,
+            noticed_s=operation.setpoint_loss_s,
+            drift_s=self._drift_s,
+        )
+        return segments_m, of[found]
+
+    def swept(self) -> tuple[Array, Rows]:
+        """(m, 2, 3) paths that lost vehicles may take, and (m,) the row of each."""
+        swept = {
+            vehicle.row: self._swept_m(vehicle)
+            for vehicle in self._vehicles
+            if vehicle.phase in _LOST and np.isfinite(self.seen_m[vehicle.row]).all()
+        }
+        rows = np.repeat(np.array([*swept], dtype=np.intp), [len(own_m) for own_m in swept.values()])
+        return np.concatenate([np.zeros((0, 2, 3)), *swept.values()]), rows
+
+    def drift(self, silent: Rows, age_s: Array) -> tuple[Array, Array]:
+        """As of `Tasks`: of silent vehicles and of lost ones."""
+        drifts = np.array([vehicle.phase is Phase.LOST for vehicle in self._vehicles], dtype=np.bool_)
+        drifts[silent] = True
+        noticed_s = self._config.operation.setpoint_loss_s
+        keeps_m_s = self._kept.expected_m_s(self.seen_m_s)
+        return expected_drift(self.seen_m, keeps_m_s, age_s, drifts, noticed_s=noticed_s)
+
+    @property
+    def _drift_s(self) -> float:
+        """How long a vehicle without commands may keep its last velocity, its stop included."""
+        return self._config.setpoint_timeout_s + self._config.operation.setpoint_loss_s + STOP_S
+
+    def _swept_m(self, vehicle: Vehicle) -> Array:
+        """(m, 2, 3) of one vehicle; computed again when it was seen, sent home or killed meanwhile."""
+        operation, row, killed = self._config.operation, vehicle.row, vehicle.phase is Phase.KILLED
+        keeps_m_s = self.seen_m_s[row : row + 1]
+        if not killed:
+            _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self.seen_m_s)
+        home_m = _NOWHERE if vehicle.home_m is None else vehicle.home_m
+        known = b"".join((self.seen_m[row].tobytes(), keeps_m_s.tobytes(), home_m.tobytes(), bytes([killed])))
+        before = self._swept.get(row)
+        if before is not None and before[0] == known:
+            return before[1]
+        paths_m = [
+            swept_segments_m(
+                self.seen_m[row],
+                each_m_s,
+                vehicle.home_m,
+                "land" if killed else operation.setpoint_loss_action,
+                float(self._config.return_heights_m[row]),
+                climbing_to_m=None if killed else operation.takeoff_height_m,
+                drift_s=self._drift_s,
+            )
+            for each_m_s in keeps_m_s
+        ]
+        self._swept[row] = known, np.concatenate(paths_m)
+        return self._swept[row][1]
