@@ -1,13 +1,16 @@
 """Updates phases from telemetry, and starts what follows without a command."""
 
 import logging
+from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any, Final
 
 import numpy as np
 
 from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, are_silent, lacking
-from gcs.failsafe.autopilot_failsafe import cause_of, described, lost_on_the_way
+from gcs.failsafe.autopilot_failsafe import FailsafeInputs, cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers
 from gcs.flight.vehicle import Explanation, Vehicle, VehicleStatus
@@ -18,6 +21,9 @@ log = logging.getLogger(__name__)
 
 TRY_AGAIN_S = 5.0
 """Interval between two attempts at an automatic action."""
+
+AT_ONCE_MAX: Final = 200
+"""Vehicles inspected in one tick of those whose telemetry has not changed; the others wait for their turn."""
 
 BEATS_LACK_S = {Phase.OFFLINE: 0.0, Phase.LOST: 0.0, Phase.STANDBY: BEATS_MAY_LACK_S}
 """Time by which a heartbeat may be older than `operation.silence_s`; in other phases BEATS_LACK_MAX_S.
@@ -34,7 +40,9 @@ class TelemetryMonitor:
     maneuvers: Maneuvers
     come_back: Maneuver
     _resumed_s: float = -np.inf  # after a stall; messages of that time may not be read yet
-    _calm: tuple[object, ...] | None = None  # state in which no vehicle needed inspection
+    _looked: tuple[Sequence[Any], ...] = ()  # columns as of the last tick, see `_changed`
+    _restless: list[int] = field(default_factory=list)  # rows to inspect again, ascending
+    _next_row: int = 0  # of these, whose turn is next
     # phases, how long heartbeats may lack in them (n,), and whether they mean that a vehicle is absent (n,)
     _judged: tuple[list[Phase], Array, Mask] = field(
         default_factory=lambda: ([], np.zeros(0), np.zeros(0, np.bool_))
@@ -53,19 +61,50 @@ class TelemetryMonitor:
         known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
         fresh = self._judge(now_s, telemetry, known)
         self._forget_heartbeats(fresh)
-        # All vehicles at once while nothing changes: single inspections of a thousand would be slow.
-        vehicles = flight.vehicles.values()
-        expected = flight.phases, [vehicle.modes for vehicle in vehicles]
-        state = (*expected, telemetry.mode, telemetry.armed)
-        if fresh.all() and state == self._calm:
+        vehicles = list(flight.vehicles.values())
+        changed = self._changed(vehicles, telemetry, fresh)
+        if not (changed or self._restless):
             return
-        all_calm = True
-        rows = zip(vehicles, fresh.tolist(), telemetry.mode, telemetry.armed, strict=True)
-        for vehicle, is_fresh, mode, armed in rows:
-            if not (is_fresh and vehicle.is_calm(mode, armed=armed)):
-                all_calm = False
+        inspected = sorted({*changed, *self._in_turn(changed)})
+        restless = set(self._restless)
+        for row in inspected:
+            vehicle = vehicles[row]
+            if fresh[row] and vehicle.is_calm(telemetry.mode[row], armed=telemetry.armed[row]):
+                restless.discard(row)
+            else:
+                restless.add(row)
                 self._look_at(vehicle, telemetry)
-        self._calm = state if all_calm else None
+        self._restless = sorted(restless)
+
+    def _changed(self, vehicles: Sequence[Vehicle], telemetry: Telemetry, fresh: Mask) -> Sequence[int]:
+        """Rows where something that `_look_at` decides by has changed since the last tick.
+
+        Ages, batteries and status texts are left out: restless vehicles are inspected again anyway.
+        """
+        flight, before = self.flight, self._looked
+        self._looked = now = (
+            flight.phases,
+            [vehicle.modes for vehicle in vehicles],
+            *(telemetry.mode, telemetry.armed, telemetry.in_failsafe, telemetry.landed),
+            *(flight.silent.tolist(), flight.has_heartbeat.tolist(), fresh.tolist()),
+        )
+        if not before:
+            return range(len(vehicles))
+        columns = [(one, other) for one, other in zip(now, before, strict=True) if one != other]
+        differ: set[int] = set()
+        for one, other in columns:
+            differ.update(row for row, (was, is_) in enumerate(zip(other, one, strict=True)) if was != is_)
+        return list(differ)
+
+    def _in_turn(self, changed: Sequence[int]) -> Sequence[int]:
+        """Restless rows to inspect in this tick besides the changed ones: a thousand would be slow."""
+        waiting = self._restless
+        if len(waiting) + len(changed) <= AT_ONCE_MAX:
+            return waiting
+        first = bisect_left(waiting, self._next_row)
+        turn = (waiting[first:] + waiting[:first])[:AT_ONCE_MAX]
+        self._next_row = turn[-1] + 1 if turn else 0
+        return turn
 
     def _judge(self, now_s: float, telemetry: Telemetry, known: Mask) -> Mask:
         """Judge which vehicles are silent, and keep the positions of the others.
@@ -98,7 +137,7 @@ class TelemetryMonitor:
             for column in (telemetry.position_time_s, telemetry.heartbeat_time_s, telemetry.life_time_s)
         )
         lacks = lacking(now_s, life_s, beat_s, position_s, silence_s)
-        in_failsafe = flight.inputs(vehicle).in_failsafe if vehicle.phase is Phase.PILOT else False
+        in_failsafe = vehicle.phase is Phase.PILOT and telemetry.in_failsafe[row]
         status = VehicleStatus(
             silent,
             telemetry.mode[row],
@@ -127,8 +166,8 @@ class TelemetryMonitor:
         elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
 
-    def _explained(self, vehicle: Vehicle) -> Explanation:
-        inputs = self.flight.inputs(vehicle)
+    def _explained(self, vehicle: Vehicle, inputs: FailsafeInputs | None = None) -> Explanation:
+        inputs = inputs or self.flight.inputs(vehicle)
         cause = cause_of(inputs)
         return cause, described(vehicle.id, cause, inputs)
 
@@ -137,7 +176,7 @@ class TelemetryMonitor:
         inputs = self.flight.inputs(vehicle)
         by_command = not inputs.in_failsafe and Mode.HOLD in vehicle.modes
         if not (by_command and lost_on_the_way(vehicle.cause, inputs, hold_commanded=True)):
-            vehicle.explain(self._explained(vehicle), inputs.mode, in_failsafe=inputs.in_failsafe)
+            vehicle.explain(self._explained(vehicle, inputs), inputs.mode, in_failsafe=inputs.in_failsafe)
         idle = beat_is_fresh and not self.maneuvers.running(vehicle)
         if idle and lost_on_the_way(vehicle.cause, inputs, hold_commanded=by_command):
             self._by_itself(vehicle, self.come_back)
