@@ -24,6 +24,7 @@ from gcs.cli.demo_report import GroundTruth, separation
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.config.schema import Config
+from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import GcsError, LinkError, RefusedError
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.recording.trajectories import read_true_states
@@ -67,30 +68,36 @@ def site_config(
 ) -> Config:
     """A site of some stations with `each` vehicles: n1, n2 ... s1 ...; small, low, with long time limits.
 
+    With more vehicles than a link has system ids a station has several links: north1, north2; n1-1, n1-2 ...
+
     Args:
         stations: of the first names in `NAMES`.
-        each: vehicles of a station.
-        port_base: four ports for each station: its link's, its endpoint's, and its API's two.
+        each: vehicles of a station; equal shares where it has several links.
+        port_base: `ports_of` ports: those of all links, then each station's endpoint and its API's two.
         hosts: addresses of the stations' endpoints; None: loopback.
         keys: folder of `gcs key site`.
         operation: settings of that section.
     """
     names = NAMES[:stations]
     raw = configuration.load(configuration.find("demo")).model_dump()
+    parts = _links_each(each)
+    numbers = [""] if parts == 1 else [str(part + 1) for part in range(parts)]
+    dash = "" if parts == 1 else "-"
     raw["links"] = [
         {
-            "name": name,
+            "name": f"{name}{number}",
             "transport": "native",
-            "listen": f"udpin://127.0.0.1:{port_base + at}",
-            "vehicles": {"count": each, "id_pattern": name[0] + "{system_id}"},
+            "listen": f"udpin://127.0.0.1:{port_base + parts * at + part}",
+            "vehicles": {"count": each // parts, "id_pattern": f"{name[0]}{number}{dash}{{system_id}}"},
         }
         for at, name in enumerate(names)
+        for part, number in enumerate(numbers)
     ]
-    first = port_base + stations
+    first = port_base + parts * stations
     raw["stations"] = [
         {
             "name": name,
-            "links": [name],
+            "links": [f"{name}{number}" for number in numbers],
             "endpoint": {"host": "127.0.0.1" if hosts is None else hosts[at], "port": first + 3 * at},
             "api": {"port": first + 3 * at + 1, "emergency_port": first + 3 * at + 2},
         }
@@ -113,6 +120,16 @@ def site_config(
         raw["failsafes"][cause]["action"] = "ignore"
     raw["scheduling"] = "usual"  # several stations share the machine of a test run
     return configuration.Config.model_validate(raw)
+
+
+def _links_each(each: int) -> int:
+    """Links of a station, so that each has enough system ids."""
+    return ceil(each / SYSTEM_ID_MAX)
+
+
+def ports_of(stations: int, each: int) -> int:
+    """Number of ports that `site_config` uses."""
+    return stations * (_links_each(each) + 3)
 
 
 def columns(count: int) -> int:
@@ -337,7 +354,7 @@ def running_site(
     operation: Mapping[str, object] | None = None,
 ) -> Iterator[SiteProcesses]:
     """Run stations and vehicles until the block ends; `options` are those of `gcs sim`."""
-    config = site_config(stations, each, free_ports(4 * stations), operation=operation)
+    config = site_config(stations, each, free_ports(ports_of(stations, each)), operation=operation)
     site = SiteProcesses(config, folder)
     with ExitStack() as stack:
         stack.enter_context(fleet(site, *options))
