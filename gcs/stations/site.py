@@ -196,28 +196,31 @@ class Site:
                 self.delays.echoed(station.number, echo.sequence, echo.held_s, arrived_s)
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
-        claims = batch.epochs > self._epochs[rows]
-        claims |= (batch.epochs == self._epochs[rows]) & np.isin(
-            self._owner[rows], (NO_STATION, station.number)
-        )
+        owner, epochs = self._owner[rows], self._epochs[rows]
+        free_or_theirs = (owner == NO_STATION) | (owner == station.number)
+        claims = (batch.epochs > epochs) | ((batch.epochs == epochs) & free_or_theirs)
         taken = batch.owned & claims
-        at = rows[taken]
-        self._owner[at], self._epochs[at] = station.number, batch.epochs[taken]
-        self.owned[self._own_rows[self._epochs[self._their_rows] > self.epochs[self._own_rows]]] = False
+        self._owner[rows[taken]], self._epochs[rows[taken]] = station.number, batch.epochs[taken]
         given = ~batch.owned & (self._owner[rows] == station.number)
         self._owner[rows[given]] = NO_STATION
-        self._take_back()
-        self._made_s[at] = made_s
-        self._measured_s[at] = made_s - batch.age_s[taken]
-        self._uncertainty_m[at] = batch.uncertainty_m[taken]
-        self.phases[at] = batch.phases[taken]
-        self._airborne[at], self._formed[at] = batch.airborne[taken], batch.formed[taken]
-        self._slot_stays[at] = batch.slot_stays[taken]
+        if len(self._own_rows):
+            lost = self._epochs[self._their_rows] > self.epochs[self._own_rows]
+            self.owned[self._own_rows[lost]] = False
+            self._take_back()
         known = taken & np.isfinite(batch.position_m).all(axis=1)
-        at = rows[known]
-        self._position_m[at] = batch.position_m[known]
-        self._velocity_m_s[at] = batch.velocity_m_s[known]
-        self._desired_m_s[at] = batch.desired_m_s[known]
+        which = slice(None) if taken.all() else taken  # nearly always all: a copy less of each column
+        at = rows[which]
+        self._made_s[at] = made_s
+        self._measured_s[at] = made_s - batch.age_s[which]
+        self._uncertainty_m[at] = batch.uncertainty_m[which]
+        self.phases[at] = batch.phases[which]
+        self._airborne[at], self._formed[at] = batch.airborne[which], batch.formed[which]
+        self._slot_stays[at] = batch.slot_stays[which]
+        where = slice(None) if known.all() else known
+        at = rows[where]
+        self._position_m[at] = batch.position_m[where]
+        self._velocity_m_s[at] = batch.velocity_m_s[where]
+        self._desired_m_s[at] = batch.desired_m_s[where]
         for row in [row for row in self._swept if self.phases[row] not in WITHOUT_LINK]:
             if arrived_s - self._measured_s[row] <= self._without_control.telemetry_age_max_s:
                 del self._swept[row]
