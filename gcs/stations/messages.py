@@ -9,7 +9,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 from zlib import crc32
 
 import numpy as np
@@ -46,6 +46,8 @@ EPOCH_MAX: Final = 255
 
 UNKNOWN: Final = 0xFFFF
 UNKNOWN_PERCENT: Final = 0xFF
+SHARES: Final = np.where(np.arange(256) == UNKNOWN_PERCENT, np.nan, np.arange(256) / 100.0)
+"""By the percent of a row."""
 
 ROW: Final = np.dtype(
     [
@@ -81,8 +83,7 @@ def site_number(fleets: Mapping[str, tuple[VehicleId, ...]]) -> int:
     return crc32(json.dumps(list(fleets.items())).encode())
 
 
-@dataclass(frozen=True, slots=True)
-class Echo:
+class Echo(NamedTuple):
     """The newest batch that a station received from another: by it that one measures the delay."""
 
     station: int  # place among the site's stations
@@ -158,11 +159,13 @@ class StateBatch:
         begin = _STATION.size + 1 + payload[_STATION.size] * _ECHO.size
         if len(payload) != begin + n * ROW.itemsize or show >= len(SHOW_PHASES) or not isfinite(pace):
             raise LinkError(f"a batch of {len(payload)} bytes for {n} vehicles")
-        echoes = tuple(Echo(*one) for one in _ECHO.iter_unpack(payload[_STATION.size + 1 : begin]))
+        echoes = tuple(map(Echo._make, _ECHO.iter_unpack(payload[_STATION.size + 1 : begin])))
         rows = np.frombuffer(payload, ROW, offset=begin)
-        if (rows["phase"] >= len(PHASES)).any() or (rows["mode"] >= len(MODES)).any():
+        if n and (rows["phase"].max() >= len(PHASES) or rows["mode"].max() >= len(MODES)):
             raise LinkError("a batch with a phase or mode that does not exist")
-        commanded, known = rows["flags"] & COMMANDED > 0, rows["age_ms"] != UNKNOWN
+        bits = np.unpackbits(rows["flags"][None], axis=0, bitorder="little").view(np.bool_)
+        airborne, formed, slot_stays, armed, ready, owned, commanded, _ = bits
+        known = rows["age_ms"] != UNKNOWN
         return StateBatch(
             sequence,
             site,
@@ -173,19 +176,19 @@ class StateBatch:
             min(max(pace, 0.0), 1.0),
             return_s,
             echoes,
-            np.where(known[:, None], rows["position_m"], np.nan).astype(np.float64),
+            _only(known, rows["position_m"].astype(np.float64)),
             rows["velocity_cm_s"] / 100.0,
-            np.where(commanded[:, None], rows["desired_cm_s"] / 100.0, np.nan),
+            _only(commanded, rows["desired_cm_s"] / 100.0),
             rows["uncertainty_cm"] / 100.0,
             np.where(known, rows["age_ms"] / 1000.0, np.inf),
             rows["phase"].copy(),
             rows["mode"].copy(),
-            rows["flags"] & AIRBORNE > 0,
-            rows["flags"] & FORMED > 0,
-            rows["flags"] & SLOT_STAYS > 0,
-            rows["flags"] & ARMED > 0,
-            rows["flags"] & READY > 0,
-            rows["flags"] & OWNED > 0,
+            airborne,
+            formed,
+            slot_stays,
+            armed,
+            ready,
+            owned,
             rows["epoch"].copy(),
             rows["yaw"] / 1e4,
             _share(rows["battery_percent"]),
@@ -299,4 +302,11 @@ def _percent(share: Array) -> NDArray[np.uint8]:
 
 
 def _share(percent: NDArray[np.uint8]) -> Array:
-    return np.where(percent == UNKNOWN_PERCENT, np.nan, percent / 100.0)
+    return SHARES[percent]
+
+
+def _only(some: Mask, values: Array) -> Array:
+    """The values (n, 3), which are changed: NaN where not in `some` (n,)."""
+    if not some.all():
+        values[~some] = np.nan
+    return values
