@@ -11,7 +11,7 @@ from gcs.cli.progress import share_of, working
 from gcs.model.errors import ConfigError, ShowError
 from gcs.shows import LoadedShow, find, load
 from gcs.simulation import scenario as scenarios
-from gcs.simulation.batch import Run, judged_runs, passed, run_all, summary
+from gcs.simulation.batch import Run, judged_runs, passed, run_all, run_once, summary
 from gcs.simulation.flight import fly
 from gcs.simulation.rehearsal import judge, rehearse, table
 
@@ -22,8 +22,10 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         return _plot_scenario(paths, arguments)
     runs = [run for path in paths for run in _runs(path, arguments)]
+    if len(runs) == 1:
+        return _run_one(runs[0], arguments)
     reports = []
-    text = f"flying {len(runs)} in virtual time" if len(runs) > 1 else "flying"
+    text = f"flying {len(runs)} in virtual time"
     with working(text, len(runs), shown=not arguments.json) as one_done:
         for figures in run_all(runs, arguments.workers):
             reports.append(figures)
@@ -33,6 +35,15 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(summary(reports))
     return 0 if passed(reports) else 1
+
+
+def _run_one(run: Run, arguments: argparse.Namespace) -> int:
+    """Fly one, and show how far it is. Returns: as `run_simulate`."""
+    text = f"flying {run.vehicles} vehicles in virtual time"
+    with share_of(text, shown=not arguments.json) as report:
+        figures = run_once(run, report)
+    answer(arguments, figures, summary([figures]), indent=None)
+    return 0 if passed([figures]) else 1
 
 
 def _paths(arguments: argparse.Namespace) -> list[Path]:

@@ -29,10 +29,13 @@ class Run:
     seed: int
 
 
-def run_once(run: Run) -> dict[str, object]:
-    """Fly and measure; the texts in `failed` and `missed` say which gates were missed."""
+def run_once(run: Run, on_progress: Callable[[float], None] | None = None) -> dict[str, object]:
+    """Fly and measure; the texts in `failed` and `missed` say which gates were missed.
+
+    `on_progress` is called with the share of the longest duration that is flown.
+    """
     scenario = scenarios.load(run.path)
-    figures = report(fly(scenario, run.vehicles, run.seed))
+    figures = report(fly(scenario, run.vehicles, run.seed, on_progress))
     judged = scenario.judged
     return figures | {"failed": broken(figures, judged.must), "missed": broken(figures, judged.mostly)}
 

@@ -1,17 +1,19 @@
 """Flies a scenario in virtual time: `gcs.control.tick` controls a simulated world."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, tick, warm_up
 from gcs.failsafe.policy import Action
 from gcs.flight.commander import STOPS_WITHIN_S
+from gcs.flight.ticker import garbage_between_ticks
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
@@ -43,8 +45,18 @@ HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_heigh
 AFTER_BOXES_S = 25.0
 """Duration of a flight among random boxes after the last one was passed."""
 
+MANY = 2000
+"""With more vehicles distances are searched in a tree, not pair by pair."""
+
 LINGER_S = 5.0
 """Duration of a flight to goals after the last arrival."""
+
+
+def nearest_m(position_m: Array, inside_m: float) -> tuple[float, set[tuple[int, int]]]:
+    """Smallest distance of any two of (n, 3) points, and the pairs within `inside_m`, by a search tree."""
+    tree = scipy.spatial.cKDTree(position_m, compact_nodes=False, balanced_tree=False)
+    least_m = float(np.asarray(tree.query(position_m, k=2)[0])[:, 1].min())
+    return least_m, tree.query_pairs(inside_m) if least_m < inside_m else set()
 
 
 class SimulatedFlight:
@@ -90,13 +102,18 @@ class SimulatedFlight:
         """Virtual time since engagement."""
         return self.world.time_s
 
-    def fly(self) -> Record:
+    def fly(self, on_progress: Callable[[float], None] | None = None) -> Record:
+        """Fly to the end. `on_progress` is called with the share of the longest duration that is flown."""
         warm_up()
         self._closest_m([self.world.position_m])  # compiles or loads its kernel
         began_s = time.process_time()
-        while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
-            self.before_tick()
-            self._tick()
+        with garbage_between_ticks() as collect_garbage:
+            while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
+                self.before_tick()
+                self._tick()
+                collect_garbage(self.time_s)
+                if on_progress is not None:
+                    on_progress(self.time_s / self.scenario.duration_s)
         self.record.busy_s = time.process_time() - began_s
         return self.record
 
@@ -258,15 +275,22 @@ class SimulatedFlight:
         """Smallest distance of the pairs that count at any of those positions, (n, 3) each."""
         floor, least_m, in_air = self.floor, np.inf, self.world.in_air & self.present
         limits = floor.horizontal_m / floor.vertical_m, floor.pad_height_m, floor.horizontal_m
+        scale = np.array([1.0, 1.0, limits[0]])
         for position_m in seen_m:
+            high = in_air.all() and (-position_m[:, 2] >= floor.pad_height_m).all()
+            if len(in_air) > MANY and high:  # every pair counts
+                distance_m, pairs = nearest_m(position_m * scale, floor.horizontal_m)
+                self.record.violating.update(pairs)
+                least_m = min(least_m, distance_m)
+                continue
             distance_m, inside = closest_m(position_m, in_air, self.present, *limits)
             least_m = min(least_m, distance_m)
             if inside:
                 rows = np.flatnonzero(self.present)
                 first, second = pairs_that_count(position_m[rows], in_air[rows], floor)
                 near = scaled_distance_m(position_m[rows], first, second, floor) < floor.horizontal_m
-                pairs = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
-                self.record.violating.update(pairs)
+                found = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
+                self.record.violating.update(found)
         return least_m
 
     def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:
@@ -528,11 +552,16 @@ class GoalRun(SimulatedFlight):
         return self.time_s - self._since_s > LINGER_S
 
 
-def fly(scenario: Scenario, count: int, seed: int) -> Record:
-    """Fly a scenario once. Raises: ConfigError when its start positions or goals are impossible."""
+def fly(
+    scenario: Scenario, count: int, seed: int, on_progress: Callable[[float], None] | None = None
+) -> Record:
+    """Fly a scenario once; `on_progress` as of `SimulatedFlight.fly`.
+
+    Raises: ConfigError when its start positions or goals are impossible.
+    """
     scenario = scenario.in_world_of(seed)
     if isinstance(scenario.flight, FormationFlight):
-        return FormationRun(scenario, scenario.flight, count, seed).fly()
+        return FormationRun(scenario, scenario.flight, count, seed).fly(on_progress)
     if isinstance(scenario.flight, GoalFlight):
-        return GoalRun(scenario, scenario.flight, count, seed).fly()
+        return GoalRun(scenario, scenario.flight, count, seed).fly(on_progress)
     return fly_article(scenario, scenario.flight, count, seed)

@@ -21,7 +21,7 @@ from gcs.simulation.record import (
     shortest_path_m,
     through,
 )
-from gcs.simulation.reference_shapes import best, best_figures, energy_and_nearest
+from gcs.simulation.reference_shapes import SEARCHED_MOST, best, best_figures, energy_and_nearest
 from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
 
 SETTLED_ENERGY = 1.005
@@ -54,9 +54,15 @@ def shape_over_time(record: Record) -> Shape:
     energy, nearest, radius_m = (np.full(ticks, np.nan) for _ in range(3))
     settled = np.zeros(ticks, dtype=bool)
     judged = record.scenario.judged
+    every = round(record.scenario.world.tick_rate_hz) if record.count > SEARCHED_MOST else 1
     for tick, position_m in enumerate(record.position_m):
         rows = record.formed[tick]
         count = int(rows.sum())
+        if (ticks - 1 - tick) % every and tick:  # of many vehicles once a second, as it takes long
+            before = tick - 1
+            energy[tick], nearest[tick], radius_m[tick] = energy[before], nearest[before], radius_m[before]
+            settled[tick] = settled[before]
+            continue
         if count < 2 or not np.isfinite(record.center_m[tick]).all():
             continue
         offset_m = position_m[rows].astype(np.float64) - record.center_m[tick]
@@ -219,12 +225,17 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
     settle_s = settle_time_s(record, shape) if stays else _settled_once_s(record, shape)
     rows = record.formed[ticks[-1]]
     change = int(np.searchsorted(record.time_s, record.changed_s - 1e-9)) if stays else 0
-    straight_s = straight_line_time_s(
-        record.position_m[change][rows] - _centered(record, change),
-        record.position_m[ticks[-1]][rows] - _centered(record, int(ticks[-1])),
-        record.scenario.control.law.speed_m_s,
-        record.scenario.control.safety.limits,
-    )
+    straight_s = shape_m = None
+    if (
+        rows.sum() <= SEARCHED_MOST
+    ):  # of more vehicles no best shape is known, and all assignments are too many
+        shape_m = shape_error_m(record, ticks)
+        straight_s = straight_line_time_s(
+            record.position_m[change][rows] - _centered(record, change),
+            record.position_m[ticks[-1]][rows] - _centered(record, int(ticks[-1])),
+            record.scenario.control.law.speed_m_s,
+            record.scenario.control.safety.limits,
+        )
     whole = [t for t in ticks if record.formed[t].sum() == rows.sum()]
     offset_m = [record.position_m[t][record.formed[t]] - record.center_m[t] for t in whole]
     off_m = [
@@ -240,7 +251,7 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
         "radius_share": rounded(radius_error_m / record.radius_m[ticks[-1]], 5),
         "energy_ratio": rounded(float(shape.energy_ratio[ticks].mean()), 6),
         "nearest_ratio": rounded(float(shape.nearest_ratio[ticks].mean()), 4),
-        "shape_error_m": rounded(shape_error_m(record, ticks)),
+        "shape_error_m": rounded(shape_m),
         "rest_m_s": rounded(_moving_m_s(record, ticks)),
         "spread_again_s": rounded(_spread_again_s(record, shape)),
     }

@@ -30,7 +30,7 @@ class Decided:
     setpoints: Setpoints
     memory: Memory  # of all vehicles: each row is its own station's
     limited: int  # number of vehicles that the safety filter limited
-    took_s: tuple[float, ...]  # processor time of each station
+    took_s: tuple[float, ...]  # processor time of each station: what it receives, its tick, what it sends
 
 
 class _Bus:
@@ -39,11 +39,11 @@ class _Bus:
     def __init__(self, settings: Stations, seed: int) -> None:
         self._settings = settings
         self._random = np.random.default_rng([seed, 4])
-        self._under_way: list[tuple[float, int, Site, str, str, bytes]] = []
+        self._under_way: dict[str, list[tuple[float, int, str, str, bytes]]] = {}  # to each station
         self._count = 0
 
     def publish(
-        self, sender: str, receivers: Sequence[Site], topic: str, payload: bytes, now_s: float
+        self, sender: str, receivers: Sequence[str], topic: str, payload: bytes, now_s: float
     ) -> None:
         settings = self._settings
         late_s = (
@@ -53,11 +53,14 @@ class _Bus:
         for receiver, at_s, arrives in zip(receivers, late_s.tolist(), kept.tolist(), strict=True):
             if arrives:
                 self._count += 1
-                heapq.heappush(self._under_way, (at_s, self._count, receiver, sender, topic, payload))
+                message = (at_s, self._count, sender, topic, payload)
+                heapq.heappush(self._under_way.setdefault(receiver, []), message)
 
-    def deliver(self, now_s: float) -> None:
-        while self._under_way and self._under_way[0][0] <= now_s:
-            at_s, _, receiver, sender, topic, payload = heapq.heappop(self._under_way)
+    def deliver(self, receiver: Site, now_s: float) -> None:
+        """Hand over what has arrived at one station by now."""
+        under_way = self._under_way.get(receiver.own, [])
+        while under_way and under_way[0][0] <= now_s:
+            at_s, _, sender, topic, payload = heapq.heappop(under_way)
             receiver.receive(sender, topic, payload, at_s)
 
 
@@ -90,20 +93,13 @@ class SimulatedStations:
             site.home_m[:] = world.home_m[others]
             order = np.concatenate([rows, others])
             self._stations.append(_Station(site, rows, order, Memory.fresh(n, 0.0)))
-        self._traffic_bytes: list[int] = []
-
-    @property
-    def bytes_per_vehicle(self) -> float:
-        """Mean of what all stations publish in a tick, for each vehicle of the site."""
-        return float(np.mean(self._traffic_bytes)) if self._traffic_bytes else 0.0
 
     def decide(
         self, fleet: FleetState, tasks: Tasks, plan: Plan, traits: Traits, settings: ControlSettings
     ) -> Decided:
         """One tick of every station, with what has arrived by then; the arguments are of the whole fleet."""
         now_s = fleet.time_s
-        self._bus.deliver(now_s)
-        took_s, limited, found, sent = [], 0, [], 0
+        took_s, limited, found, sent = [], 0, [], []
         for station in self._stations:
             own = (
                 _rows_of(fleet, station.rows),
@@ -111,19 +107,26 @@ class SimulatedStations:
                 _traits_of(traits, station.rows),
             )
             began_s = time.thread_time()
+            self._bus.deliver(station.site, now_s)
             others = station.site.others(now_s)
             shared = station.site.formation(now_s, LEAD_SILENT_S)
             before = replace(station.memory)
             result = tick(own[0], own[1], plan, own[2], before, settings, None, others, shared)
             station.memory = result.memory
+            sent.append(self._messages(station, *own))
             took_s.append(time.thread_time() - began_s)
             limited += len(result.limited_by) - result.limited_by.count("")
             found.append(result.setpoints)
-            sent += self._publish(station, *own)
-        self._traffic_bytes.append(sent)
+        for station, messages in zip(self._stations, sent, strict=True):
+            receivers = [other.site.own for other in self._stations if other is not station]
+            for topic, payload in messages:
+                self._bus.publish(station.site.own, receivers, topic, payload, now_s)
         return Decided(_joined(fleet, found), self._of_all(), limited, tuple(took_s))
 
-    def _publish(self, station: _Station, fleet: FleetState, tasks: Tasks, traits: Traits) -> int:
+    def _messages(
+        self, station: _Station, fleet: FleetState, tasks: Tasks, traits: Traits
+    ) -> list[tuple[str, bytes]]:
+        """Topics and payloads of this tick."""
         n, site = len(fleet.ids), station.site
         unknown, flying = np.full(n, np.nan), np.ones(n, np.bool_)
         formed = np.isfinite(station.memory.engaged_time_s[:n])
@@ -134,10 +137,7 @@ class SimulatedStations:
         messages: list[tuple[str, bytes]] = [(STATES, made.encode())]
         if site.lead.leads:
             messages.extend(formation_messages(site, station.memory, reported))
-        receivers = [other.site for other in self._stations if other is not station]
-        for topic, payload in messages:
-            self._bus.publish(site.own, receivers, topic, payload, fleet.time_s)
-        return sum(len(payload) for _, payload in messages)
+        return messages
 
     def _of_all(self) -> Memory:
         """The memories of all stations as one: of each vehicle what its own station keeps."""
