@@ -5,10 +5,8 @@ it; it then closes every connection, viewers included, within `SHUTDOWN_S`.
 """
 
 import asyncio
-import errno
 import logging
 import socket
-import ssl
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,8 +25,8 @@ from websockets.server import ServerProtocol
 
 from gcs.api.auth.authorization import Bucket
 from gcs.api.errors import error_response
+from gcs.api.listener import BACKLOG, HOST, PORT, check_tls, listen
 from gcs.api.middleware import AbsoluteTarget
-from gcs.model.errors import ConfigError, LinkError
 from gcs.service.access import TlsSettings
 
 CONNECTIONS_MAX: Final = 256
@@ -137,14 +135,7 @@ class Viewer(WebSocketsSansIOProtocol):
             self.handshake_complete = True
 
 
-HOST: Final = "127.0.0.1"
-PORT: Final = 8000
-PORT_MAX: Final = 65_535
-
 SHUTDOWN_S: Final = 2
-
-SEND_BUFFER_BYTES: Final = 64 * 1024
-"""Kernel send buffer of each connection: small, because data that a slow viewer has not read yet is old."""
 
 SILENT_S: Final = 10.0
 CROWDED_S: Final = 0.5
@@ -152,12 +143,6 @@ CROWDED_S: Final = 0.5
 others need. With more than half of the places taken the limit is `CROWDED_S`, so that silent connections
 cannot keep callers out.
 """
-
-BACKLOG: Final = 64
-"""Connections that wait to be accepted; one turn of the event loop accepts all of them."""
-
-STALLED_MS: Final = 20_000
-"""A connection whose peer acknowledges no data for this long is closed."""
 
 
 class _Server(uvicorn.Server):
@@ -216,8 +201,22 @@ async def serve(
 
     Raises: LinkError when the address is not available, ConfigError when certificate or key cannot be used.
     """
-    _check_tls(tls)
-    listener = await _listen(host, port)
+    check_tls(tls)
+    listener = await listen(host, port)
+    try:
+        await serve_on(listener, app, listening=listening, tls=tls)
+    finally:
+        listener.close()
+
+
+async def serve_on(
+    listener: socket.socket,
+    app: ASGIApp,
+    *,
+    listening: asyncio.Future[int] | None = None,
+    tls: TlsSettings | None = None,
+) -> None:
+    """As `serve`, on an open listener, which it closes; certificate and key must be valid."""
     logging.getLogger("uvicorn.error").addFilter(SPARSE)  # a second call changes nothing
     config = uvicorn.Config(
         AbsoluteTarget(app),
@@ -229,7 +228,7 @@ async def serve(
         http=Http,
         ws=Viewer,
         ws_max_size=4096,  # viewers send no messages
-        ws_per_message_deflate=False,  # compression would take time from the control loop
+        ws_per_message_deflate=False,  # it would take much more time than encoding does
         timeout_graceful_shutdown=SHUTDOWN_S,
         backlog=BACKLOG,
         ssl_certfile=None if tls is None else tls.certificate_file,
@@ -246,48 +245,3 @@ async def serve(
         finally:
             for connection in list(server.server_state.connections):  # their peers may read nothing
                 connection.transport.abort()
-            listener.close()
-
-
-def _check_tls(tls: TlsSettings | None) -> None:
-    if tls is None:
-        return
-    for path in (tls.certificate_file, tls.key_file):
-        if not path.is_file():
-            raise ConfigError(f"access.tls: {path}: there is no such file")
-    try:
-        ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(
-            tls.certificate_file, tls.key_file
-        )
-    except OSError as error:  # includes SSLError
-        files = f"{tls.certificate_file}, {tls.key_file}"
-        raise ConfigError(f"access.tls: {files}: no PEM certificate and its key: {error}") from None
-
-
-async def _listen(host: str, port: int) -> socket.socket:
-    if not 0 <= port <= PORT_MAX:  # the resolver would silently reduce it modulo 65536
-        raise LinkError(f"cannot listen on {host} port {port}: a port is from 0 to {PORT_MAX}")
-    try:
-        found = await asyncio.get_running_loop().getaddrinfo(
-            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )
-    except socket.gaierror as error:
-        raise LinkError(f"cannot listen on {host} port {port}: {error}") from error
-    family, kind, protocol, _, address = found[0]
-    listener = socket.socket(family, kind, protocol)
-    try:
-        # Accepted connections inherit these from the listener.
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
-            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STALLED_MS)
-        listener.bind(address)
-        listener.listen(BACKLOG)
-        listener.setblocking(False)
-    except OSError as error:
-        listener.close()
-        text = f"cannot listen on {host} port {port}: {error}"
-        if error.errno == errno.EADDRINUSE:
-            text = f"port {port} is in use on {host}: stop what listens there, or choose another port"
-        raise LinkError(text) from error
-    return listener

@@ -22,7 +22,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.state import VehicleId
 from gcs.service import ShowAction, VehicleAction
-from gcs.service.access import ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
+from gcs.service.access import ACCESS_OFF, ANONYMOUS, LOCAL, RIGHTS, Audit, Denied, Right, Role
 
 
 @dataclass(slots=True)
@@ -157,8 +157,7 @@ class Authorization:
         """Without `tokens` every caller has every right, which is safe on the loopback interface only."""
         self._tokens = tokens
         self.demands_tokens = tokens is not None
-        off = "off: every client of this service may do everything; it listens on the loopback interface"
-        self.text = "tokens" if self.demands_tokens else off
+        self.text = "tokens" if self.demands_tokens else ACCESS_OFF
         self._calls_per_s = calls_per_s
         self._audit = audit
         self._clock_s = clock_s

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from prometheus_client import Histogram
 
 from gcs.control import ControlSettings, Tick
 from gcs.estimation import time_estimates
@@ -17,6 +16,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
 from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, TickView
 from gcs.service.alarms import Alarm
+from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 
 
@@ -29,7 +29,7 @@ def fleet_view(
     tick: Tick,
     *,
     timing: TickView,
-    histograms: tuple[Histogram, ...] = (),
+    histograms: tuple[TickHistogram, ...] = (),
     control_alive: bool,
     interventions: int,
     unix_time_s: float,

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
-from prometheus_client import Histogram
 
 from gcs.service import Scheduling, TickView
+from gcs.service.histograms import TickHistogram
 
 REMEMBERED = 2000
 
@@ -79,8 +79,8 @@ class TickClock:
         self._began_s = 0.0
         self._duration_s: deque[float] = deque(maxlen=REMEMBERED)
         self._lateness_s: deque[float] = deque(maxlen=REMEMBERED)
-        self._durations = _histogram("gcs_tick_duration_seconds", "How long a tick took.")
-        self._latenesses = _histogram("gcs_tick_lateness_seconds", "How late a tick began.")
+        self._durations = TickHistogram("gcs_tick_duration_seconds", "How long a tick took.", BOUNDS_S)
+        self._latenesses = TickHistogram("gcs_tick_lateness_seconds", "How late a tick began.", BOUNDS_S)
         self._summary = TickView(rate_hz, 0, 0, 0.0, 0.0, 0.0)
 
     def gap_before(self, now_s: float) -> float:
@@ -99,7 +99,7 @@ class TickClock:
         self._latenesses.observe(lateness_s)
 
     @property
-    def histograms(self) -> tuple[Histogram, ...]:
+    def histograms(self) -> tuple[TickHistogram, ...]:
         return self._durations, self._latenesses
 
     def summary(self) -> TickView:
@@ -110,7 +110,3 @@ class TickClock:
             counts = self.rate_hz, self.count, self.missed
             self._summary = TickView(*counts, p50_ms, p99_ms, late_ms, self.scheduling)
         return self._summary
-
-
-def _histogram(name: str, text: str) -> Histogram:
-    return Histogram(name, text, buckets=BOUNDS_S, registry=None)

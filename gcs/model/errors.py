@@ -16,7 +16,7 @@ GcsError
 from collections.abc import Sequence
 from dataclasses import dataclass
 from reprlib import Repr
-from typing import Final
+from typing import Any, Final
 
 SHOWN_MAX: Final = 80
 """Characters of a value that a message shows: enough to recognise it."""
@@ -44,6 +44,16 @@ PROBLEMS_MAX: Final = 100
 
 class GcsError(Exception):
     """Root of the tree; its text is written for a person."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (type(self), self.args, vars(self))
+
+
+def _restored(kind: type[GcsError], args: tuple[object, ...], attributes: dict[str, object]) -> GcsError:
+    """The error as it was pickled, without its constructor, whose parameters are not its `args`."""
+    error = kind.__new__(kind, *args)
+    error.__dict__ |= attributes
+    return error
 
 
 class ShapeError(GcsError):

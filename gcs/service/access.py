@@ -41,6 +41,12 @@ ANONYMOUS: Final = "anonymous"
 """Name of a caller without a token, where tokens are required."""
 
 
+ACCESS_OFF: Final = (
+    "off: every client of this service may do everything; it listens on the loopback interface"
+)
+"""What it means that no tokens are required."""
+
+
 @dataclass(frozen=True, slots=True)
 class Denied:
     """A call that was denied; `count` above 1 stands for as many calls that came too fast to log each."""

@@ -7,7 +7,6 @@ from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Final, Generic, Literal, TypeVar
 
-from prometheus_client import Histogram
 from pydantic import Field
 
 from gcs.estimation.time_estimates import Estimates
@@ -19,6 +18,7 @@ from gcs.model.settings import PUBLISHED, Measured
 from gcs.model.state import Counts, VehicleId
 from gcs.service.alarms import Alarm
 from gcs.service.event_log import Severity
+from gcs.service.histograms import Collected, TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 
 if TYPE_CHECKING:
@@ -443,7 +443,7 @@ class FleetView:
     failsafes: tuple[ActiveFailsafe, ...] = ()  # those whose causes last, most severe first
     interrupted: InterruptedFlight | None = None  # a flight that was cut off, and is not settled
     playback: Playback | None = None  # None: this is no replay
-    histograms: tuple[Histogram, ...] = ()  # of the ticks since the start; not copies: they change
+    histograms: tuple[TickHistogram | Collected, ...] = ()  # of the ticks since the start; the first change
     stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
     bus: BusView | None = None  # None: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay

@@ -59,6 +59,13 @@ class VehicleTable:
         for name in VALUES:
             freeze(getattr(self, name), (n,), name)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Homes as one array: a thousand small ones would take as long as all other columns."""
+        columns = {field.name: getattr(self, field.name) for field in fields(self)}
+        homes_m = columns.pop("homes_m")
+        known = [home_m is not None for home_m in homes_m]
+        return _restored, (columns, known, np.array([home_m for home_m in homes_m if home_m is not None]))
+
     def of(self, rows: NDArray[np.intp]) -> "VehicleTable":
         """These rows, in this order."""
         chosen = rows.tolist()
@@ -77,3 +84,8 @@ class VehicleTable:
         """Colour that the show sets for each vehicle, #rrggbb; None: it sets none."""
         colours = zip(self.colour.tolist(), self.lit, strict=True)
         return ["#{:02x}{:02x}{:02x}".format(*colour) if lit else None for colour, lit in colours]
+
+
+def _restored(columns: dict[str, Any], known: list[bool], homes_m: Array) -> VehicleTable:
+    homes = iter(homes_m)
+    return VehicleTable(**columns, homes_m=[next(homes) if is_known else None for is_known in known])

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from prometheus_client import Histogram
 
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
@@ -38,14 +37,14 @@ from gcs.service.alarm_book import AlarmBook
 from gcs.service.alarms import Alarm, Condition
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import LogEvent, Severity
+from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 from gcs.shows.library import ShowLibrary
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0
 HISTOGRAMS = tuple(
-    Histogram(f"gcs_tick_{what}_seconds", what, buckets=(0.01, 0.1), registry=None)
-    for what in ("duration", "lateness")
+    TickHistogram(f"gcs_tick_{what}_seconds", what, (0.01, 0.1)) for what in ("duration", "lateness")
 )
 for seconds in (0.005, 0.005, 0.01, 0.05, 0.1, 0.33):
     HISTOGRAMS[0].observe(seconds)

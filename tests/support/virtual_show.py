@@ -2,7 +2,6 @@
 
 import asyncio
 import atexit
-import copyreg
 import json
 import re
 import time
@@ -13,7 +12,6 @@ from functools import cache, partial
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
-from prometheus_client import Histogram
 
 from gcs import control
 from gcs.config.schema import Config
@@ -73,10 +71,6 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
     for name, section in sections.items():
         raw[name] = {**raw.get(name, {}), **section}
     return Config.model_validate(raw)
-
-
-# The ticks' histograms have locks: from a copy of the process they come back empty.
-copyreg.pickle(Histogram, lambda _: (Histogram, ("ticks", "", (), "", "", "", None)))
 
 
 class Sample(NamedTuple):
