@@ -57,6 +57,14 @@ def step_down() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+def set_back(pid: int) -> None:
+    """Let a process that this one has started run as an ordinary one. Raises: ProcessLookupError."""
+    if sys.platform == "linux":
+        os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
+    if os.getpriority(os.PRIO_PROCESS, pid) < 0:
+        os.setpriority(os.PRIO_PROCESS, pid, 0)
+
+
 def _raised() -> str:
     if os.getpriority(os.PRIO_PROCESS, 0) > NICE:
         with suppress(PermissionError):

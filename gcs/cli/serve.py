@@ -1,8 +1,7 @@
-"""`gcs serve`: runs the service and its API on one event loop, each in a task group of its own."""
+"""`gcs serve`: runs the service, and its API in a process beside it."""
 
 import argparse
 import asyncio
-import contextlib
 import errno
 import logging
 import secrets
@@ -15,15 +14,10 @@ from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 
 from pydantic import ValidationError
-from starlette.types import ASGIApp
 
-from gcs.api.app import create_app
-from gcs.api.auth.authorization import Authorization, log_denied
-from gcs.api.auth.middleware import EmergencyLane
-from gcs.api.auth.tokens import Tokens
-from gcs.api.map_tiles import GroundMap, open_map
-from gcs.api.server import serve as serve_api
+from gcs.api.map_tiles import open_map
 from gcs.cli import scheduling, site_processes, supervisor
+from gcs.cli.api_process import api_process
 from gcs.cli.output import REFUSED, Say, failed, lines, require_stations
 from gcs.cli.process import Notifier, notifier_from_environment, run_exactly, set_up_log
 from gcs.config import schema as configuration
@@ -41,18 +35,16 @@ from gcs.links.native.link import NativeLink
 from gcs.links.settings import Listen, TcpIn
 from gcs.links.signing import Signing
 from gcs.links.stream_requests import desired_rates
-from gcs.model.errors import ConfigError, FileError, GcsError, LinkError, Problem, RefusedError
+from gcs.model.errors import ConfigError, FileError, GcsError, Problem, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
 from gcs.model.state import VehicleId
 from gcs.recording.audit_reader import exclusions, interruption
 from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
-from gcs.service.access import Audit, is_loopback
+from gcs.service.access import ACCESS_OFF, is_loopback
 
 log = logging.getLogger(__name__)
-
-API_RETRY_S = 1.0
 
 
 def make_link(settings: LinkSettings, config: Config, record: Path | None = None) -> Link:
@@ -86,8 +78,8 @@ async def running(
 ) -> AsyncIterator[tuple[Orchestrator, int]]:
     """Run the service with its API until the block ends. Yields the orchestrator and the API's port.
 
-    Control and API share the event loop but not their failures: a failed API is restarted without effect on
-    control. An error of control ends the block. `heart` is notified of every tick in time. `priority` is
+    The API has a process of its own; a failed one is replaced without effect on control. An error of control
+    ends the block. `heart` is notified of every tick in time. `priority` is
     asked of the machine for this process. `site` is the configuration out of which `station_config` made
     `config`; None: this station flies alone.
 
@@ -95,30 +87,28 @@ async def running(
         LinkError: the API's port is not available at the start.
         ConfigError: the file of tokens or keys is not valid.
     """
-    ground, problems = open_ground(config)
-    record = make_record(config, site)
-    keeps_frames = config.record is not None and config.record.frames
-    folder = record.folder if record is not None and keeps_frames else None
-    links = [make_link(link, config, folder) for link in config.links]
-    planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
-    membership = None if site is None else make_membership(config, site)
-    orchestrator = Orchestrator(
-        config, links, record, heart=heart, planning=planning, problems=problems, membership=membership
-    )
-    raise_priority(orchestrator, priority)
-    with nullcontext() if record is None else record:
-        names, authorization = ("localhost", config.api.host), make_authorization(config)
-        app = create_app(orchestrator, host_names=names, authorization=authorization, ground=ground)
-        app.openapi()  # takes a quarter of a second: do it now, not at a request during a flight
-        async with (
-            _listening(app, config, "api.port", config.api.port) as port,
-            _listening(EmergencyLane(app), config, "api.emergency_port", config.api.lane_port) as lane_port,
-        ):
-            app.state.context.emergency_port = lane_port
+    async with api_process(config) as api:  # it loads its modules while control is made
+        record = make_record(config, site)
+        keeps_frames = config.record is not None and config.record.frames
+        folder = record.folder if record is not None and keeps_frames else None
+        links = [make_link(link, config, folder) for link in config.links]
+        planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
+        membership = None if site is None else make_membership(config, site)
+        problems = map_problems(config)
+        orchestrator = Orchestrator(
+            config, links, record, heart=heart, planning=planning, problems=problems, membership=membership
+        )
+        raise_priority(orchestrator, priority)
+        with nullcontext() if record is None else record:
+            log_access(config)
             async with asyncio.TaskGroup() as group:
                 control = group.create_task(orchestrator.run(), name="service")
-                yield orchestrator, port
+                keeper = group.create_task(api.keep(orchestrator), name="api")
+                await api.tried.wait()
+                yield orchestrator, api.port
                 control.cancel()
+                await asyncio.wait((control,))
+                keeper.cancel()
 
 
 def make_membership(config: Config, site: Config) -> Membership:
@@ -183,71 +173,29 @@ def _elsewhere(config: Config, site: Config) -> dict[VehicleId, tuple[int, str]]
     }
 
 
-def open_ground(config: Config) -> tuple[GroundMap | None, list[str]]:
-    """Open the map. Returns: the map, and its problems for an operator.
+def map_problems(config: Config) -> list[str]:
+    """Why the map cannot be used, for an operator.
 
     An unusable map file does not prevent a flight: an interrupted service must be able to start without it.
     """
     try:
-        return open_map(config.map), []
+        ground = open_map(config.map)
     except ConfigError as error:
         log.warning("map_missing", extra={"cause": str(error)})
-        return None, [f"no map: {error}"]
+        return [f"no map: {error}"]
+    if ground is not None and ground.file is not None:
+        ground.file.close()
+    return []
 
 
-def make_authorization(config: Config, audit: Audit = log_denied) -> Authorization:
-    """Make the authorization; `audit` receives denied calls. Raises: ConfigError for a bad token file."""
+def log_access(config: Config) -> None:
+    """Log what is open to others."""
     access = config.access
-    tokens = None if access.tokens_file is None else Tokens(access.tokens_file)
-    authorization = Authorization(tokens, calls_per_s=access.calls_per_s, burst=access.burst, audit=audit)
-    if tokens is None:
-        log.warning("access_off", extra={"host": config.api.host, "means": authorization.text})
+    if access.tokens_file is None:
+        log.warning("access_off", extra={"host": config.api.host, "means": ACCESS_OFF})
     elif access.tls is None and not is_loopback(config.api.host):
         fix = "access.tls; until then anyone on the network can read the tokens"
         log.warning("access_without_tls", extra={"host": config.api.host, "fix": fix})
-    return authorization
-
-
-@asynccontextmanager
-async def _listening(app: ASGIApp, config: Config, name: str, port: int) -> AsyncIterator[int]:
-    """Keep a listener running until the block ends. Yields its port."""
-    listening: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-    api = asyncio.create_task(_keep_api(app, config, port, name, listening), name=name)
-    try:
-        await asyncio.wait((listening, api), return_when=asyncio.FIRST_COMPLETED)
-        if not listening.done():
-            await api  # raises the error that prevented listening
-        yield listening.result()
-    finally:
-        api.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await api
-
-
-async def _keep_api(
-    app: ASGIApp, config: Config, port: int, name: str, listening: asyncio.Future[int]
-) -> None:
-    """Serve; after a first success, restart on the same port after a failure."""
-    while True:
-        # a task of its own: any error in it, a bug included, ends only the API
-        server = asyncio.create_task(
-            serve_api(app, config.api.host, port, listening=listening, tls=config.access.tls),
-            name=f"{name}/server",
-        )
-        try:
-            await asyncio.wait((server,))
-        finally:
-            server.cancel()
-            await asyncio.wait((server,))
-        cause = None if server.cancelled() else server.exception()
-        if isinstance(cause, LinkError) and not listening.done():
-            raise LinkError(f"{name}: {cause}")
-        if cause is not None and not listening.done():
-            raise cause
-        log.error("api_failed", extra={"listener": name, "cause": str(cause)})
-        if listening.done():
-            port = listening.result()
-        await asyncio.sleep(API_RETRY_S)
 
 
 async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | None = None) -> None:

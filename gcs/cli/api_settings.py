@@ -1,0 +1,18 @@
+"""What control's process starts the API's process with."""
+
+from dataclasses import dataclass
+
+from gcs.service.access import AccessSettings
+from gcs.service.map_settings import MapSettings
+
+
+@dataclass(frozen=True, slots=True)
+class ApiSettings:
+    """Settings of the API, its console and its log."""
+
+    host: str
+    lane_port: int  # on which the emergency listener listens
+    access: AccessSettings
+    map: MapSettings | None
+    log_level: int
+    station: str | None  # None: one station flies all vehicles
