@@ -35,7 +35,7 @@ VEHICLE_GAUGES: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FleetCollector:
     """Makes all metrics of one state."""
 

@@ -7,7 +7,7 @@ from typing import Any
 from prometheus_client import Histogram, Metric
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Collected:
     """What a histogram had counted when it was pickled."""
 
