@@ -1,88 +1,26 @@
-"""The program of the API's process: `python -m gcs.cli.api_child LINE LISTENER EMERGENCY_LISTENER`.
+"""Starts the API's program: `python -m gcs.cli.api_child CONTROL LINE LISTENER EMERGENCY_LISTENER`.
 
-The words are the numbers of inherited sockets. Everything else comes over the line from control's process,
-with which this process ends. It is started with SIGINT and SIGTERM blocked: these ask control to bring the
-vehicles home, and an operator wants to see that.
+CONTROL is the process id of control's process, the other words are numbers of inherited sockets. This process
+is started with SIGINT and SIGTERM blocked: these ask control to bring the vehicles home, and an operator
+wants to see that.
 """
 
-import asyncio
 import ctypes
-import gc
+import os
 import signal
-import socket
 import sys
 from typing import Final
-
-from starlette.types import ASGIApp
-
-from gcs.api.app import create_app
-from gcs.api.auth.authorization import Authorization
-from gcs.api.auth.middleware import EmergencyLane
-from gcs.api.auth.tokens import Tokens
-from gcs.api.map_tiles import GroundMap, open_map
-from gcs.api.server import serve_on
-from gcs.cli.api_settings import ApiSettings
-from gcs.cli.process import set_up_log
-from gcs.model.errors import ConfigError, LinkError
-from gcs.service.map_settings import MapSettings
-from gcs.service.remote import RemoteService
 
 _PR_SET_PDEATHSIG: Final = 1
 
 
-def main(line: int, *listeners: int) -> None:
-    if sys.platform == "linux":  # also a process that is stopped keeps no port from the next service
+def main(control: int, line: int, *listeners: int) -> None:
+    if sys.platform == "linux":  # one that is stopped, or still starts, keeps no port from the next service
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    try:
-        service = RemoteService(socket.socket(fileno=line))
-    except LinkError:  # control has ended before it began
-        return
-    asyncio.run(_serve(service, [socket.socket(fileno=listener) for listener in listeners]))
+    if os.getppid() == control:
+        from gcs.cli.api_program import run  # noqa: PLC0415 (takes a second, in which control may end)
 
-
-async def _serve(service: RemoteService, listeners: list[socket.socket]) -> None:
-    """Serve until control ends. Raises: the error that ended a listener."""
-    settings: ApiSettings = service.settings
-    set_up_log(settings.log_level, settings.station)
-    access = settings.access
-    tokens = None if access.tokens_file is None else Tokens(access.tokens_file)
-    authorization = Authorization(tokens, calls_per_s=access.calls_per_s, burst=access.burst)
-    names, ground = ("localhost", settings.host), _ground(settings.map)
-    app = create_app(service, host_names=names, authorization=authorization, ground=ground)
-    app.openapi()  # takes a quarter of a second: do it now, not at a request during a flight
-    app.state.context.emergency_port = settings.lane_port
-    gc.collect()
-    gc.freeze()
-    loop = asyncio.get_running_loop()
-    apps: list[ASGIApp] = [app, EmergencyLane(app)]
-    listening: list[asyncio.Future[int]] = [loop.create_future() for _ in listeners]
-    serving = [
-        loop.create_task(serve_on(listener, served, listening=port, tls=access.tls))
-        for listener, served, port in zip(listeners, apps, listening, strict=True)
-    ]
-    control = loop.create_task(service.run())
-    listens = loop.create_task(_listen(service, listening))
-    await asyncio.wait((control, *serving), return_when=asyncio.FIRST_COMPLETED)
-    listens.cancel()
-    for task in serving:
-        task.cancel()
-    await asyncio.wait(serving)
-    for task in serving:
-        if not task.cancelled():
-            task.result()  # raises the error that ended it
-
-
-async def _listen(service: RemoteService, listening: list[asyncio.Future[int]]) -> None:
-    await asyncio.gather(*listening)
-    service.listens()
-
-
-def _ground(settings: MapSettings | None) -> GroundMap | None:
-    """Open the map; control's process has reported why it cannot be used."""
-    try:
-        return open_map(settings)
-    except ConfigError:
-        return None
+        run(line, *listeners)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ process starts. A failure of the API, whatever it is, has no effect on control.
 
 import asyncio
 import logging
+import os
 import signal
 import socket
 import sys
@@ -109,7 +110,7 @@ class ApiProcess:
             ours = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
             try:  # the process inherits what is blocked
                 self._process = await asyncio.create_subprocess_exec(
-                    *(sys.executable, "-m", "gcs.cli.api_child", *map(str, files)),
+                    *(sys.executable, "-m", "gcs.cli.api_child", *map(str, (os.getpid(), *files))),
                     stdin=asyncio.subprocess.DEVNULL,
                     stdout=asyncio.subprocess.DEVNULL,
                     pass_fds=files,

@@ -2,7 +2,7 @@
 
 The whole process is raised, not control's thread alone: a thread at usual priority that holds the
 interpreter's lock while other programs have its core would stop control. Threads that compute long step down
-(`step_down`), and programs that the service starts are set back (`gcs.service.check_process`).
+(`step_down`), and programs that the service starts are set back (`set_back`, `gcs.service.check_process`).
 """
 
 import ctypes

@@ -101,14 +101,16 @@ async def running(
         raise_priority(orchestrator, priority)
         with nullcontext() if record is None else record:
             log_access(config)
-            async with asyncio.TaskGroup() as group:
-                control = group.create_task(orchestrator.run(), name="service")
-                keeper = group.create_task(api.keep(orchestrator), name="api")
-                await api.tried.wait()
-                yield orchestrator, api.port
-                control.cancel()
-                await asyncio.wait((control,))
+            keeper = asyncio.create_task(api.keep(orchestrator), name="api")
+            try:
+                async with asyncio.TaskGroup() as group:
+                    control = group.create_task(orchestrator.run(), name="service")
+                    await api.tried.wait()
+                    yield orchestrator, api.port
+                    control.cancel()
+            finally:
                 keeper.cancel()
+                await asyncio.wait((keeper,))
 
 
 def make_membership(config: Config, site: Config) -> Membership:

@@ -50,6 +50,8 @@ ANSWER_S: Final = 2.0
 FILES_S: Final = 30.0
 """Longest wait for an answer that needs a disk."""
 
+ALWAYS_S: Final = 1e9
+
 BEAT_S: Final = 1.0
 
 PIECE_BYTES: Final = 1 << 18
@@ -81,9 +83,9 @@ class Line:
         return cast("Hello", pickle.loads(content))  # noqa: S301 (of control, which is trusted)
 
     def tell(self, method: Method, *given: Any, **named: Any) -> None:
-        """Send a request without an answer; it is lost when control does not read."""
+        """Send a request without an answer, to be executed however late; lost while control is silent."""
         with suppress(LinkError):
-            self._send(0, method, self._answer_s, given, named)
+            self._send(0, method, ALWAYS_S, given, named)
 
     def call(self, method: Method, *given: Any, **named: Any) -> Any:
         """Return the answer. Raises: LinkError without one; the answer's own error."""
