@@ -27,7 +27,7 @@ import numpy as np
 import yaml
 from pydantic_core import from_json
 
-from gcs.cli.demo_script import ORBIT_RADIUS_M, ORBIT_SPEED_M_S
+from gcs.cli.demo_script import ORBIT_SPEED_M_S, USUAL_RADIUS_M
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import LinkError, RefusedError
@@ -260,7 +260,7 @@ def fly(fleets: Sequence[Fleet], seconds: float) -> dict[str, Measured]:
     wait("running", fleets, lambda fleet: fleet.all_show("running"))
     for fleet in fleets:
         client = fleet.clients[fleet.names[0]]
-        client.change_orbit(radius_m=ORBIT_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
+        client.change_orbit(radius_m=USUAL_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
     time.sleep(SETTLE_S)
     measured = measure(fleets, seconds)
     print(f"  measured for {seconds:g} s, load {os.getloadavg()[0]:.1f}", flush=True)

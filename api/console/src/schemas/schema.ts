@@ -795,9 +795,10 @@ export interface paths {
         put?: never;
         /**
          * Fly on with the vehicles of a lost station
-         * @description The station that answers is the standby of that one. Its vehicles go from hold back into formation.
+         * @description At the standby of that station, whichever answers. Its vehicles go from hold back into formation.
          *
-         *     `409` where the station is not lost, may still send setpoints, or none of its vehicles holds here.
+         *     Refused where the station is not lost, may still send setpoints, or none of its vehicles holds: by the
+         *     standby itself with `409`, of another station the outcomes have the reason.
          */
         post: operations["take_over_station"];
         delete?: never;
@@ -944,6 +945,8 @@ export interface paths {
         /**
          * Exclude a vehicle from the show
          * @description Only on the ground. The vehicle takes part in no start until it is included again.
+         *
+         *     Of a site of several stations the one that flies the vehicle excludes it, and reports the outcome.
          */
         post: operations["exclude_vehicle"];
         delete?: never;
@@ -2714,6 +2717,12 @@ export interface components {
             leads: boolean;
             /** Name */
             name: string;
+            /**
+             * Offers
+             * @description For its interrupted flight: POST /api/v1/show/take-over, at any station.
+             * @default []
+             */
+            offers: components["schemas"]["Offer"][];
             /**
              * Own
              * @description The station that answers.
@@ -8003,6 +8012,7 @@ export interface operations {
                      *         "delay_s": 0,
                      *         "leads": true,
                      *         "name": "north",
+                     *         "offers": [],
                      *         "own": true,
                      *         "received": true,
                      *         "show": "running",
@@ -8014,6 +8024,7 @@ export interface operations {
                      *         "delay_s": 0.002,
                      *         "leads": false,
                      *         "name": "south",
+                     *         "offers": [],
                      *         "own": false,
                      *         "received": true,
                      *         "show": "running",
@@ -8025,6 +8036,7 @@ export interface operations {
                      *         "delay_s": 0.002,
                      *         "leads": false,
                      *         "name": "west",
+                     *         "offers": [],
                      *         "own": false,
                      *         "received": false,
                      *         "show": "running",
@@ -8235,6 +8247,7 @@ export interface operations {
                      *         "delay_s": 0,
                      *         "leads": true,
                      *         "name": "north",
+                     *         "offers": [],
                      *         "own": true,
                      *         "received": true,
                      *         "show": "running",
@@ -8246,6 +8259,7 @@ export interface operations {
                      *         "delay_s": 0.002,
                      *         "leads": false,
                      *         "name": "south",
+                     *         "offers": [],
                      *         "own": false,
                      *         "received": true,
                      *         "show": "running",
@@ -8257,6 +8271,7 @@ export interface operations {
                      *         "delay_s": 0.002,
                      *         "leads": false,
                      *         "name": "west",
+                     *         "offers": [],
                      *         "own": false,
                      *         "received": false,
                      *         "show": "running",
