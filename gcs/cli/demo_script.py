@@ -157,16 +157,16 @@ class DemoScript:
 
     def _start(self) -> CommandRecord:
         """Start as soon as preflight permits it. Raises: RefusedError with what is still wrong at the end."""
-        end_s, said = time.monotonic() + READY_S, ""
+        end_s, reported = time.monotonic() + READY_S, ""
         while True:
             try:
                 return self._client.start()
             except RefusedError as refused:
                 if time.monotonic() > end_s:
                     raise
-                if str(refused) != said:
-                    said = str(refused)
-                    self._say(f"not yet: {said}")
+                if str(refused) != reported:
+                    reported = str(refused)
+                    self._say(f"not yet: {reported}")
             self._sleep(0.5)
 
     def _orbit(self) -> None:

@@ -110,12 +110,12 @@ class PlanEditor:
     def _place_obstacle(self, obstacle: Obstacle) -> None:
         flight = self.flight
         obstacle = replace(obstacle, time_s=self.now_s())
-        comes_down_m = {
-            vehicle.id: vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
-            for vehicle in self._taking_part()
-        }
-        known_m = {name: place_m for name, place_m in comes_down_m.items() if place_m is not None}
-        self.show_player.check_obstacle(obstacle, known_m)
+        comes_down_m = {} if flight.site is None else flight.site.pads_m()
+        for vehicle in self._taking_part():
+            place_m = vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
+            if place_m is not None:
+                comes_down_m[vehicle.id] = place_m
+        self.show_player.check_obstacle(obstacle, comes_down_m)
         others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
         self._set_obstacles([*others, obstacle])
 

@@ -225,17 +225,20 @@ class ShowPlayer:
         flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
 
     def check_obstacle(self, box: Obstacle, comes_down_m: Mapping[VehicleId, Array]) -> None:
-        """Check that an obstacle can stand now, clear of the airborne vehicles and of places (3,) to land at.
+        """Check that an obstacle can stand now, clear of airborne vehicles and of places (3,) to land at.
 
-        Raises: RefusedError.
+        Those of other stations count as the own. Raises: RefusedError.
         """
-        flight, airborne = self.flight, self.flight.airborne
+        flight = self.flight
+        moving = {} if flight.site is None else flight.site.airborne_m()
+        for vehicle in flight.airborne:
+            moving[vehicle.id] = flight.position_m(vehicle), flight.fleet.velocity_m_s[vehicle.row]
         check_obstacle(
             box,
             flight.control.law.avoidance,
-            {vehicle.id: flight.position_m(vehicle) for vehicle in airborne},
+            {name: position_m for name, (position_m, _) in moving.items()},
             comes_down_m,
-            velocities_m_s={vehicle.id: flight.fleet.velocity_m_s[vehicle.row] for vehicle in airborne},
+            velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
             braking=flight.control.safety.braking,
         )
 

@@ -502,6 +502,18 @@ class SiteMember:
         """Those that are lost."""
         return frozenset(self.site.ids[row] for row in self.site.lost_rows(self.flight.fleet.time_s).tolist())
 
+    def airborne_m(self) -> dict[VehicleId, tuple[Array, Array]]:
+        """(3,) position and velocity of those in the air, show frame."""
+        others = self.others
+        rows = np.flatnonzero(others.airborne).tolist()
+        return {others.ids[row]: (others.position_m[row], others.velocity_m_s[row]) for row in rows}
+
+    def pads_m(self) -> dict[VehicleId, Array]:
+        """(3,) pads of all that have one."""
+        home_m = self.site.home_m
+        rows = np.flatnonzero(np.isfinite(home_m).all(axis=1)).tolist()
+        return {self.site.ids[row]: home_m[row] for row in rows}
+
     def landing_m(self) -> Array:
         """(j, 2) where they stand on the ground, or come down."""
         lands = ~self.others.airborne | (self.site.phases == PHASE_CODE[Phase.LANDING])
