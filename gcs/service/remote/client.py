@@ -1,8 +1,8 @@
 """The API's end of the service port: a `Service` whose answers come from control's process.
 
 A call blocks until control has answered, which it does between two ticks. When it does not within
-`ANSWER_S`, the call fails, and further ones fail at once until control sends anything again, which it does
-with every tick. What displays need stays as it was last: the view, and the events.
+`ANSWER_S`, the call fails, and control is silent until it sends anything again, as it does with every tick.
+Meanwhile commands fail after `GRACE_S`, and displays keep at once what they have: the view, and the events.
 """
 
 import asyncio
@@ -47,6 +47,9 @@ from gcs.service.snapshots import FleetView, Latest
 ANSWER_S: Final = 2.0
 """Longest wait for control: longer than it takes for any answer, and than a machine stands still."""
 
+GRACE_S: Final = 0.5
+"""Longest wait for a silent control, which may just be going on: some ticks."""
+
 FILES_S: Final = 30.0
 """Longest wait for an answer that needs a disk."""
 
@@ -86,6 +89,13 @@ class Line:
         """Send a request without an answer, to be executed however late; lost while control is silent."""
         with suppress(LinkError):
             self._send(0, method, ALWAYS_S, given, named)
+
+    def wait_while_silent(self) -> None:
+        """Give a silent control the time to go on. Raises: LinkError when it does not."""
+        until_s = time.monotonic() + GRACE_S
+        while self._is_silent:
+            self._wait(until_s, select.POLLIN)
+            self.receive()
 
     def call(self, method: Method, *given: Any, **named: Any) -> Any:
         """Return the answer. Raises: LinkError without one; the answer's own error."""
@@ -213,8 +223,12 @@ class _Role:
         if method is None:
             raise AttributeError(name)
         if method.is_property:
-            return self._line.call(method)
-        return partial(self._line.call_async if method.is_async else self._line.call, method)
+            return self._ask(method)
+        return partial(self._line.call_async if method.is_async else self._ask, method)
+
+    def _ask(self, method: Method, *given: Any, **named: Any) -> Any:
+        self._line.wait_while_silent()
+        return self._line.call(method, *given, **named)
 
 
 class _Audit:
