@@ -32,7 +32,7 @@ async def change_formation(body: requests.FormationChange, context: ContextDep) 
     A radius too small for the fleet is refused, with the smallest allowed one.
     """
     given = body.given()
-    context.service.plan.set_formation(replace(context.plan.formation, **given), given.keys())
+    context.service.plan.set_formation(replace(context.plan.formation, **given), list(given))
     return await get_formation(context)
 
 
@@ -61,7 +61,7 @@ async def get_orbit(context: ContextDep) -> Orbit:
 async def change_orbit(body: requests.OrbitChange, context: ContextDep) -> Orbit:
     """Changes the given fields. The formation follows continuously."""
     given = body.given()
-    context.service.plan.set_orbit(replace(context.plan.orbit, **given), given.keys())
+    context.service.plan.set_orbit(replace(context.plan.orbit, **given), list(given))
     return await get_orbit(context)
 
 
@@ -74,7 +74,7 @@ async def get_yaw(context: ContextDep) -> schemas.Yaw:
 @router.patch("/yaw", tags=["formation"], summary="Change the heading of the vehicles", **command())
 async def change_yaw(body: requests.YawChange, context: ContextDep) -> schemas.Yaw:
     """Changes the policy, the heading for the policy `fixed`, or both."""
-    fields = {YAW_FIELDS[name] for name in body.given()}
+    fields = [YAW_FIELDS[name] for name in body.given()]
     context.service.plan.set_yaw(convert.yaw_desired(body, context.plan.yaw, context.frame), fields)
     return await get_yaw(context)
 

@@ -1,7 +1,7 @@
 """Changes of the plan: by operators, and from the record of an interrupted flight. All are checked first."""
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -44,7 +44,7 @@ class PlanEditor:
         flying = found if flight.show in ON_THE_GROUND else self._taking_part()
         return flying or list(flight.vehicles.values())
 
-    def set_formation(self, formation: Formation, fields: Collection[str] = ()) -> None:
+    def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
         """Change radius, height and, on the ground, the law; a refusal names values that are accepted."""
         flight = self.flight
         self.show_player.need_free("formation")
@@ -66,7 +66,7 @@ class PlanEditor:
         check_target(target, flight.plan.orbit, formation, control, changed="formation")
         flight.plan = replace(flight.plan, formation=formation)
 
-    def set_orbit(self, orbit: Orbit, fields: Collection[str] = ()) -> None:
+    def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
         flight = self.flight
         self.show_player.need_free("orbit")
         orbit = _changed(flight.plan.orbit, orbit, fields)
@@ -82,7 +82,7 @@ class PlanEditor:
         now_s = self.now_s()
         return followed(self.flight.plan, now_s, self.flight.control.safety.fence)
 
-    def set_yaw(self, yaw: Yaw, fields: Collection[str] = ()) -> None:
+    def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         self.flight.plan = replace(self.flight.plan, yaw=_changed(self.flight.plan.yaw, yaw, fields))
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
@@ -123,7 +123,7 @@ class PlanEditor:
         self.flight.plan = replace(self.flight.plan, obstacles=tuple(obstacles))
 
 
-def _changed(was: Part, desired: Part, fields: Collection[str]) -> Part:
+def _changed(was: Part, desired: Part, fields: Sequence[str]) -> Part:
     """`was` with these fields of `desired`; without fields, all of `desired`."""
     return replace(was, **{name: getattr(desired, name) for name in fields}) if fields else desired
 

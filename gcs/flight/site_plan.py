@@ -1,6 +1,6 @@
 """Changes of the plan of a site: any station asks for them, and the lead applies them."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, Final
@@ -34,16 +34,16 @@ class SitePlanEditor(PlanEditor):
 
     member: SiteMember
 
-    def set_formation(self, formation: Formation, fields: Collection[str] = ()) -> None:
+    def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
         self._change("set_formation", formation, partial(super().set_formation, formation, fields), fields)
 
-    def set_orbit(self, orbit: Orbit, fields: Collection[str] = ()) -> None:
+    def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
         self._change("set_orbit", orbit, partial(super().set_orbit, orbit, fields), fields)
 
     def set_target(self, target: Target) -> None:
         self._change("set_target", target, partial(super().set_target, target))
 
-    def set_yaw(self, yaw: Yaw, fields: Collection[str] = ()) -> None:
+    def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         self._change("set_yaw", yaw, partial(super().set_yaw, yaw, fields), fields)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
@@ -55,7 +55,7 @@ class SitePlanEditor(PlanEditor):
     def remove_obstacle(self, obstacle_id: str) -> None:
         self._change("remove_obstacle", {"id": obstacle_id}, partial(super().remove_obstacle, obstacle_id))
 
-    def _change(self, name: Any, value: Any, apply: Callable[[], None], fields: Collection[str] = ()) -> None:
+    def _change(self, name: Any, value: Any, apply: Callable[[], None], fields: Sequence[str] = ()) -> None:
         member = self.member
         if member.site.lead.leads:
             apply()

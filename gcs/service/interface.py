@@ -1,6 +1,6 @@
 """The service port: one small protocol for each role, and an audit that records nothing."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypedDict, Unpack
 
@@ -239,16 +239,16 @@ class PlanChanges(Protocol):
     def current(self) -> Plan:
         """The plan as of now: an accepted change is in it at once, before the next tick."""
 
-    def set_formation(self, formation: Formation, fields: Collection[str] = ()) -> None:
+    def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
         """Change radius and height, which the formation follows within its limits, or the law."""
 
-    def set_orbit(self, orbit: Orbit, fields: Collection[str] = ()) -> None:
+    def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
         """Change how the centre circles the target."""
 
     def set_target(self, target: Target) -> None:
         """Set the target's position and velocity; `time_s` is overwritten with now."""
 
-    def set_yaw(self, yaw: Yaw, fields: Collection[str] = ()) -> None:
+    def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         """Change the vehicles' heading."""
 
     def add_obstacle(self, obstacle: Obstacle) -> None:

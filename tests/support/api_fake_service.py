@@ -1,7 +1,7 @@
 """A `gcs.service.Service` without vehicles: its tables, plan and refusals are real, its motion is not."""
 
 import time
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import nan, sqrt
 from pathlib import Path
@@ -68,7 +68,7 @@ class FakePlan:
         self._phases = phases
         self.current = Plan(Formation(radius_m=10.0, height_m=20.0))
 
-    def set_formation(self, formation: Formation, fields: Collection[str] = ()) -> None:
+    def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
         least_m, count = 3.0 * sqrt(len(self._phases)), len(self._phases)
         if formation.radius_m < least_m:
             raise InvalidError(
@@ -79,13 +79,13 @@ class FakePlan:
             raise InvalidError("height_m", formation.height_m, allowed)
         self.current = replace(self.current, formation=formation)
 
-    def set_orbit(self, orbit: Orbit, fields: Collection[str] = ()) -> None:
+    def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
         self.current = replace(self.current, orbit=orbit)
 
     def set_target(self, target: Target) -> None:
         self.current = replace(self.current, target=replace(target, time_s=time.monotonic()))
 
-    def set_yaw(self, yaw: Yaw, fields: Collection[str] = ()) -> None:
+    def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         self.current = replace(self.current, yaw=yaw)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
