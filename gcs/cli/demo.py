@@ -10,7 +10,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from math import ceil, sqrt
+from math import ceil, hypot, sqrt
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -123,7 +123,10 @@ def _check_stations(arguments: argparse.Namespace) -> None:
 
 def _scale(config: configuration.Config) -> Scale:
     formation, stagger_s = config.formation, config.operation.takeoff_stagger_s
-    return Scale(len(config.ids), stagger_s, formation.radius_m, formation.radius_m + formation.height_m)
+    count, top_m = len(config.ids), formation.radius_m + formation.height_m
+    large = config.links[0].transport == "native"
+    field_m = hypot(*[(_columns(count) - 1) * PAD_SPACING_M / 2.0] * 2) if large else 0.0
+    return Scale(count, stagger_s, formation.radius_m, top_m, field_m)
 
 
 def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
@@ -142,7 +145,7 @@ def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
     field_m = (_columns(arguments.vehicles) - 1) * PAD_SPACING_M
     raw["target"] = {"x_m": field_m / 2.0, "y_m": field_m / 2.0}
     raw["operation"]["pads_within_m"] = max(50.0, 1.5 * field_m)
-    raw["operation"]["takeoff_stagger_s"] = LARGE_STAGGER_S
+    raw["operation"]["takeoff_stagger_s"] = LARGE_STAGGER_S * arguments.stations  # of each station
 
 
 def _columns(count: int) -> int:

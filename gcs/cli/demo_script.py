@@ -12,6 +12,7 @@ from gcs.client import Client
 from gcs.formation.orbit import orbit_velocity
 from gcs.model.errors import CommandError, GcsError, RefusedError
 from gcs.model.plan import Direction, Obstacle
+from gcs.model.state import Array
 from gcs.service import CommandRecord
 
 ORBIT_SPEED_M_S = 2.5
@@ -43,6 +44,12 @@ AHEAD_S = 13.0
 USUAL_RADIUS_M = 15.0
 """Of the sphere in the shipped demonstration, and of its orbit. Larger spheres have larger orbits."""
 
+NEAR_M = 20.0
+"""Of an obstacle, for a formation that meets it."""
+
+BESIDE_M = 12.0
+"""From the farthest pad to the orbit."""
+
 DEFAULT_S = 240.0
 
 
@@ -71,11 +78,13 @@ class Scale:
     stagger_s: float  # between two take-offs
     radius_m: float  # of the sphere
     top_m: float  # of the sphere, above the ground
+    field_m: float = 0.0  # from the target to the farthest pad, where the orbit is to be around all pads
 
     @property
     def orbit_radius_m(self) -> float:
-        """So large that the obstacle, which stands on the orbit, is outside the sphere at first."""
-        return USUAL_RADIUS_M + 2.0 * self.beyond_m
+        """So large that the obstacle, which stands on the orbit, is off pads and outside the sphere."""
+        around_m = self.field_m + BESIDE_M if self.field_m else 0.0
+        return max(USUAL_RADIUS_M + 2.0 * self.beyond_m, around_m)
 
     @property
     def tower_height_m(self) -> float:
@@ -100,7 +109,8 @@ class Scale:
     @property
     def whole_s(self) -> float:
         """Shortest duration of the whole script."""
-        passing_s = 4.0 * self.beyond_m / ORBIT_SPEED_M_S
+        wide_m = self.orbit_radius_m - USUAL_RADIUS_M
+        passing_s = (2.0 * self.beyond_m + wide_m) / ORBIT_SPEED_M_S
         return ceil((115.0 + 1.5 * self.stagger_s * self.vehicles + passing_s + self.home_s) / 10.0) * 10.0
 
     @property
@@ -174,7 +184,7 @@ class DemoScript:
         orbit_m = self._scale.orbit_radius_m
         self._client.change_orbit(radius_m=orbit_m, speed_m_s=ORBIT_SPEED_M_S)
         self._say(f"orbit: {orbit_m:g} m around the target at {ORBIT_SPEED_M_S:g} m/s")
-        self._sleep(12.0)
+        self._sleep(12.0 + (self._scale.orbit_radius_m - USUAL_RADIUS_M) / ORBIT_SPEED_M_S)
         self.marks.target_from_m = self._target_m()
         x, y = TARGET_VELOCITY_M_S
         self._client.set_target(*self.marks.target_from_m, velocity_x_m_s=x, velocity_y_m_s=y)
@@ -203,7 +213,7 @@ class DemoScript:
                 continue
             self.marks.obstacle, self.marks.obstacle_time_s = box, time.monotonic()
             self._say(f"a tower of 6 x 6 x {box.height_m:g} m stands in their way at {x_m:g}, {y_m:g}")
-            self._sleep(10.0)
+            self._until("meeting the tower", 60.0, partial(self._is_near, box))
             self._until("passing the tower", 60.0 + 2.0 * self._scale.beyond_m, partial(self._clear_of, box))
             self._say("past the tower; the target turns away from it, and they re-form")
             self._move_target_away(box)
@@ -288,12 +298,18 @@ class DemoScript:
         vx_m_s, vy_m_s = (AWAY_SPEED_M_S / max(float(np.hypot(*away_m)), 1.0) * away_m).tolist()
         self._client.set_target(x_m, y_m, velocity_x_m_s=vx_m_s, velocity_y_m_s=vy_m_s)
 
+    def _is_near(self, box: Obstacle) -> bool:
+        return bool((np.hypot(*self._offset_m(box).T) < NEAR_M).any())
+
     def _clear_of(self, box: Obstacle) -> bool:
-        """Whether the formation has passed the box: all vehicles are beyond it, or more than 20 m away."""
-        fleet = self._client.fleet()
-        if fleet.center is None or fleet.center.vx_m_s is None:
+        """Whether the formation has passed the box: all vehicles are beyond it, or away from it."""
+        center = self._client.fleet().center
+        if center is None or center.vx_m_s is None:
             return False
-        places = [(v.x_m, v.y_m) for v in fleet.vehicles if v.phase == "formation"]
-        offset_m = np.array(places, dtype=np.float64) - (box.x_m, box.y_m)
-        velocity = np.array([fleet.center.vx_m_s, fleet.center.vy_m_s], dtype=np.float64)
-        return bool((offset_m @ velocity > 0.0).all() or (np.hypot(*offset_m.T) > 20.0).all())
+        offset_m, velocity = self._offset_m(box), np.array([center.vx_m_s, center.vy_m_s], dtype=np.float64)
+        return bool((offset_m @ velocity > 0.0).all() or (np.hypot(*offset_m.T) > NEAR_M).all())
+
+    def _offset_m(self, box: Obstacle) -> Array:
+        """(n, 2) of the vehicles in formation, from the box."""
+        places = [(v.x_m, v.y_m) for v in self._client.vehicles() if v.phase == "formation"]
+        return np.array(places, dtype=np.float64).reshape(-1, 2) - (box.x_m, box.y_m)
