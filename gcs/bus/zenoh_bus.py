@@ -7,6 +7,7 @@ import asyncio
 import json
 import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -183,7 +184,14 @@ class ZenohBus:
         here = self._endpoints[self.station]
         os.environ.setdefault("ZENOH_RUNTIME", threads(len(self._endpoints)))
         try:
-            session = await asyncio.to_thread(zenoh.open, config)
+            # Zenoh's threads inherit the priority of the one that opens it. Control waits for them in a busy
+            # loop: below its real-time priority they would not run until it had filled both cores for 1 s.
+            opener = ThreadPoolExecutor(1, thread_name_prefix="bus")
+            try:
+                opening = asyncio.get_running_loop().run_in_executor(opener, zenoh.open, config)
+                session = await opening
+            finally:
+                opener.shutdown(wait=False)
         except zenoh.ZError as error:
             raise LinkError(f"the bus does not open at {here.host}:{here.port}: {error}") from None
         try:

@@ -87,3 +87,13 @@ def test_nothing_is_asked_where_the_configuration_says_so() -> None:
     assert (answer.priority, answer.memory_locked) == ("usual", False)
     assert (answer.real_time, answer.locked_kb) == (0, 0)
     assert answer.nice == os.getpriority(os.PRIO_PROCESS, 0)
+
+
+def test_products_of_matrices_wait_for_no_other_thread() -> None:
+    """Threads of OpenBLAS do not get real-time priority, and control would wait for them in a busy loop."""
+    program = "import os, gcs.cli, numpy as np; np.ones((600, 600)) @ np.ones((600, 600)); "
+    program += "print(len(os.listdir('/proc/self/task')))"
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    command = [sys.executable, "-c", program]
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "1"
