@@ -110,7 +110,7 @@ def test_commands_name_vehicles_of_any_station(site: FakeService) -> None:
     assert site.phases["d7"] is Phase.KILLED
 
 
-def test_each_station_checks_its_own_vehicles_and_any_station_excludes(site: FakeService) -> None:
+def test_each_station_checks_its_own_vehicles_and_excludes_all(site: FakeService) -> None:
     api = Api(site)
     report = api("GET", "/api/v1/preflight").json()
     assert report["not_checked"][1:] == [
