@@ -184,8 +184,8 @@ class ZenohBus:
         here = self._endpoints[self.station]
         os.environ.setdefault("ZENOH_RUNTIME", threads(len(self._endpoints)))
         try:
-            # Zenoh's threads inherit the priority of the one that opens it. Control waits for them in a busy
-            # loop: below its real-time priority they would not run until it had filled both cores for 1 s.
+            # Zenoh's threads inherit the priority of the one that opens it. Below control's, they would wait
+            # for the control of every station on this machine.
             opener = ThreadPoolExecutor(1, thread_name_prefix="bus")
             try:
                 opening = asyncio.get_running_loop().run_in_executor(opener, zenoh.open, config)
