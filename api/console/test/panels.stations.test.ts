@@ -8,7 +8,7 @@ import { frame } from "./frames";
 import { status } from "./statuses";
 
 const station = (name: string, change: Partial<Station> = {}): Station => ({
-  name, own: false, leads: false, received: true, silent_s: 0.04, show: "running", vehicles: 2, delay_s: 0.004, term: 1, ...change,
+  name, own: false, leads: false, received: true, silent_s: 0.04, show: "running", vehicles: 2, delay_s: 0.004, term: 1, offers: [], ...change,
 });
 const SITE = [station("north", { own: true }), station("south", { leads: true }), station("west", { received: false, silent_s: 2 })];
 
