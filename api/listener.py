@@ -20,7 +20,7 @@ BACKLOG: Final = 64
 """Connections that wait to be accepted; one turn of the event loop accepts all of them."""
 
 STALLED_MS: Final = 20_000
-"""A connection whose peer acknowledges no data for this long is closed."""
+"""A connection is closed when the other side has acknowledged no data for this long."""
 
 
 def check_tls(tls: TlsSettings | None) -> None:

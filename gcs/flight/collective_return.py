@@ -53,7 +53,7 @@ class CollectiveReturn:
         self._number = 0 if flight.site is None else flight.site.return_number  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
         self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
-        self._left: set[VehicleId] = set()  # vehicles whose place was closed meanwhile: they leave the plan
+        self._left: set[VehicleId] = set()  # left the plan: their landing places were closed meanwhile
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
         self._planned: Future[ReturnPaths] | None = None
@@ -142,7 +142,7 @@ class CollectiveReturn:
         self._leave_closed_places()
 
     def _leave_closed_places(self) -> None:
-        """Take vehicles out of the plan whose landing place a vehicle has closed that was lost meanwhile."""
+        """Take vehicles out of the plan when a vehicle lost meanwhile has closed their landing place."""
         closing, flight = self._flight.closing(), self._flight
         if closing != self._closing:
             self._closing = closing

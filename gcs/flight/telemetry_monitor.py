@@ -23,7 +23,7 @@ TRY_AGAIN_S = 5.0
 """Interval between two attempts at an automatic action."""
 
 AT_ONCE_MAX: Final = 200
-"""Vehicles inspected in one tick of those whose telemetry has not changed; the others wait for their turn."""
+"""Most vehicles without new telemetry that one tick inspects; the next ticks inspect the others."""
 
 BEATS_LACK_S = {Phase.OFFLINE: 0.0, Phase.LOST: 0.0, Phase.STANDBY: BEATS_MAY_LACK_S}
 """Time by which a heartbeat may be older than `operation.silence_s`; in other phases BEATS_LACK_MAX_S.
@@ -42,7 +42,7 @@ class TelemetryMonitor:
     _resumed_s: float = -np.inf  # after a stall; messages of that time may not be read yet
     _looked: tuple[Sequence[Any], ...] = ()  # columns as of the last tick, see `_changed`
     _restless: list[int] = field(default_factory=list)  # rows to inspect again, ascending
-    _next_row: int = 0  # of these, whose turn is next
+    _next_row: int = 0  # the vehicle with which the next tick begins
     # phases, how long heartbeats may lack in them (n,), and whether they mean that a vehicle is absent (n,)
     _judged: tuple[list[Phase], Array, Mask] = field(
         default_factory=lambda: ([], np.zeros(0), np.zeros(0, np.bool_))

@@ -19,7 +19,7 @@ ACROSS = 10
 """Cells along each axis of the cube; about 350 of them meet the sphere."""
 
 NEAR = 2.5
-"""Cells whose mean directions are nearer than this, in edges of a cell, are near."""
+"""Cells are near when their mean directions are nearer than this many edges of a cell."""
 
 COINCIDENT = np.float32(1e-9)
 """Added to squared distances, so that vehicles in one direction, and a vehicle and itself, do not push."""

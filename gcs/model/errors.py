@@ -50,7 +50,7 @@ class GcsError(Exception):
 
 
 def _restored(kind: type[GcsError], args: tuple[object, ...], attributes: dict[str, object]) -> GcsError:
-    """The error as it was pickled, without its constructor, whose parameters are not its `args`."""
+    """The error as it was pickled; its constructor is not called, as `args` are not its parameters."""
     error = kind.__new__(kind, *args)
     error.__dict__ |= attributes
     return error
