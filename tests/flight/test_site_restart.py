@@ -14,7 +14,7 @@ from tests.support.virtual_site import SiteShow, Station, fly_site, site_config
 
 
 def record_of(station: Station, folder: Path) -> Record:
-    """A record whose newest session ended while all vehicles of the station were in formation."""
+    """A record: its newest session ended while all vehicles of the station were in formation."""
     rows, config = station.view.rows, station.config
     vehicles = {}
     for number, name in enumerate(config.ids, 1):

@@ -1,4 +1,4 @@
-"""The API's end of the service port: a `Service` whose answers come from control's process.
+"""The API's end of the service port: a `Service` with answers from control's process.
 
 A call blocks until control has answered, which it does between two ticks. When it does not within
 `ANSWER_S`, the call fails, and control is silent until it sends anything again, as it does with every tick.

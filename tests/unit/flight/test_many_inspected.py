@@ -1,4 +1,4 @@
-"""A fleet whose vehicles all need attention at once: what changed is seen at once, the rest in turn."""
+"""All vehicles of a fleet need attention at once: what changed is seen at once, the rest in turn."""
 
 import asyncio
 from dataclasses import replace
