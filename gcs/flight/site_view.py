@@ -34,7 +34,7 @@ def whole_view(own: FleetView, member: SiteMember) -> FleetView:
         ready=[*rows.ready, *reported.ready.tolist()],
         position_m=np.concatenate([rows.position_m, others.position_m]),
         velocity_m_s=np.concatenate([rows.velocity_m_s, others.velocity_m_s]),
-        setpoint_m_s=np.concatenate([rows.setpoint_m_s, reported.desired_m_s]),
+        setpoint_m_s=np.concatenate([rows.setpoint_m_s, reported.setpoint_m_s]),
         yaw_rad=np.concatenate([rows.yaw_rad, reported.yaw_rad]),
         latitude_deg=np.concatenate([rows.latitude_deg, latitude_deg]),
         longitude_deg=np.concatenate([rows.longitude_deg, longitude_deg]),
@@ -48,7 +48,7 @@ def whole_view(own: FleetView, member: SiteMember) -> FleetView:
         limited_by=[*rows.limited_by, *[""] * k],
         colour=np.concatenate([rows.colour, np.zeros((k, 3), np.uint8)]),
         lit=np.concatenate([rows.lit, np.zeros(k, np.bool_)]),
-        homes_m=[*rows.homes_m, *(home_m if np.isfinite(home_m).all() else None for home_m in site.home_m)],
+        homes_m=[*rows.homes_m, *site.homes_m],
         stations=[*[site.own] * n, *columns["stations"]],
     )
     shown = site.shown

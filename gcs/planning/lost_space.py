@@ -65,7 +65,14 @@ class KeptSetpoints:
         self._desired_m_s: Array = np.full((count, 3), np.nan)
         self._setpoint_m_s = self._desired_m_s.copy()
 
-    def note(self, desired_m_s: Array, setpoint_m_s: Array, age_s: Array, now_s: float) -> None:
+    def note(
+        self,
+        desired_m_s: Array,
+        setpoint_m_s: Array,
+        age_s: Array,
+        now_s: float,
+        ended: Mask | None = None,
+    ) -> None:
         """Begin a tick.
 
         Args:
@@ -73,6 +80,7 @@ class KeptSetpoints:
             setpoint_m_s: (n, 3) its setpoints for them, without the trim, which only offsets drag and wind.
             age_s: (n,) age of the newest position, inf: none.
             now_s: of this tick.
+            ended: (n,) vehicles with a link, but without a station that sends setpoints: they keep the newest.
         """
         self._sent.append((now_s, desired_m_s, setpoint_m_s))
         while len(self._sent) > 1 and self._sent[1][0] <= now_s - SENT_BEFORE_S + 1e-6:
@@ -83,6 +91,9 @@ class KeptSetpoints:
             self._seen_s = np.where(arrived, now_s - age_s, self._seen_s)
             self._desired_m_s = np.where(arrived[:, None], then_desired_m_s, self._desired_m_s)
             self._setpoint_m_s = np.where(arrived[:, None], then_setpoint_m_s, self._setpoint_m_s)
+        if ended is not None:
+            self._desired_m_s = np.where(ended[:, None], desired_m_s, self._desired_m_s)
+            self._setpoint_m_s = np.where(ended[:, None], setpoint_m_s, self._setpoint_m_s)
 
     def expected_m_s(self, last_velocity_m_s: Array) -> Array:
         """(n, 3) the most probable of them, from the (n, 3) last known velocities."""

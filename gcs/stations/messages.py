@@ -54,6 +54,7 @@ ROW: Final = np.dtype(
         ("position_m", "<f4", 3),  # NaN: never received
         ("velocity_cm_s", "<i2", 3),
         ("desired_cm_s", "<i2", 3),  # flown to by the newest setpoint
+        ("setpoint_cm_s", "<i2", 3),  # that setpoint, without the trim
         ("epoch", "u1"),  # of its ownership: a station that takes vehicles over counts on
         ("phase", "u1"),
         ("flags", "u1"),
@@ -107,6 +108,7 @@ class StateBatch:
     position_m: Array  # (n, 3) brought forward as in FleetState; of silent vehicles the last one
     velocity_m_s: Array  # (n, 3)
     desired_m_s: Array  # (n, 3) NaN: not commanded
+    setpoint_m_s: Array  # (n, 3) for them, without the trim; NaN: not commanded
     uncertainty_m: Array  # (n,)
     age_s: Array  # (n,) of the measurement, inf: never received
     phases: Codes  # (n,) places in PHASES
@@ -123,12 +125,13 @@ class StateBatch:
     link_quality: Array  # 0 to 1, NaN: unknown
 
     def encode(self) -> bytes:
-        """The bytes: 29, 10 for each echo, 36 for each vehicle."""
+        """The bytes: 29, 10 for each echo, 42 for each vehicle."""
         n = len(self.position_m)
         rows = np.zeros(n, ROW)
         rows["position_m"] = self.position_m
         rows["velocity_cm_s"] = _cm_s(self.velocity_m_s)
         rows["desired_cm_s"] = _cm_s(self.desired_m_s)
+        rows["setpoint_cm_s"] = _cm_s(self.setpoint_m_s)
         rows["phase"], rows["mode"], rows["epoch"] = self.phases, self.modes, self.epochs
         commanded = np.isfinite(self.desired_m_s[:, 0])
         masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned, commanded)
@@ -179,6 +182,7 @@ class StateBatch:
             _only(known, rows["position_m"].astype(np.float64)),
             rows["velocity_cm_s"] / 100.0,
             _only(commanded, rows["desired_cm_s"] / 100.0),
+            _only(commanded, rows["setpoint_cm_s"] / 100.0),
             rows["uncertainty_cm"] / 100.0,
             np.where(known, rows["age_ms"] / 1000.0, np.inf),
             rows["phase"].copy(),

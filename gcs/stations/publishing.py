@@ -61,6 +61,7 @@ def batch(
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
         desired_m_s=memory.desired_m_s[:n],
+        setpoint_m_s=memory.setpoint_m_s[:n],
         uncertainty_m=uncertainty_m,
         age_s=fleet.age_s,
         phases=reported.phases,

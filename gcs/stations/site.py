@@ -14,7 +14,7 @@ from gcs.formation.law import turned
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.lost_space import ALIKE_M_S, STOP_S, expected_drift, swept_segments_m
+from gcs.planning.lost_space import STOP_S, KeptSetpoints, expected_drift, swept_segments_m
 from gcs.planning.silent_space import silent_segments_m
 from gcs.stations.delays import Delays
 from gcs.stations.lead import Lead
@@ -90,7 +90,7 @@ class Reports:
     modes: Codes  # (k,) places in MODES
     armed: Mask
     ready: Mask
-    desired_m_s: Array  # (k, 3)
+    setpoint_m_s: Array  # (k, 3) without the trim
     yaw_rad: Array
     battery_remaining: Array
     link_quality: Array
@@ -113,6 +113,7 @@ class Site:
         ids: (k,) vehicles of the other stations, each once.
         phases: (k,) places in PHASES.
         home_m: (k, 3) where they took off, show frame; NaN: not known.
+        homes_m: (k,) the same, one by one; None: not known.
         owned: (n,) which of the own rows this station flies.
         epochs: (n,) of that ownership; a setpoint of an older epoch never leaves.
     """
@@ -155,13 +156,15 @@ class Site:
         self._owner = np.full(k, NO_STATION)  # number of the station that flies each
         self._epochs = np.zeros(k, np.uint8)
         self._position_m, self._velocity_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
-        self._desired_m_s = np.full((k, 3), np.nan)
+        self._desired_m_s, self._setpoint_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
+        self._kept = KeptSetpoints(k)
         self._uncertainty_m = np.zeros(k)
         self._measured_s, self._made_s = np.full(k, -np.inf), np.full(k, -np.inf)
         self.phases: Codes = np.full(k, PHASE_CODE[Phase.OFFLINE], np.uint8)
         self._airborne, self._formed = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
         self._slot_stays = np.zeros(k, np.bool_)
         self.home_m = np.full((k, 3), np.nan)
+        self.homes_m: list[Array | None] = [None] * k
         self._swept: dict[int, Array] = {}  # of rows whose paths do not change any more
 
     # received
@@ -220,7 +223,7 @@ class Site:
         at = rows[where]
         self._position_m[at] = batch.position_m[where]
         self._velocity_m_s[at] = batch.velocity_m_s[where]
-        self._desired_m_s[at] = batch.desired_m_s[where]
+        self._desired_m_s[at], self._setpoint_m_s[at] = batch.desired_m_s[where], batch.setpoint_m_s[where]
         for row in [row for row in self._swept if self.phases[row] not in WITHOUT_LINK]:
             if arrived_s - self._measured_s[row] <= self._without_control.telemetry_age_max_s:
                 del self._swept[row]
@@ -238,7 +241,10 @@ class Site:
         if len(home_m) != len(station.rows):
             raise LinkError(f"homes of {len(home_m)} vehicles")
         theirs = np.isin(self._owner[station.rows], (NO_STATION, station.number)) & np.isfinite(home_m[:, 0])
-        self.home_m[station.rows[theirs]] = home_m[theirs]
+        rows = station.rows[theirs]
+        self.home_m[rows] = home_m[theirs]
+        for row, one_m in zip(rows.tolist(), home_m[theirs], strict=True):
+            self.homes_m[row] = one_m
 
     def _take_formation(self, station: Station, message: FormationMessage, arrived_s: float) -> None:
         self._check_lead(station, message.site, message.term, message.lead)
@@ -278,7 +284,7 @@ class Site:
         return [name for name, station in self.stations.items() if now_s - station.arrived_s <= LOST_S]
 
     def others(self, now_s: float) -> Others:
-        """All vehicles of the other stations at `now_s`."""
+        """All vehicles of the other stations at `now_s`: once a tick."""
         age_s = now_s - self._measured_s
         forward_s = np.clip(now_s - self._made_s, 0.0, FORWARD_MAX_S)
         forward_s = np.where(np.isfinite(forward_s), forward_s, 0.0)
@@ -290,6 +296,7 @@ class Site:
             here[station.number] = True
             if station.batch is not None:
                 pace = min(pace, station.batch.pace)
+        self._kept.note(self._desired_m_s.copy(), self._setpoint_m_s.copy(), age_s, now_s, ~here[self._owner])
         mine = self._mine
         airborne = self._airborne & ~mine
         paths, owners, drift = self._paths(np.flatnonzero(self._without(age_s)), age_s)
@@ -344,7 +351,7 @@ class Site:
             np.zeros(k, np.uint8),
             np.zeros(k, np.bool_),
             np.zeros(k, np.bool_),
-            self._desired_m_s.copy(),
+            self._setpoint_m_s.copy(),
             unknown.copy(),
             unknown.copy(),
             unknown.copy(),
@@ -410,28 +417,22 @@ class Site:
         by_row = np.argsort(owners, kind="stable")
         drifts = np.zeros(self.count, np.bool_)
         drifts[rows] = self.phases[rows] != KILLED
-        expected_m_s = np.where(np.isfinite(self._desired_m_s), self._desired_m_s, self._velocity_m_s)
         drift = expected_drift(
-            self._position_m, expected_m_s, age_s, drifts, noticed_s=self._without_control.noticed_s
+            self._position_m,
+            self._kept.expected_m_s(self._velocity_m_s),
+            age_s,
+            drifts,
+            noticed_s=self._without_control.noticed_s,
         )
         return segments_m[by_row], owners[by_row], drift
-
-    def _kept_m_s(self, row: int) -> list[Array]:
-        """One or two (3,) velocities that a vehicle may keep, the most probable first."""
-        moves_m_s, desired_m_s = self._velocity_m_s[row], self._desired_m_s[row]
-        if self.phases[row] == KILLED or not np.isfinite(desired_m_s).all():
-            return [moves_m_s]
-        differs = np.linalg.norm(desired_m_s - moves_m_s) > ALIKE_M_S
-        return [desired_m_s, moves_m_s] if differs else [desired_m_s]
 
     def _near(self, rows: NDArray[np.intp], age_s: Array) -> tuple[Array, NDArray[np.intp]]:
         """(m, 2, 3) paths that silent vehicles may take soon, and (m,) their rows."""
         alone = self._without_control
-        kept_m_s = [(row, each_m_s) for row in rows.tolist() for each_m_s in self._kept_m_s(row)]
-        of = np.array([row for row, _ in kept_m_s], np.intp)
+        of, keeps_m_s = self._kept.possible_m_s(rows, self._velocity_m_s)
         segments_m, found = silent_segments_m(
             self._position_m[of],
-            np.array([each_m_s for _, each_m_s in kept_m_s]).reshape(-1, 3),
+            keeps_m_s,
             self.home_m[of],
             np.array([alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M) for row in of.tolist()]),
             age_s[of],
@@ -452,6 +453,9 @@ class Site:
         if row in self._swept:
             return self._swept[row]
         alone, killed = self._without_control, self.phases[row] == KILLED
+        keeps_m_s = self._velocity_m_s[row : row + 1]
+        if not killed:
+            _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self._velocity_m_s)
         parts = [
             swept_segments_m(
                 self._position_m[row],
@@ -462,7 +466,7 @@ class Site:
                 climbing_to_m=None if killed else alone.takeoff_height_m,
                 drift_s=alone.drift_s,
             )
-            for each_m_s in self._kept_m_s(row)
+            for each_m_s in keeps_m_s
         ]
         return np.concatenate(parts)
 

@@ -236,6 +236,15 @@ def test_vehicle_keeps_the_setpoint_that_it_can_have_received() -> None:
     assert late == [NORTH.tolist()], "the vehicle was seen too soon to have received it"
 
 
+def test_without_a_station_vehicles_keep_the_newest_setpoint() -> None:
+    """A station that ended had sent it: the vehicle has received it, although none has been seen since."""
+    kept, turns_m_s = KeptSetpoints(2), np.array([NORTH, NORTH])
+    kept.note(turns_m_s, turns_m_s, np.zeros(2), 1.0)
+    turned_m_s = np.array([SOUTH, SOUTH])
+    kept.note(turned_m_s, turned_m_s, np.full(2, 0.05), 1.05, np.array([True, False]))
+    assert kept.expected_m_s(turns_m_s).tolist() == [SOUTH.tolist(), NORTH.tolist()]
+
+
 def test_setpoint_that_leads_far_ahead_is_a_second_possibility() -> None:
     leads_m_s = NORTH + np.array([0.0, 1.5, 0.0])
     assert possible(NORTH, (1.0, NORTH, leads_m_s, True)) == [NORTH.tolist(), leads_m_s.tolist()]

@@ -40,6 +40,7 @@ def batch(count: int) -> StateBatch:
         position_m=rng.uniform(-500.0, 500.0, (count, 3)),
         velocity_m_s=rng.uniform(-8.0, 8.0, (count, 3)),
         desired_m_s=desired_m_s,
+        setpoint_m_s=1.5 * desired_m_s,
         uncertainty_m=rng.uniform(0.02, 3.0, count),
         age_s=age_s,
         phases=rng.integers(0, 10, count).astype(np.uint8),
@@ -70,6 +71,7 @@ def test_batch_arrives_as_it_was(count: int) -> None:
     assert np.isnan(received.position_m[~known]).all()
     assert received.velocity_m_s == pytest.approx(sent.velocity_m_s, abs=0.0051)
     assert received.desired_m_s == pytest.approx(sent.desired_m_s, abs=0.0051, nan_ok=True)
+    assert received.setpoint_m_s == pytest.approx(sent.setpoint_m_s, abs=0.0051, nan_ok=True)
     assert received.uncertainty_m == pytest.approx(sent.uncertainty_m, abs=0.0051)
     assert received.age_s == pytest.approx(sent.age_s, abs=0.00051)
     assert received.battery_remaining == pytest.approx(sent.battery_remaining, nan_ok=True)

@@ -35,6 +35,7 @@ def from_south(of: Site, **changed: object) -> bytes:
         position_m=np.array([[0.0, 0.0, -20.0], [10.0, 0.0, -20.0], [20.0, 0.0, -20.0]]),
         velocity_m_s=np.tile([2.0, 0.0, 0.0], (3, 1)),
         desired_m_s=np.tile([2.0, 0.0, 0.0], (3, 1)),
+        setpoint_m_s=np.tile([2.0, 0.0, 0.0], (3, 1)),
         phases=np.full(3, PHASE_CODE[Phase.FORMATION], np.uint8),
         airborne=flying,
         formed=flying,
