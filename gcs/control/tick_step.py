@@ -53,7 +53,7 @@ class Tick:
         """State for the next tick; the first read moves the slots on, so send the setpoints before."""
         return self.remember()
 
-    @property
+    @cached_property
     def minimum_separation_m(self) -> float:
         """Smallest estimated separation of the pairs that count; computed on demand, never in the tick."""
         return minimum_separation(self.position_m, self.airborne, self.floor)[0]

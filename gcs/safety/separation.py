@@ -140,19 +140,28 @@ def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple
 def _closest(
     position_m: Array, airborne: Mask, horizontal_m: float, vertical_m: float, pad_height_m: float
 ) -> tuple[float, int]:
-    """As `minimum_separation`: of the near pairs; the search radius doubles until one of them counts."""
+    """As `minimum_separation`: of the near pairs; the search radius doubles until one of them counts.
+
+    Each pair that counts has one vehicle in the air, and one above the pads: of these, the fewer are searched
+    for. On the ground there are none.
+    """
     known, extent_m = np.empty(len(position_m), np.bool_), 0.0
+    flying, above = np.zeros(len(position_m), np.bool_), np.zeros(len(position_m), np.bool_)
     for i in range(len(position_m)):
         widest_m = max(abs(position_m[i, 0]), abs(position_m[i, 1]), abs(position_m[i, 2]))
         known[i] = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
         if known[i]:
             extent_m = max(extent_m, widest_m)
+            flying[i], above[i] = airborne[i], -position_m[i, 2] >= pad_height_m
+    some = flying if flying.sum() <= above.sum() else above
+    if not some.any():
+        return np.inf, 0
     look_m = 2.0 * max(
         horizontal_m, vertical_m
     )  # vehicles of a formation are hardly farther apart: mostly one search is enough
     farthest_m = 2.0 * np.sqrt(3.0) * extent_m + look_m
     while True:
-        first, second = near_pairs(known, position_m, known, np.full(len(position_m), look_m / 2.0))
+        first, second = near_pairs(some, position_m, known, np.full(len(position_m), look_m / 2.0))
         found_m, inside = _closest_of(
             position_m, airborne, first, second, horizontal_m, vertical_m, pad_height_m
         )

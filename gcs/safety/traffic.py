@@ -6,7 +6,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gcs.model.jit import kernel
+from gcs.model.jit import kernel, kernel_in_any_order
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.neighbours import Rows, near_pairs
@@ -143,7 +143,11 @@ def _to_the_right(velocity_m_s: Array, way_m: Array, angle_rad: Array) -> Array:
     return turned
 
 
-@kernel
+SLOW_M2_S2 = 1e-6
+"""Squared relative speed below which two vehicles do not meet."""
+
+
+@kernel_in_any_order
 def count_meetings(
     members: Rows, turned: Mask, position_m: Array, course_m_s: Array, lasts_s: Array, passing_m: float
 ) -> Array:
@@ -157,28 +161,33 @@ def count_meetings(
         lasts_s: (n,) how long each goes on.
         passing_m: distance from which on a pass does not count.
     """
+    # those that are turned first, column by column: the inner loop is computed several pairs at a time
+    order = np.concatenate((members[turned[members]], members[~turned[members]]))
+    turns, met = turned[members].sum(), np.zeros(len(order))
+    place_m = np.ascontiguousarray(position_m[order].T)
+    moves_m_s = np.ascontiguousarray(course_m_s[order].T)
+    left_s = lasts_s[order]
+    for a in range(turns):
+        x_m, y_m, z_m = place_m[0, a + 1 :], place_m[1, a + 1 :], place_m[2, a + 1 :]
+        x_m_s, y_m_s, z_m_s = moves_m_s[0, a + 1 :], moves_m_s[1, a + 1 :], moves_m_s[2, a + 1 :]
+        left_of_s, met_of, own_s, own = left_s[a + 1 :], met[a + 1 :], left_s[a], 0.0
+        own_x_m, own_y_m, own_z_m = place_m[0, a], place_m[1, a], place_m[2, a]
+        own_x_m_s, own_y_m_s, own_z_m_s = moves_m_s[0, a], moves_m_s[1, a], moves_m_s[2, a]
+        for b in range(len(met_of)):
+            dx, dy, dz = x_m[b] - own_x_m, y_m[b] - own_y_m, z_m[b] - own_z_m
+            vx, vy, vz = x_m_s[b] - own_x_m_s, y_m_s[b] - own_y_m_s, z_m_s[b] - own_z_m_s
+            closing_m2_s = -(dx * vx + dy * vy + dz * vz)
+            speed_m2_s2 = vx * vx + vy * vy + vz * vz
+            when_s = min(closing_m2_s / max(speed_m2_s2, SLOW_M2_S2), own_s, left_of_s[b])
+            passed_m2 = dx * dx + dy * dy + dz * dz + when_s * (when_s * speed_m2_s2 - 2.0 * closing_m2_s)
+            weight = max(1.0 - passed_m2 / (passing_m * passing_m), 0.0)
+            if closing_m2_s <= 0.0 or speed_m2_s2 < SLOW_M2_S2:
+                weight = 0.0
+            own += weight
+            met_of[b] += weight
+        met[a] += own
     meetings = np.zeros(len(position_m))
-    for a in range(len(members)):
-        i = members[a]
-        for b in range(a + 1, len(members)):
-            j = members[b]
-            if not (turned[i] or turned[j]):
-                continue
-            away_m2, closing_m2_s, speed_m2_s2 = 0.0, 0.0, 0.0
-            for axis in range(3):
-                offset_m = position_m[j, axis] - position_m[i, axis]
-                relative_m_s = course_m_s[j, axis] - course_m_s[i, axis]
-                away_m2 += offset_m * offset_m
-                closing_m2_s -= offset_m * relative_m_s
-                speed_m2_s2 += relative_m_s * relative_m_s
-            if closing_m2_s <= 0.0 or speed_m2_s2 < 1e-6:
-                continue
-            when_s = min(closing_m2_s / speed_m2_s2, lasts_s[i], lasts_s[j])
-            passed_m2 = away_m2 + when_s * (when_s * speed_m2_s2 - 2.0 * closing_m2_s)
-            weight = 1.0 - passed_m2 / (passing_m * passing_m)
-            if weight > 0.0:
-                meetings[i] += weight
-                meetings[j] += weight
+    meetings[order] = met
     return meetings
 
 

@@ -311,8 +311,7 @@ def _nearest_paths(place_m: Array, segments_m: Array, segments_of: Rows | None) 
         return grid[0].ravel(), grid[1].ravel()
     by_owner = np.argsort(owner, kind="stable")
     first = np.searchsorted(owner[by_owner], np.arange(len(owners) + 1))
-    away_m = _from_owners_m(place_m, segments_m[by_owner], first)
-    nearest = np.sort(np.argpartition(away_m, OWNERS_MOST, axis=1)[:, :OWNERS_MOST], axis=1).ravel()
+    nearest = np.sort(_nearest_owners(place_m, segments_m[by_owner], first, OWNERS_MOST), axis=1).ravel()
     count = np.diff(first)[nearest]
     places = np.repeat(np.arange(len(place_m)), OWNERS_MOST)
     begin = np.repeat(first[nearest] - np.append(0, np.cumsum(count)[:-1]), count)
@@ -450,17 +449,39 @@ def _shortest_ways_out(
 
 
 @kernel
-def _from_owners_m(place_m: Array, segments_m: Array, first: Rows) -> Array:
-    """(r, o) distances of places (r, 3) from the nearest path of each owner.
+def _nearest_owners(place_m: Array, segments_m: Array, first: Rows, most: int) -> Rows:
+    """(r, most) owners with the paths nearest to each place (r, 3).
 
-    Owner i has the paths `first[i]` to `first[i + 1]` - 1 of `segments_m` (m, 2, 3).
+    Owner i has the paths `first[i]` to `first[i + 1]` - 1 of `segments_m` (m, 2, 3); there are at least
+    `most` owners.
     """
-    away_m, off_m = np.full((len(place_m), len(first) - 1), np.inf), np.empty(3)
+    owners = len(first) - 1
+    low_m, high_m = np.empty((owners, 3)), np.empty((owners, 3))  # boxes about their paths
+    for j in range(owners):
+        for axis in range(3):
+            ends_m = segments_m[first[j] : first[j + 1], :, axis]
+            low_m[j, axis], high_m[j, axis] = ends_m.min(), ends_m.max()
+    nearest, away_m, off_m = np.empty((len(place_m), most), np.intp), np.empty(most), np.empty(3)
     for i in range(len(place_m)):
-        for j in range(len(first) - 1):
+        away_m[:] = np.inf
+        for j in range(owners):
+            beyond_m2 = 0.0
+            for axis in range(3):
+                beyond_m = max(low_m[j, axis] - place_m[i, axis], place_m[i, axis] - high_m[j, axis], 0.0)
+                beyond_m2 += beyond_m * beyond_m
+            if beyond_m2 >= away_m[-1] * away_m[-1]:
+                continue
+            least_m = np.inf
             for k in range(first[j], first[j + 1]):
-                away_m[i, j] = min(away_m[i, j], from_path_m(place_m[i], segments_m[k], off_m))
-    return away_m
+                least_m = min(least_m, from_path_m(place_m[i], segments_m[k], off_m))
+            if least_m >= away_m[-1]:
+                continue
+            at = most - 1
+            while at > 0 and away_m[at - 1] > least_m:
+                away_m[at], nearest[i, at] = away_m[at - 1], nearest[i, at - 1]
+                at -= 1
+            away_m[at], nearest[i, at] = least_m, j
+    return nearest
 
 
 @kernel

@@ -1,13 +1,14 @@
 """Keeping to the right, by whom and how far."""
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from gcs.model.state import Array
-from gcs.safety.traffic import Traffic, give_way, keep_right
+from gcs.safety.traffic import Traffic, count_meetings, give_way, keep_right
 
 
 def to_goals(
@@ -338,3 +339,25 @@ def test_side_by_side_at_half_a_millimetre_per_second_is_none() -> None:
     desired = np.array([[3.0, 0.0, 0.0], [3.0, -5e-4, 0.0]])
     goal = np.array([[30.0, 0.0, -20.0], [30.0, 5.0, -20.0]])
     assert to_goals(position, goal, desired).tolist() == desired.tolist()
+
+
+def test_meetings_are_those_of_every_pair() -> None:
+    """The kernel sums pairs in another order, several at a time."""
+    rng, n, passing_m = np.random.default_rng(3), 60, 8.0
+    position_m, course_m_s = rng.uniform(-30.0, 30.0, (n, 3)), rng.uniform(-4.0, 4.0, (n, 3))
+    course_m_s[:5] = course_m_s[0]  # these do not meet each other
+    lasts_s, turned = rng.uniform(0.0, 10.0, n), rng.random(n) < 0.7
+    members = np.flatnonzero(rng.random(n) < 0.9)
+    expected = np.zeros(n)
+    for i, j in combinations(members.tolist(), 2):
+        if not (turned[i] or turned[j]):
+            continue
+        offset_m, relative_m_s = position_m[j] - position_m[i], course_m_s[j] - course_m_s[i]
+        square = float(relative_m_s @ relative_m_s)
+        when_s = min(-float(offset_m @ relative_m_s) / square, lasts_s[i], lasts_s[j]) if square else 0.0
+        if when_s > 0.0:
+            passed_m = np.linalg.norm(offset_m + when_s * relative_m_s)
+            expected[[i, j]] += max(0.0, 1.0 - float(passed_m / passing_m) ** 2)
+    assert (expected > 0.0).sum() > 20
+    found = count_meetings(members, turned, position_m, course_m_s, lasts_s, passing_m)
+    assert found == pytest.approx(expected)
