@@ -1,15 +1,15 @@
 """The collective return: all vehicles stop, paths are planned beside the flight, all fly home together."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future
 
 import numpy as np
 
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_places import closed_to, homes_m
+from gcs.flight.landing_places import closed_to, homes_of
 from gcs.flight.vehicle import Vehicle
-from gcs.model.errors import ShapeError, cut
+from gcs.model.errors import cut
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import PathProgress, ReturnPaths
@@ -27,11 +27,11 @@ PLANNED_WITHIN_S = 10.0
 LEAD_FOLLOWS_S = 2.0
 """A lead that does not return as well by then plans nothing for this station."""
 
-SHARED_WITHIN_S = 30.0
+SHARED_WITHIN_S = 90.0
 """By then another station's plan must have arrived; otherwise each station plans for its own vehicles."""
 
-TOGETHER_MAX = 1000
-"""Larger fleets return without planned paths: their first plan would take too long."""
+TOGETHER_MAX = 1500
+"""Larger fleets return without planned paths: their first plan would take more than half a minute."""
 
 FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 
@@ -56,7 +56,7 @@ class CollectiveReturn:
         self._left: set[VehicleId] = set()  # left the plan: their landing places were closed meanwhile
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
-        self._planned: Future[ReturnPaths] | None = None
+        self._planned: Future[tuple[ReturnPaths, Array]] | None = None  # with (n, 3) landing positions
         self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
         self._led: set[VehicleId] = set()  # vehicles that took their goal since the last tick
@@ -103,7 +103,7 @@ class CollectiveReturn:
             self._since_s = now_s
             error = self._planned.exception()
             if error is None:
-                self._begin_following(self._planned.result())
+                self._begin_following(*self._planned.result())
             else:
                 self._fail(error)
         elif since_s > PLANNED_WITHIN_S:
@@ -117,14 +117,15 @@ class CollectiveReturn:
             return False
         received = self._site.received_paths(self._number)
         if received is not None:
-            paths, rows, self._home_m = received
+            paths, rows, home_m = received
             self._places = rows.tolist()
             self._rows = {self._flight.fleet.ids[row]: at for at, row in enumerate(self._places)}
             self._planned = Future()
-            self._planned.set_result(paths)
+            self._planned.set_result((paths, home_m))
         return True
 
-    def _begin_following(self, paths: ReturnPaths) -> None:
+    def _begin_following(self, paths: ReturnPaths, home_m: Array) -> None:
+        self._home_m = home_m
         self._progress = PathProgress(paths, self._home_m)
         if self._site is not None and len(self._elsewhere):
             self._site.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
@@ -201,7 +202,7 @@ class CollectiveReturn:
         operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
         start_m, own_m = flight.fleet.position_m[rows], uncertainty_m[rows]
         theirs = self._site.returning() if self._site is not None and self._site.plans_returns else None
-        self._home_m = homes_m(flight, homing, theirs)
+        places_m = homes_of(flight, homing, theirs)
         if theirs is not None:
             self._elsewhere = theirs.rows
             start_m, own_m = (
@@ -213,10 +214,20 @@ class CollectiveReturn:
             return
         heights_m = operation.takeoff_height_m, operation.handover_height_m
         self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
-        fleet = start_m.copy(), self._home_m, heights_m, flight.control, flight.plan
-        lost = flight.closed()
+        about = heights_m, flight.control, flight.plan, flight.fleet.time_s, own_m, flight.closed()
+
+        def planner_for(home_m: Array) -> Planner:
+            return return_planner(start_m.copy(), home_m, *about)
+
         try:
-            self._planner = return_planner(*fleet, flight.fleet.time_s, own_m, lost)
-            self._planned = self._planning.submit(plan_return_paths, self._planner, lambda: self._enough)
-        except (ShapeError, RuntimeError) as error:  # RuntimeError: no thread can be started
+            self._planned = self._planning.submit(self._plan, places_m, planner_for)
+        except RuntimeError as error:  # no thread can be started
             self._fail(error)
+
+    def _plan(
+        self, places_m: Callable[[], Array], planner_for: Callable[[Array], Planner]
+    ) -> tuple[ReturnPaths, Array]:
+        """Choose the landing positions (n, 3), and plan the ways to them. Called by the planning thread."""
+        home_m = places_m()
+        self._planner = planner_for(home_m)
+        return plan_return_paths(self._planner, lambda: self._enough), home_m

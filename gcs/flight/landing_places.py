@@ -1,6 +1,7 @@
 """Where vehicles of a flight land: near where they are, at home, or beside a pad that is closed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -27,10 +28,20 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
     return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
 
 
-def homes_m(flight: Fleet, vehicles: Sequence[Vehicle], elsewhere: Returning | None = None) -> Array:
+def homes_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> Array:
     """(n, 3) Where returning vehicles land: their pads, or the nearest places clear of lost vehicles.
 
-    Every vehicle has a `home_m`. Those of other stations follow the own.
+    Every vehicle has a `home_m`. Where pads are closed this takes up to tens of milliseconds for each.
+    """
+    return homes_of(flight, vehicles)()
+
+
+def homes_of(
+    flight: Fleet, vehicles: Sequence[Vehicle], elsewhere: Returning | None = None
+) -> Callable[[], Array]:
+    """Return a function that computes `homes_m` for the flight as it is now; any thread may call it.
+
+    Those of other stations follow the own.
     """
     rows = [vehicle.row for vehicle in vehicles]
     home_m = np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3)
@@ -40,7 +51,8 @@ def homes_m(flight: Fleet, vehicles: Sequence[Vehicle], elsewhere: Returning | N
         home_m = np.concatenate([home_m, elsewhere.home_m])
         own_m = np.concatenate([own_m, elsewhere.uncertainty_m])
     operation = flight.config.operation
-    return return_places_m(
+    return partial(
+        return_places_m,
         home_m,
         taken_m,
         operation.takeoff_height_m,

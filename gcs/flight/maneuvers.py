@@ -40,6 +40,9 @@ MODES_OF = {
 UP_SHARE, ENDED_SHARE = 0.85, 0.6
 """Share of the commanded height: sufficient in any case; sufficient once the autopilot holds."""
 
+SEARCHES_A_TICK = 2
+"""Landing places that are chosen in one tick while lost vehicles close some: each takes up to 20 ms."""
+
 EARLY_S = 0.05
 """Two take-offs may be closer than the stagger by this time: their timers are not exact."""
 
@@ -70,6 +73,7 @@ class Maneuvers:
         self._flight = flight
         self._settings = flight.config.operation
         self._next_turn_s = -inf  # time of the next take-off
+        self._searched: tuple[FleetState, int] | None = None  # landing places in one tick
         self._up: tuple[FleetState, bool] | None = None  # for one tick: see `_all_up`
 
     @property
@@ -202,6 +206,8 @@ class Maneuvers:
         flight, least_m = self._flight, self._settings.takeoff_height_m
         vehicle.follows_planned_path = False
         while True:
+            if flight.closing():
+                await self._until(vehicle, self._may_search)
             closing, place_m = flight.closing(), np.asarray(homes_m(flight, [vehicle])[0])
             # sideways at its own height, but not lower than the take-off height of all
             vehicle.goal_m = above_place_m(flight.position_m(vehicle)[None], place_m[None], least_m)[0]
@@ -209,6 +215,13 @@ class Maneuvers:
             await self._until(vehicle, ended)
             if self._above(vehicle, place_m) and not is_taken(flight, vehicle, place_m):
                 return place_m
+
+    def _may_search(self) -> bool:
+        """Whether a vehicle may search for its landing place in this tick: only a few fit into it."""
+        fleet, before = self._flight.fleet, self._searched
+        count = 0 if before is None or before[0] is not fleet else before[1]
+        self._searched = fleet, count + 1
+        return count < SEARCHES_A_TICK
 
     def _above_or_closed(self, vehicle: Vehicle, place_m: Array, closing: frozenset[VehicleId]) -> bool:
         """Whether it is above its place, or that is to be chosen again: not while its position is unknown."""

@@ -198,7 +198,8 @@ class SiteMember:
         self._ready_when_checked: tuple[bool, ...] = ()
         self._checked_s = -inf
         self.offers: tuple[Offer, ...] = ()  # of this station's interrupted flight
-        self._others: Others | None = None
+        self._others: Others | None = None  # of this tick, as the next; None: not computed yet
+        self._landing_m: Array | None = None
 
     # received
 
@@ -223,7 +224,7 @@ class SiteMember:
                     self._take_return(ReturnMessage.decode(payload))
             except LinkError:
                 site.refused += 1
-        self._others = None
+        self._others = self._landing_m = None
         self._note_ended(now_s)
         self._note_stall(now_s)
 
@@ -516,6 +517,11 @@ class SiteMember:
 
     def landing_m(self) -> Array:
         """(j, 2) where they stand on the ground, or come down."""
+        if self._landing_m is None:
+            self._landing_m = self._landing_now_m()
+        return self._landing_m
+
+    def _landing_now_m(self) -> Array:
         lands = ~self.others.airborne | (self.site.phases == PHASE_CODE[Phase.LANDING])
         places_m = self.others.position_m[lands, :2]
         return np.asarray(places_m[np.isfinite(places_m).all(axis=1)])
