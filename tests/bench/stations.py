@@ -46,6 +46,9 @@ SETTLE_S: Final = 10.0
 LONG_S: Final = 600.0
 """For each part of the flight: a busy machine is slow."""
 
+START_S: Final = 180.0
+"""Until all is ready to start."""
+
 ENDS_S: Final = 20.0
 NOT_FLOWN: Final = 1
 
@@ -62,6 +65,7 @@ class Fleet:
     names: Sequence[str]
     stations: dict[str, Started] = field(default_factory=dict)
     clients: dict[str, Client] = field(default_factory=dict)
+    refused: str = ""  # why the newest start was
 
     @property
     def truth(self) -> Path:
@@ -81,7 +85,8 @@ class Fleet:
         """Command the start. Returns: whether it was accepted."""
         try:
             self.clients[self.names[0]].start()
-        except (LinkError, RefusedError):
+        except (LinkError, RefusedError) as error:
+            self.refused = str(error)
             return False
         return True
 
@@ -92,7 +97,8 @@ def site_of(stations: int, each: int, rate_hz: float) -> Config:
     share = each // 2 if stations == 1 else each
     operation = {"takeoff_stagger_s": STAGGER_S}
     config = site_config(parts, share, free_ports(ports_of(parts, share)), operation=operation)
-    raw = config.model_dump(mode="json") | {"tick_rate_hz": rate_hz}
+    scheduling = Config.model_fields["scheduling"].default  # not as in tests, which share the machine
+    raw = config.model_dump(mode="json") | {"tick_rate_hz": rate_hz, "scheduling": scheduling}
     if stations == 1:
         raw |= {"api": raw["stations"][0]["api"], "stations": []}
     return Config.model_validate(raw)
@@ -125,14 +131,20 @@ def flying(config: Config, folder: Path) -> Iterator[Fleet]:
         yield fleet
 
 
-def wait(what: str, fleets: Sequence[Fleet], reached: Callable[[Fleet], bool]) -> None:
+def wait(
+    what: str, fleets: Sequence[Fleet], reached: Callable[[Fleet], bool], limit_s: float = LONG_S
+) -> None:
     """Until it holds of all, which is then not asked again. Raises: TimeoutError."""
     left, began_s = list(fleets), time.monotonic()
     while left:
         left = [fleet for fleet in left if not reached(fleet)]
-        if time.monotonic() > began_s + LONG_S:
-            reasons = [fleet.clients[fleet.names[0]].show().reason for fleet in left]
-            raise TimeoutError(f"{what}: not within {LONG_S:g} s: {reasons}")
+        if time.monotonic() > began_s + limit_s:
+            shows = [fleet.clients[fleet.names[0]].show() for fleet in left]
+            reasons = [
+                f"{show.phase}: {show.reason}; {fleet.refused}"
+                for show, fleet in zip(shows, left, strict=True)
+            ]
+            raise TimeoutError(f"{what}: not within {limit_s:g} s: {reasons}")
         time.sleep(0.5)
     print(f"  {what} after {time.monotonic() - began_s:.0f} s, load {os.getloadavg()[0]:.1f}", flush=True)
 
@@ -256,7 +268,7 @@ def across_ms(measured: dict[str, Measured]) -> Array:
 
 def fly(fleets: Sequence[Fleet], seconds: float) -> dict[str, Measured]:
     """Assembly, orbit, home. Raises: TimeoutError."""
-    wait("started", fleets, Fleet.starts)
+    wait("started", fleets, Fleet.starts, START_S)
     wait("running", fleets, lambda fleet: fleet.all_show("running"))
     for fleet in fleets:
         client = fleet.clients[fleet.names[0]]

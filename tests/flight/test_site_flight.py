@@ -19,6 +19,8 @@ BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 def test_four_stations_fly_one_formation_and_bring_it_home() -> None:
     async def story(show: SiteShow) -> None:
         pad_m = show.true_m[4]  # of the first one of south
+        with pytest.raises(RefusedError, match="a start needs every station: station south"):
+            show["north"].service.commands.command_show(ShowAction.START)  # nothing has arrived yet
         record = await show.start()
         assert len(record.outcomes) == 16
         await show.wait(15.0)

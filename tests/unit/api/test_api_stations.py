@@ -11,7 +11,7 @@ from gcs.api.schemas import binary_frame as frames
 from gcs.api.schemas import convert
 from gcs.estimation.time_estimates import nothing
 from gcs.model.lifecycle import Phase
-from gcs.service import StationView
+from gcs.service import BusView, StationView
 from tests.support.api_fake_service import FRAME, FakeService
 from tests.support.api_harness import Api
 
@@ -137,7 +137,20 @@ def test_metrics_tell_stations_apart(site: FakeService) -> None:
     assert 'gcs_station_vehicles{station="south"} 2.0' in lines
     assert 'gcs_station_delay_seconds{station="south"} 0.002' in lines
     assert 'gcs_station_leads{station="north"} 1.0' in lines
-    assert not [line for line in Api()("GET", "/metrics").text.splitlines() if "gcs_station" in line]
+    others = ("gcs_station", "gcs_bus")
+    assert not [line for line in Api()("GET", "/metrics").text.splitlines() if line.startswith(others)]
+
+
+def test_metrics_count_messages_on_the_bus(site: FakeService) -> None:
+    view = site.view.value
+    site.view.promise(lambda: replace(view, bus=BusView(20, 4000, 60, 3)))
+    lines = Api(site)("GET", "/metrics").text.splitlines()
+    assert [line for line in lines if line.startswith("gcs_bus")] == [
+        "gcs_bus_messages_sent_total 20.0",
+        "gcs_bus_sent_bytes_total 4000.0",
+        "gcs_bus_messages_received_total 60.0",
+        "gcs_bus_messages_refused_total 3.0",
+    ]
 
 
 def test_vehicles_of_a_lost_station_are_flown_on(site: FakeService) -> None:
