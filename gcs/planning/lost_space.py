@@ -80,7 +80,7 @@ class KeptSetpoints:
             setpoint_m_s: (n, 3) its setpoints for them, without the trim, which only offsets drag and wind.
             age_s: (n,) age of the newest position, inf: none.
             now_s: of this tick.
-            ended: (n,) vehicles with a link, but without a station that sends setpoints: they keep the newest.
+            ended: (n,) vehicles to which no station sends setpoints any more: they keep the newest.
         """
         self._sent.append((now_s, desired_m_s, setpoint_m_s))
         while len(self._sent) > 1 and self._sent[1][0] <= now_s - SENT_BEFORE_S + 1e-6:
