@@ -59,6 +59,11 @@ NOT_CHECKED: Final = "it has not reported yet whether its vehicles are ready"
 
 EXPLAINED: Final = frozenset({Phase.LOST, Phase.PILOT, Phase.KILLED, Phase.OFFLINE})
 
+_PHASES: Final = np.array([*PHASES], object)
+_GROUNDED: Final = np.array([phase in GROUNDED for phase in PHASES])
+_EXPLAINED: Final = np.array([phase in EXPLAINED | {Phase.STANDBY} for phase in PHASES])  # or excluded
+"""By the number of a phase on the wire."""
+
 
 @dataclass(frozen=True, slots=True)
 class Membership:
@@ -145,8 +150,10 @@ class SiteMember:
         self.bus.accepts = lambda topic, payload: may_be_valid(topic, payload, site.site)
         self.lead_silent_s = site_config.bus.lead_silent_s
         self.all_ids = site_config.ids
-        self._system_ids = {one.id: one.system_id for one in site_config.fleet}
-        self._link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
+        system_ids = {one.id: one.system_id for one in site_config.fleet}
+        link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
+        self._system_ids = [system_ids[name] for name in self.site.ids]  # (k,) of the others' vehicles
+        self._links = [link_of[name] for name in self.site.ids]
         owner_of = {link: station.name for station in site_config.stations for link in station.links}
         own = next(one for one in site_config.stations if one.name == membership.station)
         self.standbys_of = {
@@ -387,11 +394,9 @@ class SiteMember:
     @property
     def taking_part(self) -> Mask:
         """(k,) vehicles of received stations that fly, or on the ground are to fly, with the formation."""
-        here = set(self.present())
         flying = self.flight.show not in ON_THE_GROUND
         phases = AIRBORNE if flying else {*AIRBORNE, Phase.STANDBY}
-        received = np.array([owner in here for owner in self.site.owners], dtype=np.bool_)
-        return np.asarray(received & np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases]))
+        return np.asarray(self._received & np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases]))
 
     def uncertainty_m(self) -> Array:
         """(j,) of the vehicles that take part."""
@@ -410,10 +415,15 @@ class SiteMember:
         return self.site.lead.leads if self.lead_is_here else None
 
     def _flown_by_others(self, *phases: Phase) -> Rows:
-        here = set(self.present())
-        received = np.array([owner in here for owner in self.site.owners], dtype=np.bool_)
         in_phase = np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases])
-        return np.flatnonzero(received & in_phase)
+        return np.flatnonzero(self._received & in_phase)
+
+    @property
+    def _received(self) -> Mask:
+        """(k,) those of stations that are received."""
+        here = np.zeros(len(self.site.names) + 1, np.bool_)  # the last: no station flies it
+        here[[self.site.stations[name].number for name in self.present()]] = True
+        return np.asarray(here[self.site.owner])
 
     @property
     def lead_returns(self) -> bool:
@@ -709,23 +719,26 @@ class SiteMember:
 
     def columns(self) -> dict[str, list[Any]]:
         """Per vehicle of the other stations: names, links, phases and reasons, for displays."""
-        site = self.site
-        owners, here = site.owners, set(self.present())
-        phases = [PHASES[code] for code in site.phases.tolist()]
-        reasons = []
-        for name, owner, phase in zip(site.ids, owners, phases, strict=True):
-            texts = self._info[owner].reasons if owner in self._info else None
-            explained = phase in EXPLAINED or phase is Phase.STANDBY  # of these the excluded ones
-            own_text = None if texts is None or not explained else texts.get(name)
-            usual = "on the ground" if phase in GROUNDED else f"flown by station {owner}"
-            if owner and owner not in here:
-                usual = f"station {owner} is not received"
-            reasons.append(own_text or (usual if owner else "not received yet"))
+        site, here = self.site, set(self.present())
+        usual = [
+            (f"flown by station {name}", "on the ground")
+            if name in here or name == site.own
+            else (f"station {name} is not received",) * 2
+            for name in site.names
+        ]
+        usual.append(("not received yet",) * 2)
+        grounded, explained = _GROUNDED[site.phases], _EXPLAINED[site.phases]
+        reasons = np.array(usual, object)[site.owner, grounded.astype(np.intp)].tolist()
+        owners = site.owners
+        for row in np.flatnonzero(explained).tolist():
+            info = self._info.get(owners[row])
+            if info is not None and info.reasons is not None:
+                reasons[row] = info.reasons.get(site.ids[row]) or reasons[row]
         return {
             "ids": list(site.ids),
-            "system_ids": [self._system_ids[name] for name in site.ids],
-            "links": [self._link_of[name] for name in site.ids],
+            "system_ids": self._system_ids,
+            "links": self._links,
             "stations": owners,
-            "phases": phases,
+            "phases": _PHASES[site.phases].tolist(),
             "reasons": reasons,
         }

@@ -123,6 +123,7 @@ class Site:
         names = list(fleets)
         self.own, self.number = own, names.index(own)
         self.names = tuple(names)
+        self._owner_names = np.array([*names, ""], object)  # by number: the last of NO_STATION
         self.site = site_number({name: fleet.ids for name, fleet in fleets.items()})
         self.lead = Lead(own, self.names)
         self.delays = Delays(len(names))
@@ -493,9 +494,15 @@ class Site:
         return np.asarray(self.home_m[self._their_rows[at[0]]].copy())
 
     @property
+    def owner(self) -> Rows:
+        """(k,) Number of the station that flies each of the others' vehicles; NO_STATION: none is known."""
+        return self._owner
+
+    @property
     def owners(self) -> list[str]:
-        """(k,) Station that flies each of the others' vehicles; empty: none is known."""
-        return [self.names[number] if number >= 0 else "" for number in self._owner.tolist()]
+        """(k,) Name of that station; empty: none is known."""
+        found: list[str] = self._owner_names[self._owner].tolist()
+        return found
 
     def take_over(self, station: str) -> list[VehicleId]:
         """Own from now on the vehicles of that station that this one stands by for. Returns: them."""

@@ -82,12 +82,14 @@ class Fleet:
         return all(client.show().phase == phase for client in self.clients.values())
 
     def starts(self) -> bool:
-        """Command the start. Returns: whether it was accepted."""
+        """Command the start. Returns: whether it has begun."""
         try:
             self.clients[self.names[0]].start()
-        except (LinkError, RefusedError) as error:
-            self.refused = str(error)
+        except LinkError:
             return False
+        except RefusedError as error:  # also when the answer of an earlier start came too late
+            self.refused = str(error)
+            return self.show() != "idle"
         return True
 
 
