@@ -7,12 +7,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
+from gcs.links.autopilots.ardupilot import ArduPilot
 from gcs.links.autopilots.profile import Autopilot, CommandLong, SetParameter, Step
 from gcs.links.autopilots.px4 import Px4
 
 DEFAULT: Final[Autopilot] = Px4()
 
-AUTOPILOTS: Final[Mapping[str, Autopilot]] = MappingProxyType({each.name: each for each in (DEFAULT,)})
+AUTOPILOTS: Final[Mapping[str, Autopilot]] = MappingProxyType(
+    {each.name: each for each in (DEFAULT, ArduPilot())}
+)
 """By the name in a configuration."""
 
 
