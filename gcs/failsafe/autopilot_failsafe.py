@@ -86,6 +86,9 @@ _TEXTS: Final = (
 a battery's beside a landing: autopilots warn of batteries and positions long before they act.
 """
 
+_LINK_BACK: Final = re.compile(r"gcs failsafe cleared")
+"""The failsafe for lost heartbeats is over, and its mode stays. What began it was sent into the silence."""
+
 _REFUSALS: Final = re.compile(
     r"denied|not available|preflight fail|landing at current position|prearm:|mode change failed"
 )
@@ -112,6 +115,8 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
     battery = _battery(inputs, announced)
     if battery is not None and (inputs.in_failsafe or (lands and announced & BATTERY)):
         return battery
+    if lands and any(_LINK_BACK.search(text.lower()) for text in inputs.texts):
+        return FailsafeCause.DATA_LINK_LOSS
     if not inputs.in_failsafe:
         return FailsafeCause.UNKNOWN
     for cause, _ in _TEXTS:

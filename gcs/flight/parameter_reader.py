@@ -143,8 +143,9 @@ class ParameterReader:
     def risks(self) -> list[str]:
         """Return what remains unsafe on the versions of some autopilots, with the vehicles, in words."""
         found: dict[str, list[VehicleId]] = {}
-        for vehicle_id, values in self._flight.parameters.items():
-            for text in remaining_risks(self._required[vehicle_id], values):
+        for vehicle_id, needed in self._required.items():
+            read = self._flight.parameters.get(vehicle_id)
+            for text in [] if read is None else remaining_risks(needed, read):
                 found.setdefault(text, []).append(vehicle_id)
         return [f"{', '.join(names)}: {text}" for text, names in found.items()]
 

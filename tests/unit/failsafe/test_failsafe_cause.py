@@ -85,9 +85,14 @@ ARDUPILOT = replace(INPUTS, mode=Mode.RETURN, setpoint_loss_s=3.0, setpoint_loss
         (replace(ARDUPILOT, texts=("Radio Failsafe",)), FailsafeCause.RC_LOSS),
         (replace(ARDUPILOT, mode=Mode.LAND, texts=("EKF variance",)), FailsafeCause.POSITION_LOSS),
         (replace(ARDUPILOT, mode=Mode.HOLD, texts=()), FailsafeCause.OTHER),  # never for want of setpoints
+        (replace(ARDUPILOT, texts=("PreArm: Battery failsafe",)), FailsafeCause.OTHER),
         (
-            replace(ARDUPILOT, texts=("GCS Failsafe Cleared", "PreArm: Battery failsafe")),
-            FailsafeCause.OTHER,
+            replace(ARDUPILOT, in_failsafe=False, texts=("GCS Failsafe Cleared",)),
+            FailsafeCause.DATA_LINK_LOSS,
+        ),
+        (
+            replace(ARDUPILOT, in_failsafe=False, mode=Mode.POSITION, texts=("GCS Failsafe Cleared",)),
+            FailsafeCause.UNKNOWN,  # a pilot has taken it since
         ),
     ],
 )
