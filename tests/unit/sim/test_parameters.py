@@ -18,7 +18,7 @@ from gcs.preflight.parameters import (
     settings_of,
 )
 from gcs.sim.cli import parameter, parameter_options
-from gcs.sim.fleet import Settings
+from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Parameters, defaults
 from tests.support.virtual_show import show_config
 
