@@ -13,7 +13,7 @@ from gcs.preflight.autopilots.px4 import requirements
 from gcs.preflight.parameters import broken, parameter_checks, requirements_of, settings_of
 from gcs.preflight.requirement import Requirement
 from gcs.sim.cli import parameter, parameter_options
-from gcs.sim.fleet import Settings
+from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Parameters, defaults
 from tests.support.virtual_show import show_config
 
