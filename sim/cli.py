@@ -6,12 +6,14 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import get_args
 
 from gcs.sim.endpoint import MAX_PORT, Port, PortError, own_ports, serve, shared_ports
-from gcs.sim.fleet import MAX_SYSTEM_ID, Origin, Settings
+from gcs.sim.fleet import FIRMWARES
 from gcs.sim.ground_truth import FIRST_PORT, HOST, GroundTruthFile
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
-from gcs.sim.vehicle.px4 import ParameterError, Parameters, QuirkError, Quirks, Value, defaults, quirk_names
+from gcs.sim.settings import MAX_SYSTEM_ID, Autopilot, Origin, Settings
+from gcs.sim.vehicle.px4 import ParameterError, QuirkError, Quirks, Value, quirk_names
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
@@ -77,14 +79,21 @@ def parameter(text: str) -> tuple[str, Value | Sequence[Value]]:
     values = [_float(part) for part in values_text.split(",")]
     if not separator or not all(map(math.isfinite, values)):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in COM_OBL_RC_ACT=5")
+    kinds = [kind for kind, firmware in FIRMWARES.items() if name in firmware.defaults()]
+    if not kinds:
+        near = [known for known in _known() if known.startswith(name.split("_")[0] + "_")][:5]
+        hint = f"; there are {', '.join(near)} ..." if near else ""
+        raise argparse.ArgumentTypeError(f"{name}: no such parameter of PX4 v1.16 or ArduCopter 4.1{hint}")
     try:
         for value in values:
-            Parameters({name: value})
+            FIRMWARES[kinds[0]].check(name, value)
     except ParameterError as error:
-        near = [known for known in defaults() if known.startswith(name.split("_")[0] + "_")][:5]
-        hint = f"; there are {', '.join(near)} ..." if near and name not in defaults() else ""
-        raise argparse.ArgumentTypeError(f"{error}{hint}") from None
+        raise argparse.ArgumentTypeError(str(error)) from None
     return name, values if len(values) > 1 else values[0]
+
+
+def _known() -> list[str]:
+    return sorted({name for firmware in FIRMWARES.values() for name in firmware.defaults()})
 
 
 def parameter_options(parameters: Mapping[str, Value | Sequence[Value]]) -> list[str]:
@@ -107,12 +116,15 @@ def quirk(text: str) -> tuple[str, bool]:
 
 
 MAX_COUNT = 10_000
+KINDS_IN_WORDS = {"px4": "", "ardupilot": " with ArduPilot", "mixed": " with PX4 and ArduPilot in turn"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the fleet's options to any parser, group by group as `--help` shows them."""
     add = parser.add_argument_group("vehicles").add_argument
     add("--count", type=whole(1, MAX_COUNT), default=1, metavar="N", help="vehicles in this process")
+    text = "which autopilot they have; mixed: PX4 and ArduPilot alternate, vehicle 0 has PX4"
+    add("--autopilot", choices=get_args(Autopilot), default="px4", help=text)
     text = "index of the first; its number is I+1, and so is its id, up to the namespace's size"
     add("--first", type=whole(0, MAX_COUNT - 1), default=0, metavar="I", help=text)
     text = "system ids per namespace: vehicle i has id i %% S + 1 in namespace i // S, with own ports"
@@ -120,7 +132,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="of everything random")
 
     ports = parser.add_argument_group("ports and telemetry")
-    text = "GLOBAL_POSITION_INT at HZ, the state once or twice a second; else 520 messages a second"
+    text = "PX4: GLOBAL_POSITION_INT at HZ, the state once or twice a second; else 520 messages a second"
     ports.add_argument("--telemetry-hz", type=number(0.1, 250.0), metavar="HZ", help=text)
     add = ports.add_mutually_exclusive_group().add_argument
     text = "as PX4: vehicle i binds 14580+i and talks to 14540+i (14549 from i = 10 on)"
@@ -145,18 +157,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--grid-heading", type=number(-360.0, 360.0), default=0.0, metavar="DEG", help=text)
     add("--heading", type=number(-360.0, 360.0), default=0.0, metavar="DEG", help="initial yaw")
 
-    add = parser.add_argument_group("how they fly").add_argument
-    text = "estimate error; 0.25 RTK, 1 PX4's simulator, 0 none"
-    add("--noise", type=number(0.0, 100.0), default=0.25, metavar="SCALE", help=text)
-    text = "1.0 is PX4's simulator; real 0.1 to 0.3"
-    add("--drag", type=number(0.0, 10.0), default=1.0, metavar="PER_S", help=text)
-    add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
-    text = "flight time of a full battery"
-    add("--battery", type=number(0.1, 1e5), default=20.0, metavar="MIN", help=text)
-    text = "PX4 parameter: COM_OBL_RC_ACT=5; or of vehicle 0, 1 and on: RTL_RETURN_ALT=30,34 (repeatable)"
-    add("--param", type=parameter, action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = f"make PX4 behave as one would wish (repeatable): {', '.join(quirk_names())}"
-    add("--quirk", type=quirk, action="append", default=[], metavar="NAME=off", help=text)
+    _add_flight(parser)
 
     add = parser.add_argument_group("true states").add_argument
     add("--truth", metavar="FILE", help="write the true states to FILE as JSON Lines, 20 a second")
@@ -170,6 +171,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'receive faults as JSON on that UDP port: {"vehicle": 3, "fault": "loss", "share": 0.3}'
     add("--control", type=whole(1, MAX_PORT), metavar="PORT", help=text)
     add("--faults-from", choices=["-"], help="the same, line by line, from standard input")
+
+
+def _add_flight(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("how they fly").add_argument
+    text = "estimate error; 0.25 RTK, 1 PX4's simulator, 0 none"
+    add("--noise", type=number(0.0, 100.0), default=0.25, metavar="SCALE", help=text)
+    text = "as the autopilots' simulators without it: PX4 1.0, ArduPilot 0.65; real 0.1 to 0.3"
+    add("--drag", type=number(0.0, 10.0), metavar="PER_S", help=text)
+    add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
+    text = "flight time of a full battery"
+    add("--battery", type=number(0.1, 1e5), default=20.0, metavar="MIN", help=text)
+    text = "parameter: COM_OBL_RC_ACT=5, WPNAV_ACCEL=250; or of vehicle 0, 1 and on: RTL_RETURN_ALT=30,34"
+    add("--param", type=parameter, action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "make PX4 behave as one would wish, or with late-ready=off ArduPilot be ready at once"
+    text += f" (repeatable): {', '.join(quirk_names())}"
+    add("--quirk", type=quirk, action="append", default=[], metavar="NAME=off", help=text)
 
 
 class FleetError(Exception):
@@ -186,7 +203,7 @@ class FleetError(Exception):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly until interrupted. Returns: exit code 0, 1 for a taken port or file, 2 for bad arguments."""
-    text = "A fleet of fake PX4 vehicles that speak MAVLink 2."
+    text = "A fleet of fake vehicles with PX4 or ArduPilot that speak MAVLink."
     parser = argparse.ArgumentParser(prog="sim", description=text)
     add_arguments(parser)
     given = parser.parse_args(argv)
@@ -228,6 +245,7 @@ def fly(given: argparse.Namespace, greeting: str) -> None:
 def _settings(given: argparse.Namespace) -> Settings:
     columns = given.grid_columns or math.ceil(math.sqrt(given.count))
     return Settings(
+        autopilot=given.autopilot,
         count=given.count,
         first=given.first,
         namespace_size=given.namespace_size,
@@ -255,6 +273,8 @@ def _checked_ports(given: argparse.Namespace) -> list[Port]:
         fit = f"at most {MAX_COUNT - given.first} fit"
         raise FleetError(2, f"--first {given.first} --count {given.count}: {fit}")
     for name, value in given.param:
+        if given.autopilot in FIRMWARES and name not in FIRMWARES[given.autopilot].defaults():
+            raise FleetError(2, f"--param {name}: {given.autopilot} has no such parameter; see --autopilot")
         if isinstance(value, Sequence) and len(value) < last:
             raise FleetError(2, f"--param {name}: {len(value)} values for vehicles up to index {last - 1}")
     make = shared_ports if given.shared_port else own_ports
@@ -274,7 +294,7 @@ def destinations(given: argparse.Namespace) -> list[int]:
 
 def greeting(given: argparse.Namespace) -> str:
     """Number of vehicles, their ids and ports, in words. Raises: FleetError."""
-    vehicles = f"{given.count} vehicle" + ("s" if given.count > 1 else "")
+    vehicles = f"{given.count} vehicle" + ("s" if given.count > 1 else "") + KINDS_IN_WORDS[given.autopilot]
     return f"sim: {vehicles}, {_ids(given)}, udp {HOST}:{_span(destinations(given))}"
 
 

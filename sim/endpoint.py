@@ -14,9 +14,11 @@ from typing import TypeAlias
 
 from gcs.sim.faults.commands import LONGEST_LINE
 from gcs.sim.faults.injector import FaultInjector
-from gcs.sim.fleet import STEP_S, Fleet, Settings
+from gcs.sim.fleet import STEP_S
 from gcs.sim.ground_truth import HOST, GroundTruthFile, SimulatorLink
+from gcs.sim.mixed import AnyFleet, fleet_of
 from gcs.sim.protocol.frames import SETPOINT, SETPOINT_FRAME
+from gcs.sim.settings import Settings
 
 PX4_BIND, PX4_DESTINATION, PX4_SHARED_FROM = 14580, 14540, 9
 PX4_NAMESPACE_PORTS = 10  # a namespace's destinations are this much below those of the namespace before
@@ -174,7 +176,7 @@ TARGET_AT = 10 + 50  # header, and the fields before target_system
 class Radio:
     """Carries datagrams both ways for all endpoints."""
 
-    fleet: Fleet
+    fleet: AnyFleet
     fault_injector: FaultInjector
     endpoints: Sequence[Endpoint]
 
@@ -247,7 +249,7 @@ class Radio:
         self._changes = self.fault_injector.changes
         self._separate = {}
         for row in self.fault_injector.broken:
-            system_id = int(self.fleet.state.system_id[row])
+            system_id = self.fleet.autopilots[row].system_id
             self._separate.setdefault(self._by_row[row], []).append((row, system_id))
         for endpoint in self.endpoints:
             self.fleet.receiver.regroup(
@@ -327,7 +329,7 @@ def serve(
         for number in STOPS:
             before = signal.signal(number, lambda signum, _: stops.append(signum))
             stack.callback(signal.signal, number, before)
-        fleet = Fleet(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
+        fleet = fleet_of(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
         fault_injector = FaultInjector(fleet)
         endpoints = [
             stack.enter_context(closing(Endpoint(HOST, port, fleet.receiver.circle(port.rows))))
@@ -357,7 +359,7 @@ def serve(
 
 
 def _paced(
-    fleet: Fleet,
+    fleet: AnyFleet,
     radio: Radio,
     fault_injector: FaultInjector,
     truth: GroundTruthFile | None,
@@ -373,7 +375,7 @@ def _paced(
         behind_s = time.monotonic() - dropped_s - fleet.time_s
         if behind_s > CATCH_UP_S:
             dropped_s += behind_s - STEP_S
-            fleet.unix_ahead_s += behind_s - STEP_S  # GPS time continues
+            fleet.skip(behind_s - STEP_S)  # GPS time continues
             behind_s = STEP_S  # at least one step: a machine that is always late still flies, slowly
         for _ in range(int(behind_s / STEP_S + 1e-9)):
             fleet.step()

@@ -7,7 +7,7 @@ from typing import TextIO
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.fleet import Fleet
+from gcs.sim.mixed import AnyFleet
 
 HOST = "127.0.0.1"
 PERIOD_S = 0.05
@@ -34,7 +34,7 @@ class GroundTruthFile:
         self._file = file
         self._due = Period(PERIOD_S)
 
-    def offer(self, fleet: Fleet, time_s: float) -> None:
+    def offer(self, fleet: AnyFleet, time_s: float) -> None:
         """Write a line if one is due at time_s (CLOCK_MONOTONIC)."""
         if not self._due.is_due(time_s):
             return
@@ -42,20 +42,21 @@ class GroundTruthFile:
         self._file.flush()
 
 
-def sample(fleet: Fleet, time_s: float) -> dict[str, object]:
+def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
     """The true state of every vehicle; north, east, down from the fleet's origin."""
     rows = zip(
+        fleet.settings.indices,
         fleet.autopilots,
-        fleet.bodies.position_m.tolist(),
-        fleet.bodies.velocity_m_s.tolist(),
-        fleet.geodetic(fleet.bodies.position_m).tolist(),
+        fleet.position_m.tolist(),
+        fleet.velocity_m_s.tolist(),
+        fleet.geodetic(fleet.position_m).tolist(),
         strict=True,
     )
     return {
         "time_s": round(time_s, 6),
         "vehicles": [
             {
-                "vehicle": fleet.settings.first + autopilot.row + 1,
+                "vehicle": index + 1,
                 "system_id": autopilot.system_id,
                 "north_m": round(north_m, 4),
                 "east_m": round(east_m, 4),
@@ -70,7 +71,7 @@ def sample(fleet: Fleet, time_s: float) -> dict[str, object]:
                 "landed": autopilot.commander.landed,
                 "mode": autopilot.commander.mode.name,
             }
-            for autopilot, (north_m, east_m, down_m), velocity, place in rows
+            for index, autopilot, (north_m, east_m, down_m), velocity, place in rows
         ],
     }
 
@@ -98,27 +99,25 @@ class SimulatorLink:
         self._encoders = [common.MAVLink(None) for _ in range(count)]
         self._due = Period(SIMULATOR_PERIOD_S)
 
-    def offer(self, fleet: Fleet, time_s: float) -> None:
+    def offer(self, fleet: AnyFleet, time_s: float) -> None:
         """Send one message per vehicle when it is due; `time_s` is the fleet's simulated time."""
         if not self._due.is_due(time_s):
             return
-        bodies = fleet.bodies
-        geodetic = np.round(fleet.geodetic(bodies.position_m) * (1e7, 1e7, 1e3)).astype(np.int64).tolist()
-        velocity_cm_s = np.round(100.0 * bodies.velocity_m_s).astype(np.int64).tolist()
-        for autopilot, encoder in zip(fleet.autopilots, self._encoders, strict=True):
+        geodetic = np.round(fleet.geodetic(fleet.position_m) * (1e7, 1e7, 1e3)).astype(np.int64).tolist()
+        velocity_cm_s = np.round(100.0 * fleet.velocity_m_s).astype(np.int64).tolist()
+        rows = zip(fleet.autopilots, self._encoders, geodetic, velocity_cm_s, strict=True)
+        for index, (autopilot, encoder, place, speed_cm_s) in zip(fleet.settings.indices, rows, strict=True):
             encoder.srcSystem, encoder.srcComponent = autopilot.system_id, COMPONENT_ID
             message = encoder.hil_state_quaternion_encode(
                 round(1e6 * time_s),
                 [1.0, 0.0, 0.0, 0.0],
                 *(0.0, 0.0, 0.0),
-                *geodetic[autopilot.row],
-                *velocity_cm_s[autopilot.row],
+                *place,
+                *speed_cm_s,
                 *(0, 0),
                 *(0, 0, LEVEL_MG),
             )
             try:
-                self._socket.sendto(
-                    message.pack(encoder), (HOST, self._first_port + fleet.settings.first + autopilot.row)
-                )
+                self._socket.sendto(message.pack(encoder), (HOST, self._first_port + index))
             except (BlockingIOError, ConnectionRefusedError):
                 continue  # no reader on that port: the flight does not depend on it

@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import cycle
 from math import ceil, hypot, sqrt
 from pathlib import Path
 from string import ascii_lowercase
@@ -25,14 +26,22 @@ from gcs.cli.process import run_exactly, set_up_log
 from gcs.cli.serve import running
 from gcs.client import Client
 from gcs.config import schema as configuration
+from gcs.config.sections import LinkSettings
 from gcs.config.site import station_config
 from gcs.control import warm_up
 from gcs.flight.orchestrator import Orchestrator
+from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.preflight.parameters import settings_of
 from gcs.sim.cli import parameter_options
+
+MIXED = "mixed"
+"""Every autopilot in one fleet."""
+
+MIXED_LOSS_S = 3.0
+"""Some autopilots fly on for so long without setpoints, and cannot be set: then all do, and stop together."""
 
 VEHICLES_MAX = {"mavsdk": 50, "native": 1000}
 CHILD_ENDS_S = 5.0
@@ -87,6 +96,7 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         link = raw["links"][0]
         link["listen"] = f"udpin://127.0.0.1:{arguments.port_base}"
         link["ports"] = link["vehicles"]["count"] = count
+    _set_autopilots(raw, _autopilot(arguments))
     if arguments.record is not None:
         raw["record"] = {"folder": arguments.record}
     if arguments.api_port is not None:
@@ -146,6 +156,26 @@ def _make_large(raw: dict[str, Any], arguments: argparse.Namespace) -> None:
     raw["target"] = {"x_m": field_m / 2.0, "y_m": field_m / 2.0}
     raw["operation"]["pads_within_m"] = max(50.0, 1.5 * field_m)
     raw["operation"]["takeoff_stagger_s"] = LARGE_STAGGER_S * arguments.stations  # of each station
+
+
+def _autopilot(arguments: argparse.Namespace) -> str:
+    """The autopilot of the fleet, or MIXED. Raises: ConfigError."""
+    named: str = arguments.autopilot or DEFAULT.name
+    if named not in (known := (*AUTOPILOTS, MIXED)):
+        raise ConfigError(f"--autopilot {named}: one of {', '.join(known)}")
+    return named
+
+
+def _set_autopilots(raw: dict[str, Any], named: str) -> None:
+    """Configure vehicles of that autopilot; MIXED: of each in turn, over all links, as the fake fleet."""
+    if named != MIXED:
+        raw["links"] = [{**link, "autopilot": named} for link in raw["links"]]
+        return
+    kinds = cycle(AUTOPILOTS)
+    for link in raw["links"]:
+        fleet = LinkSettings.model_validate(link).fleet
+        link["vehicles"] = [vehicle.model_dump() | {"autopilot": next(kinds)} for vehicle in fleet]
+    raw["operation"]["setpoint_loss_s"] = MIXED_LOSS_S
 
 
 def _columns(count: int) -> int:
@@ -234,6 +264,8 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
     common += ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
     common += ["--seed", str(arguments.seed)]
+    if arguments.autopilot is not None:
+        common += ["--autopilot", arguments.autopilot]
     if arguments.transport == "native":
         each = str(_namespaces(count, arguments.stations)[0])
         common += ["--shared-port", "--namespace-size", each, "--telemetry-hz", "10"]

@@ -19,6 +19,8 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
         default="mavsdk",
         help="native: without MAVSDK, up to 250 vehicles a port; as much of the story as fits; mavsdk",
     )
+    text = "of the fake fleet: px4, ardupilot, or mixed, each in turn; px4"
+    parser.add_argument("--autopilot", metavar="NAME", help=text)
     parser.add_argument(
         "--stations", type=int, default=1, metavar="N", help="processes that share the fleet, native; 1"
     )

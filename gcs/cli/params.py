@@ -17,12 +17,16 @@ from gcs.links.batch_link import Link
 from gcs.links.link_set import leaves
 from gcs.model.errors import CommandError, ConfigError, LinkError
 from gcs.model.state import Mode, Setpoints, VehicleId
-from gcs.preflight.parameters import Requirement, requirements_of
+from gcs.preflight.parameters import requirements_of
+from gcs.preflight.requirement import Requirement
 
 REACHED_S = 3.0
 """Time for the link to become able to read parameters, once the vehicle was received."""
 
 POLL_S = 0.1
+
+LACKING = "not of this version"
+"""Verdict on a parameter that the vehicle need not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +37,11 @@ class Row:
     parameter: str
     value: ParameterValue | None  # None: not readable
     desired: str
-    verdict: str  # "ok", "set", or what is wrong
+    verdict: str  # "ok", "set", LACKING and what it means, or what is wrong
 
     @property
     def good(self) -> bool:
-        return self.verdict in {"ok", "set"}
+        return self.verdict in {"ok", "set"} or self.verdict.startswith(LACKING)
 
 
 def run_params(arguments: argparse.Namespace) -> int:
@@ -145,7 +149,11 @@ async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: 
         return Row(name, requirement.name, value, requirement.desired, verdict)
 
     try:
-        value = await _read(link, name, requirement.name)
+        value = await _read(link, name, requirement)
+        if value is None and requirement.otherwise is not None:
+            return await _row(link, name, requirement.otherwise, apply=apply)
+        if value is None:
+            return row(f"{LACKING}: {requirement.lacking}" if requirement.lacking else LACKING)
         if requirement.holds(value):
             return row("ok")
         if not apply:
@@ -153,20 +161,24 @@ async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: 
         if link.snapshot().armed[link.ids.index(name)]:
             return row("wrong, and not set: the vehicle is armed")
         await link.set_parameter(name, requirement.name, requirement.set_to)
-        value = await _read(link, name, requirement.name)
+        value = await _read(link, name, requirement)
     except CommandError as error:
         return row(str(error).removeprefix(f"{name}: "))
     kept = f"set to {requirement.set_to:g}, but the vehicle keeps it"
-    return row("set" if requirement.holds(value) else kept)
+    return row("set" if value is not None and requirement.holds(value) else kept)
 
 
-async def _read(link: Link, vehicle_id: VehicleId, name: str) -> ParameterValue:
-    """Read one; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet."""
+async def _read(link: Link, vehicle_id: VehicleId, requirement: Requirement) -> ParameterValue | None:
+    """Read one; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet.
+
+    Returns: None when the vehicle does not have it, and need not.
+    """
+    name = requirement.name
     loop = asyncio.get_running_loop()
     until_s = loop.time() + REACHED_S
     while True:
         try:
-            return (await link.read_parameters(vehicle_id, (name,)))[name]
+            return (await link.read_parameters(vehicle_id, (name,), (name,) * requirement.may_lack)).get(name)
         except CommandError as error:
             if "never received" not in str(error) or loop.time() >= until_s:
                 raise

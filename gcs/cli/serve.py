@@ -59,6 +59,7 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
         {vehicle.id: vehicle.system_id for vehicle in settings.fleet},
         settings.places,
         config.frame,
+        autopilots=settings.autopilots,
         setpoint_timeout_s=config.setpoint_timeout_s,
         heartbeat_hold_s=settings.heartbeat_hold_s,
         rates_hz=desired_rates(settings.streams),

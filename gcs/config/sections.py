@@ -10,7 +10,17 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from gcs.config.setting_errors import located
-from gcs.links.settings import SYSTEM_ID_MAX, Forward, Place, SigningSettings, StreamSettings, occupied
+from gcs.links.autopilots import AUTOPILOTS, DEFAULT, Autopilot
+from gcs.links.settings import (
+    SPARE_ID,
+    SYSTEM_ID_MAX,
+    Forward,
+    Place,
+    SigningSettings,
+    StreamSettings,
+    occupied,
+    station_id,
+)
 from gcs.links.settings import parse as place_at
 from gcs.model.errors import ConfigError
 from gcs.model.frames import ShowFrame
@@ -103,11 +113,21 @@ class ShowFrameSettings(Settings):
         return ShowFrame(**self.model_dump())
 
 
+def _autopilot(name: str) -> str:
+    if name not in AUTOPILOTS:
+        raise ValueError(f"one of {', '.join(AUTOPILOTS)}")
+    return name
+
+
+AutopilotName: TypeAlias = Annotated[str, AfterValidator(_autopilot)]
+
+
 class VehicleSettings(Settings):
     """One vehicle of a link."""
 
     id: Annotated[str, AfterValidator(_vehicle_id)]
     system_id: SystemId
+    autopilot: AutopilotName | None = None  # None: the link's
     charge: Positive = 1.0
     speed_max_m_s: Positive | None = None  # in any direction; None: the limits of `control.safety`
 
@@ -149,6 +169,7 @@ class LinkSettings(Settings):
 
     name: Annotated[str, Field(min_length=1)]
     transport: Literal["mavsdk", "native"] = "mavsdk"
+    autopilot: AutopilotName = DEFAULT.name  # of its vehicles, but those with an autopilot of their own
     listen: Urls
     ports: Annotated[int, Field(ge=1, le=1000)] = 1
     vehicles: Fleet
@@ -159,8 +180,24 @@ class LinkSettings(Settings):
 
     @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
+        """Its vehicles, each with its autopilot."""
         vehicles = self.vehicles
-        return vehicles.expanded(self.name) if isinstance(vehicles, RangeSettings) else vehicles
+        listed = vehicles.expanded(self.name) if isinstance(vehicles, RangeSettings) else vehicles
+        return tuple(
+            each if each.autopilot else each.model_copy(update={"autopilot": self.autopilot})
+            for each in listed
+        )
+
+    @cached_property
+    def autopilots(self) -> tuple[Autopilot, ...]:
+        """The profiles of its vehicles."""
+        return tuple(AUTOPILOTS[each.autopilot or self.autopilot] for each in self.fleet)
+
+    @property
+    def station_id(self) -> int:
+        """System id of this station on the link."""
+        ids = [each.system_id for each in self.fleet]
+        return station_id(ids) if self.transport == "mavsdk" else SPARE_ID
 
     @property
     def places(self) -> tuple[Place, ...]:

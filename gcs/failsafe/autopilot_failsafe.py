@@ -59,24 +59,39 @@ class FailsafeInputs:
 
 _TEXTS: Final = (
     (FailsafeCause.CRITICAL_BATTERY, re.compile(r"(critical|emergency|dangerous\w*)\b.*\bbattery")),
-    (FailsafeCause.CRITICAL_BATTERY, re.compile(r"battery \d+ (missing|disconnected)")),
-    (FailsafeCause.LOW_BATTERY, re.compile(r"low battery|remaining flight time low")),
-    (FailsafeCause.GEOFENCE, re.compile(r"geofence")),
+    (FailsafeCause.CRITICAL_BATTERY, re.compile(r"battery \d+ (missing|disconnected|is critical)")),
+    (
+        FailsafeCause.LOW_BATTERY,
+        re.compile(r"low battery|flight time low|battery (\d+ is low|failsafe)"),
+    ),
+    (FailsafeCause.GEOFENCE, re.compile(r"geofence|fence breached")),
     (
         FailsafeCause.POSITION_LOSS,
         re.compile(
             r"(position|velocity|navigation|attitude|gps|gnss|ekf|estimat\w*)\b.*"
-            r"(lost|loss|invalid|fail|unreliable|jam|spoof|timeout)|\bno (valid )?((local|global) )?position",
+            r"(lost|loss|invalid|fail|unreliable|jam|spoof|timeout|variance)"
+            r"|\bno (valid )?((local|global) )?position",
         ),
     ),
-    (FailsafeCause.DATA_LINK_LOSS, re.compile(r"(gcs|data ?link|ground (control )?station).*\blost")),
-    (FailsafeCause.RC_LOSS, re.compile(r"(\brc\b|manual control|radio control).*\b(lost|loss)")),
+    (
+        FailsafeCause.DATA_LINK_LOSS,
+        re.compile(r"(gcs|data ?link|ground (control )?station).*\blost|gcs failsafe$"),
+    ),
+    (
+        FailsafeCause.RC_LOSS,
+        re.compile(r"(\brc\b|manual control|radio control).*\b(lost|loss)|radio failsafe$"),
+    ),
 )
-"""Words of PX4's texts in lower case, most specific cause first. They count only beside a failsafe, or a
-battery's beside a landing: PX4 warns of batteries and positions long before it acts.
+"""Words of autopilots' texts in lower case, most specific cause first. They count only beside a failsafe, or
+a battery's beside a landing: autopilots warn of batteries and positions long before they act.
 """
 
-_REFUSALS: Final = re.compile(r"denied|not available|preflight fail|landing at current position")
+_LINK_BACK: Final = re.compile(r"gcs failsafe cleared")
+"""The failsafe for lost heartbeats is over, and its mode stays. What began it was sent into the silence."""
+
+_REFUSALS: Final = re.compile(
+    r"denied|not available|preflight fail|landing at current position|prearm:|mode change failed"
+)
 """Texts that answer a command: they explain no failsafe."""
 
 _SETPOINT_LOSS_MODES: Final = {
@@ -100,6 +115,8 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
     battery = _battery(inputs, announced)
     if battery is not None and (inputs.in_failsafe or (lands and announced & BATTERY)):
         return battery
+    if lands and any(_LINK_BACK.search(text.lower()) for text in inputs.texts):
+        return FailsafeCause.DATA_LINK_LOSS
     if not inputs.in_failsafe:
         return FailsafeCause.UNKNOWN
     for cause, _ in _TEXTS:

@@ -30,9 +30,11 @@ from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
+from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import (
     Array,
     FleetState,
+    Landed,
     Mask,
     Mode,
     Telemetry,
@@ -41,9 +43,9 @@ from gcs.model.state import (
     Whereabouts,
     whereabouts,
 )
-from gcs.planning.lost_space import STOP_S
 from gcs.planning.return_paths.paths import ReturnPaths, keeps_to_path, lowest_beside_m
-from gcs.preflight.vehicles import Placed
+from gcs.preflight.parameters import presumed_parameters
+from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, Placed
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
@@ -55,6 +57,9 @@ ASSEMBLED_SHARE = 0.05
 
 SPREAD_SHARE = 0.7
 """And when the two nearest directions are apart by this share of those in the best shape known."""
+
+AT_REST_M_S = 0.5
+"""A killed vehicle that moves faster may be falling."""
 
 FLIES = AIRBORNE | {Phase.PILOT}
 
@@ -203,12 +208,12 @@ class Fleet:
         self.book = book or CommandLog(None)
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
-        self.vehicles = {
-            settings.id: Vehicle(
-                settings.id, row, settings.system_id, self.link_of[settings.id].name, settings.charge
-            )
-            for row, settings in enumerate(config.fleet)
-        }
+        self.vehicles = self._made_vehicles()
+        self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
+        self._fall_on_ground = [one for one in self.vehicles.values() if one.autopilot.falls_on_ground]
+        self._presumed = presumed_parameters(config)
+        for vehicle in self.vehicles.values():
+            vehicle.without_setpoints = self._without_setpoints(vehicle)
         self.traits = Traits(
             np.array([settings.charge for settings in config.fleet]),
             np.array([settings.speed_max_m_s or np.inf for settings in config.fleet]),
@@ -225,7 +230,6 @@ class Fleet:
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.memory = Memory.fresh(len(self.vehicles), now_s)
-        self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
         self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be read
         received_in = [name for link in links for name in link.ids]
@@ -235,9 +239,7 @@ class Fleet:
         self._joined: Joined | None = None  # of the last tick
         self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
         self._closing: tuple[FleetState, frozenset[VehicleId]] | None = None  # likewise: see `closing`
-        noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + config.operation.setpoint_loss_s
-        flies_on_s = max(noticed_s, config.operation.silence_s)
-        self._table = Table(config.ids, config.frame, flies_on_s=flies_on_s, brakes_s=2.0 * STOP_S)
+        self._table = self._made_table()
         self.uncontrolled = UncontrolledSpace(config, tuple(self.vehicles.values()))
         looks_hz = config.tick_rate_hz
         requested_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
@@ -252,11 +254,31 @@ class Fleet:
         self._ticked = asyncio.Event()
         self.fleet = self.receive(now_s)
 
+    def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
+        """Return the configured vehicles, in order."""
+        autopilots = [profile for link in self.config.links for profile in link.autopilots]
+        return {
+            one.id: Vehicle(
+                one.id, row, one.system_id, self.link_of[one.id].name, one.charge, autopilot=autopilots[row]
+            )
+            for row, one in enumerate(self.config.fleet)
+        }
+
+    def _made_table(self) -> Table:
+        config, alone = self.config, [vehicle.without_setpoints for vehicle in self.vehicles.values()]
+        noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + max(each.flies_on_s for each in alone)
+        flies_on_s = max(noticed_s, config.operation.silence_s)
+        fastest_m_s = config.control.safety.limits.horizontal_m_s
+        brakes_s = 2.0 * max(each.stop_s(fastest_m_s) for each in alone)
+        return Table(config.ids, config.frame, flies_on_s=flies_on_s, brakes_s=brakes_s)
+
     def receive(self, now_s: float) -> FleetState:
         parts = [link.snapshot() for link in self.links]
         self.telemetry = joined(parts, self._order, self._joined)
         self._joined = parts, self.telemetry
         self.fleet = self._table.state(parts, now_s)
+        if self._fall_on_ground:
+            self.telemetry = self._without_falling(self.telemetry)
         if (site := self.site) is not None and not site.owned.all():  # others say where these are
             position_m, elsewhere = self.fleet.position_m.copy(), ~site.owned
             position_m[elsewhere] = np.nan
@@ -270,6 +292,21 @@ class Fleet:
         self.link_quality.note(telemetry.position_time_s, now_s)
         self.link_delay.note(telemetry.clock_base_s, now_s)
         return self.fleet
+
+    def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
+        """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""
+        self.parameters[vehicle.id] = values
+        alone = self._without_setpoints(vehicle)
+        if alone != vehicle.without_setpoints:
+            vehicle.without_setpoints = alone
+            of_all = [each.without_setpoints for each in self.vehicles.values()]
+            self.uncontrolled.without_setpoints = FleetWithoutSetpoints(of_all)
+
+    def _without_setpoints(self, vehicle: Vehicle) -> WithoutSetpoints:
+        operation = self.config.operation
+        known = {**self._presumed.get(vehicle.id, {}), **self.parameters.get(vehicle.id, {})}
+        action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
+        return vehicle.autopilot.without_setpoints(action, loss_s, known)
 
     def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) standard deviations of these vehicles' positions, sideways."""
@@ -344,6 +381,11 @@ class Fleet:
     def mode(self, vehicle: Vehicle) -> Mode:
         return self.telemetry.mode[vehicle.row]
 
+    def climb_ended(self, vehicle: Vehicle) -> bool:
+        """Whether the autopilot's own take-off has ended."""
+        landed, up_m_s = self.telemetry.landed[vehicle.row], -float(self.fleet.velocity_m_s[vehicle.row, 2])
+        return vehicle.autopilot.climb_ended(self.mode(vehicle), landed, up_m_s)
+
     def inputs(self, vehicle: Vehicle) -> FailsafeInputs:
         """Return the inputs that explain the vehicle's mode: see `gcs.failsafe.autopilot_failsafe`."""
         telemetry, at, now_s = self.telemetry, vehicle.row, self.fleet.time_s
@@ -354,8 +396,8 @@ class Fleet:
             battery_critical_below=self.config.failsafes.low_battery.critical_below,
             texts=[text.text for text in telemetry.texts[at] if now_s - text.time_s <= TEXTS_COUNT_S],
             setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row),
-            setpoint_loss_s=self.config.operation.setpoint_loss_s,
-            setpoint_loss_action=self.config.operation.setpoint_loss_action,
+            setpoint_loss_s=vehicle.without_setpoints.flies_on_s,
+            setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
             position_age_s=float(self.fleet.age_s[vehicle.row]),
         )
 
@@ -408,6 +450,25 @@ class Fleet:
         age_s = self.fleet.time_s - float(telemetry.heartbeat_time_s[at])
         landed, armed = telemetry.landed[at], telemetry.armed[at]
         return whereabouts(vehicle.phase, landed, armed=armed, heartbeat_age_s=age_s)
+
+    def _without_falling(self, telemetry: Telemetry) -> Telemetry:
+        """Telemetry in which no killed vehicle that may still fall is on the ground."""
+        falling = [one.row for one in self._fall_on_ground if self._may_fall(one)]
+        if not falling:
+            return telemetry
+        landed = list(telemetry.landed)
+        for row in falling:
+            landed[row] = Landed.UNKNOWN
+        return replace(telemetry, landed=tuple(landed))
+
+    def _may_fall(self, vehicle: Vehicle) -> bool:
+        """Whether a killed vehicle may still be in the air, by its height and speed."""
+        if vehicle.phase is not Phase.KILLED:
+            return False
+        pad_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
+        height_m = pad_m - float(self.fleet.position_m[vehicle.row, 2])
+        speed_m_s = float(np.linalg.norm(self.fleet.velocity_m_s[vehicle.row]))
+        return not (height_m <= PAD_HEIGHT_MAX_M and speed_m_s <= AT_REST_M_S)  # True for NaN
 
     def position_m(self, vehicle: Vehicle) -> Array:
         """(3,) Newest position, show frame."""

@@ -28,17 +28,8 @@ log = logging.getLogger(__name__)
 Maneuver: TypeAlias = Callable[[Vehicle], Coroutine[None, None, None]]
 Done: TypeAlias = Callable[[Outcome, str], None]
 
-MODES_OF = {
-    Verb.TAKEOFF: frozenset({Mode.TAKEOFF, Mode.HOLD}),  # PX4 changes to HOLD by itself at the top
-    Verb.HOLD: frozenset({Mode.HOLD}),
-    Verb.OFFBOARD: frozenset({Mode.OFFBOARD}),
-    Verb.LAND: frozenset({Mode.LAND}),
-    Verb.RETURN: frozenset({Mode.RETURN}),
-}
-"""Modes that a command explains once it is executed."""
-
 UP_SHARE, ENDED_SHARE = 0.85, 0.6
-"""Share of the commanded height: sufficient in any case; sufficient once the autopilot holds."""
+"""Share of the commanded height: sufficient in any case; enough once the autopilot has ended its climb."""
 
 SEARCHES_A_TICK = 2
 """Landing places that are chosen in one tick while lost vehicles close some: each takes up to 20 ms."""
@@ -133,8 +124,7 @@ class Maneuvers:
         async def maneuver(vehicle: Vehicle) -> None:
             await asyncio.sleep(delay_s)
             check(vehicle)
-            # after a landing PX4 reverts to OFFBOARD, and refuses to arm
-            await self._command(vehicle, Verb.HOLD)
+            await self._command(vehicle, Verb.STANDBY)
             await self._turn()
             await self._command(vehicle, Verb.ARM)
             if vehicle.phase is not Phase.STANDBY:
@@ -295,8 +285,8 @@ class Maneuvers:
         await self._command(vehicle, Verb.DISARM)
 
     async def rest(self, vehicle: Vehicle) -> None:
-        """On the ground: leave OFFBOARD, to which PX4 reverts, and in which it does not pass its checks."""
-        await self._command(vehicle, Verb.HOLD)
+        """On the ground: leave the mode of a landing, in which the autopilot does not pass its checks."""
+        await self._command(vehicle, Verb.STANDBY)
 
     async def take_control(self, vehicle: Vehicle) -> None:
         await self._command(vehicle, Verb.HOLD)
@@ -344,7 +334,7 @@ class Maneuvers:
             return False
         height_m = float(vehicle.home_m[2] - self._flight.position_m(vehicle)[2])
         share = height_m / self._settings.takeoff_height_m
-        return share > UP_SHARE or (share > ENDED_SHARE and self._flight.mode(vehicle) is Mode.HOLD)
+        return share > UP_SHARE or (share > ENDED_SHARE and self._flight.climb_ended(vehicle))
 
     def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
         return bool(is_above(self._flight.position_m(vehicle)[None], place_m[None])[0])
@@ -370,7 +360,7 @@ class Maneuvers:
             await self._flight.ticked()
 
     async def _engage(self, vehicle: Vehicle) -> None:
-        """Send setpoints at rest first, then command OFFBOARD: PX4 refuses it without them."""
+        """Send setpoints at rest first, then command OFFBOARD: it may be refused without them."""
         vehicle.hold_m = self._flight.position_m(vehicle).copy()
         vehicle.entering_offboard = True
         await asyncio.sleep(SETPOINTS_FIRST_S)
@@ -390,7 +380,8 @@ class Maneuvers:
 
         Returns: False when the autopilot has landed it instead.
         """
-        obeys = vehicle.modes == MODES_OF[Verb.OFFBOARD] and self._flight.mode(vehicle) is Mode.OFFBOARD
+        commanded = vehicle.modes == vehicle.autopilot.modes[Verb.OFFBOARD]
+        obeys = commanded and self._flight.mode(vehicle) is Mode.OFFBOARD
         if vehicle.phase is Phase.HOLD or not obeys:
             try:
                 await self._engage(vehicle)
@@ -435,7 +426,7 @@ class Maneuvers:
 
     async def _command(self, vehicle: Vehicle, verb: Verb, height_m: float = 0.0) -> None:
         """Execute a command, while both the old and the new mode count as commanded."""
-        obeyed = MODES_OF.get(verb, frozenset())
+        obeyed = vehicle.autopilot.modes.get(verb, frozenset())
         vehicle.modes = vehicle.modes | obeyed
         await self._flight.execute(Command(vehicle.id, verb, height_m))
         if obeyed:

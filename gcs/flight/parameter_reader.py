@@ -6,7 +6,7 @@ Reading runs beside the tick: it takes up to seconds, and a vehicle that does no
 import asyncio
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
@@ -14,10 +14,12 @@ import numpy as np
 from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.links import ParameterValue
+from gcs.links.batch_link import Link
 from gcs.model.errors import CommandError
 from gcs.model.preflight_report import Check
 from gcs.model.state import Mask, Telemetry, VehicleId
-from gcs.preflight.parameters import Requirement, parameter_checks, requirements_of
+from gcs.preflight.parameters import parameter_checks, remaining_risks, requirements_of
+from gcs.preflight.requirement import Requirement
 
 log = logging.getLogger(__name__)
 
@@ -28,6 +30,22 @@ AT_ONCE_MAX: Final = 50
 """Vehicles read at the same time: a thousand at once would delay the tick."""
 
 
+async def read_needed(
+    link: Link, vehicle_id: VehicleId, needed: Iterable[Requirement]
+) -> dict[str, ParameterValue]:
+    """Return the values of the required parameters; of alternatives the first that the vehicle has.
+
+    Raises: CommandError naming a parameter that it must have.
+    """
+    values: dict[str, ParameterValue] = {}
+    due = list(needed)
+    while due:
+        names, may_lack = [each.name for each in due], {each.name for each in due if each.may_lack}
+        values |= await link.read_parameters(vehicle_id, names, may_lack)
+        due = [each.otherwise for each in due if each.otherwise is not None and each.name not in values]
+    return values
+
+
 class ParameterReader:
     """Keeps `Fleet.parameters` current: reads on first contact, after a reboot, and after every flight."""
 
@@ -35,12 +53,14 @@ class ParameterReader:
         n = len(flight.vehicles)
         self._group = group
         self._flight = flight
+        self._required = requirements_of(flight.config)
+        # by vehicle and name, alternatives included
         self._needed = {
-            name: {requirement.name: requirement for requirement in needed}
-            for name, needed in requirements_of(flight.config).items()
+            name: {each.name: each for requirement in needed for each in requirement.alternatives}
+            for name, needed in self._required.items()
         }
         for link in flight.links:
-            link.watch_parameters(self._names)
+            link.watch_parameters({name for vehicle_id in link.ids for name in self._needed[vehicle_id]})
         self._reported: tuple[object, object] = None, None
         self._reported_columns = np.full(n, -1), np.zeros(n, dtype=bool)  # the same as arrays
         self._reboot_count = np.full(n, -1)
@@ -50,10 +70,6 @@ class ParameterReader:
         self._not_before_s = np.full(n, -np.inf)
         self._announced: dict[VehicleId, dict[str, ParameterValue]] = {}
         """Newest values since the vehicle's newest read began; the read may be older than they are."""
-
-    @property
-    def _names(self) -> list[str]:
-        return list(next(iter(self._needed.values())))
 
     def watch(self, received: Telemetry) -> None:
         """Start the reads that are due; called once a tick."""
@@ -82,8 +98,9 @@ class ParameterReader:
                 vehicle = self._flight.vehicles[vehicle_id]
                 self._announced.setdefault(vehicle_id, {}).update(values)
                 for name, value in values.items():
-                    needed = self._needed[vehicle_id][name]
-                    self._compare(vehicle, needed, value, armed=received.armed[vehicle.row])
+                    needed = self._needed[vehicle_id].get(name)
+                    if needed is not None:
+                        self._compare(vehicle, needed, value, armed=received.armed[vehicle.row])
 
     def _compare(
         self, vehicle: Vehicle, requirement: Requirement, value: ParameterValue, *, armed: bool
@@ -95,7 +112,7 @@ class ParameterReader:
         if before == value or (known is None and not armed):  # on the ground all of them are being read
             return
         if known is not None:
-            flight.parameters[vehicle.id] = {**known, name: value}
+            flight.note_parameters(vehicle, {**known, name: value})
         if requirement.holds(value):
             self._settle(vehicle, {name: value})
             return
@@ -116,12 +133,21 @@ class ParameterReader:
 
     def checks(self, vehicle_id: VehicleId) -> list[Check]:
         """Return the checks of its parameters. If any fails they are read again: it may be fixed by then."""
-        flight, needed = self._flight, [*self._needed[vehicle_id].values()]
+        flight, needed = self._flight, self._required[vehicle_id]
         read, problem = flight.parameters.get(vehicle_id), flight.parameter_problems.get(vehicle_id)
         found = parameter_checks(needed, read, problem)
         if not all(check.passes for check in found):
             self._due[flight.vehicles[vehicle_id].row] = True
         return found
+
+    def risks(self) -> list[str]:
+        """Return what remains unsafe on the versions of some autopilots, with the vehicles, in words."""
+        found: dict[str, list[VehicleId]] = {}
+        for vehicle_id, needed in self._required.items():
+            read = self._flight.parameters.get(vehicle_id)
+            for text in [] if read is None else remaining_risks(needed, read):
+                found.setdefault(text, []).append(vehicle_id)
+        return [f"{', '.join(names)}: {text}" for text, names in found.items()]
 
     def _forget(self, vehicle: Vehicle) -> None:
         self._flight.parameters.pop(vehicle.id, None)
@@ -137,9 +163,8 @@ class ParameterReader:
 
     async def _read(self, vehicle: Vehicle) -> None:
         flight, row = self._flight, vehicle.row
-        names = self._names
         try:
-            read = await flight.link_of[vehicle.id].read_parameters(vehicle.id, names)
+            read = await read_needed(flight.link_of[vehicle.id], vehicle.id, self._required[vehicle.id])
         except CommandError as error:
             flight.parameter_problems[vehicle.id] = str(error)
             self._not_before_s[row] = flight.fleet.time_s + RETRY_S
@@ -147,7 +172,7 @@ class ParameterReader:
         else:
             if not self._due[row]:  # it has not restarted, flown or been silent meanwhile
                 values = {**read, **self._announced[vehicle.id]}  # what was set after it had been read
-                flight.parameters[vehicle.id] = values
+                flight.note_parameters(vehicle, values)
                 self._settle(vehicle, values)
                 flight.parameter_problems.pop(vehicle.id, None)
                 log.info("parameters_read", extra={"vehicle": vehicle.id})

@@ -16,7 +16,7 @@ from gcs.flight.show_player import ShowPlayer
 from gcs.model.errors import GcsError, InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks, describe
-from gcs.model.state import VehicleId
+from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
@@ -178,7 +178,7 @@ class PreflightGate:
             "room to wander: preflight.wander_m is 0": settings.wander_m == 0.0,
             "clock: preflight.clock_max_s is null": settings.clock_max_s is None,
         }
-        not_checked = [text for text, is_off in unlooked.items() if is_off]
+        not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
         return Stand(stand.fleet, alone, [*stand.not_checked, *not_checked])
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
@@ -202,6 +202,7 @@ class PreflightGate:
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
             telemetry=flight.telemetry,
             conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
+            foreign={name: text for link in flight.links for name, text in link.foreign.items()},
             uncertainty_m=flight.traits.uncertainty_m,
             age_max_s=flight.control.telemetry_age_max_s,
             floor=flight.control.safety.floor,
@@ -247,9 +248,16 @@ class PreflightGate:
                 flight.traits.uncertainty_m[rows],
                 operation.setpoint_loss_action,
                 flight.config.return_heights_m[rows],
+                self._fly_on_s(chosen),
             )
             yield "loss of the ground station", "no two vehicles are brought together", look
         yield "obstacles", "none on a pad", lambda: self._check_obstacles(chosen)
+
+    def _fly_on_s(self, chosen: Sequence[VehicleId]) -> Array:
+        """(n,) how long each flies on without setpoints, with its stop from the speed of the law."""
+        alone = [self.flight.vehicles[name].without_setpoints for name in chosen]
+        fastest_m_s = self.flight.control.law.speed_m_s
+        return np.array([each.flies_on_s + each.stop_s(fastest_m_s) for each in alone])
 
     def _check_formations(self, chosen: Sequence[VehicleId]) -> None:
         """Check every sphere of the flight for the accuracy that these vehicles report now."""

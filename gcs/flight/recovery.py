@@ -240,7 +240,7 @@ class Recovery:
         vehicle = self.flight.vehicles.get(name)
         if vehicle is None:
             return Remaining(before.phase, before.pad_m is not None, waits=False, text="not configured")
-        facts, action = self.flight.inputs(vehicle), self.flight.config.operation.setpoint_loss_action
+        facts, action = self.flight.inputs(vehicle), vehicle.without_setpoints.action
         about, again = (before, vehicle.phase, facts.mode, action), name in self._regained
         return remaining(*about, in_failsafe=facts.in_failsafe, taken_again=again)
 

@@ -23,8 +23,10 @@ from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import Plan, plan_json, plan_of
+from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
+from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import Placed
 from gcs.service import BusView, StationView
 from gcs.shows import ShowClock
@@ -130,6 +132,17 @@ def station_fleets(site: Config) -> dict[str, StationFleet]:
     return fleets
 
 
+def without_setpoints(site_config: Config) -> dict[VehicleId, WithoutSetpoints]:
+    """What each vehicle of a site does without setpoints, with the parameters that preflight requires."""
+    operation, known = site_config.operation, presumed_parameters(site_config)
+    action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
+    return {
+        each.id: profile.without_setpoints(action, loss_s, known.get(each.id, {}))
+        for link in site_config.links
+        for each, profile in zip(link.fleet, link.autopilots, strict=True)
+    }
+
+
 class SiteMember:
     """Used on the event loop only; nothing here waits."""
 
@@ -141,7 +154,7 @@ class SiteMember:
             operation.setpoint_loss_action,
             dict(heights_m),
             operation.takeoff_height_m,
-            operation.setpoint_loss_s,
+            without_setpoints(site_config),
             operation.silence_s,
             site_config.setpoint_timeout_s,
             site_config.control.telemetry_age_max_s,

@@ -116,12 +116,12 @@ class StallRecovery:
         stall, flight = self.stall, self.flight
         if stall is None:
             return {}
-        action, fallen = flight.config.operation.setpoint_loss_action, {}
+        fallen: dict[VehicleId, Before] = {}
         for name, before in stall.flown.vehicles.items():
             vehicle = flight.vehicles[name]
             if vehicle.phase is not Phase.PILOT or name in known or vehicle.cause in OTHER_FAILSAFES:
                 continue
-            facts = flight.inputs(vehicle)
+            facts, action = flight.inputs(vehicle), vehicle.without_setpoints.action
             explained = is_left_alone(Phase.FORMATION, facts.mode, action, in_failsafe=facts.in_failsafe)
             if facts.mode is not Mode.OFFBOARD and explained:
                 vehicle.reason = left_by(stall.flown.cause, facts.mode)

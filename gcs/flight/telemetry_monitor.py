@@ -147,7 +147,8 @@ class TelemetryMonitor:
             lacks,
             partial(self._explained, vehicle),
         )
-        lost_holds = flight.config.operation.setpoint_loss_action == "hold"
+        alone = vehicle.without_setpoints
+        lost_holds = alone.changes_mode and alone.action == "hold"
         if vehicle.observe(status, lost_holds=lost_holds):
             if vehicle.phase in {Phase.LOST, Phase.PILOT}:
                 self.maneuvers.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
@@ -161,7 +162,11 @@ class TelemetryMonitor:
             vehicle.reason = "received, but it has no position yet"
         elif vehicle.phase is Phase.LOST and not silent and status.mode is not Mode.LAND:
             self._by_itself(vehicle, self.come_back)
-        elif vehicle.phase is Phase.STANDBY and status.mode is Mode.OFFBOARD and not status.armed:
+        elif (
+            vehicle.phase is Phase.STANDBY
+            and not status.armed
+            and not vehicle.autopilot.rests_in(status.mode)
+        ):
             self._by_itself(vehicle, self.maneuvers.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")

@@ -10,8 +10,9 @@ from gcs.config.schema import Config
 from gcs.control import Memory
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.setpoint_loss import FleetWithoutSetpoints
 from gcs.model.state import Array, FleetState, Mask
-from gcs.planning.lost_space import STOP_S, KeptSetpoints, expected_drift, swept_segments_m
+from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segments_m
 from gcs.planning.silent_space import silent_segments_m
 
 Rows = NDArray[np.intp]
@@ -25,11 +26,13 @@ class UncontrolledSpace:
 
     Attributes:
         seen_m, seen_m_s: (n, 3) last known positions and velocities, show frame; NaN: none.
+        without_setpoints: what each vehicle does by itself.
     """
 
     def __init__(self, config: Config, vehicles: Sequence[Vehicle]) -> None:
         """`vehicles` (n,) by row."""
         self._config, self._vehicles = config, vehicles
+        self.without_setpoints = FleetWithoutSetpoints([each.without_setpoints for each in vehicles])
         self.seen_m: Array = np.full((len(vehicles), 3), np.nan)
         self.seen_m_s: Array = self.seen_m.copy()
         self._kept = KeptSetpoints(len(vehicles))
@@ -68,9 +71,9 @@ class UncontrolledSpace:
             home_m[of],
             self._config.return_heights_m[of],
             np.minimum(age_s[of], operation.silence_s),
-            action=operation.setpoint_loss_action,
-            noticed_s=operation.setpoint_loss_s,
-            drift_s=self._drift_s,
+            action=self.without_setpoints.action[of],
+            noticed_s=self.without_setpoints.flies_on_s[of],
+            drift_s=self._drift_s(of, keeps_m_s),
         )
         return segments_m, of[found]
 
@@ -88,14 +91,16 @@ class UncontrolledSpace:
         """As of `Tasks`: of silent vehicles and of lost ones."""
         drifts = np.array([vehicle.phase is Phase.LOST for vehicle in self._vehicles], dtype=np.bool_)
         drifts[silent] = True
-        noticed_s = self._config.operation.setpoint_loss_s
-        keeps_m_s = self._kept.expected_m_s(self.seen_m_s)
-        return expected_drift(self.seen_m, keeps_m_s, age_s, drifts, noticed_s=noticed_s)
+        alone, keeps_m_s = self.without_setpoints, self._kept.expected_m_s(self.seen_m_s)
+        stop_s = alone.stop_s(np.arange(len(drifts)), keeps_m_s)
+        noticed_s = alone.flies_on_s
+        return expected_drift(self.seen_m, keeps_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s)
 
-    @property
-    def _drift_s(self) -> float:
-        """How long a vehicle without commands may keep its last velocity, its stop included."""
-        return self._config.setpoint_timeout_s + self._config.operation.setpoint_loss_s + STOP_S
+    def _drift_s(self, rows: Rows, velocity_m_s: Array) -> Array:
+        """(p,) how long vehicles without commands may keep (p, 3) velocities, their stop included."""
+        alone = self.without_setpoints
+        drift_s: Array = alone.flies_on_s[rows] + alone.stop_s(rows, velocity_m_s)
+        return self._config.setpoint_timeout_s + drift_s
 
     def _swept_m(self, vehicle: Vehicle) -> Array:
         """(m, 2, 3) of one vehicle; computed again when it was seen, sent home or killed meanwhile."""
@@ -104,7 +109,9 @@ class UncontrolledSpace:
         if not killed:
             _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self.seen_m_s)
         home_m = _NOWHERE if vehicle.home_m is None else vehicle.home_m
-        known = b"".join((self.seen_m[row].tobytes(), keeps_m_s.tobytes(), home_m.tobytes(), bytes([killed])))
+        drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
+        places = self.seen_m[row], keeps_m_s, home_m, drift_s
+        known = b"".join((*(each.tobytes() for each in places), bytes([killed])))
         before = self._swept.get(row)
         if before is not None and before[0] == known:
             return before[1]
@@ -113,12 +120,12 @@ class UncontrolledSpace:
                 self.seen_m[row],
                 each_m_s,
                 vehicle.home_m,
-                "land" if killed else operation.setpoint_loss_action,
+                "land" if killed else vehicle.without_setpoints.action,
                 float(self._config.return_heights_m[row]),
                 climbing_to_m=None if killed else operation.takeoff_height_m,
-                drift_s=self._drift_s,
+                drift_s=each_s,
             )
-            for each_m_s in keeps_m_s
+            for each_m_s, each_s in zip(keeps_m_s, drift_s.tolist(), strict=True)
         ]
         self._swept[row] = known, np.concatenate(paths_m)
         return self._swept[row][1]

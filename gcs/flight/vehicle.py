@@ -8,8 +8,10 @@ from typing import TypeAlias
 
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
+from gcs.links.autopilots import DEFAULT, Autopilot
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
+from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Array, Landed, Mode, VehicleId
 
 log = logging.getLogger(__name__)
@@ -64,6 +66,8 @@ class Vehicle:
     rejoins: bool = False  # lost from the formation, and nothing commanded since
     _explained: tuple[Mode, bool] | None = None
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that a command explains
+    autopilot: Autopilot = DEFAULT  # as configured
+    without_setpoints: WithoutSetpoints = WithoutSetpoints()
 
     @property
     def comes_down_alone(self) -> bool:
@@ -135,7 +139,7 @@ class Vehicle:
         """
         if self.phase in AIRBORNE:
             return armed and mode in self.modes and mode is not Mode.HOLD
-        return self.phase is Phase.STANDBY and not armed and mode is not Mode.OFFBOARD
+        return self.phase is Phase.STANDBY and not armed and self.autopilot.rests_in(mode)
 
     def observe(self, status: VehicleStatus, *, lost_holds: bool = True) -> bool:
         """Let the telemetry change the phase. Returns: whether it did.

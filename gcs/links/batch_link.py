@@ -20,6 +20,7 @@ import numpy as np
 
 from gcs.links import receiver, sender
 from gcs.links.address_book import Addresses
+from gcs.links.autopilots import Autopilot
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
@@ -33,12 +34,12 @@ from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
 from gcs.links.telemetry import FleetTelemetry, VehicleReport
 from gcs.links.tlog import Recorder
 from gcs.mavlink import codec, reports
-from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT
+from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.mavlink.kernels import Whole
 from gcs.mavlink.reports import SILENT_AFTER_S
 from gcs.model.errors import CommandError, UnknownError
 from gcs.model.frames import ShowFrame
-from gcs.model.state import Array, Mask, Setpoints, Telemetry, VehicleId
+from gcs.model.state import Array, Landed, Mask, Setpoints, Telemetry, VehicleId
 
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005
@@ -52,6 +53,12 @@ _AHEAD_S: Final = 0.002
 
 _WATCH_S: Final = 0.1
 """Period of looking for vehicles that connected, or that have forgotten their streams."""
+
+_TICKS_ENDED_S: Final = 0.5
+"""Without a tick for this long control has ended or hangs, although this link still runs."""
+
+_FLEW_WITHIN_S: Final = 3.0
+"""Age of the last setpoint after which no autopilot flies on with it."""
 
 _NONE_READY: Final = np.zeros(0)
 
@@ -102,6 +109,7 @@ class Link(ABC):
         places: Place | Sequence[Place],
         frame: ShowFrame,
         *,
+        autopilots: Sequence[Autopilot] | None = None,
         setpoint_timeout_s: float = 0.2,
         heartbeat_hold_s: float = 3.0,
         rates_hz: Mapping[int, float] | None = None,
@@ -118,6 +126,7 @@ class Link(ABC):
             vehicles: system id of each vehicle, 1 to 250, each once.
             places: where the vehicles are.
             frame: to turn setpoints from the show frame to NED.
+            autopilots: of each vehicle; None: the default of all.
             setpoint_timeout_s: no setpoint leaves later than this after the time of its tick.
             heartbeat_hold_s: our heartbeats end when `send` has not been called for this long.
             rates_hz: rate to request for each message; without it no rates are requested.
@@ -155,9 +164,15 @@ class Link(ABC):
         self._outbox = Outbox(
             self._ports, self._addresses, self.counters, self._system_ids, self._station_id, signatures
         )
-        self._telemetry = FleetTelemetry(self.ids)
+        self._telemetry = FleetTelemetry(self.ids, autopilots)
+        climbs_alone = [each.takeoff_ends_with_setpoints for each in self._telemetry.autopilots]
+        self._climbs_alone: Mask = np.array(climbs_alone, np.bool_)
+        flies_on = [each.stops_on_setpoint_only for each in self._telemetry.autopilots]
+        self._flies_on: Mask = np.array(flies_on, np.bool_)
+        self._stopped_s = -np.inf  # when setpoints at rest were sent last, see `_stop_those_that_fly_on`
         request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
-        self._streams = StreamRequests(self._system_ids, rates_hz or {}, request)
+        streams_hz = [each.streams_hz(rates_hz) if rates_hz else {} for each in self._telemetry.autopilots]
+        self._streams = StreamRequests(self._system_ids, streams_hz, request)
         self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(
             self._addresses, self._telemetry, self._streams, self.counters, self._parameters, signatures
@@ -258,6 +273,12 @@ class Link(ABC):
         return {self.ids[row]: text for row, text in self._addresses.conflicts().items()}
 
     @property
+    def foreign(self) -> Mapping[VehicleId, str]:
+        """Vehicles with another autopilot than configured; the text names both."""
+        rows = np.flatnonzero(self._telemetry.is_foreign).tolist()
+        return {self.ids[row]: self._telemetry.foreign(row) for row in rows}
+
+    @property
     def setpoints_sent(self) -> int:
         return self.counters.setpoints_sent
 
@@ -347,7 +368,8 @@ class Link(ABC):
             ours = {self._row[name]: at for at, name in enumerate(setpoints.ids) if name in self._row}
             self._listed = setpoints.ids, np.array(list(ours.values()), int), np.array(list(ours), int)
         _, at, rows = self._listed
-        may_receive = self._connected(now_s) & self._commandable
+        may_receive = self._connected(now_s) & self._commandable & ~self._telemetry.is_foreign
+        may_receive &= ~(self._climbs_alone & (self._telemetry.landed == Landed.TAKEOFF))
         for row in self._killed:
             may_receive[row] &= not self._latch.is_shut(int(self._system_ids[row]))
         rows, velocity_ned_m_s, yaw_rad, sample_s = most_urgent_first(
@@ -394,31 +416,34 @@ class Link(ABC):
             self._forget_commands(row)
             await killing
             return
-        channel = self._command_channel(row, otherwise)
+        channel = self._channel(row, otherwise)
         if command.verb is Verb.OFFBOARD and not self._clock() - self._sent.newest_s[row] <= self._hold_s:
             raise CommandError(f"{command.vehicle_id}: offboard refused: no setpoints are flowing to it")
         await protocol.execute(command, channel, reported)
 
     async def read_parameters(
-        self, vehicle_id: VehicleId, names: Sequence[str]
+        self, vehicle_id: VehicleId, names: Sequence[str], may_lack: Collection[str] = ()
     ) -> Mapping[str, ParameterValue]:
         """The autopilot's present values of `names`. Takes seconds, and delays no other vehicle.
+
+        Of those that it `may_lack`, the result leaves out what is not answered.
 
         Raises: UnknownError for a vehicle of another link; CommandError naming the parameter, when it does
         not exist or the vehicle does not answer (which cannot be distinguished).
         """
         otherwise = "its parameters cannot be read"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
-        return await protocol.read_parameters(vehicle_id, names, self._command_channel(row, otherwise))
+        channel = self._channel(row, otherwise)
+        return await protocol.read_parameters(vehicle_id, names, channel, may_lack)
 
     async def set_parameter(self, vehicle_id: VehicleId, name: str, value: ParameterValue) -> None:
-        """Set one; an int only where the autopilot holds an INT32. To be certain, read it back.
+        """Set one; an int only where the autopilot holds an integer. To be certain, read it back.
 
         Raises: UnknownError for a vehicle of another link; CommandError naming the parameter.
         """
         otherwise = f"{name} cannot be set"
         protocol, row = self._protocol_for(vehicle_id, otherwise)
-        await protocol.set_parameter(vehicle_id, name, value, self._command_channel(row, otherwise))
+        await protocol.set_parameter(vehicle_id, name, value, self._channel(row, otherwise))
 
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
         """The command protocol, and the vehicle's row. Raises: UnknownError, CommandError."""
@@ -428,6 +453,13 @@ class Link(ABC):
         if self._protocol is None:
             raise CommandError(f"{vehicle_id}: {otherwise}: link {self.name} is not open")
         return self._protocol, row
+
+    def _channel(self, row: int, otherwise: str) -> CommandChannel:
+        """The command channel of a vehicle that has its autopilot as configured. Raises: CommandError."""
+        channel = self._command_channel(row, otherwise)
+        if foreign := self._telemetry.foreign(row):
+            raise CommandError(f"{self.ids[row]}: {otherwise}: {foreign}")
+        return channel
 
     def _never_connected(self, row: int, otherwise: str) -> CommandError:
         return CommandError(f"{self.ids[row]}: {otherwise}: never received on link {self.name}")
@@ -447,6 +479,18 @@ class Link(ABC):
     def _send_kill(self, row: int) -> None:
         self._send_message(COMMAND_LONG, codec.kill_message(int(self._system_ids[row])), np.array([row]))
 
+    def _stop_those_that_fly_on(self) -> None:
+        """Send one setpoint at rest to vehicles that flew a setpoint until now, and would fly on without."""
+        self._stopped_s = now_s = self._clock()
+        rows = np.flatnonzero(self._flies_on & (now_s - self._sent.newest_s <= _FLEW_WITHIN_S))
+        system_ids = self._system_ids[rows]
+        rows = rows[[not self._latch.is_shut(system_id) for system_id in system_ids.tolist()]]
+        if len(rows):
+            still = np.zeros((len(rows), 3)), np.zeros(len(rows))
+            messages = codec.setpoint_messages(self._system_ids[rows], *still, time_s=now_s)
+            messages["type_mask"] = codec.VELOCITY
+            self._send_message(SET_POSITION_TARGET_LOCAL_NED, messages, rows)
+
     def _receive(self) -> None:
         self._received_s = self._clock()
         self._ports.receive(self._inbox.take)
@@ -455,16 +499,21 @@ class Link(ABC):
 
     async def _keep_receiving(self) -> None:
         watched_s = -np.inf
-        while True:
-            busy = self._is_awaiting() or bool(self._telemetry.waiting)
-            now_s = self._clock()
-            if busy or now_s - self._received_s >= _IDLE_S:
-                self._receive()
-            self._move_bytes()
-            if now_s - watched_s >= _WATCH_S:
-                watched_s = now_s
-                self._watch(now_s)
-            await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
+        try:
+            while True:
+                busy = self._is_awaiting() or bool(self._telemetry.waiting)
+                now_s = self._clock()
+                if now_s - self._ticked_s > _TICKS_ENDED_S and self._stopped_s < self._ticked_s:
+                    self._stop_those_that_fly_on()
+                if busy or now_s - self._received_s >= _IDLE_S:
+                    self._receive()
+                self._move_bytes()
+                if now_s - watched_s >= _WATCH_S:
+                    watched_s = now_s
+                    self._watch(now_s)
+                await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
+        finally:
+            self._stop_those_that_fly_on()
 
     def _watch(self, now_s: float) -> None:
         may_be_asked = self._connected(now_s) & self._commandable

@@ -1,22 +1,21 @@
 """Execution of commands over any transport: one at a time per vehicle, confirmed by heartbeats only.
 
 PX4 acknowledges a change of mode twice, ACCEPTED first and the real result after; we take the first, as
-MAVSDK does. So neither an acknowledgement alone nor its absence (a lost datagram) proves anything.
+MAVSDK does. ArduCopter acknowledges a take-off that its next setpoint cancels. So neither an acknowledgement
+alone nor its absence (a lost datagram) proves anything.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
-from typing import Final, Protocol, TypeVar
+from typing import Final, Protocol
 
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.telemetry import VehicleReport
 from gcs.model.errors import CommandError
 from gcs.model.state import Landed, Mode, VehicleId
-
-T = TypeVar("T")
 
 CONFIRM_S: Final = 3.2
 """Heartbeats come once a second: time for three of them, and a margin."""
@@ -28,14 +27,6 @@ _LEAST_S: Final = 0.001  # shorter waits are below the resolution of some clocks
 CLOSED: Final = "the link was closed"
 TIMEOUT: Final = "TIMEOUT"
 """Failure of a `CommandChannel` that receives no answer."""
-
-_DESIRED_MODE: Final = {
-    Verb.TAKEOFF: Mode.TAKEOFF,
-    Verb.HOLD: Mode.HOLD,
-    Verb.OFFBOARD: Mode.OFFBOARD,
-    Verb.LAND: Mode.LAND,
-    Verb.RETURN: Mode.RETURN,
-}
 
 
 class KillLatch:
@@ -101,7 +92,7 @@ def is_confirmed(verb: Verb, reported: VehicleReport) -> bool:
         case Verb.LAND:
             return reported.mode is Mode.LAND or (reported.landed is Landed.ON_GROUND and not reported.armed)
         case _:
-            return reported.mode is _DESIRED_MODE[verb]
+            return reported.mode in reported.autopilot.modes[verb]
 
 
 @dataclass(eq=False)
@@ -149,18 +140,35 @@ class CommandProtocol:
                     raise CommandError(self._failure(command, cause, reported, began_s))
 
     async def read_parameters(
-        self, vehicle_id: VehicleId, names: Sequence[str], channel: CommandChannel
+        self,
+        vehicle_id: VehicleId,
+        names: Sequence[str],
+        channel: CommandChannel,
+        may_lack: Collection[str] = (),
     ) -> Mapping[str, ParameterValue]:
-        """One after the other: commands pass in between. Raises: CommandError naming the parameter."""
+        """One after the other: commands pass in between. Raises: CommandError naming the parameter.
+
+        Of those that it `may_lack`, the result leaves out what is not answered.
+        """
+        values: dict[str, ParameterValue] = {}
         with self._awaiting():
-            return {name: await _about(vehicle_id, name, channel.parameter(name)) for name in names}
+            for name in names:
+                try:
+                    values[name] = await channel.parameter(name)
+                except CommandError as error:
+                    if str(error) != TIMEOUT or name not in may_lack:
+                        raise _about(vehicle_id, name, error) from error
+        return values
 
     async def set_parameter(
         self, vehicle_id: VehicleId, name: str, value: ParameterValue, channel: CommandChannel
     ) -> None:
         """Set one parameter. Raises: CommandError naming it."""
         with self._awaiting():
-            await _about(vehicle_id, name, channel.set_parameter(name, value))
+            try:
+                await channel.set_parameter(name, value)
+            except CommandError as error:
+                raise _about(vehicle_id, name, error) from error
 
     async def kill(self, command: Command, reported: VehicleReport, send_kill: Callable[[], None]) -> None:
         """Send the kill command repeatedly until the heartbeat reports disarmed. Raises: CommandError.
@@ -209,17 +217,11 @@ class CommandProtocol:
         return f"{command.vehicle_id}: {command.verb} {failure}: {state}{words}"
 
 
-async def _about(vehicle_id: VehicleId, name: str, answer: Awaitable[T]) -> T:
-    """The answer about a parameter.
-
-    PX4 does not answer for a name that does not exist. Raises: CommandError.
-    """
-    try:
-        return await answer
-    except CommandError as error:
-        silent = "no answer; there is no such parameter, or the vehicle is not received"
-        why = silent if str(error) == TIMEOUT else str(error)
-        raise CommandError(f"{vehicle_id}: parameter {name}: {why}") from error
+def _about(vehicle_id: VehicleId, name: str, error: CommandError) -> CommandError:
+    """The failure of a request about a parameter. No autopilot answers for a name that does not exist."""
+    silent = "no answer; there is no such parameter, or the vehicle is not received"
+    why = silent if str(error) == TIMEOUT else str(error)
+    return CommandError(f"{vehicle_id}: parameter {name}: {why}")
 
 
 async def _await_heartbeat(reported: VehicleReport, wait_s: float) -> None:
@@ -236,5 +238,5 @@ def _refuse_the_impossible(command: Command, reported: VehicleReport) -> None:
             raise CommandError(
                 f"{command.vehicle_id}: takeoff to {command.height_m} m; a height above 0 is needed"
             )
-        if not reported.armed:  # PX4 would accept, and climb when it is armed next
+        if not reported.armed:  # an autopilot may accept, and climb when it is armed next
             raise CommandError(f"{command.vehicle_id}: takeoff while disarmed; arm it first")

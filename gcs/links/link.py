@@ -14,6 +14,7 @@ ParameterValue: TypeAlias = int | float
 class Verb(StrEnum):
     """Commands of an autopilot."""
 
+    STANDBY = "standby"  # on the ground: the mode in which it can be armed
     ARM = "arm"
     DISARM = "disarm"
     TAKEOFF = "takeoff"

@@ -46,7 +46,8 @@ class Inbox:
 
     Attributes:
         observers: receive every frame; replace the tuple, do not mutate it.
-        take_acks, take_values: read (k,) rows and their COMMAND_ACKs or PARAM_VALUEs, in order of arrival.
+        take_acks: reads (k,) rows and their COMMAND_ACKs, in order of arrival.
+        take_value: reads a row, and the name and value of a parameter.
         pass_on: called with (data, frames, rows, times) of accepted frames, as `FleetTelemetry.take`; None:
             not called.
     """
@@ -61,7 +62,7 @@ class Inbox:
     def __post_init__(self) -> None:
         self.observers: tuple[Observer, ...] = ()
         self.take_acks: Callable[[Whole, codec.Records], None] = lambda _rows, _reported: None
-        self.take_values: Callable[[Whole, codec.Records], None] = self.take_acks
+        self.take_value: Callable[[int, str, ParameterValue], None] = lambda _row, _name, _value: None
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
 
     def take(self, arrived: Datagrams) -> None:
@@ -96,9 +97,11 @@ class Inbox:
         values = np.flatnonzero(message == PARAM_VALUE)
         if len(values):
             value_records = codec.decode(PARAM_VALUE, data, frames[values])
-            self.take_values(rows[values], value_records)
-            named = codec.parameter_values(value_records)
-            for row, (name, value) in zip(rows[values].tolist(), named, strict=True):
+            for row, reported in zip(rows[values].tolist(), value_records, strict=True):
+                raw = np.array([reported["param_value"]], np.float32)
+                value = self.telemetry.autopilots[row].decoded(raw, int(reported["param_type"]))
+                name = codec.text(reported["param_id"])
+                self.take_value(row, name, value)
                 self.parameters.take(row, name, value)
 
 

@@ -31,7 +31,7 @@ INSTANCES_MAX: Final = 16
 """Per process; the 20th was measured to speak MAVLink 1."""
 
 _MAVSDK_ID: Final = 245
-_SPARE_ID: Final = 254  # 255 is used by most other stations
+SPARE_ID: Final = 254  # 255 is used by most other stations
 
 _FORWARD: Final = re.compile(r"^udp://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{1,5})$")
 
@@ -141,7 +141,7 @@ def occupied(place: Place) -> tuple[str, ...]:
 
 def station_id(vehicles: Collection[int]) -> int:
     """This station's own: MAVSDK's usual one, unless a vehicle has it."""
-    return _SPARE_ID if _MAVSDK_ID in vehicles else _MAVSDK_ID
+    return SPARE_ID if _MAVSDK_ID in vehicles else _MAVSDK_ID
 
 
 def instances(vehicle_count: int) -> int:

@@ -3,7 +3,7 @@
 One interval after the other, since the acknowledgement does not name the message; for all vehicles at once.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass
 from typing import Final
 
@@ -70,16 +70,18 @@ class StreamRequests:
     """State of the requests to each of n vehicles. Rows as on the link, columns: messages of `rates_hz`."""
 
     system_ids: Whole  # (n,) of the vehicles
-    rates_hz: InitVar[Mapping[int, float]]  # by message id, 0 for not at all
+    rates_hz: InitVar[Sequence[Mapping[int, float]]]  # (n,) by message id, 0 for not at all
     # sends messages of one kind to rows, from `REQUESTING_COMPONENT`
     send: Callable[[int, Records, Whole], object]
 
-    def __post_init__(self, rates_hz: Mapping[int, float]) -> None:
-        n, kinds = len(self.system_ids), len(rates_hz)
-        self._message = np.array(list(rates_hz), np.int64)
+    def __post_init__(self, rates_hz: Sequence[Mapping[int, float]]) -> None:
+        messages = list(dict.fromkeys(message for each in rates_hz for message in each))
+        n, kinds = len(self.system_ids), len(messages)
+        self._message = np.array(messages, np.int64)
         self._column_of = np.full(self._message.max(initial=0) + 1, _NO_COLUMN)
         self._column_of[self._message] = np.arange(kinds)
-        self._rate_hz = np.array(list(rates_hz.values()))
+        rates = [[each.get(message, np.nan) for message in messages] for each in rates_hz]
+        self._rate_hz = np.array(rates).reshape(n, kinds)  # NaN: not requested of this vehicle
         self._interval_us = np.where(self._rate_hz > 0, 1e6 / np.maximum(self._rate_hz, 1e-9), -1.0)
         self._due: Mask = np.zeros((n, kinds), np.bool_)  # intervals still to be requested
         self._tries = np.zeros(n, np.int64)
@@ -110,7 +112,7 @@ class StreamRequests:
         new = connection_count != self._connection_count
         if new.any():
             self._connection_count = connection_count.copy()
-            self._due[new], self._pause_s[new] = True, _WINDOW_S
+            self._due[new], self._pause_s[new] = np.isfinite(self._rate_hz[new]), _WINDOW_S
             self._tries[new], self._requested_s[new] = 0, -np.inf
         self._check_rates(connected, now_s)
         if self._due.any():
@@ -142,7 +144,7 @@ class StreamRequests:
             command=framing.SET_MESSAGE_INTERVAL,
             confirmation=self._tries[rows],
             param1=self._message[column],
-            param2=self._interval_us[column],
+            param2=self._interval_us[rows, column],
         )
         self.send(framing.COMMAND_LONG, messages, rows)
         self._tries[rows] += 1
@@ -154,11 +156,11 @@ class StreamRequests:
         over = ready & (now_s - self._window_s >= self._pause_s)
         rows = np.flatnonzero(over)
         if len(rows):
-            expected = self._rate_hz * (now_s - self._window_s[rows, None])
+            expected = self._rate_hz[rows] * (now_s - self._window_s[rows, None])
             received = self._counts[rows] - self._counts_before[rows]
             checked = expected >= _MESSAGES_MIN
             off = checked & ((received < expected / 2) | (received > expected * 2))
-            off |= (self._rate_hz == 0) & (received > _MESSAGES_MIN)
+            off |= (self._rate_hz[rows] == 0) & (received > _MESSAGES_MIN)
             self._due[rows] = off
             longer_s = np.minimum(2 * self._pause_s[rows], _PAUSE_MAX_S)
             self._pause_s[rows] = np.where(off.any(axis=1), longer_s, _WINDOW_S)

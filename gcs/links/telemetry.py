@@ -1,19 +1,19 @@
 """Telemetry of the vehicles of a link, in columns: read for all of them at once, message by message."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.links.autopilots import DEFAULT, Autopilot, title_of
 from gcs.mavlink import framing
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT, frame
 from gcs.mavlink.framing import TextChunk
 from gcs.mavlink.kernels import COMPONENT, MESSAGE, Bytes, Whole
-from gcs.mavlink.reports import UNKNOWN_MODE, Columns, read_reports
+from gcs.mavlink.reports import OTHER_MODE, UNKNOWN_MODE, Columns, read_reports
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 Value = TypeVar("Value")
@@ -26,8 +26,8 @@ _TEXTS_KEPT: Final = 6
 class _Reported(Generic[Value]):
     """A column as Python values: converted again only after a change, which is rare."""
 
-    def __init__(self, value_of: Callable[[Any], Value]) -> None:
-        self._value_of = value_of
+    def __init__(self, values_of: Callable[[list[Any]], Iterable[Value]]) -> None:
+        self._values_of = values_of
         self._column = b""
         self._values: tuple[Value, ...] = ()
 
@@ -35,13 +35,14 @@ class _Reported(Generic[Value]):
         """(n,) numbers, always of one type."""
         now = column.tobytes()
         if now != self._column:
-            self._column, self._values = now, tuple(map(self._value_of, column.tolist()))
+            self._column, self._values = now, tuple(self._values_of(column.tolist()))
         return self._values
 
 
-@lru_cache(256)
-def mode_of(custom_mode: int) -> Mode:
-    return Mode.UNKNOWN if custom_mode == UNKNOWN_MODE else framing.px4_mode(custom_mode)
+def mode_of(autopilot: Autopilot, custom_mode: int) -> Mode:
+    if custom_mode in {UNKNOWN_MODE, OTHER_MODE}:
+        return Mode.UNKNOWN if custom_mode == UNKNOWN_MODE else Mode.OTHER
+    return autopilot.mode(custom_mode)
 
 
 class StatusTexts:
@@ -87,14 +88,22 @@ class FleetTelemetry:
         connection_count: (n,) how often it connected: at first, after a restart, after a silence.
         reboot_count: (n,) how often the boot clock has jumped back.
         custom_mode: (n,) of the newest heartbeat.
+        autopilots: (n,) profiles as configured.
         texts: of each vehicle.
         waiting: events of rows whose next heartbeat is awaited.
         position_resets: (n,) how often the estimator's reset counter has changed.
     """
 
-    def __init__(self, ids: Sequence[VehicleId]) -> None:
+    def __init__(self, ids: Sequence[VehicleId], autopilots: Sequence[Autopilot] | None = None) -> None:
+        """`autopilots` (n,) as configured; None: the default of all."""
         n = len(ids)
         self._ids = tuple(ids)
+        self.autopilots = (DEFAULT,) * n if autopilots is None else tuple(autopilots)
+        self._configured = np.array([each.number for each in self.autopilots], np.int64)
+        self._kinds = tuple(
+            (kind, self._configured == kind.number)
+            for kind in {each.name: each for each in self.autopilots}.values()
+        )
         self._columns = columns = Columns.unknown(n)
         self.heartbeat_time_s, self.position_time_s = columns.heartbeat_time_s, columns.position_time_s
         self.life_time_s, self.in_failsafe = columns.life_time_s, columns.in_failsafe
@@ -105,10 +114,35 @@ class FleetTelemetry:
         self.texts = tuple(StatusTexts() for _ in ids)
         self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self.waiting: dict[int, asyncio.Event] = {}
-        self._armed_reported, self._ready_reported = _Reported(bool), _Reported(bool)
-        self._failsafe_reported = _Reported(bool)
-        self._reboot_count_reported, self._resets_reported = _Reported(int), _Reported(int)
-        self._modes_reported, self._landed_reported = _Reported(mode_of), _Reported(_LANDED.__getitem__)
+        self._armed_reported, self._ready_reported = _Reported[bool](list), _Reported[bool](list)
+        self._failsafe_reported = _Reported[bool](list)
+        self._reboot_count_reported, self._resets_reported = _Reported[int](list), _Reported[int](list)
+        self._modes_reported = _Reported(self._modes_of)
+        self._landed_reported = _Reported(lambda states: map(_LANDED.__getitem__, states))
+
+    def _modes_of(self, custom_modes: list[int]) -> Iterable[Mode]:
+        return map(mode_of, self.autopilots, custom_modes)
+
+    @property
+    def is_foreign(self) -> Mask:
+        """(n,) vehicles with another autopilot than configured: what they report cannot be understood."""
+        reported = self._columns.autopilot
+        foreign: Mask = (reported >= 0) & (reported != self._configured)
+        return foreign
+
+    def foreign(self, row: int) -> str:
+        """Why this vehicle is one of `is_foreign`, in words; empty: it is not."""
+        if not self.is_foreign[row]:
+            return ""
+        meant, found = self.autopilots[row], title_of(int(self._columns.autopilot[row]))
+        return f"it reports {found}, and is configured as {meant.title} (autopilot: {meant.name})"
+
+    def _are_ready(self) -> Mask:
+        """(n,) whose pre-arm check passes, and means that they can be armed and flown."""
+        ready = self.prearm_ok & ~self.is_foreign
+        for kind, rows in self._kinds:
+            ready[rows] &= kind.ready(self.custom_mode[rows], self._columns.estimator_flags[rows])
+        return ready
 
     def take(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
         """Read checked frames of our vehicles.
@@ -143,7 +177,8 @@ class FleetTelemetry:
         now = self._columns
         undiscovered = None if discovered is None else ~discovered
         complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(now.place[:, 0])
-        ready = self.prearm_ok & complete & may_be_ready
+        ready = self._are_ready() & complete & may_be_ready
+        modes = np.where(self.is_foreign, OTHER_MODE, self.custom_mode)
         return Telemetry(
             ids=self._ids,
             position_time_s=_without(undiscovered, self.position_time_s, -np.inf),
@@ -156,7 +191,7 @@ class FleetTelemetry:
             yaw_deg=_without(undiscovered, now.yaw_deg),
             battery_remaining=now.battery_remaining.copy(),
             armed=self._armed_reported.of(self.armed),
-            mode=self._modes_reported.of(self.custom_mode),
+            mode=self._modes_reported.of(modes),
             in_failsafe=self._failsafe_reported.of(self.in_failsafe),
             landed=self._landed_reported.of(self.landed),
             ready=self._ready_reported.of(ready),
@@ -196,8 +231,13 @@ class VehicleReport:
         return bool(self.fleet.armed[self.row])
 
     @property
+    def autopilot(self) -> Autopilot:
+        return self.fleet.autopilots[self.row]
+
+    @property
     def mode(self) -> Mode:
-        return mode_of(int(self.fleet.custom_mode[self.row]))
+        custom_mode = OTHER_MODE if self.fleet.is_foreign[self.row] else self.fleet.custom_mode[self.row]
+        return mode_of(self.autopilot, int(custom_mode))
 
     @property
     def landed(self) -> Landed:

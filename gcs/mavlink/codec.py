@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.mavlink import kernels
-from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED, Frame
+from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, MESSAGES, SET_POSITION_TARGET_LOCAL_NED, Frame
 from gcs.mavlink.kernels import MAGIC_2, Bytes, Number, Whole
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
@@ -38,20 +38,15 @@ _NUMPY: Final = {"b": "i1", "h": "i2", "i": "i4", "q": "i8", "B": "u1", "H": "u2
 VELOCITY_AND_YAW: Final = 0x9C7
 """Type mask: velocity and yaw count; the same as MAVSDK's."""
 
+VELOCITY: Final = 0xDC7
+"""Type mask: velocity counts; the yaw stays."""
+
 AUTOPILOT_COMPONENT: Final = 1
 
 ARM_DISARM: Final = int(dialect.MAV_CMD_COMPONENT_ARM_DISARM)
 _KILL_MAGIC: Final = 21196.0  # param2: also in flight
 
 FLOAT: Final = int(dialect.MAV_PARAM_TYPE_REAL32)
-_WHOLE: Final = {
-    int(dialect.MAV_PARAM_TYPE_UINT8): np.uint32,
-    int(dialect.MAV_PARAM_TYPE_INT8): np.int32,
-    int(dialect.MAV_PARAM_TYPE_UINT16): np.uint32,
-    int(dialect.MAV_PARAM_TYPE_INT16): np.int32,
-    int(dialect.MAV_PARAM_TYPE_UINT32): np.uint32,
-    int(dialect.MAV_PARAM_TYPE_INT32): np.int32,
-}
 INT32: Final = int(dialect.MAV_PARAM_TYPE_INT32)
 
 
@@ -88,8 +83,8 @@ class Found(NamedTuple):
 
 @cache
 def layout(message_id: int) -> Layout:
-    """Format of one message of pymavlink's development dialect, extensions included."""
-    message: Any = dialect.mavlink_map[message_id]
+    """Format of one message, extensions included."""
+    message: Any = MESSAGES[message_id]
     codes = bytes(message.native_format).decode().lstrip("<")  # one letter a field, in the order of the frame
     fields = [
         (name, "<" + _NUMPY[code], (length,)) if length else (name, "<" + _NUMPY[code])
@@ -101,9 +96,8 @@ def layout(message_id: int) -> Layout:
 @cache
 def _extras() -> NDArray[np.int16]:
     """By message id, the CRC extra byte; -1 where there is no such message."""
-    known: dict[int, Any] = dialect.mavlink_map
-    extras = np.full(max(known) + 1, -1, dtype=np.int16)
-    for message_id, message in known.items():
+    extras = np.full(max(MESSAGES) + 1, -1, dtype=np.int16)
+    for message_id, message in MESSAGES.items():
         extras[message_id] = message.crc_extra
     extras.setflags(write=False)
     return extras
@@ -246,18 +240,6 @@ def heartbeats(count: int) -> Records:
 def kill_message(system_id: int) -> Records:
     """COMMAND_LONG that stops the motors at once, also in flight."""
     return addressed(COMMAND_LONG, np.array([system_id]), command=ARM_DISARM, param2=_KILL_MAGIC)
-
-
-def parameter_values(reported: Records) -> list[tuple[str, int | float]]:
-    """Names and values of PARAM_VALUEs, integers encoded bytewise, as PX4 does."""
-    values: list[tuple[str, int | float]] = []
-    for message in reported:
-        whole = _WHOLE.get(int(message["param_type"]))
-        value: int | float = float(message["param_value"])
-        if whole is not None:
-            value = int(np.array([message["param_value"]], np.float32).view(whole)[0])
-        values.append((text(message["param_id"]), value))
-    return values
 
 
 SETPOINT_FRAME: Final = np.dtype(

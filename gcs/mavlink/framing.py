@@ -5,17 +5,21 @@ https://mavlink.io/en/guide/message_signing.html.
 """
 
 import hmac
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import Enum, auto
 from hashlib import sha256
 from struct import unpack_from
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from pymavlink.dialects.v20 import development as dialect
+from pymavlink.dialects.v20 import ardupilotmega, development
 
 from gcs.mavlink.kernels import MAGIC_1, MAGIC_2, SIGNATURE_LENGTH, SIGNED
-from gcs.model.state import Mode
+
+MESSAGES: Final[Mapping[int, Any]] = MappingProxyType(
+    {**ardupilotmega.mavlink_map, **development.mavlink_map}
+)
+"""pymavlink's class of every message that is read, by message id."""
 
 HEARTBEAT: Final = 0
 SYS_STATUS: Final = 1
@@ -31,6 +35,7 @@ COMMAND_ACK: Final = 77
 RADIO_STATUS: Final = 109
 SET_POSITION_TARGET_LOCAL_NED: Final = 84
 BATTERY_STATUS: Final = 147
+EKF_STATUS_REPORT: Final = 193
 EXTENDED_SYS_STATE: Final = 245
 STATUSTEXT: Final = 253
 ODOMETRY: Final = 331
@@ -55,25 +60,13 @@ _ARMED: Final = 0x80
 _BASE_MODE_AT: Final = 6  # in HEARTBEAT
 PARAM_VALUE: Final = 22
 FAILSAFE_STATES: Final = (5, 6)
-"""MAV_STATE_CRITICAL and _EMERGENCY: PX4 reports these while its own failsafe acts, never under a pilot."""
+"""MAV_STATE_CRITICAL and _EMERGENCY: autopilots report these while a failsafe of their own acts."""
 FIX_3D: Final = 3
 UNKNOWN_DILUTION: Final = 0xFFFF
 METRES_PER_DILUTION: Final = (1.3, 1.6)
 """For receivers that report no accuracy (eph and epv are dilutions times 100): as PX4's recorded 0.9 m and
 1.78 m go with its 0.70 and 1.10.
 """
-
-_PX4_MODES: Final = MappingProxyType(
-    {
-        (3, 0): Mode.POSITION,
-        (4, 1): Mode.READY,
-        (4, 2): Mode.TAKEOFF,
-        (4, 3): Mode.HOLD,
-        (4, 5): Mode.RETURN,
-        (4, 6): Mode.LAND,
-        (6, 0): Mode.OFFBOARD,
-    }
-)
 
 
 class Frame(NamedTuple):
@@ -112,16 +105,11 @@ def moves(frame: Frame) -> bool:
 
 
 def _padded(frame: Frame) -> bytes:
-    return frame.payload.ljust(dialect.mavlink_map[frame.message_id].unpacker.size, b"\0")
+    return frame.payload.ljust(MESSAGES[frame.message_id].unpacker.size, b"\0")
 
 
 def is_armed(frame: Frame) -> bool:
     return len(frame.payload) > _BASE_MODE_AT and bool(frame.payload[_BASE_MODE_AT] & _ARMED)
-
-
-def px4_mode(custom_mode: int) -> Mode:
-    """PX4's custom_mode, main mode << 16 | sub mode << 24, as a Mode; OTHER for modes never commanded."""
-    return _PX4_MODES.get((custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF), Mode.OTHER)
 
 
 def status_text(frame: Frame) -> TextChunk:
@@ -189,11 +177,11 @@ class Signer:
             raw = _as_version_2(raw)
         if raw[2] & SIGNED:
             return raw
-        message = dialect.mavlink_map.get(int.from_bytes(raw[7:10], "little"))
+        message = MESSAGES.get(int.from_bytes(raw[7:10], "little"))
         if message is None:
             return None
         body = bytes((*raw[1:2], raw[2] | SIGNED, *raw[3:10])) + raw[10:-2]
-        checksum: int = dialect.x25crc(body + bytes((message.crc_extra,))).crc
+        checksum: int = development.x25crc(body + bytes((message.crc_extra,))).crc
         # our clock may be behind the vehicles': our signatures must not look old to them
         self._sent_time = min(TIME_MAX, max(self._sent_time + 1, self._received_time + 1, self._clock()))
         stamp = bytes((self._link_id,)) + self._sent_time.to_bytes(6, "little")

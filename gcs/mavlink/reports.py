@@ -17,7 +17,7 @@ from gcs.model.jit import kernel
 from gcs.model.state import Array, Landed, Mask
 
 UNKNOWN_MODE, OTHER_MODE = -1, -2
-"""Custom modes that no autopilot sends: none received yet, and one that is not PX4's."""
+"""Custom modes that no autopilot sends: none received yet, and one that is not the autopilot's own."""
 
 SILENT_AFTER_S: Final = 3.0
 """A system without frames for this long counts as gone: nothing is sent to it, and its address may change. A
@@ -30,7 +30,7 @@ NO_PERCENT: Final = 127
 
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 _CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-_PX4: Final = int(dialect.MAV_AUTOPILOT_PX4)
+_NO_AUTOPILOT: Final = int(dialect.MAV_AUTOPILOT_INVALID)
 _HEADING_MAX_CDEG: Final = 36000  # above: unknown
 _REBOOTED_MS: Final = 1000
 """A boot clock that goes back by more than this has restarted; by less, datagrams are out of order."""
@@ -46,6 +46,7 @@ _BEAT, _STATUS, _TIME = framing.HEARTBEAT, framing.SYS_STATUS, framing.SYSTEM_TI
 _GPS, _ATTITUDE, _LOCAL = framing.GPS_RAW_INT, framing.ATTITUDE, framing.LOCAL_POSITION_NED
 _GLOBAL, _BATTERY = framing.GLOBAL_POSITION_INT, framing.BATTERY_STATUS
 _EXTENDED, _ODOMETRY = framing.EXTENDED_SYS_STATE, framing.ODOMETRY
+_ESTIMATOR: Final = framing.EKF_STATUS_REPORT
 
 
 def _at(message_id: int, field: str) -> int:
@@ -71,6 +72,7 @@ _GPS_H_ACC, _GPS_V_ACC = _at(_GPS, "h_acc"), _at(_GPS, "v_acc")
 _TIME_UNIX: Final = _at(_TIME, "time_unix_usec")
 _EXTENDED_LANDED: Final = _at(_EXTENDED, "landed_state")
 _ODOMETRY_RESETS: Final = _at(_ODOMETRY, "reset_counter")
+_ESTIMATOR_FLAGS: Final = _at(_ESTIMATOR, "flags")
 
 
 class Columns(NamedTuple):
@@ -82,6 +84,7 @@ class Columns(NamedTuple):
     armed: Mask
     in_failsafe: Mask
     prearm_ok: Mask  # the autopilot's own pre-arm checks pass
+    autopilot: Whole  # MAV_AUTOPILOT, -1: none
     custom_mode: Whole
     landed: Whole
     connection_count: Whole  # at first, after a restart, after a silence
@@ -90,6 +93,7 @@ class Columns(NamedTuple):
     position_resets: Whole
     reset_counter: Whole  # -1: none
     unhealthy_sensors: Whole  # -1: not reported
+    estimator_flags: Whole  # of EKF_STATUS_REPORT, -1: not reported
     fix_type: Array
     clock_base_s: Array
     accuracy_m: Array  # (n, 2) horizontal, vertical; inf without a fix
@@ -109,6 +113,7 @@ class Columns(NamedTuple):
             armed=np.zeros(n, np.bool_),
             in_failsafe=np.zeros(n, np.bool_),
             prearm_ok=np.zeros(n, np.bool_),
+            autopilot=np.full(n, -1, np.int64),
             custom_mode=np.full(n, UNKNOWN_MODE, np.int64),
             landed=np.zeros(n, np.int64),
             connection_count=np.zeros(n, np.int64),
@@ -117,6 +122,7 @@ class Columns(NamedTuple):
             position_resets=np.zeros(n, np.int64),
             reset_counter=np.full(n, -1, np.int64),
             unhealthy_sensors=np.full(n, -1, np.int64),
+            estimator_flags=np.full(n, -1, np.int64),
             fix_type=np.full(n, np.nan),
             clock_base_s=np.full(n, np.nan),
             accuracy_m=np.full((n, 2), np.nan),
@@ -152,6 +158,7 @@ def _note_clock(row: Number, boot_ms: np.int64, into: Columns) -> None:
         into.connection_count[row] += 1
         into.reset_counter[row] = -1
         into.prearm_ok[row] = False
+        into.estimator_flags[row] = -1
         into.battery_percent[row] = NO_PERCENT
         into.battery_remaining[row] = np.nan
         into.boot_ms[row] = boot_ms
@@ -173,8 +180,10 @@ def _note_heartbeat(
     data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
 ) -> bool:
     """Returns: whether an autopilot sent it."""
-    if _unsigned(data, start + _BEAT_AUTOPILOT, end, 1) != _PX4:
+    number = _unsigned(data, start + _BEAT_AUTOPILOT, end, 1)
+    if number == _NO_AUTOPILOT:
         return False
+    into.autopilot[row] = number
     base = _unsigned(data, start + _BEAT_BASE, end, 1)
     state = _unsigned(data, start + _BEAT_STATE, end, 1)
     if not time_s - into.heartbeat_time_s[row] <= SILENT_AFTER_S:
@@ -244,6 +253,8 @@ def _note_other(
         counter = _unsigned(data, start + _ODOMETRY_RESETS, end, 1)
         into.position_resets[row] += 0 <= into.reset_counter[row] != counter
         into.reset_counter[row] = counter
+    elif message == _ESTIMATOR:
+        into.estimator_flags[row] = _unsigned(data, start + _ESTIMATOR_FLAGS, end, 2)
 
 
 @kernel

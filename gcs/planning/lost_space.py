@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
+from gcs.model.setpoint_loss import STOP_S
 from gcs.model.state import Array, Mask
 
 TINY = 1e-6
-
-STOP_S = 1.0
-"""After it notices the loss, a vehicle stops as if it kept its last velocity for this time."""
 
 DRIFT_S = 0.2 + 1.0 + STOP_S
 """Longest time that a vehicle without commands keeps its last velocity, with PX4's defaults: until the
@@ -213,11 +211,17 @@ def stops_m(last_m: Array, drift_m: Array) -> Array:
 
 
 def expected_drift(
-    last_m: Array, last_velocity_m_s: Array, silent_s: Array, rows: Mask, *, noticed_s: float
+    last_m: Array,
+    last_velocity_m_s: Array,
+    silent_s: Array,
+    rows: Mask,
+    *,
+    noticed_s: Array | float,
+    stop_s: Array | float = STOP_S,
 ) -> tuple[Array, Array]:
     """Return where vehicles that fell silent a few seconds ago are expected, and how fast; NaN elsewhere.
 
-    They keep their last velocity; ACTS_AFTER_S after they notice the loss they brake, evenly over 2 STOP_S.
+    They keep their last velocity; ACTS_AFTER_S after they notice the loss they brake, evenly over 2 `stop_s`.
     The others keep clear of this estimate, too, until STOP_S after that: it moves as they do.
 
     Args:
@@ -225,11 +229,13 @@ def expected_drift(
         last_velocity_m_s: (n, 3) last known velocities.
         silent_s: (n,) since the newest position; inf: unknown.
         rows: (n,) that are silent or lost.
-        noticed_s: after this silence the vehicles act (COM_OF_LOSS_T).
+        noticed_s: after this silence the vehicles act, (n,) or all (COM_OF_LOSS_T).
+        stop_s: a vehicle stops as if it kept its last velocity for this time, (n,) or all.
 
     Returns: (n, 3) positions and (n, 3) velocities, show frame.
     """
-    acts_s, braking_s = noticed_s + ACTS_AFTER_S, 2.0 * STOP_S
+    acts_s = np.broadcast_to(noticed_s + ACTS_AFTER_S, silent_s.shape)
+    braking_s = np.broadcast_to(2.0 * np.asarray(stop_s), silent_s.shape)
     drifts = rows & (silent_s < acts_s + braking_s + STOP_S)
     since_s = np.where(drifts, silent_s, np.nan)
     brakes_s = np.clip(since_s - acts_s, 0.0, braking_s)

@@ -51,6 +51,7 @@ def clashes(
     uncertainty_m: Array,
     speed_m_s: float,
     return_height_m: Array | float,
+    flies_on_s: Array | float = 0.0,
 ) -> list[Clash]:
     """Return all pairs that would violate the minimum, widened by both uncertainties, closest first.
 
@@ -62,10 +63,13 @@ def clashes(
         uncertainty_m: (n,) of each position.
         speed_m_s: common to all: the orbit's and the target's.
         return_height_m: RTL_RETURN_ALT, above home, (n,) or of all.
+        flies_on_s: how long each flies on, its stop included, (n,) or all: only differences count.
     """
     first, second = np.triu_indices(len(position_m), 1)
     unsure_m = floor.reserve_m(uncertainty_m[first], uncertainty_m[second])
-    wide_m = floor.horizontal_m + unsure_m + speed_m_s * NOTICED_WITHIN_S
+    on_s = np.broadcast_to(flies_on_s, len(position_m))
+    wide_m = floor.horizontal_m + unsure_m
+    wide_m = wide_m + speed_m_s * (NOTICED_WITHIN_S + np.abs(on_s[first] - on_s[second]))
     tall_m = floor.vertical_m + floor.vertical_uncertainty * unsure_m
     apart_m = np.hypot(*(position_m[first] - position_m[second])[:, :2].T)
     above_m = np.abs(position_m[first, 2] - position_m[second, 2])
@@ -218,6 +222,7 @@ def check_setpoint_loss(
     uncertainty_m: Array,
     action: Action,
     return_height_m: Array | float,
+    flies_on_s: Array | float = 0.0,
 ) -> None:
     """Check that `action`, by all vehicles at once, keeps the minimum separation.
 
@@ -229,6 +234,7 @@ def check_setpoint_loss(
         uncertainty_m: (n,) of each position.
         action: `operation.setpoint_loss_action`.
         return_height_m: RTL_RETURN_ALT, (n,) or of all.
+        flies_on_s: see `clashes`.
 
     Raises: RefusedError naming the pairs, and an action that would keep it.
     """
@@ -245,6 +251,7 @@ def check_setpoint_loss(
                     uncertainty_m=uncertainty_m,
                     speed_m_s=_speed_m_s(plan),
                     return_height_m=return_height_m,
+                    flies_on_s=flies_on_s,
                 )
                 if found:
                     return f" at cue '{cue}'" if cue else "", found

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
-from gcs.model.state import Array
+from gcs.model.setpoint_loss import STOP_S
+from gcs.model.state import Array, Mask
 from gcs.planning.lost_space import (
     AHEAD_S,
     AUTO_CRUISE_M_S,
@@ -13,7 +14,6 @@ from gcs.planning.lost_space import (
     DRIFT_S,
     NEAR_HOME_M,
     SEEN_AHEAD_S,
-    STOP_S,
     TINY,
     stops_m,
 )
@@ -26,9 +26,9 @@ def silent_segments_m(
     return_height_m: Array,
     silent_s: Array,
     *,
-    action: str,
-    noticed_s: float,
-    drift_s: float = DRIFT_S,
+    action: NDArray[np.str_] | str,
+    noticed_s: Array | float,
+    drift_s: Array | float = DRIFT_S,
 ) -> tuple[Array, NDArray[np.intp]]:
     """Return the part of `swept_segments_m` that silent vehicles, not lost yet, can reach within AHEAD_S.
 
@@ -41,14 +41,17 @@ def silent_segments_m(
         home_m: (p, 3) where each started; NaN: not known.
         return_height_m: (p,) above its home.
         silent_s: (p,) since the newest position.
-        action: see `swept_segments_m`; "hold" only drifts.
-        noticed_s: after this silence, at the earliest, a vehicle executes `action` (COM_OF_LOSS_T).
-        drift_s: see DRIFT_S.
+        action: see `swept_segments_m`, (p,) or of all; "hold" only drifts.
+        noticed_s: after this silence, at the earliest, a vehicle executes `action` (COM_OF_LOSS_T);
+            as `action`.
+        drift_s: see DRIFT_S; as `action`.
 
     Returns: (m, 2, 3) segments, and (m,) the row of each among these p.
     """
-    returns, lands = action == "return", action in {"land", "descend"}
-    times_s = noticed_s, drift_s
+    actions = np.broadcast_to(np.asarray(action, np.str_), len(last_m))
+    returns, lands = actions == "return", (actions == "land") | (actions == "descend")
+    times_s = np.empty((len(last_m), 2))
+    times_s[:, 0], times_s[:, 1] = noticed_s, drift_s
     return _segments_m(last_m, velocity_m_s, home_m, return_height_m, silent_s, returns, lands, times_s)
 
 
@@ -59,15 +62,15 @@ def _segments_m(
     home_m: Array,
     return_height_m: Array,
     silent_s: Array,
-    returns: bool,
-    lands: bool,
-    times_s: tuple[float, float],
+    returns: Mask,
+    lands: Mask,
+    times_s: Array,
 ) -> tuple[Array, NDArray[np.intp]]:
-    """As `silent_segments_m`, of which `times_s` are the last two arguments."""
-    noticed_s, drift_s = times_s
-    surely_s = min(max(noticed_s - SEEN_AHEAD_S, 0.0) + STOP_S / 2.0, drift_s)  # half of its usual stop
+    """As `silent_segments_m`, of which `times_s` (p, 2) are the last two arguments."""
     found_m, of, count = np.empty((4 * len(last_m) + 4, 2, 3)), np.empty(4 * len(last_m) + 4, np.intp), 0
     for i in range(len(last_m)):
+        noticed_s, drift_s = times_s[i, 0], times_s[i, 1]
+        surely_s = min(max(noticed_s - SEEN_AHEAD_S, 0.0) + STOP_S / 2.0, drift_s)  # half of its usual stop
         first_m, moves_m_s = last_m[i].copy(), velocity_m_s[i]
         if np.isfinite(moves_m_s).all():
             first_m += moves_m_s * surely_s
@@ -82,8 +85,8 @@ def _segments_m(
         to_climb_m = np.inf
         if knows_home:
             to_climb_m = max((places_m[0, 2] - home_m[i, 2]) + return_height_m[i], 0.0)
-        up_m = min(AUTO_UP_M_S * acts_s, to_climb_m) if returns else 0.0
-        down_m = AUTO_DOWN_M_S * acts_s if lands else 0.0
+        up_m = min(AUTO_UP_M_S * acts_s, to_climb_m) if returns[i] else 0.0
+        down_m = AUTO_DOWN_M_S * acts_s if lands[i] else 0.0
         top_z_m, bottom_z_m = places_m[:, 2].min() - up_m, places_m[:, 2].max() + down_m
         for at in range(many):
             found_m[count, :, :2] = places_m[at, :2]
@@ -92,7 +95,7 @@ def _segments_m(
         for at in range(many - 1):
             found_m[count, 0], found_m[count, 1] = places_m[at], places_m[at + 1]
             count += 1
-        if returns and knows_home:
+        if returns[i] and knows_home:
             reach_m, climbed = AUTO_CRUISE_M_S * acts_s, up_m == to_climb_m
             count = _put_ways(last_m[i], places_m, home_m[i], top_z_m, reach_m, climbed, found_m, count)
         of[begun:count] = i

@@ -1,7 +1,7 @@
 """Checks of single vehicles. Pure."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite, isnan
 
 import numpy as np
@@ -44,6 +44,7 @@ class PreflightInputs:
     speed_max_m_s: Array | None = None  # (n,) that a vehicle is configured for
     others: Placed | None = None  # of other stations
     ahead_s: float = 0.0  # our Unix time minus the loop's clock
+    foreign: Mapping[VehicleId, str] = field(default_factory=dict)  # another autopilot than configured
 
     def is_placed(self, row: int) -> bool:
         """Whether its position is fresh, so that it can be checked."""
@@ -88,7 +89,7 @@ def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
         _address(inputs, vehicle_id),
         _position(inputs, row),
         *_receiver(inputs, row),
-        _estimator(inputs, row),
+        _estimator(inputs, vehicle_id),
         _battery(inputs, row),
         *_origin(inputs, row),
         *_speed(inputs, row),
@@ -142,8 +143,12 @@ def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:
         yield judged(name, value_m, "m", limit, problem, "wait for a better fix", good=value_m < most_m)
 
 
-def _estimator(inputs: PreflightInputs, row: int) -> Check:
-    """Check what the autopilot reports of its sensors, estimator, and arming checks."""
+def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
+    """Check what the autopilot is, and what it reports of its sensors, estimator, and arming checks."""
+    row, foreign = inputs.rows[vehicle_id], inputs.foreign.get(vehicle_id)
+    if foreign is not None:
+        to_do = "correct autopilot in the configuration, of the vehicle or its link"
+        return Check("autopilot", State.FAIL, None, "", "as configured", foreign, to_do)
     unhealthy, ready = int(inputs.telemetry.unhealthy_sensors[row]), inputs.telemetry.ready[row]
     limit = "its own checks before arming pass"
     if unhealthy < 0:

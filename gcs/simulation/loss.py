@@ -8,13 +8,9 @@ from gcs.control.inputs import Memory
 from gcs.failsafe.arbitration import Failsafes, Standing
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
+from gcs.model.setpoint_loss import STOP_S
 from gcs.model.state import Array, FleetState, Mask
-from gcs.planning.lost_space import (
-    STOP_S,
-    KeptSetpoints,
-    expected_drift,
-    swept_segments_m,
-)
+from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segments_m
 from gcs.planning.silent_space import silent_segments_m
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence

@@ -1,6 +1,6 @@
 """What one station knows of the others: their vehicles at the time of a tick, and the lead's formation."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
@@ -13,8 +13,9 @@ from gcs.estimation.fleet_state import FORWARD_MAX_S
 from gcs.formation.law import turned
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
+from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.lost_space import STOP_S, KeptSetpoints, expected_drift, swept_segments_m
+from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segments_m
 from gcs.planning.silent_space import silent_segments_m
 from gcs.stations.delays import Delays
 from gcs.stations.lead import Lead
@@ -58,18 +59,17 @@ class StationFleet:
 class WithoutControl:
     """What vehicles do that no station commands; as configured for the whole site."""
 
-    action: str = "return"  # see `swept_segments_m`
+    action: str = "return"  # see `swept_segments_m`; of vehicles that are not in `vehicles`
     return_heights_m: Mapping[VehicleId, float] = field(default_factory=dict)  # RTL_RETURN_ALT, if not 30 m
     takeoff_height_m: float = 10.0
-    noticed_s: float = 1.0  # COM_OF_LOSS_T
+    vehicles: Mapping[VehicleId, WithoutSetpoints] = field(default_factory=dict)
     silence_s: float = 2.0  # a vehicle is lost after it
     watchdog_s: float = 0.2  # how long setpoints outlive their tick
     telemetry_age_max_s: float = 0.5  # a vehicle with an older position is not commanded
 
-    @property
-    def drift_s(self) -> float:
-        """How long a vehicle without commands may keep its last velocity, its stop included."""
-        return self.watchdog_s + self.noticed_s + STOP_S
+    def of(self, ids: Sequence[VehicleId]) -> FleetWithoutSetpoints:
+        others = WithoutSetpoints(action=self.action)
+        return FleetWithoutSetpoints([self.vehicles.get(name, others) for name in ids])
 
 
 @dataclass(slots=True)
@@ -138,6 +138,7 @@ class Site:
             for one, share in zip(fleet.ids, fleet.charge, strict=True)
         }
         self.ids: tuple[VehicleId, ...] = tuple(charge)
+        self._alone = without_control.of(self.ids)
         row_of = {name: row for row, name in enumerate(self.ids)}
         self.stations = {
             name: Station(names.index(name), np.array([row_of[one] for one in fleet.ids], dtype=np.intp))
@@ -418,12 +419,11 @@ class Site:
         by_row = np.argsort(owners, kind="stable")
         drifts = np.zeros(self.count, np.bool_)
         drifts[rows] = self.phases[rows] != KILLED
+        expected_m_s = self._kept.expected_m_s(self._velocity_m_s)
+        stop_s = self._alone.stop_s(np.arange(self.count), expected_m_s)
+        noticed_s = self._alone.flies_on_s
         drift = expected_drift(
-            self._position_m,
-            self._kept.expected_m_s(self._velocity_m_s),
-            age_s,
-            drifts,
-            noticed_s=self._without_control.noticed_s,
+            self._position_m, expected_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s
         )
         return segments_m[by_row], owners[by_row], drift
 
@@ -437,9 +437,9 @@ class Site:
             self.home_m[of],
             np.array([alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M) for row in of.tolist()]),
             age_s[of],
-            action=alone.action,
-            noticed_s=alone.noticed_s,
-            drift_s=alone.drift_s,
+            action=self._alone.action[of],
+            noticed_s=self._alone.flies_on_s[of],
+            drift_s=self._drift_s(of, keeps_m_s),
         )
         return segments_m, of[found]
 
@@ -457,19 +457,25 @@ class Site:
         keeps_m_s = self._velocity_m_s[row : row + 1]
         if not killed:
             _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self._velocity_m_s)
+        drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
         parts = [
             swept_segments_m(
                 self._position_m[row],
                 each_m_s,
                 self._home_of(row),
-                "land" if killed else alone.action,
+                "land" if killed else self._alone.vehicles[row].action,
                 alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
                 climbing_to_m=None if killed else alone.takeoff_height_m,
-                drift_s=alone.drift_s,
+                drift_s=each_s,
             )
-            for each_m_s in keeps_m_s
+            for each_m_s, each_s in zip(keeps_m_s, drift_s.tolist(), strict=True)
         ]
         return np.concatenate(parts)
+
+    def _drift_s(self, rows: NDArray[np.intp], velocity_m_s: Array) -> Array:
+        """(p,) how long vehicles without commands may keep (p, 3) velocities, their stop included."""
+        alone = self._alone
+        return self._without_control.watchdog_s + alone.flies_on_s[rows] + alone.stop_s(rows, velocity_m_s)
 
     def _home_of(self, row: int) -> Array | None:
         home_m: Array = self.home_m[row]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from gcs.sim.faults import commands
 from gcs.sim.faults.commands import FaultCommand, FaultCommandError, Value
 from gcs.sim.fleet import Fleet
-from gcs.sim.vehicle.commander import Stuck
-from gcs.sim.vehicle.px4 import NEEDS_PILOT, Mode
+from gcs.sim.mixed import AnyFleet
+from gcs.sim.vehicle.state import Stuck
 
 Tag = TypeVar("Tag")
 
@@ -114,31 +114,16 @@ Origin: TypeAlias = Any
 
 FAULT_SEED = 2
 REPORTED = frozenset({"accuracy", "fix", "sensor", "wrong-time"})
-HDOP, VDOP = 0.7, 1.1
+HEALED = REPORTED | {"gps-jump", "gps-freeze", "wind"}
+"""Faults that end with what a column held before."""
 
 
 class FaultInjector:
     """The faults of a fleet's vehicles; rows are the fleet's."""
 
-    def __init__(self, fleet: Fleet) -> None:
+    def __init__(self, fleet: AnyFleet) -> None:
         """Begin without faults. Random numbers follow from the fleet's seed and each vehicle's index."""
-        self._fleet, state = fleet, fleet.state
-        horizontal_m, vertical_m = fleet.accuracy_m
-        self._healthy: Mapping[str, Sequence[tuple[NDArray[Any], object]]] = {
-            "gps-jump": [(state.offset_m, 0.0)],
-            "gps-freeze": [(state.frozen_m, np.nan)],
-            "accuracy": [
-                (state.horizontal_accuracy_m, horizontal_m),
-                (state.vertical_accuracy_m, vertical_m),
-                (state.hdop, HDOP),
-                (state.vdop, VDOP),
-            ],
-            "fix": [(state.fix_type, fleet.fix_type)],
-            "sensor": [(state.unhealthy_sensors, 0)],
-            "wrong-time": [(state.unix_ahead_s, 0.0)],
-            "wind": [(fleet.wind_m_s, fleet.settings.wind_m_s)],
-        }
-        """Columns that a fault changes, in the order of its values, and what they hold without it."""
+        self._fleet = fleet
         self.broken: dict[int, Channel[Origin]] = {}  # the links with faults, by row
         self._ends: dict[tuple[int, str], float] = {}
         self.changes = 0
@@ -212,61 +197,50 @@ class FaultInjector:
         return True
 
     def _break_vehicle(self, row: int, command: FaultCommand) -> bool:
-        state, values, fault = self._fleet.state, command.values, command.fault
+        values, fault = command.values, command.fault
+        fleet, at = self._fleet.part_of(row)
+        state = fleet.state
         if fault in {"gps-jump", "position-reset"}:
-            state.offset_m[row] += _vector(values, "m")
-            state.reset_counter[row] += np.uint8(fault == "position-reset")
+            state.offset_m[at] += _vector(values, "m")
+            state.reset_counter[at] += np.uint8(fault == "position-reset")
         elif fault == "gps-freeze":
-            state.frozen_m[row] = self._fleet.sensors.estimate_m[row]
+            state.frozen_m[at] = fleet.sensors.estimate_m[at]
         elif fault in REPORTED:
-            self._report(row, fault, values)
+            _report(fleet, at, fault, values)
         elif fault == "wind":
-            self._fleet.wind_m_s[row] = _vector(values, "m_s")
+            fleet.wind_m_s[at] = _vector(values, "m_s")
         elif fault == "clock-jump":
-            state.clock_offset_s[row] += float(values["by_s"])
+            state.clock_offset_s[at] += float(values["by_s"])
         elif fault == "battery":
-            state.remaining[row] = float(values["remaining"])
+            state.remaining[at] = float(values["remaining"])
         elif fault == "stuck-mode":
-            self._fleet.autopilots[row].commander.stuck = Stuck(values["answer"])
+            fleet.autopilots[at].commander.stuck = Stuck(values["answer"])
         elif fault == "reboot":
             self._reboot(row, values)
         else:
             return self._take_over(row, values)
         return True
 
-    def _report(self, row: int, fault: str, values: Mapping[str, Value]) -> None:
-        """Make the vehicle report these values of its receiver, sensors or clock."""
-        state = self._fleet.state
-        if fault == "accuracy":
-            for (column, _), value in zip(self._healthy[fault], values.values(), strict=True):
-                if not math.isnan(float(value)):
-                    column[row] = float(value)
-        elif fault == "fix":
-            state.fix_type[row] = commands.FIXES[str(values["type"])]
-        elif fault == "sensor":
-            state.unhealthy_sensors[row] |= commands.SENSORS[str(values["which"])]
-        else:
-            state.unix_ahead_s[row] = float(values["ahead_s"])
-
     def _reboot(self, row: int, values: Mapping[str, Value]) -> None:
         """Silence the link for off_s. In the air PX4's motors stop; with go-on only the flight continues."""
         off_s = float(values["off_s"])
+        fleet, at = self._fleet.part_of(row)
         if values["motors"] == "stop":
-            self._fleet.reboot(row, off_s=off_s)
+            fleet.reboot(at, off_s=off_s)
         else:
-            self._fleet.restart_link(row, off_s=off_s)
+            fleet.restart_link(at, off_s=off_s)
         if off_s > 0.0:
             self._break_link(row, "silence", {"way": "both"})
             self._ends[row, "silence"] = self._fleet.time_s + off_s
 
     def _take_over(self, row: int, values: Mapping[str, Value]) -> bool:
-        """Take over: by the mode switch always; by moving the sticks only where COM_RC_OVERRIDE allows it."""
-        state, commander = self._fleet.state, self._fleet.autopilots[row].commander
-        if values["by"] == "sticks" and not commander.overridden():
+        """Take over: by the mode switch always; by moving the sticks only where its settings allow it."""
+        fleet, at = self._fleet.part_of(row)
+        by_sticks = values["by"] == "sticks"
+        if not fleet.autopilots[at].commander.take_over(str(values["mode"]), by_sticks=by_sticks):
             return False
-        state.piloted[row] = True
-        state.stick_m_s[row] = _vector(values, "m_s")
-        commander.intend(Mode[str(values["mode"])])
+        fleet.state.piloted[at] = True
+        fleet.state.stick_m_s[at] = _vector(values, "m_s")
         return True
 
     def _fix(self, row: int) -> None:
@@ -284,15 +258,53 @@ class FaultInjector:
             channel.jammer.rate_hz *= fault != "jam"
             for faults in channel.ways.values():
                 _set(faults, fault, asdict(DirectionFaults()))
-        for column, healthy in self._healthy.get(fault, ()):
-            column[row] = healthy
+        fleet, at = self._fleet.part_of(row)
+        for column, healthy in _healthy(fleet, fault):
+            column[at] = healthy
         if fault == "stuck-mode":
-            self._fleet.autopilots[row].commander.stuck = Stuck.NO
-        elif fault == "pilot":  # the vehicle holds, where it was flown by hand
-            state, commander = self._fleet.state, self._fleet.autopilots[row].commander
-            if state.piloted[row] and commander.mode in NEEDS_PILOT:
-                commander.intend(Mode.HOLD)
-            state.piloted[row], state.stick_m_s[row] = False, 0.0
+            fleet.autopilots[at].commander.stuck = Stuck.NO
+        elif fault == "pilot":
+            fleet.autopilots[at].commander.release()
+            fleet.state.piloted[at], fleet.state.stick_m_s[at] = False, 0.0
+
+
+def _healthy(fleet: Fleet, fault: str) -> Sequence[tuple[NDArray[Any], object]]:
+    """The columns that a fault changes, in the order of its values, and what they hold without it."""
+    state = fleet.state
+    if fault not in HEALED:
+        return ()
+    horizontal_m, vertical_m = fleet.accuracy_m
+    fresh = type(state)(1, 0.0)
+    healthy: Mapping[str, Sequence[tuple[NDArray[Any], object]]] = {
+        "gps-jump": [(state.offset_m, 0.0)],
+        "gps-freeze": [(state.frozen_m, np.nan)],
+        "accuracy": [
+            (state.horizontal_accuracy_m, horizontal_m),
+            (state.vertical_accuracy_m, vertical_m),
+            (state.hdop, fresh.hdop[0]),
+            (state.vdop, fresh.vdop[0]),
+        ],
+        "fix": [(state.fix_type, fleet.fix_type)],
+        "sensor": [(state.unhealthy_sensors, 0)],
+        "wrong-time": [(state.unix_ahead_s, 0.0)],
+        "wind": [(fleet.wind_m_s, fleet.settings.wind_m_s)],
+    }
+    return healthy[fault]
+
+
+def _report(fleet: Fleet, row: int, fault: str, values: Mapping[str, Value]) -> None:
+    """Make a vehicle report these values of its receiver, sensors or clock."""
+    state = fleet.state
+    if fault == "accuracy":
+        for (column, _), value in zip(_healthy(fleet, fault), values.values(), strict=True):
+            if not math.isnan(float(value)):
+                column[row] = float(value)
+    elif fault == "fix":
+        state.fix_type[row] = commands.FIXES[str(values["type"])]
+    elif fault == "sensor":
+        state.unhealthy_sensors[row] |= commands.SENSORS[str(values["which"])]
+    else:
+        state.unix_ahead_s[row] = float(values["ahead_s"])
 
 
 def _set(faults: DirectionFaults, fault: str, values: Mapping[str, float | str]) -> None:

@@ -9,13 +9,14 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, TypeAlias
+from typing import ClassVar
 
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
-from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
-from gcs.sim.protocol.streams import Item, Outbox, Schedule
+from gcs.sim.protocol.base import MAX_MESSAGE_ID, BaseAutopilot, Params
+from gcs.sim.protocol.frames import Message
+from gcs.sim.protocol.streams import Outbox, Schedule
 from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.commander import CRITICAL, INFO, Commander, Result
 from gcs.sim.vehicle.px4 import Mode, Quirks
@@ -28,7 +29,6 @@ TEXT_LENGTH = 50
 FORCE = 21196  # param2 that overrides the checks: arms in any case, kills in the air
 CUSTOM_MODE_ENABLED = 1
 AUTOPILOT_VERSION_ID, PROTOCOL_VERSION_ID = 148, 300
-MAX_MESSAGE_ID = 2**24
 VERSION = 0x011001FF  # v1.16.1, release
 CAPABILITIES = (  # only those that hold here
     common.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -37,9 +37,6 @@ CAPABILITIES = (  # only those that hold here
     | common.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
     | common.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
-
-Params: TypeAlias = tuple[float, float, float, float, float, float, float]
-"""The parameters of a COMMAND_LONG or COMMAND_INT."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,41 +51,23 @@ class Shared:
     reboot: Callable[[int], None]
 
 
-class Autopilot:
+class Autopilot(BaseAutopilot):
     """PX4's protocol for one vehicle."""
 
     def __init__(self, shared: Shared, row: int, parameters: px4.Parameters) -> None:
         """Represent row `row` of the fleet's state; from now on this vehicle owns the parameters."""
-        self.row = row
-        self.parameters = parameters
+        super().__init__(shared.state, row, shared.outbox)
+        self.parameters: px4.Parameters = parameters
         self._shared = shared
-        self._state = shared.state
-        self.commander = Commander(
+        self._commander = Commander(
             shared.state, row, parameters, shared.quirks, self._post_text, self._announce
         )
         self._text_id = 0
 
     @property
-    def system_id(self) -> int:
-        """1 to 250, unique in its namespace."""
-        return int(self._state.system_id[self.row])
-
-    def receive(self, message: Message) -> None:
-        """Execute or answer a message for this vehicle; unknown ones change nothing."""
-        handler = self._HANDLERS.get(message.get_type())
-        if handler is not None and not self.is_sender(message):
-            handler(self, message)
-
-    def is_sender(self, message: Message) -> bool:
-        """Whether it claims to come from this autopilot itself: ignored, as by PX4.
-
-        Another component with its system id is accepted: vehicle 245 accepts a ground station 245/190.
-        """
-        sender = (message.get_srcSystem(), message.get_srcComponent())
-        return bool(sender == (self.system_id, AUTOPILOT_COMPONENT))
-
-    def reply(self, item: Item, after_s: float = 0.0) -> None:
-        self._shared.outbox.post(self.row, item, self._state.now_s + after_s)
+    def commander(self) -> Commander:
+        """PX4's commander of this vehicle."""
+        return self._commander
 
     def arm(self, *, force: bool = False) -> Result:
         """Arm; the present position becomes home."""
@@ -111,8 +90,9 @@ class Autopilot:
         return result
 
     def forget(self) -> None:
+        """Drop what has not been sent yet."""
         self._text_id = 0
-        self._shared.outbox.forget(self.row)
+        super().forget()
 
     def parameter(self, name: str) -> Message:
         value = px4.encoded_value(name, self.parameters[name])
@@ -286,7 +266,7 @@ class Autopilot:
         }
     )
 
-    _HANDLERS: ClassVar[Mapping[str, Callable[["Autopilot", Message], None]]] = MappingProxyType(
+    handlers: ClassVar[Mapping[str, Callable[..., None]]] = MappingProxyType(
         {
             "HEARTBEAT": _receive_heartbeat,
             "COMMAND_LONG": _receive_command,

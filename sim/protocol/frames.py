@@ -18,6 +18,7 @@ Bytes: TypeAlias = NDArray[np.uint8]
 Fields: TypeAlias = Mapping[str, object]
 
 MAGIC = 0xFD
+OLD_MAGIC = b"\xfe"
 HEADER_LENGTH = 10
 CHECKSUM_LENGTH = 2
 SIGNATURE_LENGTH = 13
@@ -69,9 +70,8 @@ class Codec:
 
 
 @cache
-def layout(message_id: int) -> np.dtype[np.void]:
-    """The payload in the frame as a record, untruncated; little endian, largest fields first."""
-    form = common.mavlink_map[message_id]
+def layout(form: Message) -> np.dtype[np.void]:
+    """The payload of a kind of message in the frame as a record, untruncated; largest fields first."""
     codes = form.native_format.decode().lstrip("<")
     names = {"b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8"}
     names |= {"f": "<f4", "d": "<f8", "c": "S1"}
@@ -82,22 +82,22 @@ def layout(message_id: int) -> np.dtype[np.void]:
     return np.dtype(fields)
 
 
-def pack(message_id: int, fields: Fields, system_id: Bytes, sequence: Bytes) -> list[bytes]:
+def pack(form: Message, fields: Fields, system_id: Bytes, sequence: Bytes) -> list[bytes]:
     """One frame for each vehicle.
 
     Args:
-        message_id: of the common dialect.
+        form: pymavlink's class of the message.
         fields: name to (m,) or (m, k) array, or to one value for all; missing fields are 0.
         system_id: (m,), of the senders.
         sequence: (m,), the frames' numbers.
 
     Returns: m frames. Trailing zeros of the payload are left out, as MAVLink 2 does.
     """
-    records = np.zeros(len(system_id), dtype=layout(message_id))
+    records = np.zeros(len(system_id), dtype=layout(form))
     for name, values in fields.items():
         records[name] = values
-    data, size, kind = records.tobytes(), records.itemsize, message_id.to_bytes(3, "little")
-    extra = bytes([common.mavlink_map[message_id].crc_extra])
+    data, size, kind = records.tobytes(), records.itemsize, form.id.to_bytes(3, "little")
+    extra = bytes([form.crc_extra])
     packed = []
     for at, system, number in zip(
         range(0, len(data), size), system_id.tolist(), sequence.tolist(), strict=True
@@ -129,12 +129,31 @@ def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
     length = SETPOINT_FRAME - CHECKSUM_LENGTH - 1  # the checksum excludes the magic byte
     sums = np.array([common.x25crc(raw[end - length : end] + extra).crc for end in ends])
     reported = frames[:, -2].astype(np.uint16) | frames[:, -1].astype(np.uint16) << 8
-    return body.view(layout(SETPOINT.id)).reshape(count), frames[:, 5:7], sums == reported
+    return body.view(layout(SETPOINT)).reshape(count), frames[:, 5:7], sums == reported
 
 
 def record(message: Message) -> NDArray[np.void]:
     """(1,): the payload of a message that pymavlink has read."""
-    fields = np.zeros(1, dtype=layout(message.get_msgId()))
+    form: Message = type(message)
+    fields = np.zeros(1, dtype=layout(form))
     for name in fields.dtype.names or ():
         fields[name] = getattr(message, name)
     return fields
+
+
+def as_version_1(frame: bytes, forms: Mapping[int, Message]) -> bytes | None:
+    """The same message in a MAVLink 1 frame: no extensions, no cut zeros; None for an id above 255.
+
+    Args:
+        frame: MAVLink 2, unsigned.
+        forms: pymavlink's classes of a MAVLink 1 dialect, by id.
+    """
+    message_id = int.from_bytes(frame[7:HEADER_LENGTH], "little")
+    form = forms.get(message_id)
+    if form is None:
+        return None
+    length = form.unpacker.size
+    payload = frame[HEADER_LENGTH:-CHECKSUM_LENGTH].ljust(length, b"\0")[:length]
+    checked = bytes((len(payload), *frame[4:7], message_id)) + payload
+    checksum = common.x25crc(checked + bytes([form.crc_extra])).crc
+    return bytes(OLD_MAGIC + checked + checksum.to_bytes(CHECKSUM_LENGTH, "little"))

@@ -6,7 +6,7 @@ The rates are those recorded on PX4 v1.16's offboard link.
 import heapq
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import count
 from types import MappingProxyType
 from typing import TypeAlias
@@ -42,7 +42,6 @@ RECORDED_HZ = MappingProxyType(
         common.MAVLINK_MSG_ID_HOME_POSITION: 0.49,
     }
 )
-IDS = tuple(RECORDED_HZ)
 FASTEST_S = 0.004  # PX4's MAVLink loop does not run faster
 TIME_SLACK_S = 1e-6
 
@@ -64,12 +63,21 @@ def lean_hz(telemetry_hz: float) -> Mapping[int, float]:
 class Schedule:
     """The due times of a fleet's messages."""
 
-    def __init__(self, count: int, rates_hz: Mapping[int, float]) -> None:
-        """Nothing is due before start; rates_hz are those that each vehicle sends without a request."""
+    def __init__(
+        self, count: int, rates_hz: Mapping[int, float], ids: Iterable[int] = tuple(RECORDED_HZ)
+    ) -> None:
+        """Nothing is due before start.
+
+        Args:
+            count: of vehicles.
+            rates_hz: of what each vehicle sends without a request.
+            ids: of the messages that can be sent as streams.
+        """
         self.default_s = {message_id: 1.0 / rate_hz for message_id, rate_hz in rates_hz.items()}
-        self._places = {message_id: place for place, message_id in enumerate(RECORDED_HZ)}
-        self._interval_s = np.full((len(RECORDED_HZ), count), np.inf)
-        self._due_s = np.full((len(RECORDED_HZ), count), np.inf)
+        self._ids = tuple(ids)
+        self._places = {message_id: place for place, message_id in enumerate(self._ids)}
+        self._interval_s = np.full((len(self._ids), count), np.inf)
+        self._due_s = np.full((len(self._ids), count), np.inf)
         self._next_s = math.inf  # none is due earlier
 
     def start(self, row: int, now_s: float, random: np.random.Generator) -> None:
@@ -105,7 +113,7 @@ class Schedule:
         starts = [0, *((places[1:] != places[:-1]).nonzero()[0] + 1).tolist()]
         ends = [*starts[1:], len(places)]
         return [
-            (IDS[places[start]], rows[start:end])
+            (self._ids[places[start]], rows[start:end])
             for start, end in zip(starts, ends, strict=True)
             if start < end
         ]

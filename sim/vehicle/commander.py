@@ -7,7 +7,7 @@ during a failsafe. Items in comments are those of FACTS, section 3.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
 from gcs.sim.vehicle.sensors import Batteries
-from gcs.sim.vehicle.state import Charge, Numbers, State
+from gcs.sim.vehicle.state import Charge, Numbers, State, Stuck
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
 IMPATIENT_S = 0.25  # longest time without setpoints in OFFBOARD where the quirk of item 13 is off
@@ -50,14 +50,6 @@ class LandedState(IntEnum):
     IN_AIR = 2
     TAKEOFF = 3
     LANDING = 4
-
-
-class Stuck(Enum):
-    """Answer of a vehicle with a stuck mode to a request for another one."""
-
-    NO = "no"
-    SAYS_YES = "accepted"
-    SAYS_NO = "rejected"
 
 
 OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
@@ -164,6 +156,18 @@ class Commander:
         if mode in px4.NEEDS_PILOT:
             return False
         return bool(bits & (OVERRIDE_OFFBOARD if mode is Mode.OFFBOARD else OVERRIDE_AUTO))
+
+    def take_over(self, mode: str, *, by_sticks: bool) -> bool:
+        """Let a pilot fly it; False where COM_RC_OVERRIDE keeps the sticks from it."""
+        if by_sticks and not self.overridden():
+            return False
+        self.intend(Mode[mode])
+        return True
+
+    def release(self) -> None:
+        """Let it hold where it was flown by hand."""
+        if self.state.piloted[self.row] and self.mode in px4.NEEDS_PILOT:
+            self.intend(Mode.HOLD)
 
     def starve_or_feed(self) -> None:
         """Failsafe when OFFBOARD loses setpoints (item 5), and back by itself when they return (item 6)."""

@@ -46,8 +46,8 @@ class Response:
     drag_per_s: float = 1.0
 
 
-class PointMasses:
-    """The state of n vehicles; row i is vehicle i. A step replaces the arrays, and changes none in place.
+class Mass:
+    """Bodies of n vehicles at rest, and the ground. A step replaces the arrays, and changes none in place.
 
     Attributes:
         position_m: (n, 3), NED.
@@ -55,6 +55,31 @@ class PointMasses:
         acceleration_m_s2: (n, 3), of thrust and tilt, without drag.
         integral_m_s2: (n, 3), the velocity controller's integrator.
     """
+
+    def __init__(self, position_m: Array) -> None:
+        self.position_m = np.array(position_m, dtype=np.float64)
+        self.velocity_m_s: Array = np.zeros_like(self.position_m)
+        self.acceleration_m_s2: Array = np.zeros_like(self.position_m)
+        self.integral_m_s2: Array = np.zeros_like(self.position_m)
+
+    def rest_on_ground(self) -> Mask:
+        """Stop vehicles that have reached the ground: no descent, no sliding, and a reset integrator.
+
+        Returns: (n,) True where a vehicle touches the ground and does not climb.
+        """
+        touching: Mask = (self.position_m[:, 2] >= 0.0) & (self.velocity_m_s[:, 2] >= 0.0)
+        if touching.any():
+            down = touching[:, np.newaxis]
+            self.position_m = np.where(down, self.position_m * (1.0, 1.0, 0.0), self.position_m)
+            self.velocity_m_s = np.where(down, 0.0, self.velocity_m_s)
+            self.integral_m_s2 = np.where(down, 0.0, self.integral_m_s2)
+            lifting_m_s2 = np.minimum(self.acceleration_m_s2, 0.0) * (0.0, 0.0, 1.0)
+            self.acceleration_m_s2 = np.where(down, lifting_m_s2, self.acceleration_m_s2)
+        return touching
+
+
+class PointMasses(Mass):
+    """The state of n vehicles with PX4; row i is vehicle i."""
 
     def __init__(
         self,
@@ -67,10 +92,10 @@ class PointMasses:
 
         step_s is at most 0.02 s: larger steps distort the lag.
         """
-        self.position_m = np.array(position_m, dtype=np.float64)
-        self.velocity_m_s: Array = np.zeros_like(self.position_m) if velocity_m_s is None else velocity_m_s
-        self.acceleration_m_s2: Array = response.drag_per_s * self.velocity_m_s
-        self.integral_m_s2: Array = self.acceleration_m_s2
+        super().__init__(position_m)
+        if velocity_m_s is not None:
+            self.velocity_m_s = velocity_m_s
+        self.acceleration_m_s2 = self.integral_m_s2 = response.drag_per_s * self.velocity_m_s
         self._step_s, self._response = step_s, response
         self._blend = -math.expm1(-step_s / response.lag_s)  # share of the way to the desired acceleration
         self._gains, self._integral_gains, self._limits = (
@@ -119,21 +144,6 @@ class PointMasses:
         self.position_m = self.position_m + self._step_s * 0.5 * (self.velocity_m_s + velocity_m_s)
         self.velocity_m_s = velocity_m_s
         self.acceleration_m_s2, self.integral_m_s2 = acceleration_m_s2, integral_m_s2
-
-    def rest_on_ground(self) -> Mask:
-        """Stop vehicles that have reached the ground: no descent, no sliding, and a reset integrator.
-
-        Returns: (n,) True where a vehicle touches the ground and does not climb.
-        """
-        touching: Mask = (self.position_m[:, 2] >= 0.0) & (self.velocity_m_s[:, 2] >= 0.0)
-        if touching.any():
-            down = touching[:, np.newaxis]
-            self.position_m = np.where(down, self.position_m * (1.0, 1.0, 0.0), self.position_m)
-            self.velocity_m_s = np.where(down, 0.0, self.velocity_m_s)
-            self.integral_m_s2 = np.where(down, 0.0, self.integral_m_s2)
-            lifting_m_s2 = np.minimum(self.acceleration_m_s2, 0.0) * (0.0, 0.0, 1.0)
-            self.acceleration_m_s2 = np.where(down, lifting_m_s2, self.acceleration_m_s2)
-        return touching
 
     def _control(self, error_m_s: Array) -> tuple[Array, Array]:
         """PI per axis, bounded; returns the bounded acceleration and the next integrator, both (n, 3)."""

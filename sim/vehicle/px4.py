@@ -12,7 +12,7 @@ from enum import Enum
 from functools import cache, partial
 from importlib import resources
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -173,13 +173,25 @@ class Parameters:
             self.on_change(name, self._changed[name])
 
 
+class Table(Protocol):
+    """One vehicle's parameters, of any autopilot."""
+
+    on_change: Callable[[str, Value], None] | None
+
+    def __getitem__(self, name: str) -> Value: ...
+
+    def set(self, name: str, value: Value) -> None:
+        """Change one value. Raises: ParameterError."""
+        ...
+
+
 class Columns:
     """The parameters of a fleet as (n,) arrays, for values computed for all vehicles at once.
 
     A column is created on first use, and follows every change of a vehicle's own table.
     """
 
-    def __init__(self, vehicles: Sequence[Parameters]) -> None:
+    def __init__(self, vehicles: Sequence[Table]) -> None:
         """Row i is vehicles[i], whose changes are followed from now on."""
         self._vehicles = vehicles
         self._columns: dict[str, Array] = {}

@@ -5,7 +5,7 @@ one vehicle and a thousand behave alike.
 """
 
 import math
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import TypeAlias
 
 import numpy as np
@@ -36,6 +36,14 @@ class Charge(IntEnum):
     LOW = 2
     CRITICAL = 3
     EMERGENCY = 4
+
+
+class Stuck(Enum):
+    """Answer of a vehicle with a stuck mode to a request for another one."""
+
+    NO = "no"
+    SAYS_YES = "accepted"
+    SAYS_NO = "rejected"
 
 
 class State:
@@ -124,7 +132,7 @@ class State:
 
     def forget(self, row: int) -> None:
         """Boot one vehicle: reset all columns but LASTING."""
-        fresh = vars(State(1, float(self.yaw_rad[row])))
+        fresh = vars(type(self)(1, float(self.yaw_rad[row])))
         for name, column in vars(self).items():
             if isinstance(column, np.ndarray) and name not in LASTING:
                 column[row] = fresh[name][0]

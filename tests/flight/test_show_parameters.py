@@ -60,7 +60,7 @@ def test_px4_defaults_are_refused() -> None:
 
 def test_vehicle_with_unreadable_parameters_is_not_flown() -> None:
     async def story(show: Show) -> tuple[Refusal, bool, bool]:
-        async def no_answer(vehicle_id: str, names: object) -> dict[str, float]:
+        async def no_answer(vehicle_id: str, names: object, may_lack: object = ()) -> dict[str, float]:
             raise CommandError(f"{vehicle_id}: parameter GF_ACTION: no answer")
 
         show.link.read_parameters = no_answer  # type: ignore[method-assign]

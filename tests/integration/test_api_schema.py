@@ -20,7 +20,8 @@ from gcs.api.server import serve
 from gcs.flight.orchestrator import Orchestrator
 from gcs.preflight.parameters import settings_of
 from gcs.service.access import Role
-from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.fleet import Fleet
+from gcs.sim.settings import Settings
 from tests.support.api_fake_service import FakeService
 from tests.support.views import vehicles_of
 from tests.support.virtual_link import VirtualLink

@@ -80,6 +80,24 @@ def answers(ear_socket: socket.socket, expected: set[int]) -> set[int]:
     return found
 
 
+def test_a_mixed_fleet_shares_a_port_and_its_faults() -> None:
+    port = free_ports()
+    options = ["--autopilot", "mixed", "--shared-port", "--count", "4", "--faults-from", "-"]
+    with ear(port) as station, running(*options, "--port-base", str(port)) as sim:
+        _, radio = station.recvfrom(65536)
+        station.sendto(arm_disarm(0), radio)
+        assert answers(station, {1, 2, 3, 4}) == {1, 2, 3, 4}
+        station.sendto(arm_disarm(2), radio)
+        assert answers(station, {2}) == {2}
+        assert sim.stdin is not None
+        assert sim.stdout is not None
+        sim.stdin.write(json.dumps({"vehicles": [2, 3], "fault": "silence"}) + "\n")
+        sim.stdin.flush()
+        assert json.loads(sim.stdout.readline())["ok"]
+        station.sendto(arm_disarm(0), radio)
+        assert answers(station, {1, 4}) == {1, 4}
+
+
 def test_vehicles_on_a_shared_port_share_datagrams_by_target() -> None:
     port = free_ports()
     with ear(port) as station, running("--shared-port", "--count", "20", "--port-base", str(port)):

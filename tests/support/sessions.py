@@ -18,7 +18,8 @@ from gcs.model.state import VehicleId
 from gcs.preflight.parameters import settings_of
 from gcs.recording.audit_reader import exclusions, interruption
 from gcs.recording.session import Record
-from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.fleet import Fleet
+from gcs.sim.settings import Settings
 from tests.support.copies import in_a_copy
 from tests.support.views import vehicles_of
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink

@@ -10,12 +10,13 @@ import math
 import struct
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.fleet import Fleet
 from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.settings import Settings
 from tests.support.virtual_show import FLEET_STEP_S
 
 PX4_DATA = Path(__file__).parents[1] / "data" / "px4"
@@ -82,7 +83,7 @@ class Bench:
         self.fleet.receiver.receive([(self._circle, datagram)])
         self._receive(self.fleet.take_frames(streams=False))
 
-    def run(self, duration_s: float) -> Bench:
+    def run(self, duration_s: float) -> Self:
         fleet = self.fleet
         for _ in range(round(duration_s / fleet.step_s)):
             soon_s = fleet.time_s + 0.5 * fleet.step_s
@@ -130,7 +131,7 @@ class Bench:
         """Repeat a setpoint: a velocity, or with POSITION_ONLY a position."""
         self.repeated = setpoint(north, east, down, mask, **more)
 
-    def take_off(self, height_m: float = 10.0) -> Bench:
+    def take_off(self, height_m: float = 10.0) -> Self:
         """Take off to that height and hold."""
         self.ready()
         altitude_m = self.last("HOME_POSITION").altitude * 1e-3 + height_m
@@ -140,7 +141,7 @@ class Bench:
         self.until(lambda: self.mode == HOLD, 30.0)
         return self.run(4.0)
 
-    def fly_offboard(self, height_m: float = 10.0) -> Bench:
+    def fly_offboard(self, height_m: float = 10.0) -> Self:
         """Take off to that height and follow setpoints of zero velocity."""
         self.take_off(height_m)
         self.stream(0, 0, 0)
@@ -148,7 +149,7 @@ class Bench:
         assert self.set_mode(OFFBOARD) == [ACCEPTED, ACCEPTED]
         return self.run(2.0)
 
-    def ready(self) -> Bench:
+    def ready(self) -> Self:
         self.until(lambda: self.prearm_ok and self.count("HOME_POSITION") > 0, 10.0)
         return self
 

@@ -254,12 +254,15 @@ class VirtualLink(NativeLink):
         """The link `loop` to all vehicles of the configuration, or `ids`; vehicle i is row i of the fleet."""
         clock = asyncio.get_running_loop().time
         names = config.ids if ids is None else ids
+        profiles = [profile for link in config.links for profile in link.autopilots]
+        autopilot_of = dict(zip(config.ids, profiles, strict=True))
         self.ports = ports or VirtualPorts(names, fleet, clock)
         super().__init__(
             "loop",
             {name: system_id for system_id, name in enumerate(names, start=1)},
             (),
             config.frame,
+            autopilots=[autopilot_of[name] for name in names],
             setpoint_timeout_s=config.setpoint_timeout_s,
             rates_hz=desired_rates(StreamSettings()),
             clock=clock,

@@ -27,8 +27,9 @@ from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
-from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.fleet import Fleet
 from gcs.sim.protocol.autopilot import Autopilot
+from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.sim.vehicle.px4 import Quirks
 from tests.support.copies import in_a_copy
@@ -196,7 +197,9 @@ class Show:
 
     def autopilot(self, vehicle_id: VehicleId) -> Autopilot:
         """The fake autopilot of a vehicle."""
-        return self.fleet.autopilots[self.config.ids.index(vehicle_id)]
+        autopilot = self.fleet.autopilots[self.config.ids.index(vehicle_id)]
+        assert isinstance(autopilot, Autopilot)
+        return autopilot
 
     def pilot(self, vehicle_id: VehicleId, mode: PilotMode) -> None:
         """Change the mode by the vehicle's remote control, which uses no link."""

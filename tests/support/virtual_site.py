@@ -19,7 +19,8 @@ from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
-from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.fleet import Fleet
+from gcs.sim.settings import Settings
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from tests.support.virtual_show import FLEET_STEP_S, ORIGIN, READY_AT_ONCE, SOON_DISARMED, load_machine_code
 from tests.support.virtual_time import AtOnce, Loop, UnixClock

@@ -28,6 +28,7 @@ def test_wheel_contains_configurations_and_the_fake_fleet(tmp_path: Path) -> Non
         archive.extractall(tmp_path / "site")
     names = {str(path.relative_to(tmp_path / "site")) for path in (tmp_path / "site").rglob("*")}
     assert {"gcs/_configs/demo.yaml", "gcs/py.typed", "gcs/sim/px4_params.json"} <= names
+    assert "gcs/sim/autopilots/ardupilot/parameters.json" in names
     assert {"gcs/api/console/dist/index.html", "gcs/api/console/dist/docs.html"} <= names
     own = {name for name in names if "/" not in name and not name.endswith(".dist-info")}
     assert own == {"gcs"}  # a user's own package `api` or `sim` is not shadowed

@@ -16,11 +16,10 @@ from mavsdk.logging import LogLevel, log_subscribe
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard
 from mavsdk.plugins.offboard.offboard import OffboardResult, VelocityNedYawCStruct
-from mavsdk.plugins.param import Param, ParamError, ParamResult
 from mavsdk.plugins.telemetry import Telemetry
 
 from gcs.links.endpoints import mmsg
-from gcs.links.link import ParameterValue, Verb
+from gcs.links.link import Verb
 from gcs.links.settings import instances
 from gcs.model.errors import CommandError, LinkError
 
@@ -105,7 +104,6 @@ class MavsdkVehicle:
         self._telemetry: Any = Telemetry(system)
         self._offboard: Any = Offboard(system)
         self._action: Any = Action(system)
-        self._param: Any = Param(system)
         self._velocity: Any = VelocityNedYawCStruct()
         # `Offboard.set_velocity_ned` makes this call and objects that cost 5 us: at 250 vehicles 3 % of a
         # core.
@@ -126,7 +124,7 @@ class MavsdkVehicle:
 
     @_failure_named()
     def command(self, verb: Verb, height_m: float) -> None:
-        """Send a command and wait for its acknowledgement: up to 2 s, or 3 s for a parameter.
+        """Send a command and wait for its acknowledgement, up to 2 s. Not STANDBY: MAVSDK has no call for it.
 
         Raises: CommandError with MAVSDK's name for the failure.
         """
@@ -141,25 +139,6 @@ class MavsdkVehicle:
             Verb.KILL: self._action.kill,
         }
         calls[verb]()
-
-    @_failure_named()
-    def parameter(self, name: str) -> ParameterValue:
-        """The autopilot's value; up to 3 s when it does not answer. Raises: CommandError."""
-        try:
-            whole: int = self._param.get_param_int(name)
-        except ParamError as error:
-            if error.result != ParamResult.WRONG_TYPE:
-                raise
-        else:
-            return whole
-        number: float = self._param.get_param_float(name)
-        return number
-
-    @_failure_named()
-    def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Set the value and wait for the answer, up to 3 s. Raises: CommandError."""
-        set_it = self._param.set_param_int if isinstance(value, int) else self._param.set_param_float
-        set_it(name, value)
 
     def _take_off(self, height_m: float) -> None:
         self._action.set_takeoff_altitude(height_m)

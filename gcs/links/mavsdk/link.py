@@ -1,4 +1,4 @@
-"""The link over MAVSDK: MAVSDK's commands and setpoints, our ports and telemetry.
+"""The link over MAVSDK: MAVSDK's commands and setpoints, our ports, telemetry and parameters.
 
 MAVSDK's bytes leave only through `SetpointFilter`: MAVSDK repeats setpoints without end, from its own
 threads, whatever happens to the program that set them.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import inf
 from time import sleep
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from gcs.links.endpoints import mmsg
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import MavsdkInstances, MavsdkVehicle
 from gcs.links.mavsdk.setpoint_filter import SetpointFilter
+from gcs.links.own_commands import Commands, OwnCommandChannel
 from gcs.links.sender import SetpointBatch
 from gcs.links.settings import station_id
 from gcs.links.stream_requests import NOT_FOR_MAVSDK, REQUESTING_COMPONENT, SETTLE_S
@@ -56,9 +57,6 @@ _POSITION_PERIOD_S: Final = 0.5
 _ROOM: Final = 1024
 _LONGEST_BYTES: Final = 300
 """Longest frame: 280 bytes."""
-
-
-T = TypeVar("T")
 
 _OFFBOARD_TRIES: Final = 3
 _OFFBOARD_RETRY_S: Final = 0.1
@@ -96,8 +94,10 @@ class Workers:
             for vehicle_id in vehicle_ids
         }
 
-    def channel(self, vehicle_id: VehicleId, vehicle: MavsdkVehicle) -> "MavsdkCommandChannel":
-        return MavsdkCommandChannel(vehicle, self._workers[vehicle_id], lambda: self._closed)
+    def channel(
+        self, vehicle_id: VehicleId, vehicle: MavsdkVehicle, own: OwnCommandChannel
+    ) -> "MavsdkCommandChannel":
+        return MavsdkCommandChannel(vehicle, own, self._workers[vehicle_id], lambda: self._closed)
 
     def open(self) -> None:
         """Threads start with the first call."""
@@ -114,13 +114,21 @@ class Workers:
 
 @dataclass(eq=False)
 class MavsdkCommandChannel:
-    """One vehicle through MAVSDK. A `gcs.links.command_protocol.CommandChannel`."""
+    """One vehicle through MAVSDK. A `gcs.links.command_protocol.CommandChannel`.
+
+    Parameters are read and set by our own messages, because their encoding is the autopilot's; so is the mode
+    of STANDBY, for which MAVSDK has no call.
+    """
 
     vehicle: MavsdkVehicle
+    own: OwnCommandChannel
     worker: ThreadPoolExecutor
     closed: Callable[[], bool]
 
     async def command(self, command: Command, may_leave: Callable[[], None]) -> None:
+        if command.verb is Verb.STANDBY:
+            await self.own.command(command, may_leave)
+            return
         tries = _OFFBOARD_TRIES if command.verb is Verb.OFFBOARD else 1
         for left in reversed(range(tries)):
             try:
@@ -134,22 +142,22 @@ class MavsdkCommandChannel:
                 return
 
     async def parameter(self, name: str) -> ParameterValue:
-        return await self._run(partial(self.vehicle.parameter, name))
+        return await self.own.parameter(name)
 
     async def set_parameter(self, name: str, value: ParameterValue) -> None:
-        await self._run(partial(self.vehicle.set_parameter, name, value))
+        await self.own.set_parameter(name, value)
 
-    async def _run(self, blocking: Callable[[], T]) -> T:
-        """The result of a call on the vehicle's worker, after earlier ones. Raises: CommandError."""
+    async def _run(self, blocking: Callable[[], None]) -> None:
+        """Make a call on the vehicle's worker, after earlier ones. Raises: CommandError."""
 
-        def unless_closed() -> T:
+        def unless_closed() -> None:
             if self.closed():
                 raise CommandError(CLOSED)
-            return blocking()
+            blocking()
 
         if self.closed():  # then the workers accept no more calls
             raise CommandError(CLOSED)
-        return await asyncio.get_running_loop().run_in_executor(self.worker, unless_closed)
+        await asyncio.get_running_loop().run_in_executor(self.worker, unless_closed)
 
     def _call(self, command: Command, may_leave: Callable[[], None]) -> None:
         """On the worker: any earlier call has ended here, also that of a cancelled command."""
@@ -176,16 +184,28 @@ class MavsdkLink(Link):
         self._discovered: Mapping[int, MavsdkVehicle] = {}  # by row
         self._is_discovered = self._commandable = np.zeros(n, np.bool_)
         self._healthy: Mask = np.zeros(n, np.bool_)
+        self._needs_health = np.array(
+            [each.health_by_mavsdk for each in self._telemetry.autopilots], np.bool_
+        )
         self._polls = 0
         self._ticked = asyncio.Event()
         self._connection_count: Whole = np.zeros(n, np.int64)
         self._since_s: Array = np.full(n, inf)  # when MAVSDK discovered it, in its newest connection
+        self._begin_commands()
+
+    def _begin_commands(self) -> None:
+        send = partial(
+            self._send_message, component_id=REQUESTING_COMPONENT
+        )  # MAVSDK sees no answers to these
+        self._commands = Commands(self._system_ids, self._telemetry.autopilots, send)
+        self._inbox.take_acks, self._inbox.take_value = self._commands.take_acks, self._commands.take_value
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[Coroutines]:
         fleet = MavsdkInstances(tuple(self._system_ids.tolist()), self._station_id)
         protocol, workers = CommandProtocol(self._vehicles, self._latch, self._clock), Workers(self._vehicles)
         async with self._parts_open(fleet, workers):
+            self._begin_commands()
             self._fleet, self._protocol, self._workers = fleet, protocol, workers
             try:
                 yield {"pass on": self._pass_on_behind_ticks(), "discover": self._discover(fleet)}
@@ -194,12 +214,14 @@ class MavsdkLink(Link):
                 self._fleet, self._protocol, self._workers, self._discovered = None, None, None, {}
                 self._is_discovered[:], self._healthy[:], self._since_s[:] = False, False, inf
                 protocol.close()
+                self._commands.close()
                 workers.stop()
 
     def snapshot(self) -> Telemetry:
         """Vehicles not yet discovered by MAVSDK have no position: they take no commands."""
         self._receive_for_tick()
-        return self._telemetry.telemetry(may_be_ready=self._healthy, discovered=self._is_discovered)
+        may_be_ready = self._is_discovered & (self._healthy | ~self._needs_health)
+        return self._telemetry.telemetry(may_be_ready=may_be_ready, discovered=self._is_discovered)
 
     def _expect_setpoints(self, batch: SetpointBatch) -> None:
         self._setpoint_filter.expect(batch)  # discards the previous tick's setpoints
@@ -233,10 +255,11 @@ class MavsdkLink(Link):
         vehicle = self._discovered.get(row)
         if vehicle is None or self._workers is None:
             raise self._never_connected(row, otherwise)
-        return self._workers.channel(self.ids[row], vehicle)
+        return self._workers.channel(self.ids[row], vehicle, OwnCommandChannel(row, self._commands))
 
     def _forget_commands(self, row: int) -> None:
         self._setpoint_filter.forbid(np.array([row]))  # the latch drops what MAVSDK still repeats
+        self._commands.fail(lambda other: other == row, "killed meanwhile")
 
     def _is_awaiting(self) -> bool:
         return (self._protocol is not None and self._protocol.awaited) or bool(self._undiscovered().any())

@@ -1,6 +1,7 @@
-"""Make digest_*.json.gz from a .tlog that a ground station recorded beside a PX4.
+"""Make digest_*.json.gz from a .tlog that a ground station recorded beside a PX4 or an ArduPilot.
 
     python make_digest.py session.tlog digest_session.json.gz
+    python make_digest.py session.tlog digest_session.json.gz ardupilotmega
 
 `streams`: per message of the vehicle, how many a second, one example from the middle of the recording, and
 the fields that never changed. `orders`: what the ground station sent, as [time_s, index into
@@ -18,18 +19,19 @@ from typing import Any
 
 from pymavlink import mavutil
 
-VEHICLE, STATION = 1, 245
-UNNAMED = -2  # not in the common dialect
+STATION, OTHER_STATIONS = 245, {254, 255}
+UNNAMED = -2  # not in the dialect
+BAD_DATA = -1  # console text of a starting ArduPilot
 
 
-def read(path: str) -> list[tuple[float, Any]]:
+def read(path: str, dialect: str) -> list[tuple[float, Any]]:
     """Every message with its time from the first one."""
-    log = mavutil.mavlink_connection(path, dialect="common")
+    log = mavutil.mavlink_connection(path, dialect=dialect)
     messages: list[tuple[float, Any]] = []
     start_s = None
     while (message := log.recv_msg()) is not None:
         start_s = message._timestamp if start_s is None else start_s
-        if message.get_msgId() != UNNAMED:
+        if message.get_msgId() not in {UNNAMED, BAD_DATA}:
             messages.append((message._timestamp - start_s, message))
     return messages
 
@@ -43,7 +45,7 @@ def fields_of(message: Any) -> dict[str, Any]:
 def digest_streams(messages: list[tuple[float, Any]]) -> dict[str, Any]:
     by_name: dict[str, list[tuple[float, Any]]] = defaultdict(list)
     for time_s, message in messages:
-        if message.get_srcSystem() == VEHICLE:
+        if message.get_srcSystem() not in {STATION, *OTHER_STATIONS}:
             by_name[message.get_type()].append((time_s, message))
     streams = {}
     for name, seen in sorted(by_name.items()):
@@ -63,7 +65,7 @@ def digest_replies(messages: list[tuple[float, Any]]) -> list[Any]:
     last: dict[str, Any] = {}
     for time_s, message in messages:
         kind = message.get_type()
-        if message.get_srcSystem() != VEHICLE:
+        if message.get_srcSystem() in {STATION, *OTHER_STATIONS}:
             continue
         if kind == "HEARTBEAT":
             values = [message.base_mode, message.custom_mode, message.system_status]
@@ -94,7 +96,7 @@ def digest_orders(messages: list[tuple[float, Any]]) -> tuple[list[Any], list[An
 
 
 def main() -> None:
-    messages = read(sys.argv[1])
+    messages = read(sys.argv[1], *(sys.argv[3:] or ["common"]))
     order_kinds, orders = digest_orders(messages)
     digest = {
         "streams": digest_streams(messages),

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from gcs.sim.protocol.autopilot import Autopilot
 from tests.support.sim_bench import (
     ACCEPTED,
     HOLD,
@@ -124,6 +125,7 @@ def test_holding_in_measured_noise_moves_the_vehicle_as_measured() -> None:
     bench.heartbeats = False
     bench.run(7.0)
     for autopilot in bench.fleet.autopilots:
+        assert isinstance(autopilot, Autopilot)
         autopilot.take_off(None)
         autopilot.arm()
     bench.run(15.0)

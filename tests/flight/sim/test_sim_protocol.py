@@ -13,6 +13,7 @@ from pymavlink.dialects.v10 import common as v1
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.fleet import STEP_S
+from gcs.sim.protocol.autopilot import Autopilot
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.vehicle.px4 import defaults
 from tests.support.sim_bench import ACCEPTED, DENIED, FAILED, HOLD, Bench, offboard, ready
@@ -179,6 +180,7 @@ def test_command_int_is_understood_too() -> None:
 
 def state_of(bench: Bench) -> tuple[Any, ...]:
     autopilot = bench.fleet.autopilots[0]
+    assert isinstance(autopilot, Autopilot)
     commander = autopilot.commander
     return (
         commander.mode,

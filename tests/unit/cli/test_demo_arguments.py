@@ -43,6 +43,19 @@ def test_a_large_sphere_is_inside_its_fence_and_the_pads_are_too() -> None:
     assert np.min(settings_of(config)["GF_MAX_VER_DIST"]) >= top_m
 
 
+@pytest.mark.parametrize("transport", ["native", "mavsdk"])
+def test_mixed_fleet_alternates_and_notices_alike(transport: str) -> None:
+    config = config_of("--autopilot", "mixed", "--transport", transport)
+    assert [vehicle.autopilot for vehicle in config.fleet] == ["px4", "ardupilot"] * 4
+    assert config.operation.setpoint_loss_s == 3.0
+    required = settings_of(config)
+    assert required["COM_OF_LOSS_T"] == 3.0
+    assert np.size(required["RTL_ALT"]) == np.size(required["RTL_RETURN_ALT"]) == 8
+    assert {vehicle.autopilot for vehicle in config_of("--autopilot", "ardupilot").fleet} == {"ardupilot"}
+    with pytest.raises(ConfigError, match="one of px4, ardupilot, mixed"):
+        config_of("--autopilot", "betaflight")
+
+
 def test_default_transport_is_mavsdk_with_a_port_for_each() -> None:
     (link,) = config_of("--vehicles", "12").links
     assert (link.transport, link.ports, len(link.fleet)) == ("mavsdk", 12, 12)

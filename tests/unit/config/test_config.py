@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from gcs.cli.serve import load_here
+from gcs.cli.serve import load_here, make_link
 from gcs.config.schema import Config, find, load, parse
 from gcs.config.yaml_files import CONFIGURATIONS
 from gcs.links.settings import Listen, SerialPort, TcpIn, TcpOut, UdpOut
@@ -555,3 +555,37 @@ def test_settings_cannot_be_changed_after_loading() -> None:
     config = parse(SMALLEST, "my.yaml")
     with pytest.raises(ValueError, match="frozen"):
         config.formation.radius_m = 1.0
+
+
+OWN = "vehicles: [{id: d1, system_id: 1}, {id: d2, system_id: 2, autopilot: px4}]"
+
+
+@pytest.mark.parametrize(
+    ("link", "autopilots"),
+    [
+        ("vehicles: {count: 2}", ["px4", "px4"]),
+        ("autopilot: ardupilot, vehicles: {count: 2}", ["ardupilot", "ardupilot"]),
+        (f"autopilot: ardupilot, {OWN}", ["ardupilot", "px4"]),
+    ],
+)
+def test_vehicle_has_the_autopilot_of_its_link_or_its_own(link: str, autopilots: list[str]) -> None:
+    config = parse(SIX.replace("vehicles: {count: 6}", link).replace("6", "2") + FORMED, "my.yaml")
+    assert [vehicle.autopilot for vehicle in config.fleet] == autopilots
+    assert [profile.name for profile in config.links[0].autopilots] == autopilots
+    again = Config.model_validate_json(config.model_dump_json())  # as a record keeps it
+    assert again.fleet == config.fleet
+
+
+def test_unknown_autopilot_is_refused_with_those_that_are_known() -> None:
+    text = SIX.replace("vehicles", "autopilot: betaflight, vehicles") + FORMED
+    with pytest.raises(ConfigError, match=r"autopilot = 'betaflight': .*px4.*ardupilot"):
+        parse(text, "my.yaml")
+
+
+@pytest.mark.parametrize(("transport", "number"), [("native", 254), ("mavsdk", 245)])
+def test_link_knows_the_system_id_of_its_station(transport: str, number: int) -> None:
+    """ArduCopter counts the heartbeats of one system id only."""
+    text = SIX.replace("name: one", f"name: one, transport: {transport}") + FORMED
+    (settings,) = parse(text, "my.yaml").links
+    assert settings.station_id == number
+    assert make_link(settings, parse(text, "my.yaml"))._station_id == number

@@ -63,6 +63,44 @@ def test_each_failsafe_is_distinguished_from_the_others(inputs: FailsafeInputs, 
     assert cause_of(inputs) is cause
 
 
+ARDUPILOT = replace(INPUTS, mode=Mode.RETURN, setpoint_loss_s=3.0, setpoint_loss_action="")
+
+
+@pytest.mark.parametrize(
+    ("inputs", "cause"),
+    [
+        (replace(ARDUPILOT, texts=("GCS Failsafe",)), FailsafeCause.DATA_LINK_LOSS),
+        (
+            replace(ARDUPILOT, texts=("Battery 1 is low 10.81V used 2461 mAh", "Battery Failsafe")),
+            FailsafeCause.LOW_BATTERY,
+        ),
+        (
+            replace(
+                ARDUPILOT,
+                mode=Mode.LAND,
+                texts=("Battery 1 is critical 9.77V used 2557 mAh", "Battery Failsafe"),
+            ),
+            FailsafeCause.CRITICAL_BATTERY,
+        ),
+        (replace(ARDUPILOT, texts=("Radio Failsafe",)), FailsafeCause.RC_LOSS),
+        (replace(ARDUPILOT, mode=Mode.LAND, texts=("EKF variance",)), FailsafeCause.POSITION_LOSS),
+        (replace(ARDUPILOT, mode=Mode.HOLD, texts=()), FailsafeCause.OTHER),  # never for want of setpoints
+        (replace(ARDUPILOT, texts=("PreArm: Battery failsafe",)), FailsafeCause.OTHER),
+        (
+            replace(ARDUPILOT, in_failsafe=False, texts=("GCS Failsafe Cleared",)),
+            FailsafeCause.DATA_LINK_LOSS,
+        ),
+        (
+            replace(ARDUPILOT, in_failsafe=False, mode=Mode.POSITION, texts=("GCS Failsafe Cleared",)),
+            FailsafeCause.UNKNOWN,  # a pilot has taken it since
+        ),
+    ],
+)
+def test_failsafes_that_ardupilot_named_are_recognised(inputs: FailsafeInputs, cause: FailsafeCause) -> None:
+    """Texts as recorded."""
+    assert cause_of(inputs) is cause
+
+
 def test_the_operator_reads_what_it_does_why_and_what_to_do() -> None:
     flat = replace(LANDS, battery_remaining=0.05)
     text = described("d1", cause_of(flat), flat)

@@ -5,8 +5,7 @@ import pytest
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.mavlink.codec import encode, kill_message, split, target_system
-from gcs.mavlink.framing import COMMAND_LONG, SETPOINT_MESSAGES, Frame, is_armed, moves, px4_mode, status_text
-from gcs.model.state import Mode
+from gcs.mavlink.framing import COMMAND_LONG, SETPOINT_MESSAGES, Frame, is_armed, moves, status_text
 
 PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
 
@@ -117,24 +116,6 @@ def test_every_message_that_steers_is_governed_and_has_a_target() -> None:
 def test_manual_control_is_addressed_by_its_own_field() -> None:
     frame = only(framed(dialect.MAVLink_manual_control_message(9, 1, 1, 1, 1, 1)))
     assert target_system(frame) == 9
-
-
-@pytest.mark.parametrize(
-    ("main", "sub", "mode"),
-    [
-        (6, 0, Mode.OFFBOARD),
-        (4, 2, Mode.TAKEOFF),
-        (4, 3, Mode.HOLD),
-        (4, 5, Mode.RETURN),
-        (4, 6, Mode.LAND),
-        (3, 0, Mode.POSITION),
-        (4, 1, Mode.READY),
-        (4, 4, Mode.OTHER),
-        (1, 0, Mode.OTHER),
-    ],
-)
-def test_px4_modes_have_our_names(main: int, sub: int, mode: Mode) -> None:
-    assert px4_mode(main << 16 | sub << 24) is mode
 
 
 def test_status_text_ends_at_zero_or_continues_in_a_chunk() -> None:

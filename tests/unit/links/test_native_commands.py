@@ -7,9 +7,10 @@ import async_solipsism
 import numpy as np
 import pytest
 
-from gcs.links.native.link import ANSWER_S, TRIES, Commands
-from gcs.mavlink.codec import Records, records, text_field
-from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
+from gcs.links.autopilots import DEFAULT
+from gcs.links.own_commands import ANSWER_S, TRIES, Commands
+from gcs.mavlink.codec import Records, records
+from gcs.mavlink.framing import COMMAND_ACK
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import CommandError
 
@@ -22,7 +23,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.sent: list[tuple[float, int, Records]] = []
-        self.commands = Commands(np.array([11, 12]), self.tell)
+        self.commands = Commands(np.array([11, 12]), (DEFAULT, DEFAULT), self.tell)
         self.open = True
 
     def tell(self, message_id: int, messages: Records, rows: Whole) -> None:
@@ -36,15 +37,6 @@ class Bench:
         reported = records(COMMAND_ACK, 1)
         reported["command"], reported["result"] = command, result
         self.commands.take_acks(np.array([row]), reported)
-
-    def value(self, row: int, name: str, value: float, kind: int = 9) -> None:
-        reported = records(PARAM_VALUE, 1)
-        reported["param_id"], reported["param_value"], reported["param_type"] = (
-            text_field(name, 16),
-            value,
-            kind,
-        )
-        self.commands.take_values(np.array([row]), reported)
 
 
 def run(main: Callable[[Bench], Coroutine[None, None, None]]) -> None:
@@ -110,13 +102,13 @@ def test_parameter_is_set_by_type_and_confirmed_by_readback() -> None:
     async def main(bench: Bench) -> None:
         whole = float(np.array([5], np.int32).view(np.float32)[0])
         loop = asyncio.get_running_loop()
-        loop.call_later(0.1, bench.value, 0, "COM_OBL_RC_ACT", whole, 6)
+        loop.call_later(0.1, bench.commands.take_value, 0, "COM_OBL_RC_ACT", 5)
         await bench.commands.set_parameter(0, "COM_OBL_RC_ACT", 5, bench.may_leave)
         (_, _, message), *_ = bench.sent
         assert (int(message["param_type"][0]), float(message["param_value"][0])) == (6, whole)
-        loop.call_later(0.1, bench.value, 0, "COM_OF_LOSS_T", 0.3)
+        loop.call_later(0.1, bench.commands.take_value, 0, "COM_OF_LOSS_T", 0.3)
         assert await bench.commands.get_parameter(0, "COM_OF_LOSS_T", bench.may_leave) == pytest.approx(0.3)
-        loop.call_later(0.1, bench.value, 0, "COM_OF_LOSS_T", 1.0)
+        loop.call_later(0.1, bench.commands.take_value, 0, "COM_OF_LOSS_T", 1.0)
         with pytest.raises(CommandError, match="reports 1"):
             await bench.commands.set_parameter(0, "COM_OF_LOSS_T", 0.5, bench.may_leave)
 

@@ -19,7 +19,7 @@ class Bench:
     def __init__(self) -> None:
         self.asked: list[tuple[int, int, float]] = []  # system, message, interval
         self.connection_count = np.ones(2, np.int64)
-        self.streams = StreamRequests(np.array([5, 6]), RATES_HZ, self.note)
+        self.streams = StreamRequests(np.array([5, 6]), (RATES_HZ, RATES_HZ), self.note)
         self.sends_hz = [dict(RATES_HZ), dict(RATES_HZ)]
         self.now_s = 0.0
 

@@ -19,6 +19,7 @@ def clashing(
     home_m: list[Place] | None = None,
     uncertainty_m: list[float] | None = None,
     speed_m_s: float = 0.0,
+    flies_on_s: list[float] | None = None,
 ) -> list[Clash]:
     n = len(position_m)
     far_apart_m = [(50.0 * i, 0.0, 0.0) for i in range(n)]
@@ -30,7 +31,19 @@ def clashing(
         uncertainty_m=np.zeros(n) if uncertainty_m is None else np.array(uncertainty_m),
         speed_m_s=speed_m_s,
         return_height_m=30.0,
+        flies_on_s=0.0 if flies_on_s is None else np.array(flies_on_s),
     )
+
+
+def test_vehicles_that_fly_on_for_different_times_need_room() -> None:
+    """One stops 2 s before the other, which flies on at their common speed."""
+    places_m: list[Place] = [(0.0, 0.0, -10.0), (6.0, 0.0, -10.0)]
+
+    def found(flies_on_s: list[float]) -> list[Clash]:
+        return clashing(places_m, "hold", speed_m_s=2.5, flies_on_s=flies_on_s)
+
+    assert found([2.0, 2.0]) == []
+    assert [(one.first, one.second) for one in found([2.0, 4.0])] == [(0, 1)]
 
 
 def sideways_m(found: list[Clash]) -> list[float]:

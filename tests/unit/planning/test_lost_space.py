@@ -125,6 +125,31 @@ def test_vehicle_has_one_or_two_velocities_in_the_order_asked() -> None:
     assert velocity_m_s[:, 0].tolist() == [2.0, 1.0, 4.0, 0.0]
 
 
+def test_each_vehicle_flies_on_and_acts_as_it_does() -> None:
+    """In one call, as in calls of its own: one that notices soon and lands, one that flies on and holds."""
+    last_m, moves_m_s = np.array([LAST, LAST + 20.0]), np.array([[3.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    home_m, height_m, silent_s = np.array([HOME, HOME]), np.full(2, 30.0), np.full(2, 1.5)
+    actions, noticed_s, drift_s = ("land", "hold"), (1.0, 3.0), (2.2, 5.0)
+    together, of = silent_segments_m(
+        last_m,
+        moves_m_s,
+        home_m,
+        height_m,
+        silent_s,
+        action=np.array(actions),
+        noticed_s=np.array(noticed_s),
+        drift_s=np.array(drift_s),
+    )
+    for row in range(2):
+        one = (each[row : row + 1] for each in (last_m, moves_m_s, home_m, height_m, silent_s))
+        alone, _ = silent_segments_m(
+            *one, action=actions[row], noticed_s=noticed_s[row], drift_s=drift_s[row]
+        )
+        assert together[of == row].tolist() == alone.tolist()
+    ends_m = np.abs(together[of == 1][:, :, 1] - last_m[1, 1]).max()
+    assert ends_m == pytest.approx(2.0 * drift_s[1])
+
+
 def test_expected_drift_flies_on_then_brakes_then_is_unknown() -> None:
     silent_s = np.array([0.6, 1.0, 2.4, 3.4, 5.0, 1.0])
     rows = np.array([True, True, True, True, True, False])

@@ -75,6 +75,13 @@ def known(
     return PreflightInputs(**{**given, **more})
 
 
+def test_other_autopilot_than_configured_is_refused() -> None:
+    text = "it reports ArduPilot, and is configured as PX4 (autopilot: px4)"
+    name, check = only(known(foreign={"b": text}))
+    assert (name, check.name, check.state, check.problem) == ("b", "autopilot", State.FAIL, text)
+    assert "configuration" in check.to_do
+
+
 def failed(facts: PreflightInputs) -> list[tuple[str, Check]]:
     """Whatever does not pass, of one vehicle by itself and of how it stands to its neighbours."""
     near = spacing(facts, IDS)

@@ -9,16 +9,11 @@ from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.model.preflight_report import Check, State
-from gcs.preflight.parameters import (
-    Requirement,
-    broken,
-    parameter_checks,
-    requirements,
-    requirements_of,
-    settings_of,
-)
+from gcs.preflight.autopilots.px4 import requirements
+from gcs.preflight.parameters import broken, parameter_checks, requirements_of, settings_of
+from gcs.preflight.requirement import Requirement
 from gcs.sim.cli import parameter, parameter_options
-from gcs.sim.fleet import Settings
+from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Parameters, defaults
 from tests.support.virtual_show import show_config
 

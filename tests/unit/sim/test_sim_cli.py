@@ -32,6 +32,9 @@ if TYPE_CHECKING:
         (["--param", "COM_OBL_RC=5"], "no such parameter"),
         (["--param", "COM_OBL_RC_ACT=half"], "NAME=VALUE"),
         (["--param", "COM_OBL_RC_ACT=0.5"], "whole number"),
+        (["--param", "FENCE_ACTION=300"], "whole number from -128 to 127"),
+        (["--param", "WPNAV_ACCE=3"], "there are WPNAV_ACCEL, WPNAV_ACCEL_Z"),
+        (["--autopilot", "inav"], "invalid choice"),
         (["--grid-columns", "0"], "whole number from 1"),
         (["--quirk", "double-ack"], "NAME=on or NAME=off"),
         (["--quirk", "telepathy=off"], "no such quirk"),
@@ -57,6 +60,8 @@ def test_bad_arguments_are_named_and_exit_with_two(
         (["--first", "9000", "--count", "1001"], "at most 1000 fit"),
         (["--port-base", "65530", "--count", "10"], "beyond port 65535"),
         (["--first", "1", "--count", "2", "--param", "RTL_CONE_ANG=0,0"], "2 values for vehicles up to"),
+        (["--param", "WPNAV_ACCEL=250"], "px4 has no such parameter; see --autopilot"),
+        (["--autopilot", "ardupilot", "--param", "COM_OBL_RC_ACT=5"], "ardupilot has no such parameter"),
     ],
 )
 def test_arguments_that_do_not_fit_together_exit_with_two(
@@ -71,6 +76,27 @@ def test_a_truth_file_that_cannot_be_written_is_named(
 ) -> None:
     assert cli.main(["--truth", str(tmp_path / "none" / "truth.jsonl")]) == 1
     assert "truth.jsonl: No such file or directory" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "sim: 1 vehicle, system id 1, udp 127.0.0.1:14540"),
+        (["--autopilot", "ardupilot", "--count", "8"], "sim: 8 vehicles with ArduPilot, system ids 1-8"),
+        (["--autopilot", "mixed", "--count", "8"], "sim: 8 vehicles with PX4 and ArduPilot in turn"),
+    ],
+)
+def test_the_greeting_names_the_autopilot(arguments: list[str], says: str) -> None:
+    parser = argparse.ArgumentParser()
+    cli.add_arguments(parser)
+    assert cli.greeting(parser.parse_args(arguments)).startswith(says)
+
+
+def test_a_mixed_fleet_takes_parameters_of_both() -> None:
+    parser = argparse.ArgumentParser()
+    cli.add_arguments(parser)
+    options = ["--autopilot", "mixed", "--param", "WPNAV_ACCEL=250", "--param", "COM_OBL_RC_ACT=5"]
+    assert cli.destinations(parser.parse_args(options)) == [14540]
 
 
 def test_another_program_can_offer_the_same_arguments() -> None:

@@ -10,9 +10,10 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from gcs.sim import endpoint as ports
-from gcs.sim.fleet import Fleet, Settings
+from gcs.sim.fleet import Fleet
 from gcs.sim.protocol import frames
 from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.settings import Settings
 from gcs.sim.vehicle.sensors import Tangent
 
 

@@ -1,0 +1,103 @@
+"""PX4's parameters that decide whether losing the ground station is safe. Pure.
+
+One table: the requirement, its reason, and what `gcs params apply` sets. The names and defaults are PX4
+v1.16's (docs/FACTS.md, section 3).
+"""
+
+from math import ceil
+from typing import Final
+
+from gcs.config.sections import OperationSettings
+from gcs.control import ControlSettings
+from gcs.model.setpoint_loss import STOP_S
+from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
+from gcs.preflight.requirement import Requirement
+
+SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
+"""Values of COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot descends."""
+
+DATA_LINK_LOSS_ACTIONS: Final = {"descend": (0,), "return": (0, 2), "land": (0, 3), "hold": (0, 1)}
+"""Values of NAV_DLL_ACT that do nothing beyond what the setpoint-loss action already does."""
+
+NO_MANUAL_CONTROL: Final = 4  # COM_RC_IN_MODE
+STICKS_TAKE_OVER: Final = 3  # COM_RC_OVERRIDE: bit 0 in the automatic modes, bit 1 in OFFBOARD
+FENCE_HOLDS: Final = 2  # GF_ACTION
+
+
+def requirements(
+    operation: OperationSettings,
+    control: ControlSettings,
+    return_height_m: float,
+    station_id: int = 0,
+) -> tuple[Requirement, ...]:
+    """Return the requirements of a vehicle that returns at that height (`Config.return_heights_m`)."""
+    return (
+        *_losing_us(operation, return_height_m),
+        *_the_pilot(operation),
+        *_speeds(control),
+        *_last_wall(operation, control),
+    )
+
+
+def _losing_us(operation: OperationSettings, height_m: float) -> tuple[Requirement, ...]:
+    action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
+    number, after = SETPOINT_LOSS_ACTIONS[action], DATA_LINK_LOSS_ACTIONS[action]
+    later_s = ceil(loss_s) + 1
+    does = f"what it does without setpoints: operation.setpoint_loss_action is {action}"
+    until = "seconds without setpoints until it does that: operation.setpoint_loss_s; it flies on meanwhile"
+    unlinked = "what it does when our heartbeats cease: nothing, or what it did for want of setpoints"
+    unlinked_until = "seconds without heartbeats until it does that: later than for setpoints, but not never"
+    returns = (
+        "metres above home at which it returns, each vehicle higher than the one before it in the list:"
+        " operation.return_height_m and return_layer_m"
+    )
+    no_cone = "else it returns lower near home, through the heights of others"
+    return (
+        Requirement("COM_OBL_RC_ACT", number, does, choices=(number,)),
+        Requirement("COM_OF_LOSS_T", loss_s, until, least=min(0.5, loss_s), most=loss_s),
+        Requirement("NAV_DLL_ACT", after[0], unlinked, choices=after),
+        Requirement("COM_DL_LOSS_T", max(10, later_s), unlinked_until, least=later_s, most=60.0),
+        Requirement("RTL_RETURN_ALT", height_m, returns, least=height_m - 0.5, most=height_m + 0.5),
+        Requirement("RTL_CONE_ANG", 0, no_cone, choices=(0,)),
+    )
+
+
+def _the_pilot(operation: OperationSettings) -> tuple[Requirement, ...]:
+    if not operation.pilot_takes_over:
+        return ()
+    inputs = tuple(mode for mode in range(9) if mode != NO_MANUAL_CONTROL)
+    able = "a pilot must be able to take over: 4 shuts them out"
+    sticks = "moving the sticks takes control of the vehicle, in OFFBOARD too (operation.pilot_takes_over)"
+    return (
+        Requirement("COM_RC_IN_MODE", 0, able, choices=inputs),
+        Requirement("COM_RC_OVERRIDE", STICKS_TAKE_OVER, sticks, choices=(STICKS_TAKE_OVER,)),
+    )
+
+
+def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
+    limits, stop_m_s2 = control.safety.limits, control.safety.braking.deceleration_m_s2
+    tilt_deg = least_tilt_deg(control)
+    clipped = "below, the autopilot clips setpoints axis by axis, which bends them"
+    stops = "m/s^2: control.safety.braking counts on vehicles that stop so hard"
+    tilts = "degrees: control.acceleration_max_m_s2, and as much again against the wind"
+    return (
+        Requirement("MPC_XY_VEL_MAX", max(12.0, limits.horizontal_m_s), clipped, least=limits.horizontal_m_s),
+        Requirement("MPC_Z_VEL_MAX_UP", max(3.0, limits.up_m_s), clipped, least=limits.up_m_s),
+        Requirement("MPC_Z_VEL_MAX_DN", max(1.5, limits.down_m_s), clipped, least=limits.down_m_s),
+        Requirement("MPC_ACC_HOR", max(3.0, stop_m_s2), stops, least=stop_m_s2),
+        Requirement("MPC_ACC_UP_MAX", max(4.0, stop_m_s2), stops, least=stop_m_s2),
+        Requirement("MPC_ACC_DOWN_MAX", max(3.0, stop_m_s2), stops, least=stop_m_s2),
+        Requirement("MPC_TILTMAX_AIR", max(45.0, tilt_deg), tilts, least=tilt_deg, most=89.0),
+    )
+
+
+def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
+    """Return the requirements of the autopilot's own fence."""
+    wide_m, tall_m = own_fence_m(operation, control, operation.setpoint_loss_s + STOP_S)
+    holds = "beyond its own fence it holds: the last wall"
+    far, high = own_fence_reasons(operation)
+    return (
+        Requirement("GF_ACTION", FENCE_HOLDS, holds, choices=(FENCE_HOLDS,)),
+        Requirement("GF_MAX_HOR_DIST", wide_m, far, least=wide_m, most=WIDEST * wide_m),
+        Requirement("GF_MAX_VER_DIST", tall_m, high, least=tall_m, most=WIDEST * tall_m),
+    )

@@ -1,0 +1,71 @@
+"""Settings of a fleet of fake vehicles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.vehicle.px4 import Quirks, Value
+
+MAX_SYSTEM_ID = 250
+
+Autopilot: TypeAlias = Literal["px4", "ardupilot", "mixed"]
+"""Which autopilot the vehicles have; mixed: PX4 those of even index, ArduPilot those of odd index."""
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where the common NED frame starts: degrees, and metres above mean sea level."""
+
+    latitude_deg: float = 47.397742
+    longitude_deg: float = 8.545594
+    altitude_amsl_m: float = 488.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """Settings of a fleet: `count` vehicles, each `every` index from `first` on.
+
+    Vehicle i stands at row i // columns, column i % columns of a grid.
+
+    Vehicle 0 stands at `grid_at_m` (north, east); rows lead towards `grid_heading_deg`, columns to its right.
+    Its namespace is i // namespace_size, its system id there i % namespace_size + 1. Where a parameter
+    has several values, vehicle i has the i-th. Without `drag_per_s` bodies have the drag of the recorded
+    simulators: 1.0 with PX4, 0.65 with ArduPilot. `rates_hz` are those that PX4 sends without a request.
+    """
+
+    autopilot: Autopilot = "px4"
+    count: int = 1
+    first: int = 0
+    every: int = 1
+    namespace_size: int = MAX_SYSTEM_ID
+    seed: int = 0
+    noise_scale: float = 0.25
+    drag_per_s: float | None = None
+    wind_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    origin: Origin = Origin()
+    spacing_m: float = 4.0
+    grid_columns: int = 1
+    grid_at_m: tuple[float, float] = (0.0, 0.0)
+    grid_heading_deg: float = 0.0
+    heading_deg: float = 0.0
+    endurance_s: float = 1200.0
+    parameters: Mapping[str, Value | Sequence[Value]] = field(default_factory=dict)
+    quirks: Quirks = Quirks()
+    rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
+
+    def parameters_of(self, index: int) -> dict[str, Value]:
+        """Those that are given for vehicle `index`, counted from 0."""
+        return {
+            name: value[index] if isinstance(value, Sequence) else value
+            for name, value in self.parameters.items()
+        }
+
+    def system_id(self, index: int) -> int:
+        """1 to 250, unique in its namespace."""
+        return index % self.namespace_size + 1
+
+    @property
+    def indices(self) -> range:
+        """The vehicles' numbers, from 0."""
+        return range(self.first, self.first + self.count * self.every, self.every)

@@ -1,0 +1,165 @@
+"""What ArduCopter's parameters must be, compared with those that a real one had."""
+
+import asyncio
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from gcs.config.schema import Config
+from gcs.config.sections import OperationSettings
+from gcs.control import ControlSettings
+from gcs.flight.parameter_reader import read_needed
+from gcs.links import ParameterValue
+from gcs.links.autopilots import AUTOPILOTS
+from gcs.mavlink import codec
+from gcs.mavlink.framing import PARAM_VALUE
+from gcs.model.preflight_report import State
+from gcs.preflight.autopilots.ardupilot import requirements
+from gcs.preflight.parameters import (
+    broken,
+    parameter_checks,
+    remaining_risks,
+    requirements_of,
+    settings_of,
+)
+from gcs.preflight.requirement import Requirement
+from tests.support.silent_link import SilentLink
+from tests.support.tlog_files import frames
+from tests.support.virtual_show import show_config
+
+OPERATION, CONTROL, STATION = OperationSettings(), ControlSettings(), 245
+NEEDED = requirements(OPERATION, CONTROL, 30.0, STATION)
+
+
+def recorded() -> dict[str, ParameterValue]:
+    """The values of a vehicle as delivered, of those that are required."""
+    values: dict[str, ParameterValue] = {}
+    for _, frame in frames("ardupilot/session.tlog.xz"):
+        if frame.message_id == PARAM_VALUE:
+            data = np.frombuffer(bytearray(frame.raw), np.uint8)
+            found = codec.find(data, np.array([0]), np.array([len(data)])).frames
+            (message,) = codec.decode(PARAM_VALUE, data, found)
+            raw = np.array([message["param_value"]], np.float32)
+            name, kind = codec.text(message["param_id"]), int(message["param_type"])
+            values[name] = AUTOPILOTS["ardupilot"].decoded(raw, kind)
+    return values
+
+
+AS_DELIVERED = recorded()
+OF_LATER_VERSIONS = {"FS_GCS_TIMEOUT", "GUID_TIMEOUT", "PSC_JERK_XY"}
+
+
+def needed(name: str, **operation: object) -> Requirement:
+    settings = OperationSettings.model_validate(operation)
+    found = requirements(settings, CONTROL, 30.0, STATION)
+    return next(one for each in found for one in each.alternatives if one.name == name)
+
+
+def test_every_required_parameter_exists_in_the_recorded_version() -> None:
+    assert {each.name for each in NEEDED} - set(AS_DELIVERED) == OF_LATER_VERSIONS
+    for one in NEEDED:
+        if one.name in AS_DELIVERED:
+            assert type(one.set_to) is type(AS_DELIVERED[one.name]), one.name
+
+
+def test_ardupilot_as_delivered_is_refused_and_applying_mends_it() -> None:
+    wrong = {one.name for one, _ in broken(NEEDED, AS_DELIVERED)}
+    assert {"SYSID_MYGCS", "WPNAV_ACCEL", "FENCE_ENABLE", "BATT_FS_LOW_ACT", "AVOID_ENABLE"} <= wrong
+    applied = AS_DELIVERED | {one.name: one.set_to for one in NEEDED if one.name in AS_DELIVERED}
+    assert broken(NEEDED, applied) == []
+
+
+@pytest.mark.parametrize(
+    ("action", "good", "bad"), [("hold", 0, 1), ("return", 1, 0), ("land", 5, 0), ("descend", 5, 1)]
+)
+def test_heartbeat_failsafe_does_what_is_configured(action: str, good: int, bad: int) -> None:
+    """Without setpoints alone it only hovers."""
+    one = needed("FS_GCS_ENABLE", setpoint_loss_action=action)
+    assert one.holds(good)
+    assert not one.holds(bad)
+    assert one.holds(one.set_to)
+
+
+def test_its_heartbeat_failsafe_counts_our_heartbeats() -> None:
+    one = needed("SYSID_MYGCS")
+    assert (one.set_to, one.holds(245), one.holds(255)) == (245, True, False)
+    assert needed("MAV_GCS_SYSID").holds(245)
+
+
+def test_slow_braking_is_refused() -> None:
+    """With 100 cm/s^2, its default, it needs 13 m from 5 m/s."""
+    one = needed("WPNAV_ACCEL")
+    assert not one.holds(100.0)
+    assert one.holds(250.0)
+
+
+def test_fleet_without_transmitters_has_no_radio_failsafe() -> None:
+    assert needed("FS_THR_ENABLE", pilot_takes_over=False).choices == (0,)
+    assert not needed("FS_THR_ENABLE", pilot_takes_over=True).holds(0)
+
+
+def test_later_version_has_other_names() -> None:
+    values = AS_DELIVERED | {one.name: one.set_to for one in NEEDED}
+    for old, new, value in (("SYSID_MYGCS", "MAV_GCS_SYSID", 245), ("ARMING_CHECK", "ARMING_SKIPCHK", 0)):
+        del values[old]
+        assert old in str(broken(NEEDED, values)) or new in str(broken(NEEDED, values))
+        values[new] = value
+    assert broken(NEEDED, values) == []
+    values["ARMING_SKIPCHK"] = 1
+    ((one, found),) = broken(NEEDED, values)
+    assert (one.name, found) == ("ARMING_SKIPCHK", 1)
+
+
+def test_what_a_version_lacks_is_named_and_no_failure() -> None:
+    applied = AS_DELIVERED | {one.name: one.set_to for one in NEEDED if one.name in AS_DELIVERED}
+    assert all(check.state is State.PASS for check in parameter_checks(NEEDED, applied, None))
+    (risk,) = remaining_risks(NEEDED, applied)
+    assert risk.startswith("no GUID_TIMEOUT: it flies on for 3 s")
+    assert remaining_risks(NEEDED, applied | {"GUID_TIMEOUT": 1.0}) == []
+    (wrong,) = broken(NEEDED, applied | {"GUID_TIMEOUT": 3.0})
+    assert wrong[0].name == "GUID_TIMEOUT"
+
+
+class Reading(SilentLink):
+    """A link whose vehicles have these parameters."""
+
+    def __init__(self, values: Mapping[str, ParameterValue]) -> None:
+        super().__init__(("d1",))
+        self.values, self.asked = values, list[str]()
+
+    async def read_parameters(
+        self, vehicle_id: str, names: Sequence[str], may_lack: Collection[str] = ()
+    ) -> Mapping[str, ParameterValue]:
+        self.asked += names
+        assert {name for name in names if name not in self.values} <= set(may_lack)
+        return {name: self.values[name] for name in names if name in self.values}
+
+
+def test_names_of_other_versions_are_read_only_where_needed() -> None:
+    link = Reading(AS_DELIVERED)
+    values = asyncio.run(read_needed(link, "d1", NEEDED))
+    assert values == {name: AS_DELIVERED[name] for name in link.asked if name in AS_DELIVERED}
+    assert not {"MAV_GCS_SYSID", "ARMING_SKIPCHK"} & set(link.asked)
+    renamed = {name: value for name, value in AS_DELIVERED.items() if name != "SYSID_MYGCS"}
+    link = Reading(renamed | {"MAV_GCS_SYSID": 255})
+    assert asyncio.run(read_needed(link, "d1", NEEDED))["MAV_GCS_SYSID"] == 255
+
+
+def mixed_config() -> Config:
+    raw = show_config(2).model_dump()
+    (link,) = raw["links"]
+    vehicles = [each.model_dump() for each in show_config(2).fleet]
+    link["vehicles"] = [vehicles[0], vehicles[1] | {"autopilot": "ardupilot"}]
+    return Config.model_validate(raw)
+
+
+def test_each_vehicle_of_a_mixed_fleet_has_its_own_requirements() -> None:
+    config = mixed_config()
+    names = [{one.name for one in each} for each in requirements_of(config).values()]
+    assert "COM_OF_LOSS_T" in names[0] - names[1]
+    assert "SYSID_MYGCS" in names[1] - names[0]
+    settings = settings_of(config)
+    assert {"COM_OF_LOSS_T", "SYSID_MYGCS"} <= set(settings)
+    assert not OF_LATER_VERSIONS & set(settings)
+    assert settings["SYSID_MYGCS"] == config.links[0].station_id
