@@ -1,1 +1,1 @@
-"""The fake fleet: PX4-like autopilots over UDP; imports nothing of gcs, only MAVLink bytes connect them."""
+"""The fake fleet: PX4 or ArduPilot over UDP; imports nothing of gcs, only MAVLink bytes connect them."""

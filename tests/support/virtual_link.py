@@ -8,7 +8,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from ipaddress import IPv4Address
-from math import inf
+from math import inf, isnan
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
 from gcs.config.schema import Config
-from gcs.links import Verb
+from gcs.links import Command, Verb
+from gcs.links.autopilots import DEFAULT, Autopilot, CommandLong
 from gcs.links.endpoints.ports import Datagrams, Ports, source_of
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import StreamSettings
@@ -42,8 +43,6 @@ STREAMS_HZ: Final = {message_id: rate_hz for message_id, rate_hz in _RATES_HZ.it
 PORT: Final = 14580
 VEHICLES_AT: Final = int(IPv4Address("10.0.0.1"))
 DUPLICATES_AT: Final = int(IPv4Address("10.0.1.1"))
-
-MODES: Final = {(4.0, 3.0): Verb.HOLD, (6.0, 0.0): Verb.OFFBOARD, (4.0, 5.0): Verb.RETURN}
 
 
 class SentSetpoint(NamedTuple):
@@ -71,6 +70,7 @@ class VirtualPorts(Ports):
         refused: commands that the vehicle denies.
         commands: sent to each vehicle, oldest first.
         requested: parameters that were requested, oldest first.
+        autopilot_of: profiles of the vehicles, by which their commands are read; without: the default.
     """
 
     def __init__(self, ids: Sequence[VehicleId], fleet: Fleet, clock: Callable[[], float]) -> None:
@@ -81,6 +81,7 @@ class VirtualPorts(Ports):
         self.duplicated: set[VehicleId] = set()
         self.refused: set[tuple[VehicleId, Verb]] = set()
         self.commands: dict[VehicleId, list[SentCommand]] = {name: [] for name in ids}
+        self.autopilot_of: Mapping[VehicleId, Autopilot] = {}
         self.requested: list[tuple[VehicleId, str]] = []
         self._ids = (*ids, *(f"row {row}" for row in range(len(ids), len(fleet.autopilots))))
         self.ids = tuple(ids)
@@ -219,7 +220,7 @@ class VirtualPorts(Ports):
         if message_id != common.MAVLINK_MSG_ID_COMMAND_LONG:
             return True
         sent: Any = self._mavlink.decode(bytearray(datagram))
-        verb = _verb(sent)
+        verb = _verb(sent, self.autopilot_of.get(vehicle_id, DEFAULT))
         if verb is not None and sent.confirmation == 0:
             self.commands[vehicle_id].append(SentCommand(now_s, verb))
         if (vehicle_id, verb) not in self.refused:
@@ -257,6 +258,7 @@ class VirtualLink(NativeLink):
         profiles = [profile for link in config.links for profile in link.autopilots]
         autopilot_of = dict(zip(config.ids, profiles, strict=True))
         self.ports = ports or VirtualPorts(names, fleet, clock)
+        self.ports.autopilot_of = autopilot_of
         super().__init__(
             "loop",
             {name: system_id for system_id, name in enumerate(names, start=1)},
@@ -315,15 +317,16 @@ def _message_id(frame: Bytes | bytes) -> int:
     return int(frame[7]) | int(frame[8]) << 8 | int(frame[9]) << 16
 
 
-def _verb(sent: Any) -> Verb | None:
-    """The command of a COMMAND_LONG; None for one that is not a `Verb`."""
-    match sent.command:
-        case common.MAV_CMD_COMPONENT_ARM_DISARM:
-            return Verb.KILL if sent.param2 else Verb.ARM if sent.param1 else Verb.DISARM
-        case common.MAV_CMD_DO_SET_MODE:
-            return MODES.get((sent.param2, sent.param3))
-        case common.MAV_CMD_NAV_TAKEOFF:
-            return Verb.TAKEOFF
-        case common.MAV_CMD_NAV_LAND:
-            return Verb.LAND
+def _verb(sent: Any, autopilot: Autopilot) -> Verb | None:
+    """The command of a COMMAND_LONG; None for one that is not a `Verb`. STANDBY is the mode that it sets."""
+    if sent.command == common.MAV_CMD_COMPONENT_ARM_DISARM:
+        return Verb.KILL if sent.param2 else Verb.ARM if sent.param1 else Verb.DISARM
+    if sent.command == common.MAV_CMD_NAV_TAKEOFF:
+        return Verb.TAKEOFF
+    for verb in (Verb.HOLD, Verb.OFFBOARD, Verb.RETURN, Verb.LAND):
+        (step,) = autopilot.steps(Command("", verb))
+        assert isinstance(step, CommandLong)
+        values = sent.param1, sent.param2, sent.param3
+        if step.command == sent.command and (isnan(step.params[0]) or values == (*step.params, 0.0, 0.0)[:3]):
+            return verb
     return None

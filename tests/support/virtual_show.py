@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from gcs import control
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.formation.obstacles import Ellipse
+from gcs.links.autopilots import DEFAULT
 from gcs.links.batch_link import Link
 from gcs.mavlink import codec, reports
 from gcs.model.errors import GcsError, LinkError
@@ -28,6 +29,7 @@ from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet
+from gcs.sim.mixed import fleet_of
 from gcs.sim.protocol.autopilot import Autopilot
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Mode as PilotMode
@@ -189,7 +191,7 @@ class Show:
     @property
     def true_m(self) -> Array:
         """(n, 3) true positions now, show frame."""
-        return self.service.frame.from_ned(self.fleet.bodies.position_m)
+        return self.service.frame.from_ned(self.fleet.position_m)
 
     def vehicle(self, vehicle_id: VehicleId) -> VehicleView:
         """The service's view of one vehicle."""
@@ -356,9 +358,12 @@ class Flight:
         **fleet_settings: Any,
     ) -> None:
         proper = settings_of(plan)
-        usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "quirks": READY_AT_ONCE}
+        kinds = list(dict.fromkeys(str(vehicle.autopilot) for vehicle in plan.fleet))
+        autopilot = kinds[0] if len(kinds) == 1 else "mixed"  # in turn
+        soon = SOON_DISARMED if DEFAULT.name in kinds else {}
+        usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "quirks": READY_AT_ONCE, "autopilot": autopilot}
         self._settings = {"count": len(plan.ids), **usual, **fleet_settings}
-        self._settings["parameters"] = {**SOON_DISARMED, **proper, **fleet_settings.get("parameters", {})}
+        self._settings["parameters"] = {**soon, **proper, **fleet_settings.get("parameters", {})}
         self._loop = Loop()
         self._show, self._services = self._loop.play(self._begin(plan, failures, record, heart))
 
@@ -379,7 +384,8 @@ class Flight:
     ) -> tuple[Show, set[asyncio.Task[None]]]:
         unix, planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
         settings = Settings(**self._settings)
-        fleet = Fleet(settings, start_s=now_s, unix_at_start_s=unix(), step_s=FLEET_STEP_S)
+        made = fleet_of(settings, start_s=now_s, unix_at_start_s=unix(), step_s=FLEET_STEP_S)
+        fleet = cast("Fleet", made)  # a mixed one has what stories of mixed fleets use
         link = VirtualLink(plan, fleet)
         for failure in failures:
             link.failures.put_nowait(failure)

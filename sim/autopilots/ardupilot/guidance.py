@@ -204,12 +204,14 @@ class Guidance:
         return self.fence.bent(rows, velocity_m_s, from_home_m, state.limit_m_s2[rows])
 
     def _towards(self, rows: Rows, _sensors: Sensors) -> Array:
-        """Fly to the goal at most at WPNAV_SPEED, WPNAV_SPEED_UP and WPNAV_SPEED_DN."""
+        """Fly to the goal, at most at WPNAV_SPEED (a return RTL_SPEED), WPNAV_SPEED_UP and _DN."""
         p, limit_m_s2 = self.parameters, self.state.limit_m_s2[rows]
         way_m = self.state.goal_m[rows] - self.bodies.target_m[rows]
         way_m[(self.state.phase[rows] == Phase.CLIMB) & RETURNS[self.state.mode[rows]], :2] = 0.0
         across_m = np.hypot(way_m[:, 0], way_m[:, 1])
-        speed_m_s = np.minimum(approach_m_s(across_m, limit_m_s2[:, 0]), CM * p["WPNAV_SPEED"][rows])
+        homing = RETURNS[self.state.mode[rows]] & (p["RTL_SPEED"][rows] > 0.0)
+        fastest_m_s = CM * np.where(homing, p["RTL_SPEED"][rows], p["WPNAV_SPEED"][rows])
+        speed_m_s = np.minimum(approach_m_s(across_m, limit_m_s2[:, 0]), fastest_m_s)
         velocity_m_s = way_m * (speed_m_s / np.maximum(across_m, 1e-9))[:, np.newaxis]
         up_m_s, down_m_s = CM * p["WPNAV_SPEED_UP"][rows], CM * p["WPNAV_SPEED_DN"][rows]
         fastest_m_s = np.where(way_m[:, 2] < 0.0, up_m_s, down_m_s)

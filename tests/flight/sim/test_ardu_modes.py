@@ -191,6 +191,16 @@ def test_rtl_above_rtl_alt_stays_at_its_height() -> None:
     assert max(bench.run(0.5).height_m for _ in range(20)) == pytest.approx(20.0, abs=0.4)
 
 
+@pytest.mark.parametrize(("rtl_speed", "speed_m_s"), [(0, 5.0), (250, 2.5)])
+def test_rtl_returns_at_rtl_speed_or_wpnav_speed(rtl_speed: int, speed_m_s: float) -> None:
+    bench = cruising(5.0, height_m=20.0, parameters={"RTL_SPEED": rtl_speed})
+    bench.stream(0.0, 0.0, 0.0)
+    bench.run(9.0)
+    bench.order(Mode.RTL)
+    fastest_m_s = max(-bench.run(0.2).velocity[0] for _ in range(60))
+    assert fastest_m_s == pytest.approx(speed_m_s, abs=0.4)
+
+
 def test_smart_rtl_returns_at_its_height() -> None:
     bench = cruising(5.0)
     bench.order(Mode.SMART_RTL)

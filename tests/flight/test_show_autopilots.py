@@ -1,0 +1,225 @@
+"""Shows of ArduCopters, alone and beside PX4 in one fleet: the same phases, each by its own commands."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from gcs.config.schema import Config
+from gcs.links import Verb
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Orbit
+from gcs.model.state import Mode
+from gcs.service import Outcome, ShowAction, VehicleAction
+from tests.support.virtual_show import Refusal, Show, fly, refused, show_config
+
+COUNT, LOITER = 4, 5
+PX4, ARDUPILOT = "px4", "ardupilot"
+FLEETS = pytest.mark.parametrize("kinds", [(ARDUPILOT, ARDUPILOT), (PX4, ARDUPILOT)], ids=["alone", "mixed"])
+
+
+def config_of(kinds: tuple[str, str], count: int = COUNT, **operation: Any) -> Config:
+    """Vehicles with these autopilots in turn; all fly on equally long without setpoints, and hold then."""
+    settings = {"setpoint_loss_s": 3.0, "setpoint_loss_action": "hold", **operation}
+    raw = show_config(count, operation=settings).model_dump()
+    vehicles = [each.model_dump() for each in show_config(count).fleet]
+    raw["links"][0]["transport"] = "native"  # which decides the system id of the station
+    raw["links"][0]["vehicles"] = [
+        vehicle | {"autopilot": kinds[row % 2]} for row, vehicle in enumerate(vehicles)
+    ]
+    return Config.model_validate(raw)
+
+
+async def start(show: Show) -> Refusal:
+    return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
+
+
+class WholeShow(NamedTuple):
+    violations: int
+    verbs: dict[str, list[Verb]]
+    up_s: list[float]  # when each was commanded to hold above its pad
+    first_setpoint_s: list[float]
+    outcome: Outcome
+
+
+@FLEETS
+def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]) -> None:
+    async def story(show: Show) -> WholeShow:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
+        await show.wait(15.0)
+        stopped = await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        given = show.ports.commands
+        off_s = [next(one.time_s for one in each if one.verb is Verb.TAKEOFF) for each in given.values()]
+        up_s = [
+            next(one.time_s for one in each if one.verb is Verb.HOLD and one.time_s > after_s)
+            for each, after_s in zip(given.values(), off_s, strict=True)
+        ]
+        return WholeShow(
+            show.floor_violations(),
+            {name: [one.verb for one in each] for name, each in given.items()},
+            up_s,
+            [sent[0].time_s for sent in show.ports.sent.values()],
+            stopped.outcome,
+        )
+
+    flown = fly(story, config_of(kinds))
+    assert (flown.violations, flown.outcome) == (0, Outcome.DONE)
+    for verbs in flown.verbs.values():
+        order = [verb for verb in verbs if verb in {Verb.ARM, Verb.TAKEOFF, Verb.LAND}]
+        assert order == [Verb.ARM, Verb.TAKEOFF, Verb.LAND]
+    assert (np.array(flown.first_setpoint_s) > np.array(flown.up_s)).all(), "none before it is up"
+
+
+@FLEETS
+def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
+    """After a landing ArduCopter stays in LAND, in which it cannot be armed."""
+
+    async def story(show: Show) -> tuple[list[Mode], int]:
+        await show.start()
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        await show.wait(9.0)
+        modes = [show.vehicle(name).mode for name in show.config.ids]
+        await show.start()
+        return modes, show.floor_violations()
+
+    modes, violations = fly(story, config_of(kinds))
+    assert violations == 0
+    assert modes == [Mode.HOLD if kinds[row % 2] == PX4 else Mode.OFFBOARD for row in range(COUNT)]
+
+
+@FLEETS
+def test_vehicle_that_loses_its_link_is_kept_clear_of(kinds: tuple[str, str]) -> None:
+    async def story(show: Show) -> tuple[Phase, Phase, int]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
+        await show.wait(8.0)
+        show.ports.silence("d2")
+        await show.wait(15.0)
+        lost = show.vehicle("d2").phase
+        show.ports.restore("d2")
+        await show.wait(15.0)
+        again = show.vehicle("d2").phase
+        return lost, again, show.floor_violations()
+
+    lost, again, violations = fly(story, config_of(kinds))
+    assert (lost, again, violations) == (Phase.LOST, Phase.FORMATION, 0)
+
+
+@FLEETS
+def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, str]) -> None:
+    async def story(show: Show) -> tuple[Phase, str, int, Outcome]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
+        fake: Any = show.fleet.autopilots[1]
+        fake.commander.change_mode(LOITER)
+        await show.wait(1.5)
+        taken = show.vehicle("d2")
+        before = len(show.ports.sent["d2"])
+        await show.wait(1.0)
+        sent = len(show.ports.sent["d2"]) - before
+        back = await show.command("d2", VehicleAction.TAKE_CONTROL)
+        return taken.phase, taken.reason, sent, back.outcome
+
+    phase, reason, sent, outcome = fly(story, config_of(kinds))
+    assert (phase, sent, outcome) == (Phase.PILOT, 0, Outcome.DONE)
+    assert "did not command" in reason
+
+
+def test_ardupilot_as_delivered_is_refused() -> None:
+    async def story(show: Show) -> Refusal:
+        await show.standby()
+        return await start(show)
+
+    delivered = {"SYSID_MYGCS": 255, "WPNAV_ACCEL": 100.0, "FENCE_ENABLE": 0}
+    text = fly(story, config_of((ARDUPILOT, ARDUPILOT), 2), parameters=delivered).text
+    for name in delivered:
+        assert f"{name} is" in text
+
+
+def test_what_a_version_lacks_is_named_before_a_start() -> None:
+    async def story(show: Show) -> tuple[str, ...]:
+        await show.standby()
+        return show.service.preflight.report().not_checked
+
+    (risk,) = [text for text in fly(story, config_of((PX4, ARDUPILOT))) if "GUID_TIMEOUT" in text]
+    assert risk.startswith("d2, d4: no GUID_TIMEOUT: it flies on for 3 s after its last setpoint")
+
+
+@FLEETS
+def test_stalled_service_finds_every_vehicle_and_lands_all(kinds: tuple[str, str]) -> None:
+    """For 5 s nothing is sent: PX4 holds by itself, ArduCopter hovers in GUIDED."""
+
+    async def story(show: Show) -> tuple[int, Outcome]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
+        await show.wait(5.0)
+        show.link.takes_s = 5.0
+        await show.wait(0.2)
+        show.link.takes_s = 0.0
+        await show.wait(6.0)
+        stopped = await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        return show.floor_violations(), stopped.outcome
+
+    assert fly(story, config_of(kinds)) == (0, Outcome.DONE)
+
+
+@FLEETS
+def test_all_vehicles_that_lose_the_station_at_once_stay_apart(kinds: tuple[str, str]) -> None:
+    """Neither setpoints nor heartbeats reach them: each does what its own autopilot does."""
+
+    async def story(show: Show) -> tuple[int, float, set[Mode]]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
+        await show.wait(8.0)
+        show.ports.silence(*show.config.ids)
+        await show.wait(10.0)
+        before_m = show.true_m
+        await show.wait(5.0)
+        moved_m = float(np.linalg.norm(show.true_m - before_m, axis=1).max())
+        show.ports.restore(*show.config.ids)
+        await show.wait(1.5)
+        return show.floor_violations(), moved_m, {show.vehicle(name).mode for name in show.config.ids}
+
+    violations, moved_m, modes = fly(story, config_of(kinds))
+    assert violations == 0
+    assert moved_m < 2.0, "they hover"
+    assert modes <= {Mode.HOLD, Mode.OFFBOARD}
+
+
+def test_lost_station_brings_ardupilot_home() -> None:
+    """By its heartbeat failsafe, which is named when the link is back."""
+
+    async def story(show: Show) -> tuple[list[Mode], str, int]:
+        await show.start()
+        await show.wait(3.0)
+        show.ports.silence(*show.config.ids)
+        await show.wait(12.0)
+        show.ports.restore(*show.config.ids)
+        await show.wait(2.0)
+        seen = show.vehicle("d1")
+        return [show.vehicle(name).mode for name in show.config.ids], seen.reason, show.floor_violations()
+
+    modes, reason, _ = fly(story, config_of((ARDUPILOT, ARDUPILOT), 2, setpoint_loss_action="return"))
+    assert modes == [Mode.RETURN] * 2
+    assert "data-link-loss" in reason
+
+
+def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
+    async def story(show: Show) -> list[tuple[str, float]]:
+        await show.start()
+        record = show.service.commands.kill(["d1"])
+        seen = []
+        for _ in range(12):
+            await show.wait(0.25)
+            where = show.service.view.value.rows.landed[0]
+            seen.append((where.name, float(-show.true_m[0, 2])))
+        assert show.service.command_log.get(record.id).outcome is Outcome.DONE
+        return seen
+
+    seen = fly(story, config_of((ARDUPILOT, ARDUPILOT), 2))
+    assert not any(name == "ON_GROUND" and height_m > 3.5 for name, height_m in seen)
+    assert seen[-1][0] == "ON_GROUND"
