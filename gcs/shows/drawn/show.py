@@ -1,0 +1,100 @@
+"""A drawn show as it was imported: trajectories, lights and yaw of each vehicle, and what the file claims."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from gcs.model.errors import ShapeError
+from gcs.model.frames import ShowFrame
+from gcs.model.state import Array, freeze
+from gcs.shows.drawn.light_programs import LightPrograms
+from gcs.shows.drawn.trajectories import Trajectories
+from gcs.shows.drawn.yaw_programs import YawPrograms
+
+
+@dataclass(frozen=True, slots=True)
+class Claims:
+    """What the file says that the show keeps to. `gcs show check` measures it; None: the file is silent."""
+
+    separation_min_m: float | None = None
+    speed_max_m_s: float | None = None  # sideways
+    climb_max_m_s: float | None = None
+    sink_max_m_s: float | None = None
+    height_max_m: float | None = None  # above the show's origin
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnCue:
+    """A name for a time of the show."""
+
+    name: str
+    at_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FencePolygon:
+    """A polygon of the file's fence, on the ground, show frame."""
+
+    points_m: Array  # (k, 2) x and y
+    inside: bool = True  # vehicles stay inside; False: outside
+
+    def __post_init__(self) -> None:
+        """Raises: ShapeError when the points are not (k, 2)."""
+        freeze(self.points_m, (len(self.points_m), 2), "points_m")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnShow:
+    """A drawn show of n vehicles; row i of every array belongs to `vehicles[i]`.
+
+    Positions are metres in the show frame (x along the heading, y to its right, z down), whatever the file's
+    axes. Times are seconds of the show's clock. Before its take-off time a vehicle stands at its home, from
+    its landing time on where it ends; take-off and landing are part of a trajectory only if the drawing has
+    them.
+    """
+
+    title: str
+    vehicles: tuple[str, ...]  # n names, as the file has them
+    trajectories: Trajectories
+    lights: LightPrograms
+    yaw: YawPrograms
+    home_m: Array  # (n, 3) where the drawing puts each vehicle on the ground
+    takeoff_s: Array  # (n,)
+    landing_s: Array  # (n,)
+    origin: ShowFrame | None = None  # None: the file names no place on Earth
+    cues: tuple[DrawnCue, ...] = ()
+    claims: Claims = Claims()
+    fence: tuple[FencePolygon, ...] = ()
+    notes: tuple[str, ...] = ()  # what of the file is not used, in words for an operator
+
+    def __post_init__(self) -> None:
+        """Raises: ShapeError when a part has another number of vehicles."""
+        count = len(self.vehicles)
+        freeze(self.home_m, (count, 3), "home_m")
+        freeze(self.takeoff_s, (count,), "takeoff_s")
+        freeze(self.landing_s, (count,), "landing_s")
+        if not len(self.trajectories) == len(self.lights) == len(self.yaw) == count:
+            parts = f"{len(self.trajectories)} trajectories, {len(self.lights)} light programs"
+            raise ShapeError(f"{parts} and {len(self.yaw)} yaw programs for {count} vehicles")
+
+    def __len__(self) -> int:
+        """Return the number of vehicles."""
+        return len(self.vehicles)
+
+    @property
+    def duration_s(self) -> float:
+        """Time at which the last vehicle ends."""
+        return float(self.trajectories.end_s.max())
+
+    def of_vehicles(self, rows: Sequence[int]) -> "DrawnShow":
+        """Return the show of some vehicles, in that order: rows of another assignment to pads, or fewer."""
+        at = list(rows)
+        return replace(
+            self,
+            vehicles=tuple(self.vehicles[row] for row in at),
+            trajectories=self.trajectories.of_vehicles(at),
+            lights=self.lights.of_vehicles(at),
+            yaw=self.yaw.of_vehicles(at),
+            home_m=self.home_m[at],
+            takeoff_s=self.takeoff_s[at],
+            landing_s=self.landing_s[at],
+        )
