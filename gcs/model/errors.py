@@ -3,8 +3,9 @@
 GcsError
 ├── ShapeError       an array has the wrong shape (a bug in the caller)
 ├── ConfigError      a configuration file contains an impossible value
-│   └── FileError    names the line of every problem
-│       └── ShowError    of a show file; also names the cue
+│   ├── FileError    names the line of every problem
+│   │   └── ShowError    of a show file; also names the cue
+│   └── DrawingError a file of another program with a drawn show; names the place in it
 ├── InvalidError     a value from outside is out of range; names the field and what is allowed
 ├── AccessError      the caller may not do this, or calls too often
 ├── RefusedError     a proper request at the wrong moment; gives the reason
@@ -97,6 +98,20 @@ class FileError(ConfigError):
 
 class ShowError(FileError):
     """A show that cannot be flown."""
+
+
+class DrawingError(ConfigError):
+    """A drawn show that cannot be imported.
+
+    Attributes:
+        place: file, entry and path of what is wrong, for example ``a.skyc: show.json: swarm.drones[3]``.
+        problem: what is wrong, and what would be right.
+    """
+
+    def __init__(self, place: str, problem: str) -> None:
+        super().__init__(f"{place}: {problem}")
+        self.place = place
+        self.problem = problem
 
 
 class InvalidError(GcsError):

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.model.errors import ShapeError
 from gcs.model.state import Array
-from gcs.shows.drawn.piece_index import PieceIndex
+from gcs.shows.drawn.piece_index import PieceIndex, Rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,16 +52,16 @@ class LightPrograms:
         """Return the number of vehicles."""
         return len(self.index)
 
-    def at(self, time_s: float | Array) -> Array:
-        """(n, 3) Red, green and blue, 0 to 255, fades not rounded, at one time or at one for each vehicle."""
-        rows, since_s = self.index.at(time_s)
+    def at(self, time_s: float | Array, vehicles: Rows | None = None) -> Array:
+        """(n, 3) Red, green and blue, 0 to 255, fades not rounded; arguments as of `Trajectories.at`."""
+        rows, since_s = self.index.at(time_s, vehicles)
         share = np.minimum(since_s / self.durations_s[rows], 1.0)[:, None]
         before = self.before[rows].astype(np.float64)
         return np.asarray(before + share * (self.after[rows] - before))
 
-    def colours_at(self, time_s: float | Array) -> NDArray[np.uint8]:
-        """(n, 3) Red, green and blue at a time, rounded."""
-        return np.asarray(np.rint(self.at(time_s)).astype(np.uint8))
+    def colours_at(self, time_s: float | Array, vehicles: Rows | None = None) -> NDArray[np.uint8]:
+        """(n, 3) Red, green and blue, rounded; arguments as of `Trajectories.at`."""
+        return np.asarray(np.rint(self.at(time_s, vehicles)).astype(np.uint8))
 
     def of_vehicle(self, row: int) -> LightProgram:
         """Return one vehicle's program."""

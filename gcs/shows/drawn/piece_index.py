@@ -50,13 +50,18 @@ class PieceIndex:
         """Return the number of vehicles."""
         return len(self.first) - 1
 
-    def at(self, time_s: float | Array) -> tuple[Rows, Array]:
-        """Return (n,) rows of the pieces that hold, and (n,) seconds since each began.
+    def at(self, time_s: float | Array, vehicles: Rows | None = None) -> tuple[Rows, Array]:
+        """Return (k,) rows of the pieces that hold, and (k,) seconds since each began.
 
-        A time before the first piece counts as its start. `time_s` is one time, or one for each vehicle.
+        A time before the first piece counts as its start.
+
+        Args:
+            time_s: one time, or (k,) one for each row that is asked for.
+            vehicles: (k,) rows of vehicles, in any order, also repeated; None: all n, in order.
         """
-        offsets_s = _STRIDE_S * np.arange(len(self))
-        first_s = self.keys[self.first[:-1]]
+        asked = np.arange(len(self)) if vehicles is None else vehicles
+        offsets_s = _STRIDE_S * asked
+        first_s = self.keys[self.first[asked]]
         sought = np.maximum(np.minimum(time_s, TIME_MAX_S) + offsets_s, first_s)
         rows = np.searchsorted(self.keys, sought, side="right") - 1
         return rows, sought - self.keys[rows]

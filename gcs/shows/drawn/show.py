@@ -61,6 +61,9 @@ class DrawnShow:
     takeoff_s: Array  # (n,)
     landing_s: Array  # (n,)
     origin: ShowFrame | None = None  # None: the file names no place on Earth
+    show_s: tuple[float, float] | None = (
+        None  # from when to when the drawing is the show, between take-off and landing
+    )
     cues: tuple[DrawnCue, ...] = ()
     claims: Claims = Claims()
     fence: tuple[FencePolygon, ...] = ()

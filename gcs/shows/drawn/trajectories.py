@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.model.errors import ShapeError
 from gcs.model.state import Array, freeze
-from gcs.shows.drawn.piece_index import TIME_MAX_S, PieceIndex
+from gcs.shows.drawn.piece_index import TIME_MAX_S, PieceIndex, Rows
 
 DEGREE_MAX: Final = 7
 """Of a piece: Skybrush's Bezier curves and Crazyswarm's polynomials go up to it."""
@@ -112,16 +112,19 @@ class Trajectories:
         """Return the number of vehicles."""
         return len(self.begin_s)
 
-    def at(self, time_s: float | Array) -> Motion:
-        """Return what all vehicles do at a time of the show.
+    def at(self, time_s: float | Array, vehicles: Rows | None = None) -> Motion:
+        """Return what all vehicles do at a time of the show, as (n, 3) arrays.
 
         At the time at which two pieces meet, the later one counts. Before its first time a vehicle rests
         where it begins, from its last time on where it ends.
 
         Args:
             time_s: one time for all vehicles, or (n,) one for each: a vehicle that lags has its own.
+            vehicles: (k,) rows to return in place of all n, in any order, also repeated; then `time_s` is one
+                time or (k,).
         """
-        rows, since_s = self.index.at(np.minimum(time_s, self.end_s))
+        begin_s, end_s = (self.begin_s, self.end_s) if vehicles is None else self._span_s(vehicles)
+        rows, since_s = self.index.at(np.minimum(time_s, end_s), vehicles)
         duration_s = self.durations_s[rows]
         u = np.minimum(since_s / duration_s, 1.0)[:, None]
         coefficients_m = self.coefficients_m[rows]
@@ -131,9 +134,12 @@ class Trajectories:
             acceleration_m = acceleration_m * u + velocity_m
             velocity_m = velocity_m * u + position_m
             position_m = position_m * u + coefficients_m[:, power]
-        moves = ((time_s >= self.begin_s) & (time_s < self.end_s)) / duration_s
+        moves = ((time_s >= begin_s) & (time_s < end_s)) / duration_s
         rate = moves[:, None]
         return Motion(position_m, velocity_m * rate, 2.0 * acceleration_m * rate**2)
+
+    def _span_s(self, vehicles: Rows) -> tuple[Array, Array]:
+        return self.begin_s[vehicles], self.end_s[vehicles]
 
     def positions_m(self, times_s: Array) -> Array:
         """(k, n, 3) Positions at k times, show frame."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.model.errors import ShapeError
 from gcs.model.state import Array
-from gcs.shows.drawn.piece_index import PieceIndex
+from gcs.shows.drawn.piece_index import PieceIndex, Rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,9 +52,12 @@ class YawPrograms:
         """Return the number of vehicles."""
         return len(self.index)
 
-    def at(self, time_s: float | Array) -> Array:
-        """(n,) Yaw in rad, clockwise from the show's x axis, not wrapped; NaN where the drawing has none."""
-        rows, since_s = self.index.at(time_s)
+    def at(self, time_s: float | Array, vehicles: Rows | None = None) -> Array:
+        """(n,) Yaw in rad, clockwise from the show's x axis, not wrapped; NaN where the drawing has none.
+
+        Arguments as of `Trajectories.at`.
+        """
+        rows, since_s = self.index.at(time_s, vehicles)
         return np.asarray(self.yaw_rad[rows] + self.rate_rad_s[rows] * since_s)
 
     def of_vehicle(self, row: int) -> YawProgram:

@@ -72,6 +72,13 @@ def test_each_vehicle_may_have_its_own_time() -> None:
         assert together.velocity_m_s[row] == pytest.approx(fleet.at(time_s).velocity_m_s[row])
 
 
+def test_some_vehicles_at_some_times() -> None:
+    fleet, times_s = _fleet(), np.array([3.0, 9.0, 21.0, 3.0])
+    asked = fleet.at(times_s, np.array([5, 5, 0, 11]))
+    for place_m, time_s, row in zip(asked.position_m, times_s.tolist(), (5, 5, 0, 11), strict=True):
+        assert place_m == pytest.approx(fleet.at(time_s).position_m[row])
+
+
 def test_a_trajectory_of_one_point_stands_there() -> None:
     fleet = Trajectories.joined([Trajectory(np.array([5.0]), np.array([[[1.0, 2.0, -3.0]]]))])
     for time_s in (0.0, 5.0, 99.0):

@@ -1,0 +1,97 @@
+"""Reads a zip archive that is not trusted, in memory: size, entries and expansion are bounded."""
+
+import io
+import posixpath
+import zipfile
+import zlib
+from typing import Final
+from urllib.parse import unquote
+
+from gcs.model.errors import DrawingError, quoted
+
+ARCHIVE_MAX_BYTES: Final = 64 * 1024**2
+ENTRIES_MAX: Final = 10_000
+"""1,000 vehicles with some files each."""
+
+ENTRY_MAX_BYTES: Final = 24 * 1024**2
+TOTAL_MAX_BYTES: Final = 256 * 1024**2
+"""Of everything that is read from one archive; an entry that is read twice counts twice."""
+
+RATIO_MAX: Final = 200
+"""Most that an entry beyond `SMALL_BYTES` may expand; deflate reaches 1,032, numbers as text about 20."""
+
+SMALL_BYTES: Final = 1024**2
+_ENTRY_SIGNATURE: Final = b"PK\x01\x02"
+_BROKEN: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    OSError,
+    ValueError,
+    NotImplementedError,
+    RuntimeError,
+)
+"""Of zipfile: not a zip, corrupt, cut off; an unknown compression; encrypted (RuntimeError)."""
+
+
+class Archive:
+    """An archive in memory. Raises: DrawingError, on creation and from `read`, naming file and entry."""
+
+    def __init__(self, data: bytes, file: str) -> None:
+        """`file` names the archive in errors."""
+        self.file = file
+        self._read_bytes = 0
+        if len(data) > ARCHIVE_MAX_BYTES:
+            raise DrawingError(file, f"{len(data)} bytes: at most {ARCHIVE_MAX_BYTES} are accepted")
+        if data.count(_ENTRY_SIGNATURE) > ENTRIES_MAX:  # before zipfile makes an object for each
+            raise DrawingError(file, f"more than {ENTRIES_MAX} entries")
+        try:
+            self._zip = zipfile.ZipFile(io.BytesIO(data))
+        except _BROKEN as error:
+            raise DrawingError(file, f"not a zip archive that can be read: {error}") from None
+        self._infos = {info.filename: info for info in self._zip.infolist() if not info.is_dir()}
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the entries, in the archive's order, without those that a file manager adds."""
+        return [
+            name
+            for name in self._infos
+            if not name.startswith("__MACOSX/") and not _base(name).startswith(".")
+        ]
+
+    def read(self, name: str) -> bytes:
+        """Return one entry's content."""
+        place = f"{self.file}: {name}"
+        info = self._infos.get(name)
+        if info is None:
+            raise DrawingError(self.file, f"there is no entry {quoted(name)}")
+        if info.file_size > ENTRY_MAX_BYTES:
+            raise DrawingError(place, f"{info.file_size} bytes: at most {ENTRY_MAX_BYTES} in one entry")
+        if info.file_size > max(SMALL_BYTES, RATIO_MAX * info.compress_size):
+            raise DrawingError(
+                place, f"{info.compress_size} bytes expand to {info.file_size}: at most {RATIO_MAX} times"
+            )
+        self._read_bytes += info.file_size
+        if self._read_bytes > TOTAL_MAX_BYTES:
+            raise DrawingError(place, f"with the entries before it more than {TOTAL_MAX_BYTES} bytes")
+        try:
+            with self._zip.open(info) as entry:
+                content = entry.read(info.file_size + 1)
+        except _BROKEN as error:
+            raise DrawingError(place, f"cannot be read: {error}") from None
+        return content
+
+    def resolve(self, base: str, reference: str) -> str:
+        """Return the name of the entry that a reference in entry `base` means, for example ``./a.json#``."""
+        path, _, fragment = unquote(reference).partition("#")
+        name = posixpath.normpath(posixpath.join(posixpath.dirname(base), path))
+        if fragment.strip("/"):
+            raise DrawingError(
+                f"{self.file}: {base}", f"$ref {quoted(reference)}: only whole entries, without #/path"
+            )
+        return name
+
+
+def _base(name: str) -> str:
+    return name.rsplit("/", 1)[-1]

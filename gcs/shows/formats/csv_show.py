@@ -1,0 +1,138 @@
+"""Reads and writes Skybrush's CSV: a zip archive with one file per drone, samples of position and colour.
+
+A row is time in ms, x, y, z in m and, if it has them, red, green, blue from 0 to 255. Axes are those of
+`.skyc`. Source, as facts: skybrush-io/studio-blender, addons/io_export_skybrush_csv.py and
+operators/import_from_csv.py.
+"""
+
+import io
+import zipfile
+from typing import Final
+
+import numpy as np
+
+from gcs.model.errors import DrawingError
+from gcs.model.state import Array
+from gcs.shows.drawn import DrawnShow, LightPrograms, Trajectories, Trajectory, YawPrograms
+from gcs.shows.drawn.light_programs import LightProgram
+from gcs.shows.drawn.piece_index import TIME_MAX_S
+from gcs.shows.drawn.yaw_programs import NO_YAW
+from gcs.shows.format import MAX_VEHICLES
+from gcs.shows.formats.archive import Archive
+from gcs.shows.formats.csv_table import NUMBERS_MAX, table
+from gcs.shows.formats.polynomials import COLUMNS as POLYNOMIAL_COLUMNS
+from gcs.shows.formats.polynomials import polynomial_show
+from gcs.shows.formats.samples import COORDINATE_MAX_M, NWU, through_samples
+
+HEADER: Final = "Time_msec,X,Y,Z,R,G,B"
+WRITTEN_HZ: Final = 5.0
+
+
+def read_csv_zip(data: bytes, file: str) -> DrawnShow:
+    """Read a zip of CSV files: Skybrush's, or polynomials of Crazyswarm. Raises: DrawingError."""
+    archive = Archive(data, file)
+    names = [name for name in archive.names if name.lower().endswith(".csv")]
+    if not 1 <= len(names) <= MAX_VEHICLES:
+        raise DrawingError(
+            file, f"{len(names)} CSV files: 1 to {MAX_VEHICLES}, one for each drone, are needed"
+        )
+    tables: list[Array] = []
+    numbers = 0
+    for name in names:
+        content = archive.read(name)
+        numbers += content.count(b",")
+        if numbers > NUMBERS_MAX:
+            raise DrawingError(f"{file}: {name}", f"more than {NUMBERS_MAX} numbers with the files before it")
+        tables.append(table(content, f"{file}: {name}", (4, 7, POLYNOMIAL_COLUMNS)))
+        if tables[-1].shape[1] != tables[0].shape[1]:
+            columns = f"{tables[-1].shape[1]} columns, {tables[0].shape[1]} in {names[0]}"
+            raise DrawingError(f"{file}: {name}", columns)
+    places = [f"{file}: {name}" for name in names]
+    vehicles = tuple(name.rsplit("/", 1)[-1][:-4] for name in names)
+    if tables[0].shape[1] == POLYNOMIAL_COLUMNS:
+        return polynomial_show(tables, vehicles, places)
+    for rows, place in zip(tables, places, strict=True):
+        _check(rows, place)
+    trajectories = [through_samples(rows[:, 0] / 1e3, rows[:, 1:4] * NWU) for rows in tables]
+    return sampled_show(trajectories, [_colours(rows) for rows in tables], vehicles)
+
+
+def sampled_show(
+    trajectories: list[Trajectory], lights: list[LightProgram], vehicles: tuple[str, ...]
+) -> DrawnShow:
+    """Return a show of a file that has nothing but trajectories and lights."""
+    return DrawnShow(
+        title="",
+        vehicles=vehicles,
+        trajectories=Trajectories.joined(trajectories),
+        lights=LightPrograms.joined(lights),
+        yaw=YawPrograms.joined([NO_YAW] * len(vehicles)),
+        home_m=np.stack([one.coefficients_m[0, 0] for one in trajectories]),
+        takeoff_s=np.array([one.times_s[0] for one in trajectories]),
+        landing_s=np.array([one.times_s[-1] for one in trajectories]),
+    )
+
+
+def _check(rows: Array, place: str) -> None:
+    """Raises: DrawingError for times, positions or colours out of bounds."""
+    times_ms = rows[:, 0]
+    wrong = ~((times_ms >= 0.0) & (times_ms <= TIME_MAX_S * 1e3))
+    wrong[1:] |= ~(np.diff(times_ms) > 0.0)
+    checks = (
+        (wrong, f"times from 0 to {TIME_MAX_S * 1e3:g} ms that increase"),
+        (~(np.abs(rows[:, 1:4]) <= COORDINATE_MAX_M).all(axis=1), f"positions within {COORDINATE_MAX_M:g} m"),
+        (~((rows[:, 4:] >= 0.0) & (rows[:, 4:] <= 255.0)).all(axis=1), "colours from 0 to 255"),
+    )
+    for flawed, needed in checks:
+        if flawed.any():
+            at = int(np.argmax(flawed))
+            shown = ", ".join(f"{value:g}" for value in rows[at].tolist())
+            raise DrawingError(f"{place}: row {at + 1}", f"{shown}: {needed} are needed")
+
+
+def _colours(rows: Array) -> LightProgram:
+    """Return fades between the samples' colours; white where the file has none."""
+    rgb = (
+        np.rint(rows[:, 4:]).astype(np.uint8)
+        if rows.shape[1] == 7
+        else np.full((len(rows), 3), 255, np.uint8)
+    )
+    times_s = rows[:, 0] / 1e3
+    if times_s[0] > 0.0:
+        times_s, rgb = np.append(0.0, times_s), np.concatenate([rgb[:1], rgb])
+    if len(times_s) == 1:
+        times_s, rgb = np.array([0.0, 1.0]), np.concatenate([rgb, rgb])
+    return LightProgram(times_s, rgb[:-1], rgb[1:])
+
+
+def write_csv_zip(show: DrawnShow) -> bytes:
+    """Return the show as a zip of CSV files: rows at `WRITTEN_HZ`, and where a drone's colour changes."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        regular_s = sample_times_s(show, WRITTEN_HZ)
+        for row in range(len(show)):
+            archive.writestr(f"drone_{row + 1:04d}.csv", _file(show, row, regular_s))
+    return content.getvalue()
+
+
+def _file(show: DrawnShow, row: int, regular_s: Array) -> str:
+    """Return the rows of one vehicle; a step of its colour has rows 1 ms apart."""
+    knots_s = np.round(show.lights.index.starts_s(row), 3)
+    times_s = np.unique(np.round(np.concatenate([regular_s, knots_s, knots_s - 0.001]), 3))
+    times_s = times_s[(times_s >= 0.0) & (times_s <= regular_s[-1])]
+    vehicles = np.full(len(times_s), row)
+    places_m = (show.trajectories.at(times_s, vehicles).position_m * NWU).tolist()
+    colours = show.lights.colours_at(times_s, vehicles).tolist()
+    lines = [
+        f"{round(time_s * 1e3)},{x_m:.6f},{y_m:.6f},{z_m:.6f},{red},{green},{blue}"
+        for time_s, (x_m, y_m, z_m), (red, green, blue) in zip(
+            times_s.tolist(), places_m, colours, strict=True
+        )
+    ]
+    return "\n".join((HEADER, *lines)) + "\n"
+
+
+def sample_times_s(show: DrawnShow, rate_hz: float) -> Array:
+    """(k,) Times from 0 to the end of the show, at least two, at a constant rate; whole milliseconds."""
+    count = max(int(np.ceil(show.duration_s * rate_hz)), 1)
+    return np.round(np.arange(count + 1) / rate_hz, 3)
