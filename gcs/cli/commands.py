@@ -55,7 +55,7 @@ OPTIONS: Final = "options"
 COMMANDS: Final = {
     "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
     "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
-    "show": Command("simulate", "check, draw or hash a show file", options=OPTIONS),
+    "show": Command("simulate", "check, draw, hash, import or export a show file", options=OPTIONS),
     "params": Command(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),

@@ -64,6 +64,19 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     for action in (check, plot):
         action.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
     plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
+    brought = actions.add_parser("import", help="make a show of a file that another program wrote")
+    brought.add_argument("file", metavar="FILE", help="a .skyc, a .zip of CSV files, or a polynomial's .csv")
+    brought.add_argument("-o", "--output", required=True, metavar="NAME.yaml", help="the show file to write")
+    brought.add_argument("--origin", metavar="LAT,LON,ALT,HEADING", help="of the show; as the file has it")
+    brought.add_argument(
+        "--endurance", type=float, default=900.0, metavar="S", help="of a vehicle in the air; 900"
+    )
+    taken = actions.add_parser("export", help="write a show for other programs: as drawn, or as it flies")
+    taken.add_argument("file", metavar="FILE", help="a show file, or the name of one that is shipped")
+    taken.add_argument(
+        "-o", "--output", required=True, metavar="OUT", help="a .skyc, a .vviz, or a .zip of CSV files"
+    )
+    taken.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
     check.add_argument(
         "--model",
         action="store_true",

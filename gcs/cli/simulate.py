@@ -90,6 +90,10 @@ def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Run the command. Returns: 0; 1 when the show fails its check. Raises: ConfigError for a bad file."""
+    if arguments.action in {"import", "export"}:
+        from gcs.cli import drawn_shows  # noqa: PLC0415  (imported for these two only)
+
+        return getattr(drawn_shows, f"{arguments.action}_show")(arguments)
     if arguments.action == "check":
         return _check(arguments)
     loaded = load(find(arguments.file))

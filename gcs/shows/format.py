@@ -138,8 +138,18 @@ CueTarget: TypeAlias = Annotated[
 ]
 
 
+class DrawnPart(Settings):
+    """Part of the drawing that is played from a cue on, at the drawing's own speed."""
+
+    from_s: NotNegative = 0.0  # times of the drawing
+    to_s: Positive
+
+
 class Cue(Settings):
-    """Changes at one time; all other values stay as they are."""
+    """Changes at one time; all other values stay as they are.
+
+    With `trajectories` the drawing leads, up to the next cue; else the law leads.
+    """
 
     cue: Name
     at_s: NotNegative
@@ -151,6 +161,14 @@ class Cue(Settings):
     spin: Spin | None = None
     obstacles: Obstacles = Obstacles()
     lights: Annotated[tuple[Colour, ...], Field(min_length=1)] | None = None
+    trajectories: DrawnPart | None = None
+
+
+class Drawing(Settings):
+    """The file of a drawn show, beside the show file."""
+
+    source: Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,80}\.(skyc|zip|csv)$")]
+    sha256: Annotated[StrictStr, Field(pattern=r"^[0-9a-f]{64}$")]  # of its bytes
 
 
 class Loop(Settings):
@@ -165,6 +183,8 @@ class Show(Settings):
     """A whole show file."""
 
     about: Annotated[StrictStr, Field(min_length=1)]
+    kind: Literal["formation", "trajectories"] = "formation"
+    drawing: Drawing | None = None  # of the kind `trajectories`; its cues may play parts of it
     origin: Origin
     fleet: Fleet
     limits: ShowLimits = ShowLimits()

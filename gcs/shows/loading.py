@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from hashlib import sha256
 from math import hypot
 from pathlib import Path
 
@@ -13,11 +14,15 @@ from gcs.config.sections import OperationSettings
 from gcs.config.setting_errors import Misfit, misfits
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
-from gcs.model.errors import FileError, Problem, ShowError
+from gcs.model.errors import ConfigError, FileError, Problem, ShowError
 from gcs.model.frames import ShowFrame
-from gcs.shows.format import Show
+from gcs.shows.drawn import DrawnShow
+from gcs.shows.drawn_parts import drawing_flaws
+from gcs.shows.flaws import Flaw
+from gcs.shows.format import Drawing, Show
+from gcs.shows.formats import read_drawing
 from gcs.shows.timeline import Timeline
-from gcs.shows.validation import Flaw, flaws
+from gcs.shows.validation import flaws
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,13 +34,14 @@ class LoadedShow:
     show: Show
     timeline: Timeline
     source: Source
+    drawing: DrawnShow | None = None  # of a show of kind 'trajectories'
 
     def problem(self, flaw: Flaw) -> Problem:
         return located(flaw, self.source, [cue.cue for cue in self.show.timeline])
 
 
 def load(path: Path) -> LoadedShow:
-    """Read and check a show file.
+    """Read and check a show file, and its drawing beside it.
 
     Raises: ShowError with everything that is wrong with it; ConfigError when it cannot be read.
     """
@@ -43,21 +49,36 @@ def load(path: Path) -> LoadedShow:
 
 
 def parse(text: str, file: str) -> LoadedShow:
-    """Parse the show in `text`; `file` names it in errors. Raises: ShowError."""
+    """Parse the show in `text`. `file` names it in errors; a drawing lies beside it. Raises: ShowError."""
     try:
         source = Source(text, file)
         raw = source.mapping("about, origin, fleet, fence, timeline and duration_s")
     except FileError as error:
         raise ShowError(error.file, error.problems) from None
-    show = None
+    show = drawing = None
     try:
         show = Show.model_validate(raw)
         found = flaws(show)
+        if not found and show.drawing is not None:
+            drawing, found = _drawing(show, show.drawing, Path(file).parent)
     except ValidationError as error:
         found = [Flaw(misfit.loc, _within_cue(misfit)) for misfit in misfits(error, Show, source)]
     if found or show is None:
         raise ShowError(file, [located(flaw, source, _names(raw)) for flaw in found])
-    return LoadedShow(Path(file).stem, file, show, Timeline.of(show), source)
+    return LoadedShow(Path(file).stem, file, show, Timeline.of(show), source, drawing)
+
+
+def _drawing(show: Show, named: Drawing, folder: Path) -> tuple[DrawnShow | None, list[Flaw]]:
+    """Return the drawing of a show, and what is wrong with it."""
+    try:
+        drawing, data = read_drawing(folder / named.source)
+    except ConfigError as error:
+        return None, [Flaw(("drawing", "source"), str(error))]
+    found = sha256(data).hexdigest()
+    if found != named.sha256:
+        text = f"sha256: {named.source} has {found}: it has changed, import it again"
+        return None, [Flaw(("drawing", "sha256"), text)]
+    return drawing, list(drawing_flaws(show, drawing))
 
 
 def located(flaw: Flaw, source: Source, cues: list[str | None]) -> Problem:
@@ -95,7 +116,9 @@ def service_flaws(
     show: Show, frame: ShowFrame, control: ControlSettings, operation: OperationSettings, vehicles: int
 ) -> list[Flaw]:
     """Return all reasons why a service with so many vehicles would not fly the show as checked."""
+    drawn = [Flaw(("drawing",), "drawing: this service does not fly it yet")] if show.drawing else []
     return [
+        *drawn,
         *_origin(show, frame),
         *_limits(show, control),
         *_take_off(show, operation),

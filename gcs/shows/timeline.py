@@ -1,4 +1,4 @@
-"""The timeline of a show: loops written out, smooth transitions, the plan at any time, and its clock. Pure.
+"""The timeline of a show: loops written out, smooth transitions, the plan at any time. Pure.
 
 Time is the show's own, in seconds: 0 is when the first cue's sphere is assembled (decision 0011).
 """
@@ -12,9 +12,9 @@ import numpy as np
 import scipy  # its parts are loaded on first use: 30 MB, which most flights do not need
 from numpy.typing import NDArray
 
-from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
+from gcs.shows.drawn_parts import PlayedPart, drawn_s
 from gcs.shows.format import Box, Cue, Loop, Path, Place, Show, Spin
 
 RATE = 15.0 / 8.0
@@ -158,6 +158,7 @@ class Timeline:
     legs: tuple[Leg, ...]
     orbits: tuple[tuple[float, Orbit], ...]  # from when on
     obstacles: tuple[tuple[float, tuple[Obstacle, ...]], ...]  # from when on
+    parts: tuple[PlayedPart, ...] = ()  # of the drawing
 
     @staticmethod
     def of(show: Show) -> "Timeline":
@@ -211,6 +212,11 @@ class Timeline:
     def _formation(self) -> tuple[Track, Track, Track]:
         return self.radius_m, self.height_m, self.spin_rad_s
 
+    def drawn_s(self, time_s: float) -> float | None:
+        """Return the drawing's time at a time of the show; None while the law leads, as `plan_at` says."""
+        part = self.cue_at(time_s).cue.trajectories
+        return None if part is None else drawn_s(self.parts, time_s)
+
     def colours_at(self, time_s: float) -> NDArray[np.uint8]:
         """(n, 3) Red, green and blue of every vehicle's light, in the fleet's order."""
         return np.asarray(np.rint(self.lights.value(time_s)).astype(np.uint8))
@@ -241,21 +247,29 @@ class _Writer:
     def written(self) -> Timeline:
         show = self._show
         played = written_out(show.timeline, show.loops)
+        first = next((one for one in played if one.cue.trajectories is None), None)
+        parts: list[PlayedPart] = []
         for one in played:
-            self._begin(one) if one is played[0] else self._change(one)
+            self._stand(one)
+            if (part := one.cue.trajectories) is not None:
+                parts.append(PlayedPart(one.index, one.at_s, part.from_s, part.to_s))
+            else:
+                self._begin(one) if one is first else self._change(one)
+        if first is None:
+            self._begin(replace(played[0], cue=_stand_in(show)))
         radius, height, spin, lights = (Track(tuple(glides)) for glides in self._glides.values())
         legs, orbits, obstacles = tuple(self._legs), tuple(self._orbits), tuple(self._obstacles)
-        return Timeline(show, total_s(show), played, radius, height, spin, lights, legs, orbits, obstacles)
+        values = radius, height, spin, lights
+        return Timeline(show, total_s(show), played, *values, legs, orbits, obstacles, tuple(parts))
 
     def _begin(self, one: Played) -> None:
-        """Lay out the first cue: its values hold at once."""
+        """Lay out the law's first cue: its values hold from the beginning."""
         cue, count = one.cue, self._show.fleet.vehicles
         self._set("radius_m", one, np.array([cue.radius_m or 0.0]))
         self._set("height_m", one, np.array([cue.height_m or 0.0]))
         self._set("spin", one, np.array([_rate_rad_s(cue.spin)]))
         self._set("lights", one, _colours(cue.lights or ("#000000",), count))
         self._orbits.append((0.0, Orbit() if cue.orbit is None else Orbit(**cue.orbit.model_dump())))
-        self._obstacles.append((0.0, tuple(map(obstacle_of, cue.obstacles.appear))))
         place = cue.target if isinstance(cue.target, Place) else Place(x_m=0.0, y_m=0.0)
         if isinstance(cue.target, Path) and cue.target.path[0].after_s == 0.0:
             place = cue.target.path[0]
@@ -263,6 +277,14 @@ class _Writer:
         self._legs.append(Glide(0.0, 0.0, place_m, place_m, one.index))
         if isinstance(cue.target, Path) or cue.target == "live":
             self._target(one)
+
+    def _stand(self, one: Played) -> None:
+        """Lay out the obstacles of a cue."""
+        appear, go = one.cue.obstacles.appear, one.cue.obstacles.go
+        if appear or go or not self._obstacles:
+            before = self._obstacles[-1][1] if self._obstacles else ()
+            stays = [box for box in before if box.id not in go]
+            self._obstacles.append((one.at_s, (*stays, *map(obstacle_of, appear))))
 
     def _set(self, what: str, one: Played, value: Array) -> None:
         self._glides[what].append(Glide(0.0, 0.0, value, value, one.index))
@@ -272,9 +294,6 @@ class _Writer:
         cue, limits = one.cue, self._limits
         if cue.orbit is not None:
             self._orbits.append((one.at_s, Orbit(**cue.orbit.model_dump())))
-        if cue.obstacles.appear or cue.obstacles.go:
-            stays = [box for box in self._obstacles[-1][1] if box.id not in cue.obstacles.go]
-            self._obstacles.append((one.at_s, (*stays, *map(obstacle_of, cue.obstacles.appear))))
         sizes = (
             ("radius_m", cue.radius_m, limits.radius_rate_max_m_s),
             ("height_m", cue.height_m, limits.formation_climb_max_m_s),
@@ -336,6 +355,11 @@ class _Writer:
         return speed, turn
 
 
+def _stand_in(show: Show) -> Cue:
+    """Return a cue of the law for a show that is drawn all along; it never leads."""
+    return Cue(cue="none", at_s=0.0, radius_m=1.0, height_m=show.fleet.takeoff_height_m)
+
+
 def turning(orbit: Orbit) -> tuple[float, float]:
     """Speed in m/s and acceleration in m/s^2 of the centre on its orbit; zero above the target."""
     if not orbit.radius_m:
@@ -359,44 +383,3 @@ def _colours(lights: tuple[str, ...], count: int) -> Array:
         [[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in lights], dtype=np.float64
     )
     return np.asarray(rgb[np.arange(count) % len(rgb)])
-
-
-@dataclass(frozen=True, slots=True)
-class ShowClock:
-    """The show's time. Every `clock_s` is the tick's own time; a change returns a new value."""
-
-    begins_s: float = 0.0  # the show's time at which it begins, or last began to run
-    since_s: float | None = None  # the tick's time then; None: the clock is stopped
-
-    @property
-    def runs(self) -> bool:
-        return self.since_s is not None
-
-    def show_s(self, clock_s: float) -> float:
-        return self.begins_s if self.since_s is None else self.begins_s + (clock_s - self.since_s)
-
-    def run(self, clock_s: float) -> "ShowClock":
-        """Start the clock once the sphere is assembled, or assembled again. No effect while it runs."""
-        return self if self.runs else replace(self, since_s=clock_s)
-
-    def stop(self, clock_s: float) -> "ShowClock":
-        """Stop the clock: the show continues at the same time after a pause of any length."""
-        return ShowClock(self.show_s(clock_s))
-
-    def seek(self, timeline: Timeline, cue: str, *, grounded: bool) -> "ShowClock":
-        """Start at the first time that a cue is played.
-
-        Raises:
-            UnknownError: the show has no such cue; the text names the cues it has.
-            RefusedError: a vehicle is airborne; the formation would jump to another place of the show.
-        """
-        times_s = {one.cue.cue: one.at_s for one in reversed(timeline.played)}
-        if cue not in times_s:
-            known = ", ".join(one.cue for one in timeline.show.timeline)
-            raise UnknownError(f"there is no cue {cue}; there are {known}")
-        if not grounded:
-            raise RefusedError("a show is set to a cue on the ground only: bring all vehicles home first")
-        return ShowClock(times_s[cue])
-
-    def ended(self, timeline: Timeline, clock_s: float) -> bool:
-        return self.runs and self.show_s(clock_s) >= timeline.duration_s

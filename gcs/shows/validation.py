@@ -6,9 +6,9 @@ flown late, elsewhere or not at all.
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from gcs.control import ControlSettings
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Plan
 from gcs.planning.feasibility import check_formation, check_obstacle, check_orbit, check_target
+from gcs.shows.drawn_parts import cue_flaws, span_flaws
+from gcs.shows.flaws import Flaw, of_value
 from gcs.shows.format import MAX_CUES, Cue, Path, Show, ShowLimits
 from gcs.shows.timeline import (
     Curve,
@@ -42,29 +44,22 @@ LONGEST_S = 7200.0
 """Loops included; no battery lasts as long."""
 
 
-@dataclass(frozen=True, slots=True)
-class Flaw:
-    """A problem, and its path in the file."""
-
-    loc: Loc
-    text: str
-
-
-def _of_value(value: float | str, text: str, *loc: str | int) -> Flaw:
-    """Return the flaw of a value; its path ends with its key."""
-    return Flaw(loc, f"{loc[-1]} = {value if isinstance(value, str) else format(value, 'g')}: {text}")
+Kind: TypeAlias = tuple[str, tuple[Leg, ...], float | None]
+"""A quantity: its key, its transitions, and its greatest rate."""
 
 
 def flaws(show: Show) -> list[Flaw]:
     """Return everything that is wrong with a show as far as it is detectable without flying it."""
-    found = [*_fleet(show), *_structure(show), *_loops(show)]
+    found = [*_fleet(show), *_structure(show), *_loops(show), *cue_flaws(show)]
     if found:
         return found  # the rest needs a valid timeline
     found = [*_paths(show), *_obstacles(show)]
     if found:
         return found
     timeline = Timeline.of(show)
-    return [*_transitions(timeline), *_moments(timeline)]
+    begins_s = [one.at_s for one in timeline.played]
+    found = list(span_flaws(timeline.parts, begins_s, timeline.duration_s))
+    return [*found, *_transitions(timeline), *_moments(timeline)]
 
 
 # before loops are written out
@@ -73,14 +68,14 @@ def flaws(show: Show) -> list[Flaw]:
 def _fleet(show: Show) -> Iterator[Flaw]:
     fence, fleet, floor = show.fence, show.fleet, show.control.safety.floor
     if not fence.height_min_m < fence.height_max_m:
-        yield _of_value(fence.height_max_m, "above height_min_m", "fence", "height_max_m")
+        yield of_value(fence.height_max_m, "above height_min_m", "fence", "height_max_m")
     if fleet.takeoff_height_m < fence.height_min_m:
         text = f"at least the fence's {fence.height_min_m:g} m"
-        yield _of_value(fleet.takeoff_height_m, text, "fleet", "takeoff_height_m")
+        yield of_value(fleet.takeoff_height_m, text, "fleet", "takeoff_height_m")
     least_m = floor.kept_m(floor.worst_reserve_m())[0]
     if fleet.vehicles > 1 and fleet.pads.spacing_m < least_m - NEARLY:
         text = f"at least {least_m:.3g} m, or a climbing vehicle comes too close to its neighbour"
-        yield _of_value(fleet.pads.spacing_m, text, "fleet", "pads", "spacing_m")
+        yield of_value(fleet.pads.spacing_m, text, "fleet", "pads", "spacing_m")
     farthest_m = float(np.hypot(*show.pads_m[:, :2].T).max())
     if farthest_m > fence.distance_max_m:
         text = f"a pad lies {farthest_m:.1f} m from the origin, beyond the fence at"
@@ -91,20 +86,23 @@ def _structure(show: Show) -> Iterator[Flaw]:
     cues = show.timeline
     first = cues[0]
     if first.at_s != 0.0:
-        yield _of_value(first.at_s, "the first cue begins at 0", "timeline", 0, "at_s")
+        yield of_value(first.at_s, "the first cue begins at 0", "timeline", 0, "at_s")
+    leads = next((index for index, cue in enumerate(cues) if cue.trajectories is None), None)
     for key in ("radius_m", "height_m"):
-        if getattr(first, key) is None:
-            yield Flaw(("timeline", 0), f"{key} is missing: the first cue says where the show begins")
+        if leads is not None and getattr(cues[leads], key) is None:
+            where = "where the show begins" if leads == 0 else "where the formation begins"
+            which = "first cue" if leads == 0 else "first cue without trajectories"
+            yield Flaw(("timeline", leads), f"{key} is missing: the {which} says {where}")
     named = Counter(cue.cue for cue in cues)
     for index, (before, cue) in enumerate(pairwise(cues), start=1):
         if not cue.at_s > before.at_s:
             text = f"after the {before.at_s:g} s of '{before.cue}'"
-            yield _of_value(cue.at_s, text, "timeline", index, "at_s")
+            yield of_value(cue.at_s, text, "timeline", index, "at_s")
         if named[cue.cue] > 1 and cue.cue in {one.cue for one in cues[:index]}:
-            yield _of_value(cue.cue, "the name is there twice", "timeline", index, "cue")
+            yield of_value(cue.cue, "the name is there twice", "timeline", index, "cue")
     if show.duration_s <= cues[-1].at_s:
         text = f"longer than the {cues[-1].at_s:g} s of the last cue"
-        yield _of_value(show.duration_s, text, "duration_s")
+        yield of_value(show.duration_s, text, "duration_s")
 
 
 def _loops(show: Show) -> Iterator[Flaw]:
@@ -115,13 +113,13 @@ def _loops(show: Show) -> Iterator[Flaw]:
     for at, loop in enumerate(show.loops):
         unknown = [key for key in ("from_cue", "to_cue") if getattr(loop, key) not in index_of]
         for key in unknown:
-            yield _of_value(getattr(loop, key), "there is no such cue", "loops", at, key)
+            yield of_value(getattr(loop, key), "there is no such cue", "loops", at, key)
         if unknown:
             sound = False
             continue
         inside = set(range(index_of[loop.from_cue], index_of[loop.to_cue]))
         if not inside:
-            yield _of_value(loop.to_cue, f"a cue after '{loop.from_cue}'", "loops", at, "to_cue")
+            yield of_value(loop.to_cue, f"a cue after '{loop.from_cue}'", "loops", at, "to_cue")
         if inside & taken:
             text = f"the loop from '{loop.from_cue}' lies in another one; loops follow each other"
             yield Flaw(("loops", at), text)
@@ -145,7 +143,7 @@ def _paths(show: Show) -> Iterator[Flaw]:
         for at, (before, point) in enumerate(pairwise(cue.target.path), start=1):
             if not point.after_s > before.after_s:
                 text = f"more than the {before.after_s:g} s of the point before"
-                yield _of_value(point.after_s, text, "timeline", index, "target", "path", at, "after_s")
+                yield of_value(point.after_s, text, "timeline", index, "target", "path", at, "after_s")
 
 
 def _obstacles(show: Show) -> Iterator[Flaw]:
@@ -185,7 +183,7 @@ def _again(one: Played) -> str:
 def _transitions(timeline: Timeline) -> list[Flaw]:
     """Check that each is slow enough, and ends before the next begins and before the show ends."""
     limits = timeline.show.limits
-    kinds: tuple[tuple[str, tuple[Leg, ...], float | None], ...] = (
+    kinds: tuple[Kind, ...] = (
         ("radius_m", timeline.radius_m.glides, limits.radius_rate_max_m_s),
         ("height_m", timeline.height_m.glides, limits.formation_climb_max_m_s),
         ("spin", timeline.spin_rad_s.glides, None),
@@ -197,9 +195,20 @@ def _transitions(timeline: Timeline) -> list[Flaw]:
         fast = [] if rate_m_s is None else _too_fast(key, legs, rate_m_s, limits)
         for flaw in (*fast, *_in_time(timeline, key, legs)):
             found.setdefault(flaw.loc, flaw)
-    for flaw in _paths_begin(timeline):
+    for flaw in (*_paths_begin(timeline), *_cut_by_parts(timeline, kinds)):
         found.setdefault(flaw.loc, flaw)
     return list(found.values())
+
+
+def _cut_by_parts(timeline: Timeline, kinds: Sequence[Kind]) -> Iterator[Flaw]:
+    """Yield drawn parts that begin while the law changes something."""
+    for key, legs, _ in kinds:
+        for leg in legs:
+            for part in timeline.parts:
+                if leg.from_s < part.begin_s < leg.to_s - NEARLY:
+                    name = timeline.show.timeline[leg.cue].cue
+                    text = f"trajectories: {key} of '{name}' is on its way until {leg.to_s:.1f} s"
+                    yield Flaw(("timeline", part.index, "trajectories"), text)
 
 
 def _in_time(timeline: Timeline, key: str, legs: Sequence[Leg]) -> Iterator[Flaw]:
@@ -230,7 +239,7 @@ def _too_fast(key: str, legs: Sequence[Leg], rate_m_s: float, limits: ShowLimits
         if given_s < needed_s - NEARLY:
             least = f"that takes at least {needed_s:.1f} s at {rate_m_s:g} m/s and {change_m_s2:g} m/s^2"
             text = f"{key} changes by {size_m:.3g} m, {least}"
-            yield _of_value(given_s, text, "timeline", glide.cue, "over_s")
+            yield of_value(given_s, text, "timeline", glide.cue, "over_s")
 
 
 def _paths_begin(timeline: Timeline) -> Iterator[Flaw]:
@@ -255,6 +264,8 @@ def _moments(timeline: Timeline) -> list[Flaw]:
     began_s: dict[tuple[int, str], float] = {}
     control = timeline.show.control
     for time_s in np.arange(0.0, timeline.duration_s + SAMPLED_S / 2, SAMPLED_S).tolist():
+        if timeline.drawn_s(time_s) is not None:
+            continue
         one = timeline.cue_at(time_s)
         for key, text in _moment(timeline, time_s, control):
             index = _index_of(timeline, key, one, time_s)

@@ -148,7 +148,11 @@ def rehearse(
     """Fly a show once, with the recorded errors of the vehicles' position estimates.
 
     `on_progress` is called with the share of the flight that is done, from 0 to 1.
+
+    Raises: RefusedError for a show with drawn parts.
     """
+    if loaded.drawing is not None:
+        raise RefusedError(f"{loaded.file}: parts of a drawing are not flown yet, only imported and exported")
     flight = Rehearsal(loaded, World(noise=1.0), seed, on_progress)
     flight.fly()
     return flight

@@ -1,0 +1,91 @@
+"""`gcs show import` and `gcs show export`: drawn shows from and to the files of other programs."""
+
+import argparse
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+
+from gcs.cli.output import answer
+from gcs.cli.progress import share_of
+from gcs.model.errors import ConfigError, InvalidError, ShowError
+from gcs.model.frames import ShowFrame
+from gcs.shows import find, load, parse
+from gcs.shows.formats import read_drawing, write_drawing
+from gcs.shows.formats.files import EXPORTED
+from gcs.shows.importing import show_text
+from gcs.simulation.drawn_flight import drawn
+from gcs.simulation.rehearsal import rehearse
+
+
+def import_show(arguments: argparse.Namespace) -> int:
+    """Write a show file for a drawing, and a copy of the drawing beside it.
+
+    Returns: 0. Raises: ConfigError for a file that is no drawing, or a show that exists already.
+    """
+    given, target = Path(arguments.file), Path(arguments.output)
+    if target.suffix != ".yaml" or not target.parent.is_dir():
+        raise ConfigError(f"-o {target}: a .yaml file in a folder that exists")
+    drawing, data = read_drawing(given)
+    beside = target.with_suffix(given.suffix.lower())
+    is_source = beside.exists() and beside.samefile(given)
+    for path in (target, *(() if is_source else (beside,))):
+        if path.exists():
+            raise ConfigError(f"{path}: there is such a file already: remove it, or choose another name")
+    text = show_text(
+        drawing,
+        beside.name,
+        sha256(data).hexdigest(),
+        origin=None if arguments.origin is None else _origin(arguments.origin),
+        endurance_s=arguments.endurance,
+    )
+    try:
+        if not is_source:
+            beside.write_bytes(data)
+        parse(text, str(target))
+        target.write_text(text, encoding="utf-8")
+    except (OSError, ShowError) as error:
+        if not is_source:
+            with suppress(OSError):
+                beside.unlink(missing_ok=True)
+        if isinstance(error, ShowError):
+            raise
+        raise ConfigError(f"{target}: {error.strerror}") from None
+    document = {
+        "show": str(target),
+        "drawing": str(beside),
+        "vehicles": len(drawing),
+        "duration_s": round(drawing.duration_s, 3),
+        "notes": list(drawing.notes),
+    }
+    words = [f"{target}: {len(drawing)} vehicles, {drawing.duration_s:.1f} s; drawing {beside}"]
+    answer(arguments, document, "\n".join([*words, *(f"not used: {note}" for note in drawing.notes)]))
+    return 0
+
+
+def export_show(arguments: argparse.Namespace) -> int:
+    """Write the drawing of a show, or what a show of the law flies in virtual time.
+
+    Returns: 0. Raises: ConfigError for a bad show, or a file of another kind.
+    """
+    target = Path(arguments.output)
+    if target.suffix.lower() not in EXPORTED or not target.parent.is_dir():
+        raise ConfigError(f"-o {target}: a file with {', '.join(EXPORTED)} in a folder that exists")
+    loaded = load(find(arguments.file))
+    show = loaded.drawing
+    if show is None:
+        with share_of("flying it in virtual time", shown=not arguments.json) as report:
+            show = drawn(rehearse(loaded, arguments.seed, report))
+    write_drawing(show, target)
+    document = {"file": str(target), "vehicles": len(show), "duration_s": round(show.duration_s, 3)}
+    answer(arguments, document, f"{target}: {len(show)} vehicles, {show.duration_s:.1f} s")
+    return 0
+
+
+def _origin(text: str) -> ShowFrame:
+    """Return the origin in 'LATITUDE,LONGITUDE,ALTITUDE,HEADING'. Raises: ConfigError."""
+    try:
+        latitude_deg, longitude_deg, altitude_m, heading_deg = map(float, text.split(","))
+        return ShowFrame(latitude_deg, longitude_deg, altitude_m, heading_deg)
+    except (ValueError, InvalidError) as error:
+        needed = "LATITUDE,LONGITUDE,ALTITUDE,HEADING in degrees and metres AMSL"
+        raise ConfigError(f"--origin {text}: {needed} are needed: {error}") from None

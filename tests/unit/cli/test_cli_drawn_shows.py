@@ -1,0 +1,73 @@
+"""`gcs show import` and `gcs show export` as a user runs them."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gcs.cli.main import main
+from gcs.config.yaml_files import shipped_folder
+from gcs.shows import load
+from gcs.shows.formats import read_drawing
+from tests.support.drawing_files import HOVER, skyc, zipped
+
+SHIPPED = shipped_folder() / "shows" / "drawn-30.skyc"
+
+
+def test_import_writes_a_show_and_its_drawing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "night.yaml"
+    assert main(["show", "import", str(SHIPPED), "-o", str(target), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["vehicles"], found["duration_s"], found["notes"]) == (30, 70.0, [])
+    assert load(target).show.fleet.vehicles == 30
+    assert (tmp_path / "night.skyc").read_bytes() == SHIPPED.read_bytes()
+
+
+def test_an_import_never_replaces_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "night.yaml"
+    target.write_text("mine")
+    assert main(["show", "import", str(SHIPPED), "-o", str(target)]) == 2
+    assert "there is such a file already" in capsys.readouterr().err
+    assert target.read_text() == "mine"
+    assert not (tmp_path / "night.skyc").exists()
+
+
+@pytest.mark.parametrize("suffix", [".skyc", ".zip", ".vviz"])
+def test_export_writes_the_drawing_of_a_show(suffix: str, tmp_path: Path) -> None:
+    assert main(["show", "import", str(SHIPPED), "-o", str(tmp_path / "a.yaml"), "--json"]) == 0
+    out = tmp_path / f"out{suffix}"
+    assert main(["show", "export", str(tmp_path / "a.yaml"), "-o", str(out), "--json"]) == 0
+    if suffix == ".vviz":
+        assert len(json.loads(out.read_text())["performances"]) == 30
+    else:
+        assert len(read_drawing(out)[0]) == 30
+
+
+def test_a_broken_file_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    broken, target = tmp_path / "broken.skyc", tmp_path / "night.yaml"
+    broken.write_bytes(zipped({"show.json": "{"}))
+    assert main(["show", "import", str(broken), "-o", str(target)]) == 2
+    assert "broken.skyc: show.json: not JSON" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["broken.skyc"]
+
+
+@pytest.mark.parametrize("origin", ["47.4,8.5,488", "99,8.5,488,0", "a,b,c,d"])
+def test_a_wrong_origin_is_explained(origin: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = str(tmp_path / "a.yaml")
+    assert main(["show", "import", str(SHIPPED), "-o", target, "--origin", origin]) == 2
+    assert "LATITUDE,LONGITUDE,ALTITUDE,HEADING" in capsys.readouterr().err
+
+
+def test_an_origin_can_be_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain, target = tmp_path / "plain.skyc", tmp_path / "a.yaml"
+    plain.write_bytes(zipped(skyc(HOVER)))
+    assert main(["show", "import", str(plain), "-o", str(target)]) == 2
+    assert "no place on Earth" in capsys.readouterr().err
+    assert main(["show", "import", str(plain), "-o", str(target), "--origin", "47.4,8.5,488,30"]) == 0
+    origin = load(target).show.origin
+    assert (origin.latitude_deg, origin.heading_deg) == (47.4, 30.0)
+
+
+def test_an_export_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "export", "lighthouse", "-o", str(tmp_path / "a.txt")]) == 2
+    assert ".skyc, .vviz, .zip" in capsys.readouterr().err
