@@ -46,7 +46,7 @@ def run_report(arguments: argparse.Namespace) -> int:
 
 
 def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport, str]:
-    flights, truths = _found([Path(name) for name in arguments.files])
+    flights, truths = found_files([Path(name) for name in arguments.files])
     if len(flights) > 1:
         raise GcsError(f"{', '.join(map(str, flights))}: one flight at a time")
     data = FlightData(flights[0]) if flights else None
@@ -76,7 +76,7 @@ def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport,
     return judged, ", ".join(str(path) for path in used)
 
 
-def _found(paths: list[Path]) -> tuple[list[Path], list[Path]]:
+def found_files(paths: list[Path]) -> tuple[list[Path], list[Path]]:
     """Sort paths into flight data and truth files. Raises: GcsError for other files."""
     flights: list[Path] = []
     truths: list[Path] = []

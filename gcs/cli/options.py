@@ -71,8 +71,12 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     brought.add_argument(
         "--endurance", type=float, default=900.0, metavar="S", help="of a vehicle in the air; 900"
     )
-    taken = actions.add_parser("export", help="write a show for other programs: as drawn, or as it flies")
-    taken.add_argument("file", metavar="FILE", help="a show file, or the name of one that is shipped")
+    taken = actions.add_parser(
+        "export", help="write a show for other programs: as drawn, as it flies, or as it flew"
+    )
+    taken.add_argument(
+        "file", metavar="FILE", help="a show file, the name of one that is shipped, or the record of a flight"
+    )
     taken.add_argument(
         "-o", "--output", required=True, metavar="OUT", help="a .skyc, a .vviz, or a .zip of CSV files"
     )

@@ -10,9 +10,9 @@ import numpy as np
 from gcs.model.errors import DrawingError, quoted
 
 DEPTH_MAX: Final = 32
-LISTS_MAX: Final = 500_000
+LISTS_MAX: Final = 400_000
 OBJECTS_MAX: Final = 100_000
-COMMAS_MAX: Final = 1_500_000
+COMMAS_MAX: Final = 1_000_000
 """With these counts the values of one document take less than 150 MB; a trajectory has some thousands."""
 
 _BRACKETS: Final = np.zeros(256, np.int8)

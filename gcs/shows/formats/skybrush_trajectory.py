@@ -18,8 +18,8 @@ from gcs.shows.drawn.trajectories import DEGREE_MAX, power_of_bezier
 from gcs.shows.formats.json_values import Value
 from gcs.shows.formats.samples import COORDINATE_MAX_M, NWU, through_samples
 
-POINTS_MAX: Final = 200_000
-"""Of one vehicle: two hours at 27 Hz."""
+POINTS_MAX: Final = 50_000
+"""Of one vehicle: two hours at 7 Hz."""
 
 
 _BROKEN: Final = (TypeError, ValueError, IndexError, KeyError, OverflowError)

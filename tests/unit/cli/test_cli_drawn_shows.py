@@ -3,13 +3,18 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gcs.cli.main import main
+from gcs.config import schema as configuration
 from gcs.config.yaml_files import shipped_folder
+from gcs.recording import mcap_layout as layout
+from gcs.recording.mcap_writer import FlightFile
 from gcs.shows import load
 from gcs.shows.formats import read_drawing
 from tests.support.drawing_files import HOVER, skyc, zipped
+from tests.support.record_samples import ids_of, sample
 
 SHIPPED = shipped_folder() / "shows" / "drawn-30.skyc"
 
@@ -66,6 +71,27 @@ def test_an_origin_can_be_given(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert main(["show", "import", str(plain), "-o", str(target), "--origin", "47.4,8.5,488,30"]) == 0
     origin = load(target).show.origin
     assert (origin.latitude_deg, origin.heading_deg) == (47.4, 30.0)
+
+
+def test_a_recorded_flight_is_exported_as_it_flew(tmp_path: Path) -> None:
+    """One vehicle climbs at 1 m/s and turns red; the other's position is never known."""
+    config = configuration.load(configuration.find("demo"))
+    file = FlightFile(
+        tmp_path, layout.about("s1", config.model_dump_json(), dict.fromkeys(ids_of(2), (1, "a")))
+    )
+    file.open()
+    for tick in range(200):
+        place_m = np.array([[3.0, 4.0, -10.0 - 0.05 * tick], [np.nan, np.nan, np.nan]])
+        colour = np.array([[255, 0, 0], [0, 0, 0]], np.uint8) * (tick >= 100)
+        file.add(sample(time_s=100.0 + 0.05 * tick, position_m=place_m, colour=colour, number=tick))
+    file.close()
+    assert main(["show", "export", str(tmp_path), "-o", str(tmp_path / "a.skyc"), "--json"]) == 0
+    show, _ = read_drawing(tmp_path / "a.skyc")
+    assert show.vehicles == ("d1",)
+    assert show.trajectories.at(4.0).position_m[0] == pytest.approx([3.0, 4.0, -14.0], abs=0.01)
+    assert [show.lights.colours_at(time_s)[0, 0] for time_s in (4.0, 6.0)] == [0, 255]
+    assert show.origin is not None
+    assert show.origin.latitude_deg == pytest.approx(config.frame.latitude_deg, abs=1e-6)
 
 
 def test_an_export_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
