@@ -93,7 +93,8 @@ def run_show(arguments: argparse.Namespace) -> int:
     if arguments.action in {"import", "export"}:
         from gcs.cli import drawn_shows  # noqa: PLC0415  (imported for these two only)
 
-        return getattr(drawn_shows, f"{arguments.action}_show")(arguments)
+        run = drawn_shows.import_show if arguments.action == "import" else drawn_shows.export_show
+        return run(arguments)
     if arguments.action == "check":
         return _check(arguments)
     loaded = load(find(arguments.file))

@@ -89,7 +89,8 @@ def spacing_m(positions_m: Array) -> float:
     """Least distance of n positions, up and down divided by 1.5."""
     if len(positions_m) < 2:
         return np.inf
-    return float(cKDTree(positions_m / STRETCH).query(positions_m / STRETCH, k=2)[0][:, 1].min())
+    away_m, _ = cKDTree(positions_m / STRETCH).query(positions_m / STRETCH, k=[2])
+    return float(np.min(away_m))
 
 
 def _scaled(points: Array, least_m: float, lowest_m: float) -> Array:
@@ -98,7 +99,7 @@ def _scaled(points: Array, least_m: float, lowest_m: float) -> Array:
     stretched = stretched * (least_m / spacing_m(stretched))
     stretched[:, :2] -= (stretched[:, :2].min(axis=0) + stretched[:, :2].max(axis=0)) / 2.0
     stretched[:, 2] = -(stretched[:, 2] - stretched[:, 2].min() + lowest_m)
-    return stretched
+    return np.asarray(stretched)
 
 
 @dataclass(frozen=True)

@@ -76,8 +76,8 @@ class Trajectories:
     """The trajectories of n vehicles, m pieces in all; row i belongs to the show's vehicle i.
 
     Units are metres and seconds of the show's clock, in the show frame: x along the show's heading, y to its
-    right, z down. The pieces of a vehicle follow each other without gaps; position may only jump, and
-    velocity change at once, where the drawing does so.
+    right, z down. The pieces of a vehicle follow each other without gaps in time, and meet within 5 cm;
+    velocity and acceleration may change at once where they meet.
     """
 
     index: PieceIndex

@@ -20,7 +20,7 @@ TOTAL_MAX_BYTES: Final = 256 * 1024**2
 RATIO_MAX: Final = 200
 """Most that an entry beyond `SMALL_BYTES` may expand; deflate reaches 1,032, numbers as text about 20."""
 
-SMALL_BYTES: Final = 1024**2
+SMALL_BYTES: Final = 8 * 1024**2
 _ENTRY_SIGNATURE: Final = b"PK\x01\x02"
 _BROKEN: Final = (
     zipfile.BadZipFile,

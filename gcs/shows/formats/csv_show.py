@@ -7,6 +7,8 @@ operators/import_from_csv.py.
 
 import io
 import zipfile
+from collections.abc import Iterator
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -36,31 +38,17 @@ def read_csv_zip(data: bytes, file: str) -> DrawnShow:
         raise DrawingError(
             file, f"{len(names)} CSV files: 1 to {MAX_VEHICLES}, one for each drone, are needed"
         )
-    tables: list[Array] = []
-    numbers = 0
-    for name in names:
-        content = archive.read(name)
-        numbers += content.count(b",")
-        if numbers > NUMBERS_MAX:
-            raise DrawingError(f"{file}: {name}", f"more than {NUMBERS_MAX} numbers with the files before it")
-        tables.append(table(content, f"{file}: {name}", (4, 7, POLYNOMIAL_COLUMNS)))
-        if tables[-1].shape[1] != tables[0].shape[1]:
-            columns = f"{tables[-1].shape[1]} columns, {tables[0].shape[1]} in {names[0]}"
-            raise DrawingError(f"{file}: {name}", columns)
-    places = [f"{file}: {name}" for name in names]
     vehicles = tuple(name.rsplit("/", 1)[-1][:-4] for name in names)
-    if tables[0].shape[1] == POLYNOMIAL_COLUMNS:
-        return polynomial_show(tables, vehicles, places)
-    for rows, place in zip(tables, places, strict=True):
-        _check(rows, place)
-    trajectories = [through_samples(rows[:, 0] / 1e3, rows[:, 1:4] * NWU) for rows in tables]
-    return sampled_show(trajectories, [_colours(rows) for rows in tables], vehicles)
-
-
-def sampled_show(
-    trajectories: list[Trajectory], lights: list[LightProgram], vehicles: tuple[str, ...]
-) -> DrawnShow:
-    """Return a show of a file that has nothing but trajectories and lights."""
+    tables = _tables(archive, names)
+    first = next(tables)
+    if first.shape[1] == POLYNOMIAL_COLUMNS:
+        return polynomial_show([first, *tables], vehicles, [f"{file}: {name}" for name in names])
+    trajectories: list[Trajectory] = []
+    lights: list[LightProgram] = []
+    for rows, name in zip(chain([first], tables), names, strict=True):
+        _check(rows, f"{file}: {name}")
+        trajectories.append(through_samples(rows[:, 0] / 1e3, rows[:, 1:4] * NWU))
+        lights.append(_colours(rows))
     return DrawnShow(
         title="",
         vehicles=vehicles,
@@ -71,6 +59,21 @@ def sampled_show(
         takeoff_s=np.array([one.times_s[0] for one in trajectories]),
         landing_s=np.array([one.times_s[-1] for one in trajectories]),
     )
+
+
+def _tables(archive: Archive, names: list[str]) -> Iterator[Array]:
+    """Yield the numbers of one file after the other, all with as many columns. Raises: DrawingError."""
+    numbers = columns = 0
+    for name in names:
+        content, place = archive.read(name), f"{archive.file}: {name}"
+        numbers += content.count(b",")
+        if numbers > NUMBERS_MAX:
+            raise DrawingError(place, f"more than {NUMBERS_MAX} numbers with the files before it")
+        rows = table(content, place, (4, 7, POLYNOMIAL_COLUMNS))
+        columns = columns or rows.shape[1]
+        if rows.shape[1] != columns:
+            raise DrawingError(place, f"{rows.shape[1]} columns: {columns} as in {names[0]} are needed")
+        yield rows
 
 
 def _check(rows: Array, place: str) -> None:

@@ -10,8 +10,8 @@ from gcs.model.state import Array
 ROWS_MAX: Final = 200_000
 """Of one drone: two hours at 27 Hz."""
 
-NUMBERS_MAX: Final = 8_000_000
-"""Of all drones together, 64 MB: 500 for five minutes at 7 Hz."""
+NUMBERS_MAX: Final = 4_700_000
+"""Of all drones together: 500 for five minutes at 4 Hz."""
 
 LINE_MAX: Final = 2_000
 """Characters of a row; one of 33 polynomial coefficients has some 600."""

@@ -6,7 +6,8 @@ coordinate.
 """
 
 from base64 import b64decode
-from typing import Final
+from itertools import chain
+from typing import Any, Final, NoReturn
 
 import numpy as np
 
@@ -20,9 +21,6 @@ from gcs.shows.formats.samples import COORDINATE_MAX_M, NWU, through_samples
 
 POINTS_MAX: Final = 50_000
 """Of one vehicle: two hours at 7 Hz."""
-
-
-_BROKEN: Final = (TypeError, ValueError, IndexError, KeyError, OverflowError)
 
 
 def read_trajectory(value: Value) -> Trajectory:
@@ -41,12 +39,13 @@ def read_trajectory(value: Value) -> Trajectory:
 
 def _rows(points: Value) -> Array:
     """(k, 4) Time, x, y, z of version 0."""
-    rows = points.items(POINTS_MAX)
+    rows: list[Any] = points.items(POINTS_MAX)
     try:
-        if any(len(row) != 4 or not _numbers(row) for row in rows):  # type: ignore[arg-type]  # a TypeError is caught
-            raise TypeError
-    except _BROKEN:
-        raise points.wrong("a list of [time, x, y, z]") from None
+        well_formed = set(map(len, rows)) <= {4} and all(map(_numbers, rows))
+    except TypeError:
+        well_formed = False
+    if not well_formed:
+        raise points.wrong("a list of [time, x, y, z]")
     return _array(points, rows).reshape(-1, 4)
 
 
@@ -61,57 +60,80 @@ def _floats(points: Value) -> Array:
 
 def _curves(points: Value, takeoff_s: float) -> Trajectory:
     """Return the curves of version 1: points [time, position, control points before it]."""
-    found = points.items(POINTS_MAX)
-    curves: dict[int, tuple[list[int], list[object]]] = {}  # by degree: pieces, and control points of each
-    times_s: list[object] = []
-    before: object = None
+    found: list[Any] = points.items(POINTS_MAX)
+    controls = [point[2] or () if type(point) is list and len(point) == 3 else () for point in found]
+    if not _well_formed(found, controls):
+        _refuse(points, found)
+    counts = np.array([len(one) for one in controls], dtype=np.intp)
+    if counts.max(initial=0) >= DEGREE_MAX:
+        at = int(counts.argmax())
+        wrong = f"{counts[at]} control points: at most {DEGREE_MAX - 1}"
+        raise DrawingError(points.element(at, None).place, wrong)
+    times_s = _array(points, [point[0] for point in found]) + takeoff_s
+    places_m = _coordinates(points, [point[1] for point in found])
+    controls_m = _coordinates(points, list(chain.from_iterable(controls)))
+    _check(points, times_s, places_m)
+    _check(points, times_s, controls_m)
+    if len(times_s) < 2:
+        return Trajectory(times_s, places_m[None] * NWU)
+    first = np.cumsum(counts) - counts  # of each point's control points
+    coefficients_m = np.zeros((len(times_s) - 1, int(counts[1:].max()) + 2, 3))
+    for count in np.unique(counts[1:]).tolist():
+        ends = np.flatnonzero(counts[1:] == count) + 1
+        inner_m = controls_m[first[ends][:, None] + np.arange(count)]
+        points_m = np.concatenate([places_m[ends - 1][:, None], inner_m, places_m[ends][:, None]], axis=1)
+        coefficients_m[ends - 1, : count + 2] = power_of_bezier(points_m * NWU)
+    return Trajectory(times_s, coefficients_m)
+
+
+def _well_formed(found: list[Any], controls: list[Any]) -> bool:
+    """Whether all points are lists of a number, a place and, if they have them, places."""
+    try:
+        return (
+            set(map(type, found)) <= {list}
+            and set(map(len, found)) <= {2, 3}
+            and _numbers([point[0] for point in found])
+            and _places([point[1] for point in found])
+            and set(map(type, controls)) <= {list, tuple}
+            and _places(list(chain.from_iterable(controls)))
+        )
+    except TypeError:
+        return False
+
+
+def _refuse(points: Value, found: list[Any]) -> NoReturn:
+    """Raises: DrawingError for the first point that is not well formed."""
     for at, point in enumerate(found):
-        try:
-            time_s, position, *rest = point  # type: ignore[misc]  # a TypeError is caught
-            controls = rest[0] if rest and rest[0] else []
-            if len(rest) > 1 or not _places(position, *controls):
-                raise TypeError
-        except _BROKEN:
-            needed = "[time, [x, y, z], [control points]]"
-            raise points.element(at, point).wrong(needed) from None
-        if len(controls) >= DEGREE_MAX:
-            wrong = f"{len(controls)} control points: at most {DEGREE_MAX - 1}"
-            raise DrawingError(points.element(at, point).place, wrong)
-        if at:
-            pieces, of_degree = curves.setdefault(len(controls) + 1, ([], []))
-            pieces.append(at - 1)
-            of_degree.append([one[:3] for one in (before, *controls, position)])  # type: ignore[index]
-        before = position
-        times_s.append(time_s)
-    if not _numbers(times_s):
-        at = next(at for at, time_s in enumerate(times_s) if not _numbers([time_s]))
-        raise points.element(at, found[at]).wrong("a number as its time")
-    when_s = _array(points, times_s) + takeoff_s
-    if len(when_s) < 2:
-        positions_m = _array(points, [before]).reshape(-1, 3) if found else np.empty((0, 3))
-        _check(points, when_s, positions_m)
-        return Trajectory(when_s, positions_m[None] * NWU)
-    coefficients_m = np.zeros((len(when_s) - 1, max(curves) + 1, 3))
-    for degree, (pieces, of_degree) in curves.items():
-        points_m = _array(points, of_degree)
-        _check(points, when_s, points_m)
-        coefficients_m[pieces, : degree + 1] = power_of_bezier(points_m * NWU)
-    return Trajectory(when_s, coefficients_m)
+        controls = point[2] or () if type(point) is list and len(point) == 3 else ()
+        if not _well_formed([point], [controls]):
+            raise points.element(at, point).wrong("[time, [x, y, z], [control points]]")
+    raise points.wrong("a list of points")
 
 
-def _numbers(row: object) -> bool:
-    return set(map(type, row)) <= {int, float}  # type: ignore[call-overload]  # a TypeError is caught
+def _numbers(values: list[Any]) -> bool:
+    return set(map(type, values)) <= {int, float}
 
 
-def _places(*places: object) -> bool:
+def _places(places: list[Any]) -> bool:
     """Whether all are [x, y, z], or [x, y, z, yaw]."""
-    return all(type(one) is list and 3 <= len(one) <= 4 and _numbers(one) for one in places)
+    return (
+        set(map(type, places)) <= {list}
+        and set(map(len, places)) <= {3, 4}
+        and _numbers(list(chain.from_iterable(places)))
+    )
+
+
+def _coordinates(points: Value, places: list[Any]) -> Array:
+    """(k, 3) Coordinates of places, without the yaw of those that have one."""
+    if set(map(len, places)) <= {3}:
+        return _array(points, places).reshape(-1, 3)
+    return _array(points, [place[:3] for place in places]).reshape(-1, 3)
 
 
 def _array(points: Value, values: object) -> Array:
     try:
         return np.array(values, dtype=np.float64)
-    except _BROKEN:  # a whole number beyond all floats
+    except OverflowError:  # a whole number beyond all floats
         raise points.wrong(f"numbers up to {COORDINATE_MAX_M:g}") from None
 
 

@@ -22,8 +22,6 @@ def write_vviz(show: DrawnShow) -> bytes:
     """Return the show as VVIZ, positions rounded to 1 mm."""
     times_s = sample_times_s(show, POSITION_HZ)
     positions_m = np.round(show.trajectories.positions_m(times_s)[:, :, [1, 2, 0]] * (1.0, -1.0, 1.0), 3)
-    colour_times_s = sample_times_s(show, COLOUR_HZ).tolist()
-    colours = np.stack([show.lights.colours_at(time_s) for time_s in colour_times_s])
     document = {
         "version": "1.0",
         "performanceName": show.title,
@@ -35,9 +33,7 @@ def write_vviz(show: DrawnShow) -> bytes:
             {
                 "id": row,
                 "agentDescription": _path(positions_m[:, row]),
-                "payloadDescription": [
-                    {"id": 0, "type": "Light", "payloadActions": _actions(colours[:, row])}
-                ],
+                "payloadDescription": [{"id": 0, "type": "Light", "payloadActions": _actions(show, row)}],
             }
             for row in range(len(show))
         ],
@@ -52,14 +48,15 @@ def _path(positions_m: Array) -> dict[str, Any]:
     return dict(zip(("homeX", "homeY", "homeZ"), home_m, strict=True)) | {"agentTraversal": traversal}
 
 
-def _actions(colours: "np.ndarray[Any, np.dtype[np.uint8]]") -> list[dict[str, int]]:
-    """Return the colours where they change, and before, so that neither a step nor a rest becomes a fade."""
-    changes = (np.diff(colours.astype(int), axis=0) != 0).any(axis=1)
-    kept = np.ones(len(colours), bool)
-    kept[1:-1] = changes[:-1] | changes[1:]
-    frames = np.flatnonzero(kept)
+def _actions(show: DrawnShow, row: int) -> list[dict[str, int]]:
+    """Return a vehicle's colours at the frames about each change of its program; viewers fade between."""
+    last = int(np.ceil(show.duration_s * COLOUR_HZ))
+    changes = show.lights.index.starts_s(row) * COLOUR_HZ
+    frames = np.unique(np.concatenate([[0.0, last], np.floor(changes - 1e-6), np.ceil(changes - 1e-6)]))
+    frames = frames[(frames >= 0.0) & (frames <= last)].astype(int)
+    colours = show.lights.colours_at(frames / COLOUR_HZ, np.full(len(frames), row)).tolist()
     gaps = np.diff(frames, prepend=0).tolist()
     return [
         {"r": red, "g": green, "b": blue} | ({"frames": gap} if gap else {})
-        for (red, green, blue), gap in zip(colours[frames].tolist(), gaps, strict=True)
+        for (red, green, blue), gap in zip(colours, gaps, strict=True)
     ]

@@ -26,7 +26,7 @@ def _fleet(seed: int = 7, vehicles: int = 12) -> Trajectories:
 def _de_casteljau(points_m: np.ndarray, u: float) -> np.ndarray:
     while len(points_m) > 1:
         points_m = (1.0 - u) * points_m[:-1] + u * points_m[1:]
-    return points_m[0]
+    return np.asarray(points_m[0])
 
 
 def test_every_vehicle_follows_its_own_bezier_curves() -> None:
