@@ -126,6 +126,10 @@ class SimulatedFlight:
     def finished(self) -> bool:
         return False
 
+    def led(self, tasks: Tasks) -> Tasks:
+        """Return the tasks as a drawn show, if one leads, has them."""
+        return tasks
+
     def sight(self) -> Sight | None:
         """What the vehicles received from each other by now; None: the law is computed on the ground."""
         return None
@@ -150,7 +154,7 @@ class SimulatedFlight:
             drift=self.losses.drift,
             silent_segments=self.losses.silent_segments,
         )
-        decided = self._decide(fleet, tasks)
+        decided = self._decide(fleet, self.led(tasks))
         self.memory = decided.memory
         self._mind_failsafes(fleet)
         self._keep(decided)
