@@ -12,7 +12,7 @@ from gcs.model.plan import Obstacle, Plan, Target
 from gcs.model.state import Array, VehicleId
 from gcs.service import CueMark, SelectedShow, ShowFigures
 from gcs.shows import ShowClock, Timeline
-from gcs.shows.following import THERE_M, DrawnPace, TrackErrors, assigned
+from gcs.shows.following import DrawnPace, TrackErrors, assigned
 from gcs.shows.timeline import Live
 
 LONGEST_STEP_S = 0.2
@@ -64,8 +64,8 @@ class ShowRun:
 
     @property
     def there(self) -> bool:
-        """Whether all vehicles in formation are where the drawing has them."""
-        return bool(np.nanmax(self.off_m, initial=np.inf if np.isnan(self.off_m).all() else 0.0) <= THERE_M)
+        """Whether all vehicles in formation are where the drawing has them, or have had the time for it."""
+        return not self.pace.approaches
 
     def assign(self, chosen: Sequence[VehicleId], start_m: Array) -> None:
         """Give each vehicle its part: its trajectory and its light.
@@ -90,7 +90,13 @@ class ShowRun:
         return ", ".join(f"{vehicle_ids[row]} {rms_m[row]:.2f} ({max_m[row]:.2f})" for row in flown)
 
     def follow_drawing(
-        self, vehicle_ids: Sequence[VehicleId], position_m: Array, formed: NDArray[np.bool_], now_s: float
+        self,
+        vehicle_ids: Sequence[VehicleId],
+        position_m: Array,
+        formed: NDArray[np.bool_],
+        now_s: float,
+        *,
+        assembling: bool,
     ) -> None:
         """Make the goals of this tick, and have the clock wait for late vehicles. Call once a tick.
 
@@ -99,6 +105,7 @@ class ShowRun:
             position_m: (n, 3), show frame, NaN where not known.
             formed: (n,) flies with the show.
             now_s: the tick's time.
+            assembling: the vehicles are on the way to where the show begins, or goes on.
         """
         named, show_s = self.timeline.show.drawing, self._within(now_s)
         motion = self.timeline.motion_at(show_s)
@@ -113,14 +120,15 @@ class ShowRun:
         off_m[rows] = np.linalg.norm(position_m[rows] - motion.position_m[part[rows]], axis=1)
         off_m[~formed] = np.nan
         self.off_m = off_m
-        if not self.clock.runs:
+        if not (self.clock.runs or assembling):
             self.pace = DrawnPace()
         elif dt_s > 0.0:
-            if not self.pace.approaches:
+            if self.clock.runs and not self.pace.approaches:
                 errors = self.errors or TrackErrors.none(len(vehicle_ids))
                 self.errors = errors.noted(off_m, dt_s)
             self.pace = self.pace.step(motion.of(part[rows]), off_m, dt_s, named)
-            self.clock = self.clock.later((1.0 - self.pace.rate) * dt_s)
+            if self.clock.runs:
+                self.clock = self.clock.later((1.0 - self.pace.rate) * dt_s)
         motion = self.timeline.motion_at(self._within(now_s)) or motion
         self.goals = self.pace.goals(motion.of(part[rows]), rows, len(vehicle_ids))
 
@@ -131,7 +139,7 @@ class ShowRun:
         else:
             self.clock = self.clock.stop(now_s)
         if phase is not ShowPhase.RUNNING:
-            self._followed_s = None
+            self._followed_s, self.pace = None, DrawnPace()
         if phase in OVER and self.started:
             self.clock, self.started, self.live = ShowClock(), False, None
 

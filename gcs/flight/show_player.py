@@ -215,7 +215,9 @@ class ShowPlayer:
         if show_run is None:
             return
         formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
-        show_run.follow_drawing(flight.fleet.ids, flight.fleet.position_m, formed, flight.fleet.time_s)
+        assembling = flight.show is ShowPhase.ASSEMBLING
+        now_s, ids, position_m = flight.fleet.time_s, flight.fleet.ids, flight.fleet.position_m
+        show_run.follow_drawing(ids, position_m, formed, now_s, assembling=assembling)
         desired = show_run.desired(flight.fleet.time_s)
         standing = {box.id for box in flight.plan.obstacles}
         own = self._own_obstacles(show_run)

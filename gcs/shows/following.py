@@ -12,7 +12,7 @@ from gcs.model.state import TINY, Array
 from gcs.shows.drawn import Motion
 from gcs.shows.format import Drawing
 
-THERE_M: Final = 1.0
+THERE_M: Final = 0.5
 """A part begins once all vehicles are this near to where it begins."""
 
 APPROACH_MAX_S: Final = 60.0
@@ -64,7 +64,8 @@ class DrawnPace:
         """
         farthest_m = float(np.nanmax(off_m, initial=0.0))
         if self.approaches:
-            if farthest_m > THERE_M and self.for_s < APPROACH_MAX_S:
+            there = bool(np.isfinite(off_m).any()) and farthest_m <= THERE_M
+            if not there and self.for_s < APPROACH_MAX_S:
                 return replace(self, for_s=self.for_s + dt_s)
             fastest_m_s = float(np.linalg.norm(motion.velocity_m_s, axis=1).max(initial=0.0))
             return DrawnPace(approaches=False, rate=1.0 if fastest_m_s < AT_REST_M_S else 0.0)
