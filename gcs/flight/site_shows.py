@@ -24,7 +24,7 @@ from gcs.model.errors import GcsError, LinkError, RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, SelectedShow, ShowFigures
-from gcs.shows import Show, Timeline
+from gcs.shows import Flaw, Show, Timeline
 
 log = logging.getLogger(__name__)
 
@@ -232,6 +232,10 @@ class SiteShowPlayer(ShowPlayer):
         return "the selected show has not arrived from the lead"
 
     # vehicles of all stations
+
+    def _own_misfits(self, show: Show) -> list[Flaw]:
+        drawn = [Flaw(("drawing",), "drawing: several stations do not fly it yet")] if show.drawing else []
+        return [*drawn, *super()._own_misfits(show)]
 
     @property
     def _count(self) -> int:

@@ -26,6 +26,10 @@ from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered
 from gcs.service.snapshots import ShowFigures
 from gcs.shows import Flaw, Show, Timeline
+from gcs.shows.drawn import DrawnShow
+from gcs.shows.format import Drawing
+from gcs.shows.formats import read_drawing
+from gcs.shows.formats.files import IMPORTED
 from gcs.shows.loading import parse
 
 log = logging.getLogger(__name__)
@@ -49,6 +53,7 @@ class _Checked:
     sha256: str | None = None  # of the file that was checked
     show: Show | None = None
     source: Source | None = None  # of the show
+    drawing: DrawnShow | None = None  # of a show with drawn parts
 
 
 NOT_KEPT: Final = "this service keeps no shows: name a folder in its configuration, shows.folder"
@@ -193,8 +198,8 @@ class ShowLibrary:
             self._checks[name] = _Checked(ShowCheck(name, CheckState.RUNNING))
             try:
                 text = await asyncio.to_thread(self._read, name)
-                answer = await _checked_in_process(name, text)
-                self._checks[name] = await asyncio.to_thread(_reported, name, text, answer)
+                answer = await _checked_in_process(name, text, self._place(name).parent)
+                self._checks[name] = await asyncio.to_thread(self._reported, name, text, answer)
             except TimeoutError:
                 self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
             except (GcsError, OSError, ValueError, LookupError, TypeError) as error:  # or invalid output
@@ -209,8 +214,19 @@ class ShowLibrary:
 
         Raises: ValueError (pydantic's) when the output is invalid.
         """
-        self._checks[name] = _reported(name, text, answer)
+        self._checks[name] = self._reported(name, text, answer)
         return self.checked(name)
+
+    def _reported(self, name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
+        """Convert the output of a check, and read the drawing of a show that is good.
+
+        Raises: ValueError, TypeError or LookupError when the output is invalid; ConfigError or RefusedError
+            when the drawing cannot be read, or has changed since.
+        """
+        checked = _reported(name, text, answer)
+        if checked.show is None or checked.show.drawing is None or not checked.reported.good:
+            return checked
+        return replace(checked, drawing=_drawing(checked.show.drawing, self._place(name).parent))
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
         """Return the timeline of a show that is cleared to fly. Reads the file, on the ground.
@@ -231,7 +247,7 @@ class ShowLibrary:
             raise RefusedError(
                 f"show {name!r} was checked with the hash {checked.reported.hash}, not {show_hash[:64]!r}"
             )
-        return Timeline.of(checked.show)
+        return Timeline.of(checked.show, checked.drawing)
 
     def recorded(self, name: str, show_hash: str) -> Timeline:
         """Return the show that was flown under that hash before this service began. Reads the file.
@@ -239,7 +255,7 @@ class ShowLibrary:
         Raises: UnknownError; RefusedError when it cannot be read, or has changed since.
         """
         try:
-            loaded = parse(self._read(name).decode(), name)
+            loaded = parse(self._read(name).decode(), str(self._place(name)))
         except (ConfigError, UnicodeDecodeError) as error:
             raise RefusedError(f"show {name!r} is not what was flown: {error}") from None
         if loaded.show.digest != show_hash:
@@ -275,11 +291,29 @@ def _reported(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
     return _Checked(reported, sha256(text).hexdigest(), show, source)
 
 
-async def _checked_in_process(name: str, text: bytes) -> dict[str, Any]:
-    """Run `gcs show check` on a text. Raises: RefusedError, OSError, TimeoutError, ValueError."""
+def _drawing(named: Drawing, folder: Path) -> DrawnShow:
+    """Read a drawing. Raises: ConfigError; RefusedError when it is not the one that was checked."""
+    drawing, data = read_drawing(folder / named.source)
+    if sha256(data).hexdigest() != named.sha256:
+        raise RefusedError(f"{named.source} has changed since it was checked")
+    return drawing
+
+
+def _link_drawings(drawings: Path, folder: Path) -> None:
+    for beside in drawings.iterdir():
+        if beside.suffix.lower() in IMPORTED:
+            (folder / beside.name).symlink_to(beside.resolve())
+
+
+async def _checked_in_process(name: str, text: bytes, drawings: Path) -> dict[str, Any]:
+    """Run `gcs show check` on a text, beside the drawings of its folder.
+
+    Raises: RefusedError, OSError, TimeoutError, ValueError.
+    """
     with tempfile.TemporaryDirectory(prefix="gcs-check-") as folder:
         path = Path(folder) / f"{name}.yaml"
         path.write_bytes(text)
+        await asyncio.to_thread(_link_drawings, drawings, path.parent)
         try:
             return await answered(("show", "check", str(path), "--json", "--model"), CHECK_WITHIN_S)
         except RefusedError as refused:
