@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import radians
 
 from gcs.model.errors import ShapeError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, freeze
 from gcs.shows.drawn.light_programs import LightPrograms
-from gcs.shows.drawn.trajectories import Trajectories
+from gcs.shows.drawn.trajectories import Trajectories, turned
 from gcs.shows.drawn.yaw_programs import YawPrograms
 
 
@@ -87,6 +88,24 @@ class DrawnShow:
     def duration_s(self) -> float:
         """Time at which the last vehicle ends."""
         return float(self.trajectories.end_s.max())
+
+    def placed(self, turn_deg: float, offset_m: Array) -> "DrawnShow":
+        """Return the show turned about its origin, clockwise from above, then moved by `offset_m` (3,).
+
+        Trajectories, homes, yaw and fence move together; the origin on Earth stays.
+        """
+        matrix = turned(turn_deg)
+        polygons = [
+            replace(polygon, points_m=polygon.points_m @ matrix[:2, :2] + offset_m[:2])
+            for polygon in self.fence
+        ]
+        return replace(
+            self,
+            trajectories=self.trajectories.placed(turn_deg, offset_m),
+            yaw=replace(self.yaw, yaw_rad=self.yaw.yaw_rad + radians(turn_deg)),
+            home_m=self.home_m @ matrix + offset_m,
+            fence=tuple(polygons),
+        )
 
     def of_vehicles(self, rows: Sequence[int]) -> "DrawnShow":
         """Return the show of some vehicles, in that order: rows of another assignment to pads, or fewer."""

@@ -39,6 +39,12 @@ def bezier_of_power(coefficients_m: Array) -> Array:
     return np.asarray(matrix @ coefficients_m)
 
 
+def turned(turn_deg: float) -> Array:
+    """(3, 3) Matrix M: a row vector v of the show frame, turned clockwise from above, is ``v @ M``."""
+    c, s = cos(radians(turn_deg)), sin(radians(turn_deg))
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """Where n vehicles are to be at one time, and how they move there; show frame."""
@@ -163,8 +169,7 @@ class Trajectories:
 
     def placed(self, turn_deg: float, offset_m: Array) -> "Trajectories":
         """Return them turned about the show's origin, clockwise from above, then moved by `offset_m` (3,)."""
-        c, s = cos(radians(turn_deg)), sin(radians(turn_deg))
-        placed_m = self.coefficients_m @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        placed_m = self.coefficients_m @ turned(turn_deg)
         placed_m[:, 0] += offset_m
         placed_m.setflags(write=False)
         return Trajectories(self.index, self.durations_s, placed_m, self.begin_s, self.end_s)

@@ -6,8 +6,9 @@ import pytest
 from gcs.model.errors import ShapeError
 from gcs.shows.drawn import LightPrograms, Trajectories, Trajectory, YawPrograms
 from gcs.shows.drawn.light_programs import BLACK, LightProgram
-from gcs.shows.drawn.trajectories import bezier_of_power, power_of_bezier
+from gcs.shows.drawn.trajectories import bezier_of_power, power_of_bezier, turned
 from gcs.shows.drawn.yaw_programs import NO_YAW, YawProgram
+from tests.support.drawn_shows import drawn_show
 
 
 def _fleet(seed: int = 7, vehicles: int = 12) -> Trajectories:
@@ -100,6 +101,20 @@ def test_a_placed_drawing_is_turned_clockwise_then_moved() -> None:
     ahead = Trajectories.joined([Trajectory(np.array([0.0]), np.array([[[10.0, 0.0, -5.0]]]))])
     placed = ahead.placed(90.0, np.array([100.0, 0.0, 0.0]))
     assert placed.at(0.0).position_m[0] == pytest.approx([100.0, 10.0, -5.0])
+
+
+def test_all_parts_of_a_placed_show_move_together() -> None:
+    """Seen from its own frame, a placed show is the same show."""
+    show, offset_m = drawn_show(6, 30.0, 3.0, ("rings",)), np.array([40.0, -7.0, 0.0])
+    placed = show.placed(30.0, offset_m)
+    back = np.linalg.inv(turned(30.0))
+    for time_s in (0.0, 9.0, 21.0):
+        place_m = (placed.trajectories.at(time_s).position_m - offset_m) @ back
+        assert place_m == pytest.approx(show.trajectories.at(time_s).position_m)
+        assert placed.yaw.at(time_s) == pytest.approx(show.yaw.at(time_s) + np.pi / 6)
+    assert (placed.home_m - offset_m) @ back == pytest.approx(show.home_m)
+    corners_m = (placed.fence[0].points_m - offset_m[:2]) @ back[:2, :2]
+    assert corners_m == pytest.approx(show.fence[0].points_m)
 
 
 def test_some_vehicles_in_another_order() -> None:
