@@ -24,7 +24,7 @@ from gcs.model.errors import GcsError, LinkError, RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, SelectedShow, ShowFigures
-from gcs.shows import Show, Timeline
+from gcs.shows import Flaw, Show, Timeline
 
 log = logging.getLogger(__name__)
 
@@ -149,6 +149,13 @@ class SiteShowPlayer(ShowPlayer):
             raise RefusedError("the show has not arrived")
         self._fitting(show_run.name, show_run.timeline)
         self._take(replace(show_run))
+
+    def _own_misfits(self, show: Show) -> list[Flaw]:
+        found = super()._own_misfits(show)
+        if show.drawing is not None:
+            text = "drawing: stations do not hand drawings to each other: fly it with one station alone"
+            found.insert(0, Flaw(("drawing",), text))
+        return found
 
     # between stations
 

@@ -101,3 +101,19 @@ def test_next_lead_goes_on_with_the_show(tmp_path: Path) -> None:
         assert show.violations == 0
 
     fly_site(story, config(tmp_path, 4, 1), **BUS)
+
+
+def test_a_drawn_show_is_refused_at_a_site(tmp_path: Path) -> None:
+    async def story(show: SiteShow) -> None:
+        await show.wait(4.0)
+        checked(show, "south")
+        drawn = {"kind": "trajectories", "drawing": {"source": "a.skyc", "sha256": "0" * 64}}
+        found = dict(answer(TEXT))
+        service = show["south"].service
+        reported = service.shows.found(NAME, TEXT.encode(), found | {"model": found["model"] | drawn})
+        assert not reported.good
+        assert any("stations do not hand drawings" in each.text for each in reported.problems)
+        with pytest.raises(RefusedError, match="fly it with one station alone"):
+            service.player.select(NAME, reported.hash or "")
+
+    fly_site(story, config(tmp_path, 2, 1), **BUS)

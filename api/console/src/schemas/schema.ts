@@ -2847,6 +2847,11 @@ export interface components {
          * @description A stored show file.
          */
         StoredShow: {
+            /**
+             * Drawing
+             * @description File of the drawing that the show names.
+             */
+            drawing?: string | null;
             /** Name */
             name: string;
             /**
