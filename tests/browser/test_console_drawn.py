@@ -5,6 +5,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, expect
 
 from gcs.config.yaml_files import shipped_folder
+from tests.browser.test_console_sizes import COMMANDS, UNREACHABLE
 from tests.support.console_bench import FLIGHT_MS, console, station
 
 DRAWING = shipped_folder() / "shows" / "drawn-30.skyc"
@@ -23,5 +24,8 @@ def test_a_drawing_is_uploaded_played_and_scrubbed(chrome: Browser, tmp_path: Pa
         ui.part("drawn-scrubber").fill("30")
         ui.says("drawn-position", "0:30")
         assert ui.serious() == []
+        for width, height in ((640, 360), (360, 640), (844, 390)):  # the flight commands stay on the screen
+            ui.page.set_viewport_size({"width": width, "height": height})
+            ui.settles(UNREACHABLE, list(COMMANDS), at=[])
         ui.closes(lambda: ui.press("drawn-close"), "drawn")
         assert ui.wrong == []

@@ -372,8 +372,8 @@ export const texts = {
     failedRead: "The file could not be read.",
   },
   drawn: {
-    title: "Preview of a drawn show",
-    label: (show: string): string => `Preview of ${show}: nothing of it flies`,
+    title: "Preview of a drawn show: nothing of it flies",
+    label: (show: string): string => `Preview: ${show}`,
     position: "Time of the show",
     close: "Close the preview",
     imported: (name: string, vehicles: number, duration_s: number, notes: readonly string[]): string =>
