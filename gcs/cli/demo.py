@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from math import ceil, hypot, sqrt
 from pathlib import Path
@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from gcs.cli import demo_report as report
-from gcs.cli import demo_script, demo_site
+from gcs.cli import demo_script, demo_show, demo_site
 from gcs.cli.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
+from gcs.cli.demo_show import ShowScript
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
 from gcs.cli.process import run_exactly, set_up_log
 from gcs.cli.serve import running
@@ -32,6 +33,7 @@ from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.preflight.parameters import settings_of
+from gcs.shows import LoadedShow
 from gcs.sim.cli import parameter_options
 
 VEHICLES_MAX = {"mavsdk": 50, "native": 1000}
@@ -52,7 +54,7 @@ INTERRUPTED = 130
 def run_demo(arguments: argparse.Namespace) -> int:
     """Fly. Returns: 0 when all landed, kept the floor and entered no obstacle; else nonzero."""
     set_up_log(logging.INFO if arguments.verbose else logging.ERROR)
-    config = make_config(arguments)
+    config, loaded = make_config(arguments), demo_show.loaded_for(arguments)
     say = lines(arguments)
     say("getting_ready", "getting ready (the first time the law is compiled, for up to half a minute)")
     warm_up()
@@ -60,7 +62,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:
             folder = Path(arguments.truth or arguments.record or temporary)
             folder.mkdir(parents=True, exist_ok=True)
-            figures = run_exactly(_fly(config, arguments, folder / "truth.jsonl", say))
+            figures = run_exactly(_fly(config, arguments, folder / "truth.jsonl", say, loaded))
     except StoppedEarlyError as stopped:
         say("interrupted", f"gcs demo: {stopped}; the fleet is down")
         return INTERRUPTED
@@ -68,7 +70,13 @@ def run_demo(arguments: argparse.Namespace) -> int:
         return failed(error, arguments, REFUSED)
     answer(arguments, figures, report.summary(figures), indent=None)
     good = figures["landed"] == arguments.vehicles and not figures["separation_violations"]
-    return 0 if good and not figures["obstacle_penetrations"] else 1
+    follows = loaded is None or loaded.drawing is None or _follows(figures)
+    return 0 if good and follows and not figures["obstacle_penetrations"] else 1
+
+
+def _follows(figures: Mapping[str, object]) -> bool:
+    rms_m = figures.get("track_rms_m")
+    return isinstance(rms_m, float) and rms_m <= demo_show.TRACK_RMS_MAX_M
 
 
 def make_config(arguments: argparse.Namespace) -> configuration.Config:
@@ -91,6 +99,8 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         raw["record"] = {"folder": arguments.record}
     if arguments.api_port is not None:
         raw["api"]["port"] = arguments.api_port
+    if (loaded := demo_show.loaded_for(arguments)) is not None:
+        demo_show.fit(raw, loaded)
     base = configuration.Config.model_validate(raw)
     spare, lowest_m = LARGE_SPHERE if large else SPHERE
     radius_m = max(base.formation.radius_m, smallest_formation_radius_m(count, base.control.safety) * spare)
@@ -100,7 +110,7 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     config = configuration.Config.model_validate(raw)
     scale = _scale(config)
     needed_s = scale.shortest_s if large else scale.whole_s
-    if arguments.seconds is not None and arguments.seconds < needed_s:
+    if loaded is None and arguments.seconds is not None and arguments.seconds < needed_s:
         raise ConfigError(f"--seconds {arguments.seconds:g}: at least {needed_s:g} for {count} vehicles")
     if arguments.stations == 1:
         return config
@@ -159,7 +169,11 @@ def _namespaces(count: int, stations: int) -> list[int]:
 
 
 async def _fly(
-    config: configuration.Config, arguments: argparse.Namespace, truth: Path, say: Say
+    config: configuration.Config,
+    arguments: argparse.Namespace,
+    truth: Path,
+    say: Say,
+    loaded: LoadedShow | None = None,
 ) -> dict[str, object]:
     began_s = time.monotonic()
 
@@ -172,7 +186,9 @@ async def _fly(
     own, site = (station_config(config, demo_site.NAMES[0]), config) if several else (config, None)
     alone: AbstractContextManager[dict[str, str]] = nullcontext({})
     beside = demo_site.other_stations(config, truth.parent) if several else alone
-    with fake_fleet(config, arguments, truth), beside as others:
+    places = None if loaded is None else demo_show.grid_options(loaded)
+    parts: list[int] = []
+    with fake_fleet(config, arguments, truth, places), beside as others:
         async with running(own, site=site) as (orchestrator, port):
             url = f"http://{config.api.host}:{port}"
             describe(
@@ -183,9 +199,13 @@ async def _fly(
             with Client(url) as client:
                 scale = _scale(config)
                 seconds = arguments.seconds or max(demo_script.DEFAULT_S, scale.whole_s)
-                script = DemoScript(client, seconds, describe, scale)
+                script: DemoScript | ShowScript = DemoScript(client, seconds, describe, scale)
+                if loaded is not None:
+                    script = ShowScript(client, loaded, describe)
                 failure = await _fly_script(script)
             marks = script.marks
+            if (run := orchestrator.player.flight.show_run) is not None:
+                parts = [run.parts.get(name, 0) for name in config.ids]
             recorder.cancel()
             tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms or 0.0
             sent = orchestrator.view.value.setpoints_sent
@@ -196,6 +216,9 @@ async def _fly(
     commanded = report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
     figures = _judge(truth, commanded, marks, config)
     figures |= {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
+    if loaded is not None and loaded.drawing is not None:
+        true = report.ground_truth(truth, config.frame, len(config.ids))
+        figures |= demo_show.track_figures(true, loaded, table[:, [0, 7]], parts)
     for name, p99_ms in ticks_ms.items():
         figures[f"tick_p99_ms_{name}"] = p99_ms
     return figures
@@ -206,10 +229,11 @@ async def _follow(orchestrator: Orchestrator, rows: list[tuple[float, ...]]) -> 
     async for view in orchestrator.view.values():
         center_m = view.center_m or (np.nan, np.nan, np.nan)
         radius_m = np.nan if view.radius_m is None else view.radius_m
-        rows.append((view.time_s, *center_m, radius_m, *view.target_m))
+        clock_s = 0.0 if view.selected is None else view.selected.clock_s
+        rows.append((view.time_s, *center_m, radius_m, *view.target_m, clock_s))
 
 
-async def _fly_script(script: DemoScript) -> GcsError | None:
+async def _fly_script(script: DemoScript | ShowScript) -> GcsError | None:
     """Run the script in a thread of its own; Ctrl-C brings the fleet home.
 
     Returns: the error that ended it early; None when there was none.
@@ -224,7 +248,12 @@ async def _fly_script(script: DemoScript) -> GcsError | None:
 
 
 @contextmanager
-def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, truth: Path) -> Iterator[None]:
+def fake_fleet(
+    config: configuration.Config,
+    arguments: argparse.Namespace,
+    truth: Path,
+    places: Sequence[str] | None = None,
+) -> Iterator[None]:
     """Run the fake fleet in one process of its own, which ends with the block.
 
     One process serves all vehicles: eight processes would take most of a core from the flight.
@@ -232,7 +261,7 @@ def fake_fleet(config: configuration.Config, arguments: argparse.Namespace, trut
     frame, count = config.show_frame, arguments.vehicles
     common = [sys.executable, "-m", "gcs.sim", "--port-base", str(arguments.port_base)]
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
-    common += ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
+    common += places or ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
     common += ["--seed", str(arguments.seed)]
     if arguments.transport == "native":
         each = str(_namespaces(count, arguments.stations)[0])

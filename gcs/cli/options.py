@@ -25,6 +25,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="of the whole flight; 240, or as many as the story takes"
     )
+    parser.add_argument("--show", metavar="NAME", help="fly this show file instead of the story")
     parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")
     parser.add_argument("--api-port", type=int, metavar="P", help="8000; 0: any that is free")
     parser.add_argument("--port-base", type=int, default=14540, metavar="P", help="UDP port of the first")

@@ -10,6 +10,7 @@ from gcs.cli.output import answer, picture_file, print_json, require_matplotlib
 from gcs.cli.progress import share_of, working
 from gcs.model.errors import ConfigError, ShowError
 from gcs.shows import LoadedShow, find, load
+from gcs.shows.drawn_checks import examine
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import Run, judged_runs, passed, run_all, run_once, summary
 from gcs.simulation.flight import fly
@@ -113,6 +114,7 @@ def _check(arguments: argparse.Namespace) -> int:
     path = find(arguments.file)
     try:
         loaded = load(path)
+        _examine(loaded)
     except ShowError as error:
         if arguments.json:
             problems = [asdict(problem) for problem in error.problems]
@@ -125,6 +127,15 @@ def _check(arguments: argparse.Namespace) -> int:
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
     answer(arguments, asdict(verdict) | model, table(verdict), indent=None)
     return 0 if verdict.good else 1
+
+
+def _examine(loaded: LoadedShow) -> None:
+    """Look at drawn parts before they are flown. Raises: ShowError when they cannot be flown as drawn."""
+    if loaded.drawing is None:
+        return
+    _, flaws = examine(loaded.timeline)
+    if flaws:
+        raise ShowError(loaded.file, [loaded.problem(flaw) for flaw in flaws])
 
 
 def _plot_show(loaded: LoadedShow, arguments: argparse.Namespace) -> int:

@@ -24,6 +24,7 @@ from gcs.formation.neighbours import Belief, Sight, neighbours_velocity, range_m
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.steering import avoid_all
+from gcs.formation.trajectory import trajectory_velocity
 from gcs.model.plan import LawName
 from gcs.model.state import Array
 
@@ -221,7 +222,8 @@ def desired_velocity(
         aiming: (k,) rows of these vehicles.
     """
     law, limits = now.settings.law, now.settings.safety.limits
-    columns = now.columns if len(now.tasks.segments_m) and len(now.rows) else {}
+    drawn = now.drawn_rows
+    columns = now.columns if len(now.tasks.segments_m) and len(now.rows) + len(drawn) else {}
     if lead.center is not None and len(now.rows) and (now.ellipses or columns):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
         sliding_m_s = np.full(len(own_m_s), along_m_s)
@@ -231,7 +233,26 @@ def desired_velocity(
         to_aim_m_s = goal_velocity(now.position_m[aiming], aim_m[aiming], settings=law)
         half_m_s = 0.5 * np.hypot(to_aim_m_s[:, 0], to_aim_m_s[:, 1])
         desired_m_s[aiming] = _avoiding(now, aiming, to_aim_m_s, {}, half_m_s, {})
+    if len(drawn):
+        desired_m_s[drawn] = _as_drawn(now, drawn, columns)
     return scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
+
+
+def _as_drawn(now: TickInputs, rows: NDArray[np.intp], columns: Mapping[str, Ellipse]) -> Array:
+    """(d, 3) velocities of the vehicles of a drawn show in those rows (d,), with obstacles avoided."""
+    goals, law, limits = now.tasks.drawn, now.settings.law, now.settings.safety.limits
+    if goals is None:
+        return np.zeros((len(rows), 3))
+    along_m_s = trajectory_velocity(
+        now.position_m[rows],
+        goals.position_m[rows],
+        goals.velocity_m_s[rows],
+        rate_per_s=law.slot_rate_per_s,
+        correction_max_m_s=law.speed_m_s,
+        limits_m_s=(limits.horizontal_m_s, limits.up_m_s, limits.down_m_s),
+    )
+    half_m_s = 0.5 * np.hypot(along_m_s[:, 0], along_m_s[:, 1])
+    return _avoiding(now, rows, along_m_s, {}, half_m_s, columns)
 
 
 def _avoiding(

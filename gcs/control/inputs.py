@@ -1,6 +1,6 @@
 """Settings, tasks, memory and inputs of one tick; settings at late links."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final
 
@@ -27,6 +27,21 @@ class Task(IntEnum):
     FORMATION = 1
     GOAL = 2  # to a goal of its own, through the same filter
     ELSEWHERE = 3  # in formation, and flown by another station: no setpoint is sent
+    DRAWN = 4  # along its trajectory of a drawn show, through the same filter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnGoals:
+    """Where a drawn show has each vehicle now, show frame. Rows as in FleetState; NaN: it leads not."""
+
+    position_m: Array  # (n, 3)
+    velocity_m_s: Array  # (n, 3)
+    acceleration_m_s2: Array  # (n, 3)
+
+    def __post_init__(self) -> None:
+        """Raises: ShapeError when the parts have different shapes."""
+        for name in ("position_m", "velocity_m_s", "acceleration_m_s2"):
+            freeze(getattr(self, name), (len(self.position_m), 3), name)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +62,7 @@ class Tasks:
     drift: tuple[Array, Array] | None = None  # (n, 3) expected positions and velocities of vehicles that fell
     # silent a few seconds ago (`gcs.planning.lost_space.expected_drift`), else NaN; None: of none
     silent_segments: int = 0  # the last of `segments_m` are of vehicles that are silent, and not lost yet
+    drawn: DrawnGoals | None = None  # of the vehicles with the task DRAWN; None: no drawn show leads
 
     def __post_init__(self) -> None:
         n = len(self.task)
@@ -66,6 +82,19 @@ class Tasks:
             center_moves=center_moves,
             follows_planned_path=none,
         )
+
+    def led_by(self, goals: DrawnGoals, *, moves: bool) -> "Tasks":
+        """Have a drawn show lead the vehicles in formation: along their trajectories if it `moves`.
+
+        Else each flies to its goal by the rules of the road. A vehicle without a goal stops where it is.
+        """
+        formed = self.task == Task.FORMATION
+        led = formed & np.isfinite(goals.position_m[:, 0])
+        task, goal_m = self.task.copy(), self.goal_m.copy()
+        task[formed] = Task.DRAWN
+        if not moves:
+            task[led], goal_m[led] = Task.GOAL, goals.position_m[led]
+        return replace(self, task=task, goal_m=goal_m, drawn=goals)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,6 +282,13 @@ class TickInputs:
             top_m = tall_m - float(tasks.segments_m[k, :, 2].min())
             found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(x_m, y_m, wide_m, wide_m, top_m)
         return found
+
+    @property
+    def drawn_rows(self) -> NDArray[np.intp]:
+        """(d,) rows of the vehicles on trajectories of a drawn show."""
+        if self.tasks.drawn is None:
+            return np.zeros(0, dtype=np.intp)
+        return np.flatnonzero(self.commanded & (self.tasks.task == Task.DRAWN))
 
     def of_formed(self, values: Array) -> Array:
         """A copy of the rows in formation: (m,) or (m, 3) of (n,) or (n, 3)."""

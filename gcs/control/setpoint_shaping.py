@@ -8,6 +8,7 @@ import numpy as np
 from gcs.control.inputs import Memory, TickInputs
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
+from gcs.formation.trajectory import led_share
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import cap
@@ -51,6 +52,7 @@ def shape_setpoints(
     settings, limits = now.settings, now.settings.safety.limits
     stable = 1.0 / (1.0 + settings.safety.link_delay_s / HALVES_S)
     base_m_s, lead_m_s2 = _known_beforehand(now, center if knows_center else None)
+    _lead_along_drawing(now, allowed_m_s, base_m_s, lead_m_s2)
     requested_m_s = compensate(
         allowed_m_s,
         now.velocity_m_s,
@@ -112,6 +114,17 @@ def _known_beforehand(now: TickInputs, center: Center | None) -> tuple[Array, Ar
     if center is None:
         return np.zeros_like(now.position_m), np.zeros_like(now.position_m)
     return shared(now.formed, center.velocity_m_s), shared(now.formed, center.acceleration_m_s2)
+
+
+def _lead_along_drawing(now: TickInputs, allowed_m_s: Array, base_m_s: Array, lead_m_s2: Array) -> None:
+    """Set velocity and acceleration (n, 3) that vehicles of a drawn show know beforehand."""
+    goals, rows = now.tasks.drawn, now.drawn_rows
+    if goals is None or len(rows) == 0:
+        return
+    rows = rows[np.isfinite(goals.position_m[rows]).all(axis=1)]
+    share = led_share(allowed_m_s[rows], goals.velocity_m_s[rows])
+    base_m_s[rows] = goals.velocity_m_s[rows]
+    lead_m_s2[rows] = share * goals.acceleration_m_s2[rows]
 
 
 def _pace(

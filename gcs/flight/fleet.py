@@ -424,6 +424,8 @@ class Fleet:
 
     def assembled(self) -> bool:
         """Whether the formation's vehicles are on the sphere and spread over all of it."""
+        if self.show_run is not None and self.show_run.goals is not None:
+            return self.show_run.there
         center, radius_m = self.memory.center, self.memory.radius_m
         rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
         if center is None or not rows:
@@ -460,7 +462,10 @@ class Fleet:
 
     def tasks(self) -> Tasks:
         """What every vehicle has to do in this tick."""
-        self.last_tasks = tasks = self._tasks_now()
+        tasks, show_run = self._tasks_now(), self.show_run
+        if show_run is not None and show_run.goals is not None:
+            tasks = tasks.led_by(show_run.goals, moves=show_run.moves)
+        self.last_tasks = tasks
         return tasks
 
     def _tasks_now(self) -> Tasks:

@@ -236,7 +236,7 @@ class PreflightGate:
         """Yield the checks of what would go wrong in the air, as far as it can be predicted; each raises."""
         flight, operation = self.flight, self.flight.config.operation
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
-        if operation.require_safe_setpoint_loss:
+        if operation.require_safe_setpoint_loss and self.show_player.plans():
             rows = [flight.vehicles[name].row for name in chosen]
             look = partial(
                 check_setpoint_loss,
@@ -274,11 +274,12 @@ class PreflightGate:
         flight, show_run = self.flight, self.flight.show_run
         rows = [flight.vehicles[name].row for name in chosen]
         width_m = column_m(flight.control.safety.floor, flight.traits.uncertainty_m[rows])
-        plan = min((plan for _, plan in self.show_player.plans()), key=lambda each: each.formation.radius_m)
+        plans = [plan for _, plan in self.show_player.plans()]
+        plan = min(plans, key=lambda each: each.formation.radius_m, default=None)  # None: drawn all along
         pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
         rehearsed = [f"{chosen[one.upper - 1]} above {chosen[one.lower - 1]} at '{one.cue}'" for one in pairs]
         words = ""
-        if len(chosen) <= PREDICTED_MAX:
+        if plan is not None and len(chosen) <= PREDICTED_MAX:
             formed_m = formation_m(tuple(chosen), flight.fleet.position_m[rows], plan, flight.control)
             words = describe_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
         elif rehearsed:

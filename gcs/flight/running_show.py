@@ -6,12 +6,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.control.inputs import DrawnGoals
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Obstacle, Plan, Target
-from gcs.model.state import VehicleId
+from gcs.model.state import Array, VehicleId
 from gcs.service import CueMark, SelectedShow, ShowFigures
 from gcs.shows import ShowClock, Timeline
+from gcs.shows.following import DrawnPace, TrackErrors, assigned
 from gcs.shows.timeline import Live
+
+LONGEST_STEP_S = 0.2
+"""After a longer pause between ticks the clock waits for no more than this."""
 
 OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 
@@ -28,6 +33,12 @@ class ShowRun:
     parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
     figures: ShowFigures | None = None  # results of its check; None: not known
     received: bool = False  # from another station, which has its file and its check
+    pace: DrawnPace = DrawnPace()  # of the clock in a drawn part
+    goals: DrawnGoals | None = None  # of this tick, rows as in FleetState; None: the law leads
+    off_m: Array = field(default_factory=lambda: np.zeros(0))  # (n,) from them; NaN: takes no part, not known
+    errors: TrackErrors | None = None  # of the vehicles by row, since the start; None: of no drawn part
+    lags_reported: bool = False
+    _followed_s: float | None = None  # when the goals were made last
     cue_times: tuple[CueMark, ...] = field(init=False)  # of every cue as played
 
     def __post_init__(self) -> None:
@@ -46,12 +57,89 @@ class ShowRun:
     def obstacles(self) -> tuple[Obstacle, ...]:
         return tuple({box: None for _, standing in self.timeline.obstacles for box in standing})
 
+    @property
+    def moves(self) -> bool:
+        """Whether vehicles follow their trajectories; False: they fly to where a part begins."""
+        return self.clock.runs and not self.pace.approaches
+
+    @property
+    def there(self) -> bool:
+        """Whether all vehicles in formation are where the drawing has them, or have had the time for it."""
+        return not self.pace.approaches
+
+    def assign(self, chosen: Sequence[VehicleId], start_m: Array) -> None:
+        """Give each vehicle its part: its trajectory and its light.
+
+        Args:
+            chosen: that start, in the fleet's order.
+            start_m: (k, 3) where they stand.
+        """
+        drawing, named = self.timeline.drawing, self.timeline.show.drawing
+        parts = np.arange(len(chosen))
+        if drawing is not None and named is not None and named.pads == "nearest":
+            parts = assigned(start_m, drawing.trajectories.at(self.timeline.parts[0].from_s).position_m)
+        self.parts = dict(zip(chosen, parts.tolist(), strict=True))
+        self.errors, self.lags_reported = None, False
+
+    def lags(self, vehicle_ids: Sequence[VehicleId]) -> str:
+        """Describe by how much each vehicle was off its trajectory, the farthest first; empty without any."""
+        if self.errors is None:
+            return ""
+        rms_m, max_m = self.errors.rms_m, self.errors.max_m
+        flown = [row for row in np.argsort(-max_m).tolist() if self.errors.time_s[row] > 0.0]
+        return ", ".join(f"{vehicle_ids[row]} {rms_m[row]:.2f} ({max_m[row]:.2f})" for row in flown)
+
+    def follow_drawing(
+        self,
+        vehicle_ids: Sequence[VehicleId],
+        position_m: Array,
+        formed: NDArray[np.bool_],
+        now_s: float,
+        *,
+        assembling: bool,
+    ) -> None:
+        """Make the goals of this tick, and have the clock wait for late vehicles. Call once a tick.
+
+        Args:
+            vehicle_ids: n, by row.
+            position_m: (n, 3), show frame, NaN where not known.
+            formed: (n,) flies with the show.
+            now_s: the tick's time.
+            assembling: the vehicles are on the way to where the show begins, or goes on.
+        """
+        named, show_s = self.timeline.show.drawing, self._within(now_s)
+        motion = self.timeline.motion_at(show_s)
+        before_s, self._followed_s = self._followed_s, now_s
+        if named is None or motion is None:
+            self.pace, self.goals = DrawnPace(), None
+            return
+        dt_s = 0.0 if before_s is None else min(now_s - before_s, LONGEST_STEP_S)
+        part = np.array([self.parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
+        rows = np.flatnonzero(part >= 0)
+        off_m = np.full(len(vehicle_ids), np.nan)
+        off_m[rows] = np.linalg.norm(position_m[rows] - motion.position_m[part[rows]], axis=1)
+        off_m[~formed] = np.nan
+        self.off_m = off_m
+        if not (self.clock.runs or assembling):
+            self.pace = DrawnPace()
+        elif dt_s > 0.0:
+            if self.clock.runs and not self.pace.approaches:
+                errors = self.errors or TrackErrors.none(len(vehicle_ids))
+                self.errors = errors.noted(off_m, dt_s)
+            self.pace = self.pace.step(motion.of(part[rows]), off_m, dt_s, named)
+            if self.clock.runs:
+                self.clock = self.clock.later((1.0 - self.pace.rate) * dt_s)
+        motion = self.timeline.motion_at(self._within(now_s)) or motion
+        self.goals = self.pace.goals(motion.of(part[rows]), rows, len(vehicle_ids))
+
     def follow(self, phase: ShowPhase, now_s: float) -> None:
         """Run the clock while the show runs; a pause stops it, and the end resets it."""
         if phase is ShowPhase.RUNNING:
             self.clock = self.clock.run(now_s)
         else:
             self.clock = self.clock.stop(now_s)
+        if phase is not ShowPhase.RUNNING:
+            self._followed_s, self.pace = None, DrawnPace()
         if phase in OVER and self.started:
             self.clock, self.started, self.live = ShowClock(), False, None
 
@@ -93,6 +181,8 @@ class ShowRun:
             runs=self.clock.runs,
             target_is_live=self.is_live(now_s),
             timeline=self.cue_times,
+            track_rms_m=None if self.errors is None else round(self.errors.fleet_rms_m, 3),
+            track_max_m=None if self.errors is None else round(float(self.errors.max_m.max()), 2),
         )
 
     def _within(self, now_s: float) -> float:

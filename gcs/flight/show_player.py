@@ -5,12 +5,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 
+import numpy as np
+
 from gcs.flight.fleet import Fleet
 from gcs.flight.refusals import with_alternative
 from gcs.flight.running_show import ShowRun
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
-from gcs.model.lifecycle import ON_THE_GROUND
+from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, Target
 from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_obstacle, check_target
@@ -180,7 +182,8 @@ class ShowPlayer:
         show_run = self.flight.show_run
         if show_run is not None:
             show_run.started = True
-            show_run.parts = {name: part for part, name in enumerate(chosen)}
+            rows = [self.flight.vehicles[name].row for name in chosen]
+            show_run.assign(chosen, self.flight.fleet.position_m[rows])
 
     def pads(self) -> dict[VehicleId, int]:
         """Row of each vehicle's pad among those of the selected show."""
@@ -211,6 +214,10 @@ class ShowPlayer:
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None:
             return
+        formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
+        assembling = flight.show is ShowPhase.ASSEMBLING
+        now_s, ids, position_m = flight.fleet.time_s, flight.fleet.ids, flight.fleet.position_m
+        show_run.follow_drawing(ids, position_m, formed, now_s, assembling=assembling)
         desired = show_run.desired(flight.fleet.time_s)
         standing = {box.id for box in flight.plan.obstacles}
         own = self._own_obstacles(show_run)
@@ -222,7 +229,24 @@ class ShowPlayer:
             else:
                 admitted.append(box)
         self.waits = tuple(waits)
+        self._report_lags(show_run)
         flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
+
+    def _report_lags(self, show_run: ShowRun) -> None:
+        """Log once, when a show with drawn parts has ended, how well each vehicle followed its trajectory."""
+        over = self.flight.show not in {ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.ASSEMBLING}
+        if not over or show_run.lags_reported or show_run.errors is None:
+            return
+        show_run.lags_reported = True
+        log.info(
+            "show_tracked",
+            extra={
+                "show": show_run.name,
+                "reason": f"off the trajectories, m rms (max): {show_run.lags(self.flight.fleet.ids)}",
+                "rms_m": round(show_run.errors.fleet_rms_m, 3),
+                "max_m": round(float(show_run.errors.max_m.max()), 3),
+            },
+        )
 
     def check_obstacle(self, box: Obstacle, comes_down_m: Mapping[VehicleId, Array]) -> None:
         """Check that an obstacle can stand now, clear of airborne vehicles and of places (3,) to land at.

@@ -184,6 +184,16 @@ class SelectedShow:
     ]
     target_is_live: Annotated[bool, Field(description="Whether PUT target moves the target now.")]
     timeline: Annotated[tuple[CueMark, ...], Field(exclude=True)] = ()  # as played; loops written out
+    track_rms_m: Annotated[
+        float | None,
+        Field(
+            description="Distance from the trajectory since the start, as estimated, over time and vehicles;"
+            " null while no drawn part has run."
+        ),
+    ] = None
+    track_max_m: Annotated[float | None, Field(description="The greatest such distance of any vehicle.")] = (
+        None
+    )
 
 
 @dataclass(frozen=True, slots=True)

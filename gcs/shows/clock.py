@@ -28,6 +28,10 @@ class ShowClock:
         """Stop the clock: the show continues at the same time after a pause of any length."""
         return ShowClock(self.show_s(clock_s))
 
+    def later(self, wait_s: float) -> "ShowClock":
+        """Let the clock lose this time: it waited for vehicles while it ran."""
+        return replace(self, begins_s=self.begins_s - wait_s)
+
     def seek(self, timeline: Timeline, cue: str, *, grounded: bool) -> "ShowClock":
         """Start at the first time that a cue is played.
 

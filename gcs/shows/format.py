@@ -169,6 +169,9 @@ class Drawing(Settings):
 
     source: Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,80}\.(skyc|zip|csv)$")]
     sha256: Annotated[StrictStr, Field(pattern=r"^[0-9a-f]{64}$")]  # of its bytes
+    late: Literal["catch-up", "wait"] = "catch-up"  # what follows when a vehicle falls behind its trajectory
+    waits_from_m: Annotated[float, Field(ge=0.5, le=50.0)] = 3.0  # `wait`: so far behind that the clock waits
+    pads: Literal["nearest", "file"] = "nearest"  # who flies which trajectory; `file`: in the fleet's order
 
 
 class Loop(Settings):

@@ -27,6 +27,9 @@ from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered
 from gcs.service.snapshots import ShowFigures
 from gcs.shows import Flaw, Show, Timeline, stored_drawings
+from gcs.shows.drawn import DrawnShow
+from gcs.shows.format import Drawing
+from gcs.shows.formats import read_drawing
 from gcs.shows.loading import parse
 
 log = logging.getLogger(__name__)
@@ -50,6 +53,7 @@ class _Checked:
     sha256: str | None = None  # of the file that was checked
     show: Show | None = None
     source: Source | None = None  # of the show
+    drawing: DrawnShow | None = None  # of a show with drawn parts
 
 
 NOT_KEPT: Final = "this service keeps no shows: name a folder in its configuration, shows.folder"
@@ -209,7 +213,7 @@ class ShowLibrary:
             try:
                 text = await asyncio.to_thread(self._read, name)
                 answer = await _checked_in_process(name, text, self._place(name).parent)
-                self._checks[name] = await asyncio.to_thread(_reported, name, text, answer)
+                self._checks[name] = await asyncio.to_thread(self._reported, name, text, answer)
             except TimeoutError:
                 self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
             except (GcsError, OSError, ValueError, LookupError, TypeError) as error:  # or invalid output
@@ -224,8 +228,19 @@ class ShowLibrary:
 
         Raises: ValueError (pydantic's) when the output is invalid.
         """
-        self._checks[name] = _reported(name, text, answer)
+        self._checks[name] = self._reported(name, text, answer)
         return self.checked(name)
+
+    def _reported(self, name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
+        """Convert the output of a check, and read the drawing of a show that is good.
+
+        Raises: ValueError, TypeError or LookupError when the output is invalid; ConfigError or RefusedError
+            when the drawing cannot be read, or has changed since.
+        """
+        checked = _reported(name, text, answer)
+        if checked.show is None or checked.show.drawing is None or not checked.reported.good:
+            return checked
+        return replace(checked, drawing=_drawing(checked.show.drawing, self._place(name).parent))
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
         """Return the timeline of a show that is cleared to fly. Reads the file, on the ground.
@@ -246,7 +261,7 @@ class ShowLibrary:
             raise RefusedError(
                 f"show {name!r} was checked with the hash {checked.reported.hash}, not {show_hash[:64]!r}"
             )
-        return Timeline.of(checked.show)
+        return Timeline.of(checked.show, checked.drawing)
 
     def recorded(self, name: str, show_hash: str) -> Timeline:
         """Return the show that was flown under that hash before this service began. Reads the file.
@@ -299,6 +314,14 @@ def _reported(name: str, text: bytes, answer: Mapping[str, Any]) -> _Checked:
     )
     source = None if show is None else Source(text.decode(), name)
     return _Checked(reported, sha256(text).hexdigest(), show, source)
+
+
+def _drawing(named: Drawing, folder: Path) -> DrawnShow:
+    """Read a drawing. Raises: ConfigError; RefusedError when it is not the one that was checked."""
+    drawing, data = read_drawing(folder / named.source)
+    if sha256(data).hexdigest() != named.sha256:
+        raise RefusedError(f"{named.source} has changed since it was checked")
+    return drawing
 
 
 async def _checked_in_process(name: str, text: bytes, kept: Path) -> dict[str, Any]:

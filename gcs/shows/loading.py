@@ -65,7 +65,7 @@ def parse(text: str, file: str) -> LoadedShow:
         found = [Flaw(misfit.loc, _within_cue(misfit)) for misfit in misfits(error, Show, source)]
     if found or show is None:
         raise ShowError(file, [located(flaw, source, _names(raw)) for flaw in found])
-    return LoadedShow(Path(file).stem, file, show, Timeline.of(show), source, drawing)
+    return LoadedShow(Path(file).stem, file, show, Timeline.of(show, drawing), source, drawing)
 
 
 def _drawing(show: Show, named: Drawing, folder: Path) -> tuple[DrawnShow | None, list[Flaw]]:
@@ -116,9 +116,7 @@ def service_flaws(
     show: Show, frame: ShowFrame, control: ControlSettings, operation: OperationSettings, vehicles: int
 ) -> list[Flaw]:
     """Return all reasons why a service with so many vehicles would not fly the show as checked."""
-    drawn = [Flaw(("drawing",), "drawing: this service does not fly it yet")] if show.drawing else []
     return [
-        *drawn,
         *_origin(show, frame),
         *_limits(show, control),
         *_take_off(show, operation),

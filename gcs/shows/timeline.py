@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
+from gcs.shows.drawn import DrawnShow, Motion
 from gcs.shows.drawn_parts import PlayedPart, drawn_s
 from gcs.shows.format import Box, Cue, Loop, Path, Place, Show, Spin
 
@@ -159,11 +160,12 @@ class Timeline:
     orbits: tuple[tuple[float, Orbit], ...]  # from when on
     obstacles: tuple[tuple[float, tuple[Obstacle, ...]], ...]  # from when on
     parts: tuple[PlayedPart, ...] = ()  # of the drawing
+    drawing: DrawnShow | None = None  # of a show with drawn parts that is flown
 
     @staticmethod
-    def of(show: Show) -> "Timeline":
+    def of(show: Show, drawing: DrawnShow | None = None) -> "Timeline":
         """Expand the loops and lay out every transition. The show must be valid (`gcs.shows.validation`)."""
-        return _Writer(show).written()
+        return replace(_Writer(show).written(), drawing=drawing)
 
     def plan_at(
         self, time_s: float, *, clock_s: float | None = None, runs: bool = True, live: Target | None = None
@@ -201,6 +203,8 @@ class Timeline:
         found: list[tuple[str, Plan]] = []
         seen: set[tuple[Formation, Orbit, float, float]] = set()
         for time_s in sorted(time_s for time_s in times_s if time_s <= self.duration_s):
+            if self.drawn_s(time_s) is not None:
+                continue  # the drawing leads: no plan of the law
             plan = self.plan_at(time_s)
             known = (plan.formation, plan.orbit, round(plan.target.x_m), round(plan.target.y_m))
             if known not in seen:
@@ -217,8 +221,24 @@ class Timeline:
         part = self.cue_at(time_s).cue.trajectories
         return None if part is None else drawn_s(self.parts, time_s)
 
+    def motion_at(self, time_s: float) -> Motion | None:
+        """Return where the drawing has all its vehicles at a time of the show, and how they move there.
+
+        None while the law leads. Where a part has ended they rest.
+        """
+        at_s = self.drawn_s(time_s)
+        if self.drawing is None or at_s is None:
+            return None
+        motion = self.drawing.trajectories.at(at_s)
+        if time_s < self.parts[bisect_right(self.parts, time_s, key=lambda part: part.begin_s) - 1].end_s:
+            return motion
+        still = np.zeros_like(motion.position_m)
+        return Motion(motion.position_m, still, still)
+
     def colours_at(self, time_s: float) -> NDArray[np.uint8]:
-        """(n, 3) Red, green and blue of every vehicle's light, in the fleet's order."""
+        """(n, 3) Red, green and blue of every vehicle's light, in the order of the drawing or the fleet."""
+        if self.drawing is not None and (at_s := self.drawn_s(time_s)) is not None:
+            return self.drawing.lights.colours_at(at_s)
         return np.asarray(np.rint(self.lights.value(time_s)).astype(np.uint8))
 
     def cue_at(self, time_s: float) -> Played:

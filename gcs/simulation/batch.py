@@ -11,7 +11,8 @@ from statistics import median
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.flight import fly
 from gcs.simulation.metrics import report
-from gcs.simulation.scenario import Gate, Scenario
+from gcs.simulation.scenario import Gate, Scenario, ShowFlight
+from gcs.simulation.show_runs import flown_show
 
 MISSES_ALLOWED = 0.05
 """Share of a scenario's runs of one fleet that may be outside the gates in `mostly`."""
@@ -35,7 +36,10 @@ def run_once(run: Run, on_progress: Callable[[float], None] | None = None) -> di
     `on_progress` is called with the share of the longest duration that is flown.
     """
     scenario = scenarios.load(run.path)
-    figures = report(fly(scenario, run.vehicles, run.seed, on_progress))
+    if isinstance(scenario.flight, ShowFlight):
+        figures = flown_show(scenario, scenario.flight, run.seed)
+    else:
+        figures = report(fly(scenario, run.vehicles, run.seed, on_progress))
     judged = scenario.judged
     return figures | {"failed": broken(figures, judged.must), "missed": broken(figures, judged.mostly)}
 
@@ -69,7 +73,7 @@ def passed(reports: Sequence[dict[str, object]]) -> bool:
 
 def figure(figures: dict[str, object], name: str) -> object:
     group, _, key = name.partition(".")
-    section = figures[group]
+    section = figures.get(group)
     if not isinstance(section, dict):
         return section
     if key == "in_time":
@@ -78,7 +82,7 @@ def figure(figures: dict[str, object], name: str) -> object:
     if key == "missing":
         expected = int(str(section.get("expected") or figures["vehicles"]))
         return None if section["arrived"] is None else expected - section["arrived"]
-    return section[key]
+    return section.get(key)
 
 
 def broken(figures: dict[str, object], gates: Mapping[str, Gate]) -> list[str]:
@@ -131,6 +135,8 @@ COLUMNS: tuple[tuple[str, str, Callable[[list[float]], float], str], ...] = (
     ("arrival.median_ratio", "ratio", LESS_IS_BETTER, ".2f"),
     ("arrival.worst_ratio", "worst", LESS_IS_BETTER, ".2f"),
     ("arrival.planning_s", "plan s", LESS_IS_BETTER, ".2f"),
+    ("track.rms_m", "track", LESS_IS_BETTER, ".3f"),
+    ("track.max_m", "farthest", LESS_IS_BETTER, ".2f"),
     ("tick.p99_ms", "p99 ms", LESS_IS_BETTER, ".2f"),
     ("realtime_factor", "x real", MORE_IS_BETTER, ".0f"),
 )

@@ -15,7 +15,7 @@ from gcs.failsafe.policy import Action
 from gcs.flight.commander import STOPS_WITHIN_S
 from gcs.flight.ticker import garbage_between_ticks
 from gcs.formation.neighbours import Sight
-from gcs.model.errors import RefusedError
+from gcs.model.errors import ConfigError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
@@ -37,7 +37,15 @@ from gcs.simulation.article import fly_article
 from gcs.simulation.initial_states import draw_world
 from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
-from gcs.simulation.scenario import ArticleFlight, Carried, FormationFlight, GoalFlight, Loss, Scenario
+from gcs.simulation.scenario import (
+    ArticleFlight,
+    Carried,
+    FormationFlight,
+    GoalFlight,
+    Loss,
+    Scenario,
+    ShowFlight,
+)
 from gcs.simulation.stations import Decided, SimulatedStations
 from gcs.simulation.world import TOUCHDOWN_M_S, Neighbourhood, TrueWorld
 
@@ -73,7 +81,7 @@ class SimulatedFlight:
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
         flight = scenario.flight
-        loss = Loss() if isinstance(flight, ArticleFlight) else flight.loss
+        loss = Loss() if isinstance(flight, ArticleFlight | ShowFlight) else flight.loss
         joining = flight.join if isinstance(flight, FormationFlight) else 0
         self.losses = Losses(loss, n, seed, joining=joining)
         self.record.lost_rows = frozenset(np.flatnonzero(self.losses.rows).tolist())
@@ -126,6 +134,10 @@ class SimulatedFlight:
     def finished(self) -> bool:
         return False
 
+    def led(self, tasks: Tasks) -> Tasks:
+        """Return the tasks as a drawn show, if one leads, has them."""
+        return tasks
+
     def sight(self) -> Sight | None:
         """What the vehicles received from each other by now; None: the law is computed on the ground."""
         return None
@@ -150,7 +162,7 @@ class SimulatedFlight:
             drift=self.losses.drift,
             silent_segments=self.losses.silent_segments,
         )
-        decided = self._decide(fleet, tasks)
+        decided = self._decide(fleet, self.led(tasks))
         self.memory = decided.memory
         self._mind_failsafes(fleet)
         self._keep(decided)
@@ -564,4 +576,6 @@ def fly(
         return FormationRun(scenario, scenario.flight, count, seed).fly(on_progress)
     if isinstance(scenario.flight, GoalFlight):
         return GoalRun(scenario, scenario.flight, count, seed).fly(on_progress)
+    if isinstance(scenario.flight, ShowFlight):
+        raise ConfigError(f"{scenario.name}: it flies a show: gcs show plot draws one")
     return fly_article(scenario, scenario.flight, count, seed)

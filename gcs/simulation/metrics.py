@@ -22,7 +22,7 @@ from gcs.simulation.record import (
     through,
 )
 from gcs.simulation.reference_shapes import SEARCHED_MOST, best, best_figures, energy_and_nearest
-from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged
+from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged, ShowFlight
 
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02
@@ -219,7 +219,7 @@ OBSTACLES = (
 def formation(record: Record, shape: Shape) -> dict[str, object]:
     flight = record.scenario.flight
     ticks = steady_ticks(record)
-    if isinstance(flight, GoalFlight) or len(ticks) == 0:
+    if isinstance(flight, GoalFlight | ShowFlight) or len(ticks) == 0:
         return dict.fromkeys(FORMATION)
     stays = isinstance(flight, ArticleFlight) or flight.ending == "none"
     settle_s = settle_time_s(record, shape) if stays else _settled_once_s(record, shape)
@@ -299,7 +299,7 @@ def tracking(record: Record, shape: Shape) -> dict[str, object]:
         "center_speed_m_s": None,
         "spin_radius_error_m": _spin_radius_error_m(record, shape),
     }
-    if isinstance(flight, GoalFlight) or not flight.orbit.radius_m:
+    if isinstance(flight, GoalFlight | ShowFlight) or not flight.orbit.radius_m:
         return figures
     settle_s = _on_orbit_s(record, flight)
     ticks = [t for t in range(len(record.time_s)) if settle_s is not None and record.time_s[t] >= settle_s]

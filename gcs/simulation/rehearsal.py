@@ -3,18 +3,23 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, hypot
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.control import Task
+from gcs.control import Task, Tasks
+from gcs.control.inputs import DrawnGoals
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.flight.fleet import stands
 from gcs.model.errors import Problem, RefusedError
 from gcs.model.plan import Obstacle, Plan
+from gcs.model.state import Array
 from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, LoadedShow, Played
+from gcs.shows.drawn_checks import DrawnFigures, examine
+from gcs.shows.following import DrawnPace, TrackErrors, assigned
 from gcs.simulation.flight import SimulatedFlight
 from gcs.simulation.metrics import rounded
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario, World
@@ -43,6 +48,11 @@ class Rehearsal(SimulatedFlight):
         self._on_progress, self._report_at_s = on_progress, 0.0
         show, timeline = loaded.show, loaded.timeline
         self.loaded, self.timeline = loaded, timeline
+        self.show_s: list[float] = []  # the show's time at every tick, below 0 before it began
+        self.errors = TrackErrors.none(show.fleet.vehicles)  # true ones, in drawn parts
+        self.off_m: list[Array] = []  # (n,) of each tick, likewise; NaN where no drawn part ran
+        self._pace, self._clock_s = DrawnPace(), 0.0
+        self._goals: DrawnGoals | None = None
         self.began_s: float | None = None  # when the sphere stood and the show's clock started
         self.ended_s: float | None = None  # when the return began
         self.flaws: list[Flaw] = []
@@ -69,6 +79,10 @@ class Rehearsal(SimulatedFlight):
         start_m = show.pads_m - (0.0, 0.0, show.fleet.takeoff_height_m)
         super().__init__(scenario, start_m, np.full_like(start_m, np.nan), first, seed)
         self.task[:] = Task.FORMATION
+        self.trajectory_of = np.arange(show.fleet.vehicles)  # (n,) row of each vehicle's trajectory
+        if loaded.drawing is not None and show.drawing is not None and show.drawing.pads == "nearest":
+            first_m = loaded.drawing.trajectories.at(timeline.parts[0].from_s).position_m
+            self.trajectory_of = assigned(start_m, first_m)
 
     def before_tick(self) -> None:
         if self._on_progress is not None and self.time_s >= self._report_at_s:
@@ -80,12 +94,44 @@ class Rehearsal(SimulatedFlight):
         self._named = len(self.record.failsafes)
         if self.began_s is None:
             self._assemble()
+        elif self.ended_s is None and not self._follow(self._clock_s):
+            self._clock_s += self.world.tick_s
         if self.began_s is not None and self.ended_s is None:
-            self._play(self.time_s - self.began_s)
+            self._play(self._clock_s)
+        self.show_s.append(-1.0 if self.began_s is None else self._clock_s)
         if self.ended_s is not None:
+            self._goals = None
             begin = self.center_moves
             self.center_moves = False
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
+
+    def led(self, tasks: Tasks) -> Tasks:
+        if self._goals is None:
+            return tasks
+        return tasks.led_by(self._goals, moves=not self._pace.approaches)
+
+    def _follow(self, show_s: float) -> bool:
+        """Have the drawing lead, and the clock run as vehicles keep up. Returns: False if the law leads."""
+        drawing, motion, dt_s = self.loaded.show.drawing, self.timeline.motion_at(show_s), self.world.tick_s
+        off_m = np.full(len(self.task), np.nan)
+        if drawing is None or motion is None:
+            self._pace, self._goals = DrawnPace(), None
+            self.off_m.append(off_m)
+            return False
+        motion = motion.of(self.trajectory_of)
+        flies = (self.task == Task.FORMATION) & self.present
+        away_m = np.linalg.norm(self.world.received_m - motion.position_m, axis=1)
+        self._pace = self._pace.step(motion, np.where(flies, away_m, np.nan), dt_s, drawing)
+        self._clock_s += self._pace.rate * dt_s
+        moved = self.timeline.motion_at(self._clock_s)
+        motion = motion if moved is None else moved.of(self.trajectory_of)
+        self._goals = self._pace.goals(motion, np.arange(len(flies)), len(flies))
+        if not self._pace.approaches:
+            true_m = np.linalg.norm(self.world.position_m - motion.position_m, axis=1)
+            off_m[flies] = true_m[flies]
+        self.errors = self.errors.noted(off_m, dt_s)
+        self.off_m.append(off_m)
+        return True
 
     def return_now(self) -> None:
         if self.ended_s is None:
@@ -98,7 +144,7 @@ class Rehearsal(SimulatedFlight):
         if self.began_s is None:
             done_s = min(self.time_s, ASSEMBLED_IN_S)
         elif self.ended_s is None:
-            done_s = ASSEMBLED_IN_S + self.time_s - self.began_s
+            done_s = ASSEMBLED_IN_S + self._clock_s
         else:
             done_s = ASSEMBLED_IN_S + timeline_s + min(self.time_s - self.ended_s, HOME_IN_S)
         return done_s / (ASSEMBLED_IN_S + timeline_s + HOME_IN_S)
@@ -107,6 +153,10 @@ class Rehearsal(SimulatedFlight):
         return self.ended_s is not None and not self.record.in_air[-1].any()
 
     def _assemble(self) -> None:
+        if self._follow(0.0):
+            self.began_s = None if self._pace.approaches else self.time_s
+            self.center_moves = self.began_s is not None
+            return
         center = self.memory.center
         charge = np.array(self.traits.charge)
         if center is not None and stands(
@@ -148,11 +198,7 @@ def rehearse(
     """Fly a show once, with the recorded errors of the vehicles' position estimates.
 
     `on_progress` is called with the share of the flight that is done, from 0 to 1.
-
-    Raises: RefusedError for a show with drawn parts.
     """
-    if loaded.drawing is not None:
-        raise RefusedError(f"{loaded.file}: parts of a drawing are not flown yet, only imported and exported")
     flight = Rehearsal(loaded, World(noise=1.0), seed, on_progress)
     flight.fly()
     return flight
@@ -179,6 +225,25 @@ class Verdict(ShowFigures):
     hash: str
     good: bool
     problems: tuple[Problem, ...]
+    drawn: DrawnFigures | None = None  # as drawn; None: no drawing
+    track_rms_m: float | None = None  # true distances from the trajectories, over time and vehicles
+    track_max_m: float | None = None
+    lags: tuple["Lag", ...] = ()  # of every vehicle, the largest first
+
+
+@dataclass(frozen=True, slots=True)
+class Lag:
+    """How far one vehicle was from its trajectory while drawn parts ran."""
+
+    vehicle: int  # of the show, from 1
+    trajectory: str  # name of the file
+    rms_m: float
+    max_m: float
+    at_s: float  # time of the show, of the largest
+    cue: str
+
+
+LAG_REPORTED_M, LAGS_NAMED = 0.5, 5
 
 
 def judge(flight: Rehearsal) -> Verdict:
@@ -199,6 +264,7 @@ class _Judge:
         self._began_s = flight.began_s if flight.began_s is not None else float(self._time_s[-1])
         self._ended_s = flight.ended_s if flight.ended_s is not None else float(self._time_s[-1])
         self._found = list(flight.flaws)
+        self._show_s = np.array(flight.show_s)
 
     def verdict(self) -> Verdict:
         show, timeline = self._loaded.show, self._loaded.timeline
@@ -233,7 +299,27 @@ class _Judge:
             vertical_overlaps=len(columns),
             columns=tuple(columns[:COLUMNS_REPORTED]),
             cues=cues,
+            **self._drawn(),
         )
+
+    def _drawn(self) -> dict[str, Any]:
+        """Return the figures of drawn parts."""
+        timeline, errors, drawing = self._loaded.timeline, self._flight.errors, self._loaded.drawing
+        if drawing is None:
+            return {}
+        off_m = np.nan_to_num(np.stack(self._flight.off_m), nan=0.0)
+        lags = []
+        for row in np.argsort(-errors.max_m, kind="stable").tolist():
+            at_s = float(self._show_s[int(off_m[:, row].argmax())])
+            name = drawing.vehicles[int(self._flight.trajectory_of[row])]
+            sizes = _short(errors.rms_m[row]), _short(errors.max_m[row])
+            lags.append(Lag(row + 1, name, *sizes, _short(at_s), timeline.cue_at(at_s).cue.cue))
+        return {
+            "drawn": examine(timeline)[0],
+            "track_rms_m": round(errors.fleet_rms_m, 3),
+            "track_max_m": _short(errors.max_m.max()),
+            "lags": tuple(lags),
+        }
 
     def _passages(self) -> list[tuple[Played, float, float]]:
         """Every cue as it was played, with start and end in show time."""
@@ -242,25 +328,28 @@ class _Judge:
         return [(one, one.at_s, to_s) for one, to_s in zip(played, nexts, strict=True)]
 
     def _ticks(self, from_s: float, to_s: float) -> NDArray[np.intp]:
-        show_s = self._time_s - self._began_s
-        return np.flatnonzero((show_s >= from_s - 1e-6) & (show_s < to_s - 1e-6))
+        flown = (self._time_s >= self._began_s) & (self._time_s < self._ended_s)
+        return np.flatnonzero(flown & (self._show_s >= from_s - 1e-6) & (self._show_s < to_s - 1e-6))
 
     def _cue(self, one: Played, from_s: float, to_s: float) -> CueFigures:
         ticks = self._ticks(from_s, to_s)
-        plan = self._loaded.timeline.plan_at(to_s - 1e-3)
+        plan, drawn = self._loaded.timeline.plan_at(to_s - 1e-3), one.cue.trajectories is not None
         speed_m_s = np.hypot(*self._velocity_m_s[ticks][:, :, :2].transpose(2, 0, 1))
         return CueFigures(
             cue=one.cue.cue if one.passage == 1 else f"{one.cue.cue} ({one.passage})",
             line=self._loaded.source.line("timeline", one.index),
             at_s=_short(one.at_s),
-            radius_m=_short(plan.formation.radius_m),
-            height_m=_short(plan.formation.height_m),
+            radius_m=0.0 if drawn else _short(plan.formation.radius_m),
+            height_m=_short(-self._position_m[ticks[-1], :, 2].mean() if drawn else plan.formation.height_m),
             separation_m=_short(float(self._closest_m[ticks].min())),
             speed_m_s=_short(float(speed_m_s.max())),
-            radius_error_m=_short(float(np.median([self._radius_error_m(tick) for tick in ticks[::5]]))),
-            center_off_m=_short(self._off_m(int(ticks[-1]), plan)),
+            radius_error_m=None if drawn else self._median_radius_error_m(ticks),
+            center_off_m=None if drawn else _short(self._off_m(int(ticks[-1]), plan)),
             held_back=int(np.array(self._record.limited)[ticks].max()),
         )
+
+    def _median_radius_error_m(self, ticks: NDArray[np.intp]) -> float:
+        return _short(float(np.median([self._radius_error_m(tick) for tick in ticks[::5].tolist()])))
 
     def _radius_error_m(self, tick: int) -> float:
         offset_m = self._position_m[tick] - self._record.center_m[tick]
@@ -326,10 +415,11 @@ class _Judge:
             if one.cue.orbit is not None or one.cue.target is not None
         ]
         ends = [at for _, at in requested[1:]] + [self._loaded.timeline.duration_s]
-        for (one, at_s), to_s in zip(requested, ends, strict=True):
+        for (one, at_s), to_s in zip(requested, ends[: len(requested)], strict=True):
             off_m = [
-                self._off_m(tick, self._loaded.timeline.plan_at(float(self._time_s[tick]) - self._began_s))
+                self._off_m(tick, self._loaded.timeline.plan_at(float(self._show_s[tick])))
                 for tick in self._ticks(at_s, to_s).tolist()
+                if np.isfinite(self._record.center_m[tick]).all()
             ]
             if off_m and min(off_m) > REACHED_M:
                 words = f"{off_m[-1]:.1f} m are left at {to_s:g} s of the show, when the next begins"
@@ -345,7 +435,7 @@ class _Judge:
     def _note(self, tick: int, words: str) -> None:
         """Add a flaw at that tick, to its cue."""
         loc, where = self._place(tick)
-        when = f"{self._time_s[tick] - self._began_s:.1f} s of the show ({where})"
+        when = f"{self._show_s[tick]:.1f} s of the show ({where})"
         self._found.append(Flaw(loc, f"{words} at {when}"))
 
     def _place(self, tick: int) -> tuple[tuple[str | int, ...], str]:
@@ -355,7 +445,7 @@ class _Judge:
             return ("timeline", 0), "before the show"
         if time_s >= self._ended_s:
             return ("duration_s",), "on the way home"
-        one = self._loaded.timeline.cue_at(time_s - self._began_s)
+        one = self._loaded.timeline.cue_at(float(self._show_s[tick]))
         return ("timeline", one.index), one.cue.cue
 
 
@@ -366,6 +456,27 @@ def _short(value: float) -> float:
 def _named(columns: Sequence[VerticalOverlap]) -> str:
     words = [f"{pair.upper} above {pair.lower} at '{pair.cue}'" for pair in columns[:COLUMNS_NAMED]]
     return f": {', '.join(words)}{', ...' if len(columns) > COLUMNS_NAMED else ''}" if words else ""
+
+
+def _drawn_lines(verdict: Verdict) -> list[str]:
+    drawn = verdict.drawn
+    if drawn is None:
+        return []
+    lines = [f"  track error {verdict.track_rms_m} m rms, at most {verdict.track_max_m} m"]
+    named = [
+        f"{lag.vehicle} by {lag.max_m:g} m at {lag.at_s:.0f} s ('{lag.cue}')"
+        for lag in verdict.lags[:LAGS_NAMED]
+        if lag.max_m >= LAG_REPORTED_M
+    ]
+    if named:
+        lines.append(f"  most behind: {', '.join(named)}")
+    if drawn.closest is not None:
+        pair = f"{drawn.closest[0]} and {drawn.closest[1]} at {drawn.separation_min_at_s:g} s of the drawing"
+        lines.append(f"  drawn closest {drawn.separation_min_m:.2f} m ({pair})")
+    for claim in drawn.claims:
+        kept = "holds" if claim.holds else "does not hold"
+        lines.append(f"  the file claims {claim.name} {claim.claimed:g}: {kept}, {claim.measured:g}")
+    return lines
 
 
 def table(verdict: Verdict) -> str:
@@ -382,6 +493,7 @@ def table(verdict: Verdict) -> str:
         f"  fence {verdict.fence_distance_margin_m:.1f} m left sideways, {height}",
         f"  battery {verdict.battery_need:.0%} needed, reserve included",
         f"  columns of {verdict.vertical_overlaps} pairs overlap{_named(verdict.columns)}",
+        *_drawn_lines(verdict),
         "",
     ]
     cells = [("cue", "line", "at s", "radius", "height", "closest", "speed", "shape", "centre", "held")]
@@ -394,8 +506,8 @@ def table(verdict: Verdict) -> str:
             f"{one.height_m:g}",
             f"{one.separation_m:.2f}",
             f"{one.speed_m_s:.1f}",
-            f"{one.radius_error_m:.2f}",
-            f"{one.center_off_m:.2f}",
+            "-" if one.radius_error_m is None else f"{one.radius_error_m:.2f}",
+            "-" if one.center_off_m is None else f"{one.center_off_m:.2f}",
             str(one.held_back),
         )
         for one in verdict.cues

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, StrictStr, ValidationError, model_validator
 
 from gcs.config import yaml_files as documents
 from gcs.config.sections import OrbitSettings, TargetSettings
@@ -213,7 +213,16 @@ class ArticleFlight(Settings):
     avoidance: AvoidanceSettings = AvoidanceSettings()
 
 
-Flight: TypeAlias = Annotated[FormationFlight | GoalFlight | ArticleFlight, Field(discriminator="kind")]
+class ShowFlight(Settings):
+    """A written show, as `gcs show check` flies it, in the scenario's world."""
+
+    kind: Literal["show"]
+    show: StrictStr  # a file, or the name of one that is shipped
+
+
+Flight: TypeAlias = Annotated[
+    FormationFlight | GoalFlight | ArticleFlight | ShowFlight, Field(discriminator="kind")
+]
 
 
 class Gate(Settings):

@@ -1,10 +1,12 @@
 """Written shows of a site: selected at any station, played by the lead, gone on with by the next lead."""
 
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
 from gcs.config.schema import Config
+from gcs.config.yaml_files import shipped_folder
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow, ShowAction
@@ -107,7 +109,10 @@ def test_a_drawn_show_is_refused_at_a_site(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         await show.wait(4.0)
         checked(show, "south")
-        drawn = {"kind": "trajectories", "drawing": {"source": "a.skyc", "sha256": "0" * 64}}
+        data = (shipped_folder() / "shows" / "drawn-30.skyc").read_bytes()
+        (tmp_path / "a.skyc").write_bytes(data)
+        named = {"source": "a.skyc", "sha256": sha256(data).hexdigest()}
+        drawn = {"kind": "trajectories", "drawing": named}
         found = dict(answer(TEXT))
         service = show["south"].service
         reported = service.shows.found(NAME, TEXT.encode(), found | {"model": found["model"] | drawn})

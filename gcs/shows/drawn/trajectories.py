@@ -53,6 +53,10 @@ class Motion:
     velocity_m_s: Array  # (n, 3)
     acceleration_m_s2: Array  # (n, 3)
 
+    def of(self, rows: Rows) -> "Motion":
+        """Return the motion of some vehicles, (k,) rows in any order."""
+        return Motion(self.position_m[rows], self.velocity_m_s[rows], self.acceleration_m_s2[rows])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:

@@ -2623,6 +2623,16 @@ export interface components {
              * @description Whether PUT target moves the target now.
              */
             target_is_live: boolean;
+            /**
+             * Track Max M
+             * @description The greatest such distance of any vehicle.
+             */
+            track_max_m?: number | null;
+            /**
+             * Track Rms M
+             * @description Distance from the trajectory since the start, as estimated, over time and vehicles; null while no drawn part has run.
+             */
+            track_rms_m?: number | null;
         };
         /**
          * Severity

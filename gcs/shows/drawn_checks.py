@@ -1,0 +1,225 @@
+"""Checks the drawn parts of a show without a flight: spacing, speeds, fence, the file's claims. Pure."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy  # its parts are loaded on first use: 30 MB, which most flights do not need
+
+from gcs.model.state import Array
+from gcs.shows.drawn import Claims, DrawnShow
+from gcs.shows.drawn_parts import PlayedPart
+from gcs.shows.flaws import Flaw
+from gcs.shows.format import Show
+from gcs.shows.timeline import Timeline
+
+SAMPLED_S: Final = 0.1
+PAIRS_NAMED: Final = 10
+"""Most pairs that a flaw names."""
+
+JUMP_S: Final = 0.5
+"""Accelerations are means over this time, the lag of a vehicle: no vehicle follows a shorter one."""
+
+NEARLY: Final = 0.01
+"""Tolerance of limits and claims, as a share: files are rounded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What the file says that its show keeps to, and what its drawing does."""
+
+    name: str
+    claimed: float
+    measured: float
+    holds: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnFigures:
+    """Figures of all drawn parts of a show, as they are drawn."""
+
+    separation_min_m: float | None  # in the metric of the separation ellipsoid; None: one vehicle
+    separation_min_at_s: float | None  # time of the drawing
+    closest: tuple[str, str] | None  # names of the file
+    pairs_below_floor: int
+    speed_max_m_s: float  # sideways
+    climb_max_m_s: float
+    sink_max_m_s: float
+    acceleration_max_m_s2: float
+    height_max_m: float
+    claims: tuple[Claim, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sampled:
+    """One part: k times, n vehicles, show frame."""
+
+    part: PlayedPart
+    time_s: Array  # (k,) of the drawing
+    position_m: Array  # (k, n, 3)
+    velocity_m_s: Array  # (k, n, 3)
+
+
+def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
+    """Return figures and flaws of the drawn parts. Needs a timeline with its drawing."""
+    drawing, show = timeline.drawing, timeline.show
+    if drawing is None:
+        raise ValueError("a timeline with a drawing is needed")
+    first = {part.index: part for part in reversed(timeline.parts)}  # loops repeat a part
+    found: list[Flaw] = []
+    pairs: dict[tuple[int, int], tuple[float, float]] = {}
+    least = (np.inf, 0.0, (0, 0))
+    most = np.zeros(5)
+    for index in sorted(first):
+        sampled = _sampled(drawing, first[index])
+        closest, below = _spacing(show, sampled)
+        least = min(least, closest)
+        for pair, near in below.items():
+            pairs[pair] = min(near, pairs.get(pair, near))
+        most = np.maximum(most, _motion(sampled))
+        found += [*_close(show, drawing, index, below), *_fast(show, sampled), *_outside(show, sampled)]
+    known = np.isfinite(least[0])
+    names = drawing.vehicles
+    figures = DrawnFigures(
+        separation_min_m=_short(least[0]) if known else None,
+        separation_min_at_s=_short(least[1]) if known else None,
+        closest=(names[least[2][0]], names[least[2][1]]) if known else None,
+        pairs_below_floor=len(pairs),
+        speed_max_m_s=_short(most[0]),
+        climb_max_m_s=_short(most[1]),
+        sink_max_m_s=_short(most[2]),
+        acceleration_max_m_s2=_short(most[3]),
+        height_max_m=_short(most[4]),
+        claims=tuple(_claims(drawing.claims, (least[0], *most[[0, 1, 2, 4]].tolist()))),
+    )
+    return figures, found
+
+
+def _sampled(drawing: DrawnShow, part: PlayedPart) -> _Sampled:
+    time_s = np.append(np.arange(part.from_s, part.to_s, SAMPLED_S), part.to_s - 1e-6)
+    motions = [drawing.trajectories.at(at_s) for at_s in time_s.tolist()]
+    position_m = np.stack([motion.position_m for motion in motions])
+    return _Sampled(part, time_s, position_m, np.stack([motion.velocity_m_s for motion in motions]))
+
+
+Near = tuple[float, float]
+"""A distance in m, and the drawing's time of it."""
+
+
+def _spacing(
+    show: Show, sampled: _Sampled
+) -> tuple[tuple[float, float, tuple[int, int]], dict[tuple[int, int], Near]]:
+    """Return the closest pair with distance and time, and the least distance of each pair below the floor."""
+    floor = show.control.safety.floor
+    stretch = np.array([1.0, 1.0, floor.horizontal_m / floor.vertical_m])
+    least, below = (np.inf, 0.0, (0, 0)), dict[tuple[int, int], Near]()
+    if sampled.position_m.shape[1] < 2:
+        return least, below
+    for time_s, position_m in zip(sampled.time_s.tolist(), sampled.position_m * stretch, strict=True):
+        tree = scipy.spatial.cKDTree(position_m)
+        away_m, other = map(np.asarray, tree.query(position_m, k=2))
+        row = int(away_m[:, 1].argmin())
+        nearest_m = float(away_m[row, 1])
+        if nearest_m < least[0]:
+            low, high = sorted((row, int(other[row, 1])))
+            least = nearest_m, time_s, (low, high)
+        if nearest_m < floor.horizontal_m:
+            for low, high in tree.query_pairs(floor.horizontal_m):
+                near = float(np.linalg.norm(position_m[low] - position_m[high])), time_s
+                below[low, high] = min(near, below.get((low, high), near))
+    return least, below
+
+
+def _close(show: Show, drawing: DrawnShow, index: int, below: dict[tuple[int, int], Near]) -> Iterator[Flaw]:
+    if not below:
+        return
+    floor_m, names = show.control.safety.floor.horizontal_m, drawing.vehicles
+    worst = sorted(below.items(), key=lambda item: item[1])[:PAIRS_NAMED]
+    reported = [
+        f"{names[low]} and {names[high]} {away_m:.2f} m at {time_s:.1f} s"
+        for (low, high), (away_m, time_s) in worst
+    ]
+    more = ", ..." if len(below) > PAIRS_NAMED else ""
+    text = f"{len(below)} pairs are drawn closer than the floor of {floor_m:g} m: {', '.join(reported)}{more}"
+    yield Flaw(("timeline", index, "trajectories"), f"trajectories: {text} (times of the drawing)")
+
+
+def _motion(sampled: _Sampled) -> Array:
+    """(5,) Greatest speed sideways, climb, sink, acceleration and height."""
+    velocity_m_s = sampled.velocity_m_s
+    return np.array(
+        [
+            np.hypot(velocity_m_s[:, :, 0], velocity_m_s[:, :, 1]).max(),
+            np.max(-velocity_m_s[:, :, 2], initial=0.0),
+            np.max(velocity_m_s[:, :, 2], initial=0.0),
+            _accelerations_m_s2(sampled).max(initial=0.0),
+            -sampled.position_m[:, :, 2].min(),
+        ]
+    )
+
+
+def _accelerations_m_s2(sampled: _Sampled) -> Array:
+    """(j, n) Mean accelerations over `JUMP_S`."""
+    steps = round(JUMP_S / SAMPLED_S)
+    change_m_s = sampled.velocity_m_s[steps:] - sampled.velocity_m_s[:-steps]
+    return np.asarray(np.linalg.norm(change_m_s, axis=2) / JUMP_S)
+
+
+def _fast(show: Show, sampled: _Sampled) -> Iterator[Flaw]:
+    """Yield what no vehicle can follow, with the worst vehicle and time."""
+    velocity_m_s, limits = sampled.velocity_m_s, show.limits
+    kinds = (
+        ("sideways", np.hypot(velocity_m_s[:, :, 0], velocity_m_s[:, :, 1]), limits.speed_max_m_s, "m/s"),
+        ("up", -velocity_m_s[:, :, 2], limits.climb_max_m_s, "m/s"),
+        ("down", velocity_m_s[:, :, 2], limits.sink_max_m_s, "m/s"),
+        (
+            f"of acceleration over {JUMP_S:g} s",
+            _accelerations_m_s2(sampled),
+            show.control.acceleration_max_m_s2,
+            "m/s^2",
+        ),
+    )
+    for what, values, most, unit in kinds:
+        if values.max(initial=0.0) > most * (1.0 + NEARLY):
+            yield _worst(sampled, what, values, most, unit)
+
+
+def _worst(sampled: _Sampled, what: str, values: Array, most: float, unit: str) -> Flaw:
+    at, row = np.unravel_index(int(values.argmax()), values.shape)
+    when = f"vehicle {row + 1} of the drawing at {sampled.time_s[at]:.1f} s"
+    text = f"trajectories: {values.max():.2f} {unit} {what}, at most {most:g} {unit}: {when}"
+    return Flaw(("timeline", sampled.part.index, "trajectories"), text)
+
+
+def _outside(show: Show, sampled: _Sampled) -> Iterator[Flaw]:
+    fence, position_m = show.fence, sampled.position_m
+    height_m, far_m = -position_m[:, :, 2], np.hypot(position_m[:, :, 0], position_m[:, :, 1])
+    beyond: Sequence[tuple[str, Array]] = (
+        ("above the fence", height_m - fence.height_max_m),
+        ("below the fence", fence.height_min_m - height_m),
+        ("beyond the fence", far_m - fence.distance_max_m),
+    )
+    for what, over_m in beyond:
+        if over_m.max() > NEARLY:
+            yield _worst(sampled, what, over_m, 0.0, "m")
+
+
+def _claims(claims: Claims, measured: tuple[float, ...]) -> Iterator[Claim]:
+    kinds = (
+        ("separation_min_m", claims.separation_min_m),
+        ("speed_max_m_s", claims.speed_max_m_s),
+        ("climb_max_m_s", claims.climb_max_m_s),
+        ("sink_max_m_s", claims.sink_max_m_s),
+        ("height_max_m", claims.height_max_m),
+    )
+    for (name, claimed), value in zip(kinds, measured, strict=True):
+        if claimed is None or not np.isfinite(value):
+            continue
+        least = name == "separation_min_m"
+        holds = value >= claimed * (1.0 - NEARLY) if least else value <= claimed * (1.0 + NEARLY)
+        yield Claim(name, _short(claimed), _short(value), holds)
+
+
+def _short(value: float) -> float:
+    return round(float(value), 2)

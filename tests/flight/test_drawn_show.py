@@ -1,0 +1,182 @@
+"""A drawn show, flown by the service: approach, trajectories, lost and late vehicles, landing."""
+
+from dataclasses import asdict
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import yaml
+
+from gcs.config.schema import Config
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.service import SelectedShow, ShowAction
+from gcs.shows import parse
+from gcs.shows.formats import read_drawing, write_drawing
+from gcs.shows.importing import show_text
+from gcs.simulation.rehearsal import judge, rehearse
+from tests.support.drawn_shows import ORIGIN, drawn_show
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
+
+COUNT, SPACING_M = 8, 6.0
+NAME = "drawn"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the service keeps shows: a show file, and its drawing beside it."""
+    folder = tmp_path_factory.mktemp("shows")
+    path = folder / "rings.skyc"
+    write_drawing(drawn_show(COUNT, 30.0, SPACING_M, ("rings",)), path)
+    drawing, data = read_drawing(path)
+    (folder / f"{NAME}.yaml").write_text(show_text(drawing, path.name, sha256(data).hexdigest()))
+    return folder
+
+
+@cache
+def checked(path: Path, late: str) -> tuple[str, dict[str, Any]]:
+    """The text of the show, and what `gcs show check --json --model` prints for it."""
+    raw = yaml.safe_load(path.read_text())
+    raw["drawing"]["late"] = late
+    text = yaml.safe_dump(raw, sort_keys=False)
+    loaded = parse(text, str(path))
+    verdict = judge(rehearse(loaded))
+    return text, asdict(verdict) | {"model": loaded.show.model_dump(mode="json")}
+
+
+def config(folder: Path) -> Config:
+    frame = {
+        "latitude_deg": ORIGIN.latitude_deg,
+        "longitude_deg": ORIGIN.longitude_deg,
+        "altitude_amsl_m": ORIGIN.altitude_amsl_m,
+        "heading_deg": ORIGIN.heading_deg,
+    }
+    return show_config(COUNT, shows={"folder": folder}, show_frame=frame, operation=HOLDS_WHEN_LOST)
+
+
+def select(show: Show, folder: Path, late: str = "catch-up") -> SelectedShow:
+    path = folder / f"{NAME}.yaml"
+    text, answer = checked(path, late)
+    path.write_text(text)
+    reported = show.service.shows.found(NAME, text.encode(), dict(answer))
+    assert reported.good, reported.problems
+    assert reported.hash is not None
+    return show.service.player.select(NAME, reported.hash)
+
+
+def selected(show: Show) -> SelectedShow:
+    found = show.view.selected
+    assert found is not None
+    return found
+
+
+def on_pads(folder: Path) -> dict[str, Any]:
+    """Settings of a fake fleet on the show's pads."""
+    show = parse((folder / f"{NAME}.yaml").read_text(), str(folder / f"{NAME}.yaml")).show
+    assert show.fleet.pads.columns == 3
+    corner_m = show.pads_m[0, :2]
+    c, s = np.cos(np.radians(ORIGIN.heading_deg)), np.sin(np.radians(ORIGIN.heading_deg))
+    north_m, east_m = c * corner_m[0] - s * corner_m[1], s * corner_m[0] + c * corner_m[1]
+    return {
+        "spacing_m": show.fleet.pads.spacing_m,
+        "grid_columns": show.fleet.pads.columns,
+        "grid_heading_deg": ORIGIN.heading_deg,
+        "grid_at_m": (float(north_m), float(east_m)),
+    }
+
+
+async def start(show: Show, folder: Path, late: str = "catch-up") -> None:
+    found = select(show, folder, late)
+    await show.standby()
+    show.service.commands.command_show(ShowAction.START, show_hash=found.hash)
+    await show.reach(ShowPhase.RUNNING, 90.0)
+
+
+def test_a_drawn_show_is_flown_from_pad_to_pad(folder: Path) -> None:
+    async def story(show: Show) -> tuple[Track, SelectedShow, int]:
+        await start(show, folder)
+        await show.reach(ShowPhase.LANDED, 240.0)
+        await show.wait(0.2)
+        return show.track, selected(show), show.floor_violations()
+
+    track, ended, violations = fly(story, config(folder), **on_pads(folder))
+    assert violations == 0
+    assert track.show_phases()[-4:] == [
+        ShowPhase.ASSEMBLING,
+        ShowPhase.RUNNING,
+        ShowPhase.RETURNING,
+        ShowPhase.LANDED,
+    ]
+    assert ended.track_rms_m is not None
+    assert ended.track_rms_m <= 0.3
+    assert not any(track.samples[-1].armed)
+
+
+def test_a_lost_vehicle_does_not_end_a_drawn_show(folder: Path) -> None:
+    async def story(show: Show) -> tuple[Track, float, int]:
+        await start(show, folder)
+        await show.until(lambda: selected(show).clock_s > 8.0)
+        show.befall("d4", "silence")
+        lost_s = show.now_s
+        await show.phase("d4", Phase.LOST, 30.0)
+        await show.until(lambda: show.view.show is ShowPhase.RETURNING, 60.0)
+        return show.track, lost_s, show.floor_violations()
+
+    track, lost_s, violations = fly(story, config(folder), **on_pads(folder))
+    assert violations == 0
+    assert ShowPhase.UNCONTROLLED not in track.show_phases()
+    flown = track.between(lost_s + 5.0)
+    assert {seen.phase for name in ("d1", "d8") for seen in flown.of(name)} >= {Phase.FORMATION}
+
+
+class Late(NamedTuple):
+    """A vehicle that a gust blew off its trajectory."""
+
+    farthest_m: float
+    later_m: float  # 12 s after the gust
+    waited_s: float  # by which the show's clock is late
+    shown: SelectedShow
+
+
+def blown_off(folder: Path, late: str) -> Late:
+    async def story(show: Show) -> Late:
+        await start(show, folder, late)
+        await show.until(lambda: selected(show).clock_s > 2.0)
+        begun_s = show.now_s - selected(show).clock_s
+        show.befall("d1", "wind", north_m_s=11.0, east_m_s=0.0, down_m_s=0.0)
+        farthest_m = 0.0
+        for _ in range(12):
+            await show.wait(0.25)
+            farthest_m = max(farthest_m, off_m(show))
+        show.befall("d1", "wind", north_m_s=0.0, east_m_s=0.0, down_m_s=0.0)
+        for _ in range(48):
+            await show.wait(0.25)
+            farthest_m = max(farthest_m, off_m(show))
+        return Late(farthest_m, off_m(show), show.now_s - begun_s - selected(show).clock_s, selected(show))
+
+    return fly(story, config(folder), **on_pads(folder))
+
+
+def off_m(show: Show) -> float:
+    """How far the first vehicle is off its trajectory, as the service estimates it."""
+    show_run = show.service.player.flight.show_run
+    assert show_run is not None
+    return float(show_run.off_m[0])
+
+
+def test_a_late_vehicle_catches_up_and_the_clock_runs_on(folder: Path) -> None:
+    late = blown_off(folder, "catch-up")
+    assert late.farthest_m > 3.0
+    assert late.later_m < 0.5
+    assert late.waited_s == pytest.approx(0.0, abs=0.11)
+    assert late.shown.track_max_m is not None
+    assert late.shown.track_max_m > 3.0
+
+
+def test_the_clock_of_a_waiting_show_waits_for_a_late_one(folder: Path) -> None:
+    late = blown_off(folder, "wait")
+    assert late.farthest_m > 3.0
+    assert late.later_m < 0.5
+    assert 1.0 < late.waited_s < 15.0

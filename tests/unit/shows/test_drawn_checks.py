@@ -1,0 +1,79 @@
+"""The check of a drawing without a flight: what is refused, where, and what the file claims."""
+
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from gcs.shows import Flaw, load
+from gcs.shows.drawn import Claims, DrawnShow
+from gcs.shows.drawn_checks import DrawnFigures, examine
+from gcs.shows.formats import read_drawing, write_drawing
+from gcs.shows.importing import show_text
+from tests.support.drawn_shows import drawn_show
+
+
+def checked(
+    folder: Path, show: DrawnShow, changes: tuple[str, str] = ("", "")
+) -> tuple[DrawnFigures, list[Flaw]]:
+    source = folder / "trial.skyc"
+    write_drawing(show, source)
+    drawing, data = read_drawing(source)
+    path = folder / "trial.yaml"
+    text = show_text(drawing, source.name, sha256(data).hexdigest()).replace(*changes)
+    path.write_text(text)
+    return examine(load(path).timeline)
+
+
+def test_a_show_at_three_metres_is_good(tmp_path: Path) -> None:
+    figures, flaws = checked(tmp_path, drawn_show(12, 40.0, 3.0, ("wall",)))
+    assert flaws == []
+    assert figures.separation_min_m == pytest.approx(3.0, abs=0.1)
+    assert figures.pairs_below_floor == 0
+    assert all(claim.holds for claim in figures.claims)
+    assert len(figures.claims) == 5
+
+
+def test_spacing_below_the_floor_is_refused_with_pairs_and_times(tmp_path: Path) -> None:
+    figures, flaws = checked(tmp_path, drawn_show(12, 40.0, 1.5, ("wall",)))
+    assert figures.pairs_below_floor > 0
+    assert {flaw.loc[0] for flaw in flaws} == {"timeline"}
+    assert "are drawn closer than the floor of 2 m: drone 1 and drone 5 1.53 m at 7.5 s" in flaws[0].text
+
+
+def test_a_claim_that_does_not_hold_is_reported(tmp_path: Path) -> None:
+    show = replace(
+        drawn_show(8, 40.0, 3.0, ("rings",)), claims=Claims(separation_min_m=4.5, speed_max_m_s=0.1)
+    )
+    figures, flaws = checked(tmp_path, show)
+    assert [(claim.name, claim.holds) for claim in figures.claims] == [
+        ("separation_min_m", False),
+        ("speed_max_m_s", False),
+    ]
+    assert flaws == []
+
+
+@pytest.mark.parametrize(
+    ("limit", "reported"),
+    [
+        ("limits: {speed_max_m_s: 0.5}", "m/s sideways, at most 0.5 m/s: vehicle"),
+        ("limits: {climb_max_m_s: 0.5}", "m/s up, at most 0.5 m/s: vehicle"),
+        ("limits: {sink_max_m_s: 0.5}", "m/s down, at most 0.5 m/s: vehicle"),
+    ],
+)
+def test_what_no_vehicle_can_follow_is_refused(tmp_path: Path, limit: str, reported: str) -> None:
+    _, flaws = checked(
+        tmp_path, drawn_show(8, 40.0, 3.0, ("rings",)), ("\nduration_s", f"\n{limit}\nduration_s")
+    )
+    assert flaws
+    assert all(reported in flaw.text for flaw in flaws)
+
+
+def test_a_drawing_above_the_fence_is_refused(tmp_path: Path) -> None:
+    show = drawn_show(8, 40.0, 3.0, ("rings",))
+    high_m = -float(show.trajectories.hull_m()[0, 2])
+    _, flaws = checked(
+        tmp_path, show, (f"height_max_m: {int(high_m + 11)}", f"height_max_m: {int(high_m - 1)}")
+    )
+    assert any("m above the fence" in flaw.text for flaw in flaws)
