@@ -12,6 +12,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from gcs.api.auth.authorization import Authorization, KillSwitch
+from gcs.api.drawings import Drawings
 from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import binary_frame as frames
 from gcs.api.schemas import convert
@@ -114,6 +115,7 @@ class Context:
         self.ground, self.frame = ground, service.frame
         self.authorization = authorization
         self.kill_switch = KillSwitch()
+        self.drawings = Drawings(service.frame)
         self.feed = Feed(service, authorization.text, self.health_problem, ground)
         self.emergency_port: int | None = None  # of the emergency listener, once it listens
         self._text = ""

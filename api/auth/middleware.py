@@ -67,7 +67,7 @@ class Audited:
         if not changes and status not in DENIED:
             return
         caller = scope.get(CALLER_KEY) or CALLER.get()
-        text = body.decode(errors="replace")
+        text = (scope["query_string"] if _is_upload(scope) else body).decode(errors="replace")
         self._audit.call(Call(caller, scope["method"], scope["path"], text, status))
         if changes and status < HTTPStatus.BAD_REQUEST and not await self._audit.kept():
             MutableHeaders(scope=start)["X-Recorded"] = "no"
@@ -78,6 +78,9 @@ BODY_MAX_BYTES: Final = 64 * 1024
 
 BODY_S: Final = 10.0
 """Seconds for a whole body to arrive: an unfinished request holds a connection that others need."""
+
+UPLOAD: Final = ("POST", "/api/v1/shows/import")
+"""The one request with a larger body: its route bounds size and time, and writes the body to a file."""
 
 DRAIN_MAX_BYTES: Final = 1024 * 1024
 """Bytes of a body that are read at most; an oversized one is dropped, and the client receives the reason."""
@@ -115,6 +118,9 @@ class AccessMiddleware:
                 principal
             )
             await self._app(scope, receive, send)
+            return
+        if _is_upload(scope):
+            await (_refused_coding(Headers(scope=scope)) or self._app)(scope, receive, send)
             return
         try:
             async with asyncio.timeout(BODY_S):
@@ -178,6 +184,10 @@ def _is_embedded(call: Request) -> bool:
     return not (is_link and call.method == "GET" and needed(call.method, call.path) is None)
 
 
+def _is_upload(scope: Scope) -> bool:
+    return (scope.get("method"), scope["path"]) == UPLOAD
+
+
 def _call(scope: Scope) -> Request:
     address = scope.get("client")
     return Request(
@@ -215,12 +225,20 @@ def _refused_body(headers: Headers, body: bytes | None) -> Response | None:
     """The refusal of a body that is too large (None), compressed or invalid JSON; None: accepted."""
     if body is None:
         return error_response(413, f"the body is larger than {BODY_MAX_BYTES} bytes")
-    coding = headers.get("content-encoding", "identity").strip().lower()
-    if coding not in ("", "identity"):
-        detail = f"Content-Encoding: {cut(coding)} is not accepted; send the body uncompressed"
-        return error_response(415, detail)
+    refusal = _refused_coding(headers)
+    if refusal is not None:
+        return refusal
     problem = find_problem(headers, body)
     return None if problem is None else invalid_response([problem])
+
+
+def _refused_coding(headers: Headers) -> Response | None:
+    """The refusal of a compressed body; None: accepted."""
+    coding = headers.get("content-encoding", "identity").strip().lower()
+    if coding in ("", "identity"):
+        return None
+    detail = f"Content-Encoding: {cut(coding)} is not accepted; send the body uncompressed"
+    return error_response(415, detail)
 
 
 def _replay(body: bytes, receive: Receive) -> Receive:

@@ -1,13 +1,15 @@
 """Routes of written shows and of a replay. They only translate."""
 
 from http import HTTPStatus
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Query
 from starlette.requests import Request
+from starlette.responses import Response
 
 from gcs import service
 from gcs.api.context import Context, ContextDep
+from gcs.api.drawings import Upload
 from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
@@ -28,6 +30,17 @@ YAML_BODY: Final[dict[str, Any]] = {
     }
 }
 
+DRAWING_BODY: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "description": f"The file of the drawing, at most {service.DRAWING_MAX_BYTES >> 20} MiB.",
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+
+Seconds = Annotated[float, Query(ge=0.0, le=86_400.0)]
+Rate = Annotated[float, Query(ge=0.01, le=10.0, description="Lowered where there would be too many samples.")]
+
 files = APIRouter(prefix="/shows", tags=["shows"], dependencies=TOKEN)
 selected = APIRouter(prefix="/show", tags=["show"], dependencies=TOKEN)
 replay = APIRouter(prefix="/replay", tags=["replay"], dependencies=TOKEN)
@@ -43,6 +56,53 @@ async def get_show(context: ContextDep) -> schemas.Show:
 async def list_shows(context: ContextDep) -> list[service.StoredShow]:
     """All uploaded show files, by name."""
     return await context.service.shows.list_shows()
+
+
+@files.post(
+    "/import",
+    summary="Upload a drawing",
+    openapi_extra=DRAWING_BODY,
+    **command(status=HTTPStatus.CREATED),
+)
+async def import_drawing(
+    request: Request,
+    context: ContextDep,
+    name: Annotated[str, Query(pattern=requests.NAME_PATTERN, examples=["night"])],
+    format: Annotated[  # noqa: A002 (the caller's word)
+        Literal["skyc", "zip", "csv"],
+        Query(description="skyc: Skybrush; zip: a CSV file of each vehicle; csv: Crazyswarm's polynomials."),
+    ],
+    origin: Annotated[
+        Literal["drawing", "service"],
+        Query(description="service: the service's place on Earth replaces the one in the drawing."),
+    ] = "drawing",
+) -> reports.ImportedShow:
+    """Makes a show of a file that another program wrote, and replaces one of the same name.
+
+    A drawing that names no place on Earth gets the service's. A selected or flying show does not change.
+    """
+    upload = Upload(name, format, at_service=origin == "service")
+    found = await context.drawings.imported(upload, request, context.service.shows)
+    return reports.ImportedShow.model_validate(found)
+
+
+@files.get(
+    "/{name}/drawing",
+    summary="A drawn show, for a preview",
+    responses=READ | errors(404, 409) | {200: {"model": reports.DrawnSamples}},
+    response_class=Response,
+)
+async def get_drawing(
+    name: Name,
+    context: ContextDep,
+    from_s: Seconds = 0.0,
+    to_s: Seconds | None = None,
+    rate_hz: Rate = 4.0,
+) -> Response:
+    """Positions and colours at regular times of the show's clock, at most 200,000 positions in all."""
+    show = await context.service.shows.drawn_file(name)
+    samples = await context.drawings.sampled(show, from_s, to_s, rate_hz)
+    return Response(samples, media_type="application/json")
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))

@@ -1,4 +1,4 @@
-"""JSON schemas of errors, health, rights and show files."""
+"""JSON schemas of errors, health, rights, show files and drawings."""
 
 from pydantic import Field
 
@@ -59,3 +59,48 @@ class ShowText(Outward):
 
     name: str
     text: str = Field(description="YAML, as it was uploaded.")
+
+
+class DrawingClaims(Outward):
+    """What a drawing says that it keeps to; null: it is silent."""
+
+    separation_min_m: float | None
+    speed_max_m_s: float | None = Field(description="Sideways.")
+    climb_max_m_s: float | None
+    sink_max_m_s: float | None
+    height_max_m: float | None = Field(description="Above the show's origin.")
+
+
+class ImportedShow(Outward):
+    """A show that was made of a drawing."""
+
+    show: str = Field(description="Name of the stored show.")
+    drawing: str = Field(description="Name of its drawing's file.")
+    vehicles: int
+    duration_s: float = Field(description="Of the drawing.")
+    claims: DrawingClaims
+    notes: list[str] = Field(description="What of the file is not used.")
+
+
+class DrawnCue(Outward):
+    """A cue as it is played."""
+
+    cue: str
+    at_s: float = Field(description="On the show's clock.")
+
+
+class DrawnSamples(Outward):
+    """A drawn show at `from_s`, and every `1 / rate_hz` seconds from there."""
+
+    show: str
+    vehicles: list[str] = Field(description="Names in the drawing.")
+    duration_s: float = Field(description="Of the show.")
+    from_s: float
+    rate_hz: float = Field(description="As requested, or lower.")
+    positions_m: list[list[float]] = Field(
+        description="For each time x, y and height of one vehicle after the other; empty: the law leads then."
+    )
+    colours: list[str] = Field(
+        description="For each time rrggbb of one vehicle after the other; empty: the law leads then."
+    )
+    cues: list[DrawnCue]

@@ -55,7 +55,7 @@ OPTIONS: Final = "options"
 COMMANDS: Final = {
     "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
     "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
-    "show": Command("simulate", "check, draw, hash, import or export a show file", options=OPTIONS),
+    "show": Command("simulate", "check, draw, hash, import, sample or export a show file", options=OPTIONS),
     "params": Command(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),
@@ -109,6 +109,8 @@ CALLS: Final = (
     Call("shows list", "shows.stored", "every show file that the service keeps"),
     Call("shows text", "shows.text", "a show file, as it was uploaded"),
     Call("shows upload", "shows.upload", "keep a show file under a name"),
+    Call("shows import", "shows.import_drawing", "make a show of a drawing, the file of another program"),
+    Call("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their lights"),
     Call("shows remove", "shows.remove", "forget a show file"),
     Call("shows check", "shows.check", "begin the check of a show"),
     Call("shows checked", "shows.checked", "how far the newest check has got"),

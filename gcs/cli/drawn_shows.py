@@ -1,9 +1,15 @@
 """`gcs show import` and `gcs show export`: drawn shows from and to the files of other programs."""
 
 import argparse
+import json
+import sys
 from contextlib import suppress
+from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
+from typing import Final
+
+import numpy as np
 
 from gcs.cli.drawn_record import flown
 from gcs.cli.output import answer
@@ -28,6 +34,8 @@ def import_show(arguments: argparse.Namespace) -> int:
     if target.suffix != ".yaml" or not target.parent.is_dir():
         raise ConfigError(f"-o {target}: a .yaml file in a folder that exists")
     drawing, data = read_drawing(given)
+    if drawing.origin is None and arguments.origin_else is not None:
+        drawing = replace(drawing, origin=_origin(arguments.origin_else))
     beside = target.with_suffix(given.suffix.lower())
     is_source = beside.exists() and beside.samefile(given)
     for path in (target, *(() if is_source else (beside,))):
@@ -57,6 +65,7 @@ def import_show(arguments: argparse.Namespace) -> int:
         "drawing": str(beside),
         "vehicles": len(drawing),
         "duration_s": round(drawing.duration_s, 3),
+        "claims": asdict(drawing.claims),
         "notes": list(drawing.notes),
     }
     words = [f"{target}: {len(drawing)} vehicles, {drawing.duration_s:.1f} s; drawing {beside}"]
@@ -77,6 +86,54 @@ def export_show(arguments: argparse.Namespace) -> int:
     document = {"file": str(target), "vehicles": len(show), "duration_s": round(show.duration_s, 3)}
     answer(arguments, document, f"{target}: {len(show)} vehicles, {show.duration_s:.1f} s")
     return 0
+
+
+SAMPLES_MAX: Final = 200_000
+"""Positions of all vehicles at all times in one answer."""
+
+
+def sample_show(arguments: argparse.Namespace) -> int:
+    """Print where the vehicles of a drawn show are, and their lights, at regular times of the show's clock.
+
+    Returns: 0. Raises: ConfigError for a bad show, or one without a drawing.
+    """
+    loaded = load(find(arguments.file))
+    drawing, timeline = loaded.drawing, loaded.timeline
+    if drawing is None:
+        raise ConfigError(f"{loaded.file}: the show has no drawing")
+    from_s, rate_hz = arguments.from_s, arguments.rate
+    to_s = min(timeline.duration_s if arguments.to_s is None else arguments.to_s, timeline.duration_s)
+    if not (0.0 <= from_s <= to_s and 0.0 < rate_hz <= RATE_MAX_HZ):
+        allowed = f"from 0 to {timeline.duration_s:g} s, at most {RATE_MAX_HZ:g} Hz, are needed"
+        raise ConfigError(f"{loaded.file}: {from_s:g} to {to_s:g} s at {rate_hz:g} Hz: {allowed}")
+    most = max(SAMPLES_MAX // len(drawing), 2)
+    rate_hz = min(rate_hz, (most - 1) / max(to_s - from_s, 1e-3))
+    positions_m: list[list[float]] = []
+    colours: list[str] = []
+    for time_s in (from_s + np.arange(int((to_s - from_s) * rate_hz + 1e-9) + 1) / rate_hz).tolist():
+        drawn_s = timeline.drawn_s(time_s)
+        if drawn_s is None:
+            positions_m.append([])
+            colours.append("")
+            continue
+        place_m = drawing.trajectories.at(drawn_s).position_m * (1.0, 1.0, -1.0)
+        positions_m.append((np.round(place_m, 2) + 0.0).ravel().tolist())
+        colours.append(drawing.lights.colours_at(drawn_s).tobytes().hex())
+    document = {
+        "show": loaded.name,
+        "vehicles": list(drawing.vehicles),
+        "duration_s": timeline.duration_s,
+        "from_s": from_s,
+        "rate_hz": rate_hz,
+        "positions_m": positions_m,
+        "colours": colours,
+        "cues": [{"cue": one.cue.cue, "at_s": one.at_s} for one in timeline.played],
+    }
+    json.dump(document, sys.stdout, separators=(",", ":"))
+    return 0
+
+
+RATE_MAX_HZ: Final = 50.0
 
 
 def _exported(arguments: argparse.Namespace) -> DrawnShow:

@@ -72,8 +72,18 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     brought.add_argument("-o", "--output", required=True, metavar="NAME.yaml", help="the show file to write")
     brought.add_argument("--origin", metavar="LAT,LON,ALT,HEADING", help="of the show; as the file has it")
     brought.add_argument(
+        "--origin-else", metavar="LAT,LON,ALT,HEADING", help="of the show where the file names no place"
+    )
+    brought.add_argument(
         "--endurance", type=float, default=900.0, metavar="S", help="of a vehicle in the air; 900"
     )
+    sampled = actions.add_parser("sample", help="print positions and colours of a drawn show, as JSON")
+    sampled.add_argument("file", metavar="FILE", help="the show file of a drawn show")
+    sampled.add_argument(
+        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="show's clock; 0"
+    )
+    sampled.add_argument("--to", dest="to_s", type=float, metavar="S", help="show's clock; its end")
+    sampled.add_argument("--rate", type=float, default=4.0, metavar="HZ", help="lowered for many vehicles; 4")
     taken = actions.add_parser(
         "export", help="write a show for other programs: as drawn, as it flies, or as it flew"
     )

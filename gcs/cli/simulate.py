@@ -91,11 +91,15 @@ def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Run the command. Returns: 0; 1 when the show fails its check. Raises: ConfigError for a bad file."""
-    if arguments.action in {"import", "export"}:
-        from gcs.cli import drawn_shows  # noqa: PLC0415  (imported for these two only)
+    if arguments.action in {"import", "export", "sample"}:
+        from gcs.cli import drawn_shows  # noqa: PLC0415  (imported for these three only)
 
-        run = drawn_shows.import_show if arguments.action == "import" else drawn_shows.export_show
-        return run(arguments)
+        runs = {
+            "import": drawn_shows.import_show,
+            "export": drawn_shows.export_show,
+            "sample": drawn_shows.sample_show,
+        }
+        return runs[arguments.action](arguments)
     if arguments.action == "check":
         return _check(arguments)
     loaded = load(find(arguments.file))

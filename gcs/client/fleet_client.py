@@ -42,6 +42,14 @@ CHECK_AGAIN_S: Final = 0.5
 """Period of polling a check, which takes about a minute."""
 
 
+def _content(file: Path) -> bytes:
+    """Return a file's content. Raises: InvalidError when it cannot be read."""
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
+
+
 class Preflight(Calls):
     """Checks before a start, and exclusion of vehicles. Raises the errors of `Client`."""
 
@@ -107,14 +115,27 @@ class Shows(Calls):
 
         Raises: InvalidError when there is no such file.
         """
-        try:
-            content = file.read_bytes() if isinstance(file, Path) else file.encode()
-        except OSError as error:
-            raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
+        content = _content(file) if isinstance(file, Path) else file.encode()
         stored: service.StoredShow = self._exchange.call(
             "PUT", f"/api/v1/shows/{part(name)}", self.upload, content
         )
         return stored
+
+    def import_drawing(self, name: str, file: Path) -> reports.ImportedShow:
+        """Make a show of a drawing, the file of another program: .skyc, .zip or .csv.
+
+        Raises: InvalidError when there is no such file, or it is no drawing that can be read.
+        """
+        query = urlencode({"name": name, "format": file.suffix.lower().removeprefix(".")})
+        path = f"/api/v1/shows/import?{query}"
+        found: reports.ImportedShow = self._exchange.call(
+            "POST", path, self.import_drawing, _content(file), "application/octet-stream"
+        )
+        return found
+
+    @calls("GET", "/api/v1/shows/{name}/drawing")
+    def drawing(self, name: str) -> reports.DrawnSamples:
+        """Get positions and colours of a drawn show at regular times."""
 
     @calls("DELETE", "/api/v1/shows/{name}")
     def remove(self, name: str) -> None:

@@ -100,6 +100,7 @@ class Exchange:
         path: str,
         declared: Callable[..., Any] | None = None,
         body: dict[str, Any] | bytes | None = None,
+        bytes_are: str = "application/yaml",
     ) -> Any:
         """Call a path; an urgent call tries the emergency listener first.
 
@@ -107,14 +108,15 @@ class Exchange:
             method: of HTTP.
             path: with its query.
             declared: a function whose annotation says what the answer is; None: bytes.
-            body: sent as JSON if it is a dict, and as YAML if it is bytes.
+            body: sent as JSON if it is a dict.
+            bytes_are: media type of a body of bytes.
 
         Raises: LinkError without an answer that can be understood, else the error that the service raised.
         """
         urgent = method == "POST" and path.rpartition("/")[2] in URGENT
         # not httpx's own JSON, which raises for NaN; the service refuses NaN with the field's name
         content = json.dumps(body).encode() if isinstance(body, dict) else body
-        media_type = "application/json" if isinstance(body, dict) else "application/yaml"
+        media_type = "application/json" if isinstance(body, dict) else bytes_are
         headers = {} if body is None else {"Content-Type": media_type}
         for http in (self._lane, self._http) if urgent and self._lane is not None else (self._http,):
             try:

@@ -150,6 +150,13 @@ class SiteShowPlayer(ShowPlayer):
         self._fitting(show_run.name, show_run.timeline)
         self._take(replace(show_run))
 
+    def _own_misfits(self, show: Show) -> list[Flaw]:
+        found = super()._own_misfits(show)
+        if show.drawing is not None:
+            text = "drawing: stations do not hand drawings to each other: fly it with one station alone"
+            found.insert(0, Flaw(("drawing",), text))
+        return found
+
     # between stations
 
     def take_part(self, part: ShowPart) -> None:
@@ -232,10 +239,6 @@ class SiteShowPlayer(ShowPlayer):
         return "the selected show has not arrived from the lead"
 
     # vehicles of all stations
-
-    def _own_misfits(self, show: Show) -> list[Flaw]:
-        drawn = [Flaw(("drawing",), "drawing: several stations do not fly it yet")] if show.drawing else []
-        return [*drawn, *super()._own_misfits(show)]
 
     @property
     def _count(self) -> int:

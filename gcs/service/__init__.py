@@ -16,6 +16,7 @@ from gcs.service.commands import Outcome as Outcome
 from gcs.service.commands import ShowAction as ShowAction
 from gcs.service.commands import VehicleAction as VehicleAction
 from gcs.service.commands import VehicleOutcome as VehicleOutcome
+from gcs.service.interface import DRAWING_MAX_BYTES as DRAWING_MAX_BYTES
 from gcs.service.interface import Audit as Audit
 from gcs.service.interface import Call as Call
 from gcs.service.interface import NoAudit as NoAudit

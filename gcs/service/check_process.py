@@ -32,7 +32,26 @@ FRUGAL: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_AR
 PIECE_BYTES: Final = 1 << 16
 
 
-async def answered(
+class EndedError(RefusedError):
+    """The process reported an error: `words` of its own."""
+
+    def __init__(self, code: int | None, words: str) -> None:
+        super().__init__(f"it ended with {code}: {words}")
+        self.words = words
+
+
+async def answered(arguments: Sequence[str], within_s: float, *given: Any, **named: Any) -> dict[str, Any]:
+    """Return the JSON object that `gcs ARGUMENTS` prints; arguments and errors as of `printed`.
+
+    Raises: ValueError when the output is not JSON.
+    """
+    found = await asyncio.to_thread(json.loads, await printed(arguments, within_s, *given, **named))
+    if not isinstance(found, dict):
+        raise RefusedError("it answered no JSON object")
+    return found
+
+
+async def printed(
     arguments: Sequence[str],
     within_s: float,
     priority: int = LOWEST,
@@ -40,8 +59,8 @@ async def answered(
     codes: Sequence[int] = (0, 1),
     answer_max_bytes: int = ANSWER_MAX_BYTES,
     memory_max_bytes: int = MEMORY_MAX_BYTES,
-) -> dict[str, Any]:
-    """Return the JSON object that `gcs ARGUMENTS` prints, also if it reports problems.
+) -> bytes:
+    """Return what `gcs ARGUMENTS` prints, also if it reports problems.
 
     Args:
         arguments: of the command.
@@ -51,8 +70,8 @@ async def answered(
         answer_max_bytes: a process that prints more is ended.
         memory_max_bytes: limit of its address space; beyond it, its allocations fail.
 
-    Raises: RefusedError with its last lines when it failed or printed too much, OSError when it could not be
-        started, TimeoutError after `within_s`, ValueError when the output is not JSON.
+    Raises: EndedError with its last lines when it failed, RefusedError when it printed too much, OSError when
+        it could not be started, TimeoutError after `within_s`.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gcs", *arguments),
@@ -78,11 +97,8 @@ async def answered(
         words = _words(complaint.result())
         if "MemoryError" in words:
             words = f"it needed more than {memory_max_bytes >> 20} MiB of memory"
-        raise RefusedError(f"it ended with {process.returncode}: {words[-WORDS:]}")
-    found = await asyncio.to_thread(json.loads, output)
-    if not isinstance(found, dict):
-        raise RefusedError("it answered no JSON object")
-    return found
+        raise EndedError(process.returncode, words[-WORDS:])
+    return output
 
 
 def _words(complaint: bytes) -> str:

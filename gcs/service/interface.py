@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypedDict, Unpack
+from pathlib import Path
+from typing import Final, Protocol, TypedDict, Unpack
 
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import Offer
@@ -24,6 +25,9 @@ from gcs.service.snapshots import (
     StoredShow,
 )
 
+DRAWING_MAX_BYTES: Final = 32 * 1024**2
+"""Largest file of a drawing that is uploaded; a show of 500 vehicles and 5 minutes has about 5 MB."""
+
 
 class Shows(Protocol):
     """The show files that the service stores. Nothing here delays the control loop.
@@ -44,8 +48,14 @@ class Shows(Protocol):
     async def store(self, name: str, text: bytes) -> StoredShow:
         """Store a file under a name, replacing the file of that name: completely or not at all."""
 
+    async def store_drawn(self, name: str, text: bytes, drawing: Path) -> StoredShow:
+        """As `store`, with the drawing that the show names: a copy of the file `drawing` of this machine."""
+
+    async def drawn_file(self, name: str) -> Path:
+        """Return the place of the file of a show that names a drawing, which lies beside it."""
+
     async def remove(self, name: str) -> None:
-        """Delete a file."""
+        """Delete a file, and its drawing if no other show names that."""
 
     def check(self, name: str) -> ShowCheck:
         """Start `gcs show check` in a subprocess."""

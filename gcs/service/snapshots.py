@@ -67,6 +67,7 @@ class StoredShow:
     name: str
     size_bytes: int
     sha256: Annotated[str, Field(description="Hash of the file; what is flown has a hash of its own.")]
+    drawing: Annotated[str | None, Field(description="File of the drawing that the show names.")] = None
 
 
 class CheckState(StrEnum):

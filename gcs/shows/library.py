@@ -11,6 +11,7 @@ import json
 import logging
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,11 +26,10 @@ from gcs.model.errors import ConfigError, GcsError, InvalidError, Problem, Refus
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered
 from gcs.service.snapshots import ShowFigures
-from gcs.shows import Flaw, Show, Timeline
+from gcs.shows import Flaw, Show, Timeline, stored_drawings
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.format import Drawing
 from gcs.shows.formats import read_drawing
-from gcs.shows.formats.files import IMPORTED
 from gcs.shows.loading import parse
 
 log = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ NOT_KEPT: Final = "this service keeps no shows: name a folder in its configurati
 
 
 class ShowLibrary:
-    """The shows of one folder. Implements `gcs.service.Shows`."""
+    """The shows of one folder, and their drawings beside them. Implements `gcs.service.Shows`."""
 
     def __init__(self, folder: Path | None) -> None:
         """`folder` is created with the first file; None: no show can be stored."""
@@ -93,16 +93,22 @@ class ShowLibrary:
         return (await asyncio.to_thread(self._read, name)).decode(errors="replace")
 
     async def store(self, name: str, text: bytes) -> StoredShow:
-        _check_name(name)
-        if not text.strip() or len(text) > SIZE_MAX_BYTES:
-            allowed = f"a show in YAML, at most {SIZE_MAX_BYTES} bytes"
-            raise InvalidError("body", f"{len(text)} bytes", allowed)
-        try:
-            text.decode()
-        except UnicodeDecodeError as error:
-            raise InvalidError("body", str(error), "a show in YAML, in UTF-8") from None
+        _check_text(name, text)
         async with self._writing:
             return await asyncio.to_thread(self._write, name, text)
+
+    async def store_drawn(self, name: str, text: bytes, drawing: Path) -> StoredShow:
+        _check_text(name, text)
+        source = stored_drawings.source_of(text)
+        if source is None:
+            raise InvalidError("body", "a show without a drawing", "a show that names its drawing")
+        async with self._writing:
+            return await asyncio.to_thread(self._write, name, text, (source, drawing))
+
+    async def drawn_file(self, name: str) -> Path:
+        if stored_drawings.source_of(await asyncio.to_thread(self._read, name)) is None:
+            raise RefusedError(f"show {name!r} has no drawing")
+        return self._place(name)
 
     async def remove(self, name: str) -> None:
         async with self._writing:
@@ -133,18 +139,23 @@ class ShowLibrary:
             raise RefusedError(f"show {name!r} is larger than {SIZE_MAX_BYTES} bytes")
         return text
 
-    def _write(self, name: str, text: bytes) -> StoredShow:
+    def _write(self, name: str, text: bytes, drawing: tuple[str, Path] | None = None) -> StoredShow:
+        """Write a show file; `drawing` is the name of its drawing, and the file to copy."""
         path = self._place(name)
         beside = path.with_suffix(".part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists() and len(list(path.parent.glob("*.yaml"))) >= FILES_MAX:
                 raise RefusedError(f"there are {FILES_MAX} shows already: remove one")
+            before = stored_drawings.named_by(path)
+            if drawing is not None:
+                stored_drawings.keep(path.parent, *drawing)
             with beside.open("wb") as file:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(path)
+            stored_drawings.drop_unnamed(path.parent, before)
         except OSError as error:
             with contextlib.suppress(OSError):
                 beside.unlink(missing_ok=True)
@@ -154,8 +165,11 @@ class ShowLibrary:
         return _stored(name, text)
 
     def _remove(self, name: str) -> None:
+        path = self._place(name)
         try:
-            self._place(name).unlink()
+            source = stored_drawings.named_by(path)
+            path.unlink()
+            stored_drawings.drop_unnamed(path.parent, source)
         except FileNotFoundError:
             raise UnknownError(f"there is no show {name!r}") from None
         except OSError as error:
@@ -268,8 +282,19 @@ def _check_name(name: str) -> None:
         raise InvalidError("name", name[:60], "1 to 60 of A-Z a-z 0-9 _ -, the first no _ or -")
 
 
+def _check_text(name: str, text: bytes) -> None:
+    _check_name(name)
+    if not text.strip() or len(text) > SIZE_MAX_BYTES:
+        allowed = f"a show in YAML, at most {SIZE_MAX_BYTES} bytes"
+        raise InvalidError("body", f"{len(text)} bytes", allowed)
+    try:
+        text.decode()
+    except UnicodeDecodeError as error:
+        raise InvalidError("body", str(error), "a show in YAML, in UTF-8") from None
+
+
 def _stored(name: str, text: bytes) -> StoredShow:
-    return StoredShow(name, len(text), sha256(text).hexdigest())
+    return StoredShow(name, len(text), sha256(text).hexdigest(), stored_drawings.source_of(text))
 
 
 _FIGURES: Final = TypeAdapter(ShowFigures)
@@ -299,21 +324,17 @@ def _drawing(named: Drawing, folder: Path) -> DrawnShow:
     return drawing
 
 
-def _link_drawings(drawings: Path, folder: Path) -> None:
-    for beside in drawings.iterdir():
-        if beside.suffix.lower() in IMPORTED:
-            (folder / beside.name).symlink_to(beside.resolve())
-
-
-async def _checked_in_process(name: str, text: bytes, drawings: Path) -> dict[str, Any]:
-    """Run `gcs show check` on a text, beside the drawings of its folder.
+async def _checked_in_process(name: str, text: bytes, kept: Path) -> dict[str, Any]:
+    """Run `gcs show check` on a text with its drawing, if it names one, of the folder `kept`.
 
     Raises: RefusedError, OSError, TimeoutError, ValueError.
     """
+    source = stored_drawings.source_of(text)
     with tempfile.TemporaryDirectory(prefix="gcs-check-") as folder:
         path = Path(folder) / f"{name}.yaml"
         path.write_bytes(text)
-        await asyncio.to_thread(_link_drawings, drawings, path.parent)
+        if source is not None and (kept / source).is_file():
+            await asyncio.to_thread(shutil.copyfile, kept / source, path.with_name(source))
         try:
             return await answered(("show", "check", str(path), "--json", "--model"), CHECK_WITHIN_S)
         except RefusedError as refused:

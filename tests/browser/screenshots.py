@@ -32,6 +32,7 @@ Size = tuple[int, int]
 """Width and height of the window, CSS pixels."""
 
 COUNT: Final = 16
+DRAWING: Final = ROOT / "configs" / "shows" / "drawn-30.skyc"
 DESKS: Final[tuple[Size, ...]] = ((1440, 900), (1024, 768))
 PHONES: Final[tuple[Size, ...]] = ((390, 844), (844, 390))
 EVERY: Final[tuple[Size, ...]] = (
@@ -103,6 +104,16 @@ def stall(ui: Console, process: Started) -> None:
     process.send_signal(signal.SIGCONT)
     expect(ui.part("take-over")).to_be_visible(timeout=SOON_MS)
     ui.says("connection", "Live")
+
+
+def preview(camera: Photographer, ui: Console) -> None:
+    """A drawing is uploaded, and its show looked at before it flies."""
+    _open(ui, "left", "shows")
+    ui.part("show-upload").set_input_files(DRAWING)
+    expect(ui.part("drawn")).to_be_visible(timeout=SOON_MS)
+    ui.part("drawn-scrubber").fill("30")
+    camera.shoot(ui, "drawn", "shows", None, sizes=((1440, 900), (390, 844)))
+    ui.press("drawn-close")
 
 
 def fly(camera: Photographer, ui: Console, client: Client, control: int) -> None:
@@ -194,15 +205,17 @@ def main() -> None:
     raw["formation"] |= {"radius_m": 10.0, "height_m": 18.0}
     raw["failsafes"]["service_late"]["action"] = "ignore"  # a Chromium without a graphics card is beside it
     raw["failsafes"]["links_late"] |= {"late_s": 5.0, "arrive_min": 0.2}  # and takes time from the vehicles
-    config = configuration.Config.model_validate(raw)
-    url = f"http://127.0.0.1:{config.api.port}"
     with tempfile.TemporaryDirectory() as temporary, browser() as chrome:
+        raw["shows"] = {"folder": Path(temporary) / "shows"}
+        config = configuration.Config.model_validate(raw)
+        url = f"http://127.0.0.1:{config.api.port}"
         folder = Path(temporary) / "service"
         with (
             fleet(config, port, control),
             service(config, folder) as (client, process),
             console(chrome, url) as ui,
         ):
+            preview(camera, ui)
             fly(camera, ui, client, control)
             go_wrong(camera, ui, client, control, process)
             ui.page.goto(f"{url}/docs")

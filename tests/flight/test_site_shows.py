@@ -1,10 +1,12 @@
 """Written shows of a site: selected at any station, played by the lead, gone on with by the next lead."""
 
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
 from gcs.config.schema import Config
+from gcs.config.yaml_files import shipped_folder
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow, ShowAction
@@ -101,3 +103,22 @@ def test_next_lead_goes_on_with_the_show(tmp_path: Path) -> None:
         assert show.violations == 0
 
     fly_site(story, config(tmp_path, 4, 1), **BUS)
+
+
+def test_a_drawn_show_is_refused_at_a_site(tmp_path: Path) -> None:
+    async def story(show: SiteShow) -> None:
+        await show.wait(4.0)
+        checked(show, "south")
+        data = (shipped_folder() / "shows" / "drawn-30.skyc").read_bytes()
+        (tmp_path / "a.skyc").write_bytes(data)
+        named = {"source": "a.skyc", "sha256": sha256(data).hexdigest()}
+        drawn = {"kind": "trajectories", "drawing": named}
+        found = dict(answer(TEXT))
+        service = show["south"].service
+        reported = service.shows.found(NAME, TEXT.encode(), found | {"model": found["model"] | drawn})
+        assert not reported.good
+        assert any("stations do not hand drawings" in each.text for each in reported.problems)
+        with pytest.raises(RefusedError, match="fly it with one station alone"):
+            service.player.select(NAME, reported.hash or "")
+
+    fly_site(story, config(tmp_path, 2, 1), **BUS)

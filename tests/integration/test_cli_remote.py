@@ -55,6 +55,9 @@ EVERYTHING = [
     "vehicle list",
     "vehicle show d1",
     "shows upload lighthouse FILE",
+    "shows import night DRAWING",
+    "shows drawing night",
+    "shows remove night",
     "shows list",
     "shows text lighthouse",
     "shows check lighthouse",
@@ -129,6 +132,7 @@ EVERYTHING = [
 these stations, `silent` has a station lost, `good` has a check end well, `recorded` makes it a replay."""
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")
+DRAWING = LIGHTHOUSE.with_name("drawn-30.skyc")
 SHOW = load(LIGHTHOUSE).show
 
 
@@ -196,7 +200,7 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
     if word == "kill":
         with Client(os.environ["GCS_URL"]) as client:
             return main(["kill", "--confirm", client.arm_kill(names).code, *options])
-    given = {"FILE": str(LIGHTHOUSE), "HASH": SHOW.digest}
+    given = {"FILE": str(LIGHTHOUSE), "HASH": SHOW.digest, "DRAWING": str(DRAWING)}
     return main([*(given.get(each, each) for each in line.split()), *options])
 
 

@@ -1,6 +1,7 @@
 // Calls of the service. Each reports its result; the page shows no success before the service answers.
 
-import type { Preview, Command, ShowCheck, State, Station, StoredShow } from "./state";
+import type { Preview, Command, DrawnSamples, ImportedShow, ShowCheck, State, Station, StoredShow } from "./state";
+import { decoded } from "./drawn/model";
 import { texts } from "./texts";
 import type { Message } from "./messages";
 import { outcome, type Api, type Outcome } from "./schemas/rest";
@@ -12,6 +13,7 @@ export type ShowCommand = "pause" | "resume" | "stop" | "abort" | "take-over" | 
 export type VehicleCommand = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "include";
 export type FleetCommand = "hold" | "join" | "return" | "land" | "take-control";
 export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number; skips_idle?: boolean };
+export type DrawingFormat = "skyc" | "zip" | "csv";
 export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
 
 /** Each resolves to whether the service accepted it; a refusal is shown before that. */
@@ -49,6 +51,10 @@ export interface Actions {
   selectShow(name: string, hash: string): Promise<boolean>;
   deselectShow(): Promise<boolean>;
   uploadShow(name: string, yaml: string): Promise<boolean>;
+  /** Make a show of a drawing; the format is its file's suffix. */
+  importDrawing(name: string, format: DrawingFormat, file: Blob): Promise<boolean>;
+  /** Open the preview of a drawn show. */
+  loadDrawing(name: string): Promise<boolean>;
   removeShow(name: string): Promise<boolean>;
   seek(cue: string): Promise<boolean>;
   /** One alarm; null: all of them. */
@@ -239,6 +245,20 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       const headers = { "Content-Type": "application/yaml" };
       const call = api.PUT("/api/v1/shows/{name}", { ...ofShow(name), body: yaml as never, bodySerializer: () => yaml, headers });
       return done(texts.commands.upload(name), call, texts.showUploaded(name));
+    },
+    async importDrawing(name, format, file) {
+      const call = api.POST("/api/v1/shows/import", {
+        params: { query: { name, format } }, body: file as never, bodySerializer: () => file, headers: { "Content-Type": "application/octet-stream" },
+      });
+      const found: { data: ImportedShow } | null = await asked(texts.commands.upload(name), call, null);
+      if (found !== null) dispatch({ kind: "done", text: texts.drawn.imported(name, found.data.vehicles, found.data.duration_s, found.data.notes) });
+      return found !== null;
+    },
+    async loadDrawing(name) {
+      const call: Call<DrawnSamples> = api.GET("/api/v1/shows/{name}/drawing", ofShow(name));
+      const found = await asked(texts.commands.preview(name), call, null);
+      if (found !== null) dispatch({ kind: "drawn", drawing: decoded(found.data) });
+      return found !== null;
     },
     removeShow: (name) => done(texts.commands.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
     seek: (cue) => done(texts.commands.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),

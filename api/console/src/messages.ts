@@ -1,6 +1,7 @@
 // Everything that changes the page's state.
 
 import type { AttentionMessage } from "./alarms/attentionState";
+import type { DrawnMessage } from "./drawn/model";
 import type { PanelState, Layout } from "./panels/state";
 import type { Choice, Selection } from "./selection";
 import type {
@@ -29,6 +30,7 @@ export type Message =
   | { kind: "kill-armed"; armed: KillArmed }
   | { kind: "kill-over" }
   | AttentionMessage
+  | DrawnMessage
   | DeskMessage;
 
 export type DeskMessage =

@@ -2,6 +2,7 @@
 
 import { initialDesk, type PanelState } from "./panels/state";
 import { initialAttention, type Attention } from "./alarms/attentionState";
+import type { DrawnPreview } from "./drawn/model";
 import { NOTHING_SELECTED, type Selection } from "./selection";
 import type { ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
 
@@ -82,6 +83,8 @@ export interface State {
   toastsMade: number;
   view: View;
   preview: Preview | null;
+  /** A drawn show that is looked at before it flies. */
+  drawn: DrawnPreview | null;
   kill: Kill | null;
   attention: Attention;
   /** State of the panels alone. */
@@ -124,6 +127,7 @@ export function initial(now_ms: number): State {
       ...NOTHING_SELECTED,
     },
     preview: null,
+    drawn: null,
     kill: null,
     attention: initialAttention(true),
     panels: initialDesk(),

@@ -1,6 +1,8 @@
 // The one way from a state to the next. Pure: no clock, no network, no document.
 
 import { updateAttention } from "./alarms/attention";
+import { updateDrawn } from "./drawn/model";
+import { whyNotOnGround } from "./panels/rights";
 import { updateDesk } from "./panels/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining } from "./selection";
@@ -50,6 +52,11 @@ function updateShared(state: State, message: Message): State {
       return { ...state, view: { ...state.view, ...choose(state.view, message.choice) } };
     case "preview":
       return { ...state, preview: message.preview };
+    case "drawn": // and all of it comes into the picture
+      return { ...state, drawn: updateDrawn(state.drawn, message, state.page_ms), view: { ...state.view, fits: state.view.fits + 1 } };
+    case "drawn-plays":
+    case "drawn-sought":
+      return { ...state, drawn: updateDrawn(state.drawn, message, state.page_ms) };
     case "kill-armed":
       return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
     case "kill-over":
@@ -73,6 +80,7 @@ function onTick(state: State, now_ms: number): State {
   return {
     ...state,
     page_ms: now_ms,
+    drawn: updateDrawn(state.drawn, { kind: "tick" }, now_ms),
     toasts: toasts.length === state.toasts.length ? state.toasts : toasts,
     kill: state.kill !== null && state.kill.until_ms > now_ms ? state.kill : null,
   };
@@ -89,9 +97,9 @@ function onStatus(state: State, status: Status): State {
   const kept = remaining(state.view, (id) => known.has(id));
   const view = kept === state.view ? state.view : { ...state.view, ...kept };
   const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
-  if (!isAnother) return { ...state, status, view };
+  if (!isAnother) return { ...state, status, view, drawn: whyNotOnGround({ ...state, status }) === "" ? state.drawn : null };
   const panels = { ...state.panels, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, kill: null, commands: [], history: initialHistory() };
+  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, kill: null, commands: [], history: initialHistory() };
 }
 
 function onFrame(state: State, frame: Frame): State {

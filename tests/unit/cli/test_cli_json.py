@@ -87,7 +87,8 @@ def test_every_remote_command_reports_no_service_as_json(
     words = words_for(leaf) or (["1"] if "VEHICLE" in leaf.format_usage() else [])
     upload = tmp_path / "show.yaml"
     upload.write_text("show: x\n")
-    given = {"shows upload": ["x", str(upload)], "acknowledge": ["--all"]}.get(name, words)
+    files = {name: ["x", str(upload)] for name in ("shows upload", "shows import")}
+    given = {**files, "acknowledge": ["--all"]}.get(name, words)
     line = " ".join([name, *given, "--json", "--url", NO_SERVICE])
     if name == "kill":  # which then looks for the record
         assert main([*line.split(), "--record", str(tmp_path)]) == 1

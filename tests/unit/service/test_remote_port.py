@@ -5,6 +5,7 @@ import logging
 import socket
 import time
 from collections.abc import Coroutine
+from pathlib import Path
 from threading import Timer
 from typing import Any, TypeVar
 
@@ -52,6 +53,8 @@ CALLS: dict[str, dict[str, Any]] = {
     "shows.list_shows": {},
     "shows.text": {"name": "a"},
     "shows.store": {"name": "a", "text": b"\xff\x00 no text" * 6000},
+    "shows.store_drawn": {"name": "a", "text": b"about: x", "drawing": Path("a.skyc")},
+    "shows.drawn_file": {"name": "a"},
     "shows.remove": {"name": "a"},
     "shows.check": {"name": "a"},
     "shows.checked": {"name": "a"},

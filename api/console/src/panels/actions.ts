@@ -55,6 +55,7 @@ export interface PanelActions
   readPreflight(): void;
   takeLead(): void;
   upload(file: File): void;
+  previewShow(name: string): void;
   enter(): void;
   replay(change: ReplayChange): void;
   readReport(): void;

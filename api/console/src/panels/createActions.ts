@@ -1,6 +1,6 @@
 /** The panels' actions: they change the page's own state, or call the service. */
 
-import type { Actions, Box } from "../actions";
+import type { Actions, Box, DrawingFormat } from "../actions";
 import type { Choice, Selection } from "../selection";
 import type { State, View } from "../state";
 import { texts } from "../texts";
@@ -9,12 +9,15 @@ import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
 import { NEW_OBSTACLE } from "./obstacles";
 import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type PanelState, type LeftPanel, type RightPanel } from "./state";
+import { whyNotOnGround } from "./rights";
 import { startOrder } from "./start";
 import { isSite } from "./stations";
 import type { PanelActions, PanelName } from "./actions";
 
 const LEFT: readonly PanelName[] = ["preflight", "shows", "shape", "obstacles"];
 const SHOW_MAX_BYTES = 64 * 1024;
+const DRAWING_MAX_BYTES = 32 * 1024 * 1024;
+const DRAWING = /\.(skyc|zip|csv)$/i;
 const SHOW_NAME = /^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$/;
 
 /** Where the focus goes back to when a sheet is closed. */
@@ -101,14 +104,36 @@ export function createDeskActions(
   }
 
   async function upload(file: File): Promise<void> {
-    const name = file.name.replace(/\.ya?ml$/i, "");
+    const format = DRAWING.exec(file.name)?.[1]?.toLowerCase() as DrawingFormat | undefined;
+    const name = file.name.replace(/\.ya?ml$/i, "").replace(DRAWING, "");
     const what = texts.commands.upload(name);
     if (!SHOW_NAME.test(name)) return refuse(what, texts.shows.badName);
+    if (format !== undefined) return uploadDrawing(name, format, file);
     if (file.size > SHOW_MAX_BYTES) return refuse(what, texts.shows.tooLarge);
     if (await service.uploadShow(name, await file.text())) {
       await service.loadShows();
       await service.checkShow(name);
     }
+  }
+
+  async function uploadDrawing(name: string, format: DrawingFormat, file: File): Promise<void> {
+    if (file.size > DRAWING_MAX_BYTES) return refuse(texts.commands.upload(name), texts.shows.drawingTooLarge);
+    set({ uploading: file.name });
+    const accepted = await service.importDrawing(name, format, file);
+    set({ uploading: "" });
+    if (!accepted) return;
+    const checked = service.checkShow(name); // takes a minute
+    await service.loadShows();
+    await previewShow(name);
+    await checked;
+  }
+
+  async function previewShow(name: string): Promise<void> {
+    const why = whyNotOnGround(state());
+    if (why !== "") return refuse(texts.commands.preview(name), why);
+    set({ uploading: name });
+    await service.loadDrawing(name);
+    set({ uploading: "" });
   }
 
   async function excluded(id: string): Promise<void> {
@@ -223,6 +248,7 @@ export function createDeskActions(
     },
     seek: service.seek,
     upload: (file) => void upload(file),
+    previewShow: (name) => void previewShow(name),
     enter() {
       const token = (state().panels.drafts["token"] ?? "").trim();
       undo("token");

@@ -2,6 +2,7 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { flightReport } from "../replay/report";
+import { drawnBar } from "../drawn/bar";
 import { replayBar } from "../replay/bar";
 import type { State, Status } from "../state";
 import { texts } from "../texts";
@@ -167,7 +168,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
     <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
-    <footer class="bottom">${timeline(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
+    <footer class="bottom">${state.drawn === null ? timeline(state, actions) : drawnBar(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;
 }

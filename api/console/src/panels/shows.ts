@@ -102,6 +102,15 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
             why: whyNotNow || (check?.good && check.hash ? "" : t.unchecked),
             press: () => actions.selectShow(file.name, check?.hash ?? ""),
           })}
+      ${file.drawing
+        ? button(actions, {
+            id: `show-preview-${file.name}`,
+            label: t.preview,
+            name: named(t.preview),
+            why: whyNotOnGround(state),
+            press: () => actions.previewShow(file.name),
+          })
+        : nothing}
       ${check?.state === "done"
         ? button(actions, {
             id: `show-open-${file.name}`,
@@ -129,6 +138,7 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
 export function shows(state: State, actions: PanelActions): TemplateResult {
   const all = state.panels.shows ?? [];
   const why = whyNot(state, "shows");
+  const { uploading } = state.panels;
   const noUploads = state.status?.shows_refused ?? "";
   const chosen = (event: Event): void => {
     const input = event.target as HTMLInputElement;
@@ -146,8 +156,8 @@ export function shows(state: State, actions: PanelActions): TemplateResult {
     ${noUploads
       ? html`<p class="hint" data-testid="show-no-upload">${t.noUploads(noUploads)}</p>`
       : html`<label class="button upload ${why ? "denied" : ""}" title=${why || nothing}>
-      ${icon("up")}<span>${t.upload}</span>
-      <input type="file" accept=".yaml,.yml" data-testid="show-upload" aria-label=${t.upload} ?disabled=${why !== ""} @change=${chosen} />
+      ${icon("up")}<span>${uploading ? t.uploading(uploading) : t.upload}</span>
+      <input type="file" accept=".yaml,.yml,.skyc,.zip,.csv" data-testid="show-upload" aria-label=${t.upload} ?disabled=${why !== "" || uploading !== ""} @change=${chosen} />
         </label>`}
     ${why && !noUploads ? html`<p class="hint">${why}</p>` : nothing}
   </div>`;

@@ -34,6 +34,11 @@ export function* worthSeeing(state: State, poses: Poses, vehicles: readonly numb
   for (const i of vehicles) {
     yield placeOf(poses, i);
   }
+  if (state.drawn !== null) {
+    const [low, high] = state.drawn.drawing.box;
+    yield* [low, high].flatMap(([x]) => [low, high].flatMap(([, y]) => [low, high].map(([, , h]) => toScene(x, y, h))));
+    return;
+  }
   const { radius_m, height_m } = status.formation;
   const [x_m, y_m] = frame.target_m;
   const orbit_m = status.orbit.radius_m;

@@ -19,6 +19,7 @@ import { gripAt, handleOf, moved, type Grip } from "./dragPreviews";
 import { Grid } from "./grid";
 import { Ground } from "./ground";
 import { Table } from "./instances";
+import { DrawnLayer } from "./drawing";
 import { DynamicLayer, type Picture } from "./dynamicLayer";
 import { Appearance } from "./appearance";
 import { Overlay } from "./overlay";
@@ -72,6 +73,7 @@ class LiveScene implements Scene {
   readonly #shell;
   readonly #scenery;
   readonly #dynamicLayer;
+  readonly #drawn;
   readonly #overlay;
   readonly #box;
   readonly #controls;
@@ -107,6 +109,7 @@ class LiveScene implements Scene {
     this.#shell = new Shell(shared);
     this.#scenery = new Scenery(shared, all);
     this.#dynamicLayer = new DynamicLayer(shared, all);
+    this.#drawn = new DrawnLayer(shared, all);
     all.add(
       this.#backdrop.mesh, this.#ground.group, this.#grid.mesh, this.#vehicles.mesh, this.#billboards.mesh, this.#trails.mesh, this.#shell.group,
     );
@@ -159,7 +162,7 @@ class LiveScene implements Scene {
     this.#observer.disconnect();
     for (const each of [
       this.#controls, this.#overlay, this.#box, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#dynamicLayer,
-      this.#backdrop, this.#fitted.renderer,
+      this.#drawn, this.#backdrop, this.#fitted.renderer,
     ]) {
       each.dispose();
     }
@@ -169,7 +172,7 @@ class LiveScene implements Scene {
     const last = this.#state;
     return (
       last === null || state.status !== last.status || state.frame !== last.frame || state.preview !== last.preview ||
-      state.view !== last.view || state.access !== last.access
+      state.view !== last.view || state.access !== last.access || state.drawn !== last.drawn || (state.drawn?.since_ms ?? null) !== null
     );
   }
 
@@ -180,7 +183,7 @@ class LiveScene implements Scene {
     }
     this.#palette = palette;
     this.#fitted.renderer.setClearColor(new Color().setRGB(...palette.ground, SRGBColorSpace));
-    for (const each of [this.#eye, this.#grid, this.#vehicles, this.#billboards, this.#shell]) {
+    for (const each of [this.#eye, this.#grid, this.#vehicles, this.#billboards, this.#shell, this.#drawn]) {
       each.dress(palette);
     }
   }
@@ -198,6 +201,7 @@ class LiveScene implements Scene {
     this.#backdrop.look(this.#eye, this.#palette!);
     this.#ground.draw(status, this.#eye, this.#camera_controller.moves, now_ms, this.#overlay);
     this.#grid.draw(this.#eye, this.#overlay);
+    this.#drawn.draw(state.drawn, state.page_ms);
     this.#overlay.north(north_rad(heading_deg) - this.#eye.pose.azimuth, this.#eye);
     if (moment === null || status === null) {
       return;

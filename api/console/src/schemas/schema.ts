@@ -744,6 +744,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/shows/{name}/drawing": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * A drawn show, for a preview
+         * @description Positions and colours at regular times of the show's clock, at most 200,000 positions in all.
+         */
+        get: operations["get_drawing"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/shows/{name}/select": {
         parameters: {
             query?: never;
@@ -758,6 +778,28 @@ export interface paths {
          * @description Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet.
          */
         post: operations["select_show"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/shows/import": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Upload a drawing
+         * @description Makes a show of a file that another program wrote, and replaces one of the same name.
+         *
+         *     A drawing that names no place on Earth gets the service's. A selected or flying show does not change.
+         */
+        post: operations["import_drawing"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1436,6 +1478,78 @@ export interface components {
          */
         Direction: "clockwise" | "counterclockwise";
         /**
+         * DrawingClaims
+         * @description What a drawing says that it keeps to; null: it is silent.
+         */
+        DrawingClaims: {
+            /** Climb Max M S */
+            climb_max_m_s: number | null;
+            /**
+             * Height Max M
+             * @description Above the show's origin.
+             */
+            height_max_m: number | null;
+            /** Separation Min M */
+            separation_min_m: number | null;
+            /** Sink Max M S */
+            sink_max_m_s: number | null;
+            /**
+             * Speed Max M S
+             * @description Sideways.
+             */
+            speed_max_m_s: number | null;
+        };
+        /**
+         * DrawnCue
+         * @description A cue as it is played.
+         */
+        DrawnCue: {
+            /**
+             * At S
+             * @description On the show's clock.
+             */
+            at_s: number;
+            /** Cue */
+            cue: string;
+        };
+        /**
+         * DrawnSamples
+         * @description A drawn show at `from_s`, and every `1 / rate_hz` seconds from there.
+         */
+        DrawnSamples: {
+            /**
+             * Colours
+             * @description For each time rrggbb of one vehicle after the other; empty: the law leads then.
+             */
+            colours: string[];
+            /** Cues */
+            cues: components["schemas"]["DrawnCue"][];
+            /**
+             * Duration S
+             * @description Of the show.
+             */
+            duration_s: number;
+            /** From S */
+            from_s: number;
+            /**
+             * Positions M
+             * @description For each time x, y and height of one vehicle after the other; empty: the law leads then.
+             */
+            positions_m: number[][];
+            /**
+             * Rate Hz
+             * @description As requested, or lower.
+             */
+            rate_hz: number;
+            /** Show */
+            show: string;
+            /**
+             * Vehicles
+             * @description Names in the drawing.
+             */
+            vehicles: string[];
+        };
+        /**
          * ErrorBody
          * @description The common shape of every error.
          */
@@ -1796,6 +1910,35 @@ export interface components {
             from_s: number;
             /** Until S */
             until_s: number;
+        };
+        /**
+         * ImportedShow
+         * @description A show that was made of a drawing.
+         */
+        ImportedShow: {
+            claims: components["schemas"]["DrawingClaims"];
+            /**
+             * Drawing
+             * @description Name of its drawing's file.
+             */
+            drawing: string;
+            /**
+             * Duration S
+             * @description Of the drawing.
+             */
+            duration_s: number;
+            /**
+             * Notes
+             * @description What of the file is not used.
+             */
+            notes: string[];
+            /**
+             * Show
+             * @description Name of the stored show.
+             */
+            show: string;
+            /** Vehicles */
+            vehicles: number;
         };
         /**
          * InterruptedFlight
@@ -2480,6 +2623,16 @@ export interface components {
              * @description Whether PUT target moves the target now.
              */
             target_is_live: boolean;
+            /**
+             * Track Max M
+             * @description The greatest such distance of any vehicle.
+             */
+            track_max_m?: number | null;
+            /**
+             * Track Rms M
+             * @description Distance from the trajectory since the start, as estimated, over time and vehicles; null while no drawn part has run.
+             */
+            track_rms_m?: number | null;
         };
         /**
          * Severity
@@ -2847,6 +3000,11 @@ export interface components {
          * @description A stored show file.
          */
         StoredShow: {
+            /**
+             * Drawing
+             * @description File of the drawing that the show names.
+             */
+            drawing?: string | null;
             /** Name */
             name: string;
             /**
@@ -7857,6 +8015,105 @@ export interface operations {
             };
         };
     };
+    get_drawing: {
+        parameters: {
+            query?: {
+                from_s?: number;
+                /** @description Lowered where there would be too many samples. */
+                rate_hz?: number;
+                to_s?: number | null;
+            };
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["DrawnSamples"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
     select_show: {
         parameters: {
             query?: never;
@@ -7910,6 +8167,136 @@ export interface operations {
             };
             /** @description No such thing. */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    import_drawing: {
+        parameters: {
+            query: {
+                /** @description skyc: Skybrush; zip: a CSV file of each vehicle; csv: Crazyswarm's polynomials. */
+                format: "skyc" | "zip" | "csv";
+                name: string;
+                /** @description service: the service's place on Earth replaces the one in the drawing. */
+                origin?: "drawing" | "service";
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /** @description The file of the drawing, at most 32 MiB. */
+        requestBody: {
+            content: {
+                "application/octet-stream": string;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ImportedShow"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
                 headers: {
                     [name: string]: unknown;
                 };

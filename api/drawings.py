@@ -1,0 +1,136 @@
+"""Imports and samples drawings for requests: the work is done by `gcs show` in low-priority subprocesses.
+
+They are processes of the API's, so that control parses no uploaded file, and sends no preview.
+"""
+
+import asyncio
+import json
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any, Final
+
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+
+from gcs.model.errors import InvalidError, RefusedError
+from gcs.model.frames import ShowFrame
+from gcs.service import DRAWING_MAX_BYTES, Shows
+from gcs.service.check_process import EndedError, printed
+
+WAITING_MAX: Final = 4
+"""Requests at once; one of them is worked on."""
+
+UPLOAD_S: Final = 120.0
+"""Seconds for a whole drawing to arrive."""
+
+WORK_S: Final = 120.0
+"""Seconds for a subprocess: beside a flight it waits for every other one."""
+
+SAMPLES_MAX_BYTES: Final = 8 * 1024**2
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """What a drawing is uploaded as."""
+
+    name: str  # of the show
+    format: str  # suffix of the drawing's file
+    at_service: bool  # the service's origin replaces the drawing's own
+
+
+class Drawings:
+    """The drawings' work of one app. Use it only on the event loop."""
+
+    def __init__(self, frame: ShowFrame) -> None:
+        """`frame` is the service's, for drawings that name no place on Earth."""
+        origin = frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg
+        self._origin = ",".join(map(str, origin))
+        self._turn = asyncio.Lock()
+        self._waiting = 0
+
+    async def imported(self, upload: Upload, request: Request, shows: Shows) -> dict[str, Any]:
+        """Store the drawing in a request's body as a show. Returns: what `gcs show import --json` prints.
+
+        Raises: InvalidError, with the place in the file; RefusedError; HTTPException for a body that is too
+        large or too slow.
+        """
+        if shows.why_not_kept:
+            raise RefusedError(shows.why_not_kept)
+        with tempfile.TemporaryDirectory(prefix="gcs-import-") as folder:
+            given = Path(folder) / f"{upload.name}.{upload.format}"
+            async with self._place():
+                await _received(request, given)
+                async with self._turn:
+                    found = await self._parsed(upload, given)
+                target = given.with_suffix(".yaml")
+                await shows.store_drawn(upload.name, await asyncio.to_thread(target.read_bytes), given)
+        return found
+
+    async def _parsed(self, upload: Upload, given: Path) -> dict[str, Any]:
+        option = "--origin" if upload.at_service else "--origin-else"
+        target = str(given.with_suffix(".yaml"))
+        arguments = "show", "import", str(given), "-o", target, f"{option}={self._origin}", "--json"
+        try:
+            found: dict[str, Any] = json.loads(await _printed(arguments))
+        except EndedError as ended:
+            words = ended.words.replace(f"{given.parent}/", "")
+            raise InvalidError("body", given.name, words) from None
+        return found | {"show": upload.name, "drawing": given.name}
+
+    async def sampled(self, show: Path, from_s: float, to_s: float | None, rate_hz: float) -> bytes:
+        """Return what `gcs show sample --json` prints for a show file. Raises: InvalidError, RefusedError."""
+        until = () if to_s is None else (f"--to={to_s}",)
+        arguments = "show", "sample", str(show), f"--from={from_s}", *until, f"--rate={rate_hz}", "--json"
+        try:
+            async with self._place(), self._turn:
+                return await _printed(arguments)
+        except EndedError as ended:
+            raise RefusedError(ended.words.replace(f"{show.parent}/", "")) from None
+
+    @asynccontextmanager
+    async def _place(self) -> AsyncIterator[None]:
+        """Hold one place of those that wait. Raises: RefusedError when all are taken."""
+        if self._waiting >= WAITING_MAX:
+            raise RefusedError(f"{WAITING_MAX} drawings are being read: try again in some seconds")
+        self._waiting += 1
+        try:
+            yield
+        finally:
+            self._waiting -= 1
+
+
+async def _printed(arguments: tuple[str, ...]) -> bytes:
+    """Raises: EndedError when the command fails; RefusedError for all other failures."""
+    try:
+        return await printed(arguments, WORK_S, codes=(0,), answer_max_bytes=SAMPLES_MAX_BYTES)
+    except TimeoutError:
+        raise RefusedError(f"the drawing was not read within {WORK_S:g} s: try again") from None
+    except OSError as error:
+        raise RefusedError(f"no process could be started to read the drawing: {error.strerror}") from None
+
+
+async def _received(request: Request, given: Path) -> None:
+    """Write a request's body to a file. Raises: HTTPException, InvalidError when there is none."""
+    size = 0
+    try:
+        with given.open("wb") as file:
+            async with asyncio.timeout(UPLOAD_S):
+                async for piece in request.stream():
+                    size += len(piece)
+                    if size > DRAWING_MAX_BYTES:
+                        text = f"the body is larger than {DRAWING_MAX_BYTES} bytes"
+                        raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
+                    await asyncio.to_thread(file.write, piece)
+    except TimeoutError:
+        text = f"the body did not come within {UPLOAD_S:g} s"
+        raise HTTPException(HTTPStatus.REQUEST_TIMEOUT, text) from None
+    except ClientDisconnect:
+        raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is incomplete") from None
+    except OSError as error:
+        raise RefusedError(f"the drawing cannot be kept: {error.strerror}") from None
+    if not size:
+        raise InvalidError("body", "0 bytes", "the file of a drawing")
