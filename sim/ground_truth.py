@@ -69,6 +69,8 @@ def sample(fleet: Fleet, time_s: float) -> dict[str, object]:
                 "armed": autopilot.commander.armed,
                 "landed": autopilot.commander.landed,
                 "mode": autopilot.commander.mode.name,
+                "light": "#" + bytes(fleet.state.light[autopilot.row]).hex(),
+                "lights_received": int(fleet.state.light_count[autopilot.row]),
             }
             for autopilot, (north_m, east_m, down_m), velocity, place in rows
         ],

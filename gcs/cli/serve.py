@@ -65,6 +65,8 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
         record=record,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),
         forward=settings.forward,
+        lights=config.lights,
+        extra_bytes_per_s=settings.extra_share_bytes_per_s,
     )
 
 

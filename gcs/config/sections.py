@@ -10,7 +10,15 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from gcs.config.setting_errors import located
-from gcs.links.settings import SYSTEM_ID_MAX, Forward, Place, SigningSettings, StreamSettings, occupied
+from gcs.links.settings import (
+    SYSTEM_ID_MAX,
+    Forward,
+    Place,
+    SigningSettings,
+    StreamSettings,
+    extra_bytes_per_s,
+    occupied,
+)
 from gcs.links.settings import parse as place_at
 from gcs.model.errors import ConfigError
 from gcs.model.frames import ShowFrame
@@ -155,6 +163,7 @@ class LinkSettings(Settings):
     streams: StreamSettings = StreamSettings()
     forward: Forwards = ()
     signing: SigningSettings | None = None
+    extra_bytes_per_s: Positive | None = None  # for lights and corrections; None: `extra_bytes_per_s()`
     heartbeat_hold_s: Positive = 3.0  # heartbeats stop after control has stopped for this long
 
     @cached_property
@@ -166,6 +175,11 @@ class LinkSettings(Settings):
     def places(self) -> tuple[Place, ...]:
         """Endpoints of `listen`. Raises: ConfigError."""
         return tuple(place_at(url, self.ports) for url in self.listen)
+
+    @property
+    def extra_share_bytes_per_s(self) -> float:
+        """What lights and corrections may use together. Raises: ConfigError."""
+        return self.extra_bytes_per_s or extra_bytes_per_s(self.places)
 
     @model_validator(mode="after")
     def _check(self) -> "LinkSettings":

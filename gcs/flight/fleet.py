@@ -224,6 +224,7 @@ class Fleet:
         self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
+        self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires

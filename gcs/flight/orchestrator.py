@@ -18,6 +18,7 @@ from gcs.control import Memory, Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
+from gcs.flight.lights import Lights
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.plan_editor import PlanEditor
@@ -106,6 +107,7 @@ class Orchestrator:
         self._interventions = 0
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         self._estimating = Estimating(flight)
+        self._lights = Lights(flight)
         if record is not None:
             known = flight.vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
@@ -209,6 +211,8 @@ class Orchestrator:
         self._interventions += sum(reason != "" for reason in result.limited_by)
         if member is not None:
             member.publish(result, all_up=self._maneuvers.all_up)
+        if member is None or member.may_send:
+            self._lights.send()
         self._progress.advance()
         if self.stations is not None:
             self.stations.advance_site()

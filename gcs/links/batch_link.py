@@ -20,14 +20,22 @@ import numpy as np
 
 from gcs.links import receiver, sender
 from gcs.links.address_book import Addresses
+from gcs.links.budget import Budget
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.forwarding import Forwarding
+from gcs.links.lights import Colours, LightSender
 from gcs.links.link import Address, Command, Counters, Observer, ParameterValue, Verb
 from gcs.links.receiver import Inbox, ParameterUpdates
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s, most_urgent_first
-from gcs.links.settings import Forward, Place, check_system_ids
+from gcs.links.settings import (
+    EXTRA_BYTES_PER_S,
+    Forward,
+    LightSettings,
+    Place,
+    check_system_ids,
+)
 from gcs.links.signing import SignatureFilter, Signing
 from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
 from gcs.links.telemetry import FleetTelemetry, VehicleReport
@@ -108,6 +116,8 @@ class Link(ABC):
         record: Path | None = None,
         signing: Signing | None = None,
         forward: Sequence[Forward] = (),
+        lights: LightSettings | None = None,
+        extra_bytes_per_s: float = EXTRA_BYTES_PER_S,
         clock: Callable[[], float] = monotonic,
         ports: Ports | None = None,
     ) -> None:
@@ -124,6 +134,8 @@ class Link(ABC):
             record: a folder for recordings of every frame.
             signing: signs sent frames, refuses unsigned ones. Of this link alone.
             forward: further ground stations.
+            lights: how the vehicles receive their colours; None: they receive none.
+            extra_bytes_per_s: what lights and corrections may use together.
             clock: the loop's, ``loop.time``.
             ports: used instead of ports at `places`, such as datagrams in memory.
 
@@ -155,6 +167,8 @@ class Link(ABC):
         self._outbox = Outbox(
             self._ports, self._addresses, self.counters, self._system_ids, self._station_id, signatures
         )
+        self._budget = Budget(extra_bytes_per_s)
+        self._lights = LightSender(lights or LightSettings(), self._outbox, self._budget)
         self._telemetry = FleetTelemetry(self.ids)
         request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
         self._streams = StreamRequests(self._system_ids, rates_hz or {}, request)
@@ -377,6 +391,13 @@ class Link(ABC):
         end = int(np.searchsorted(samples_s, sample_s, side="right"))
         self._ready = batch.part(slice(end, None)), samples_s[end:]
         self._send_setpoints(batch.part(slice(end)))
+
+    def send_lights(self, colour: Colours, ours: Mask) -> None:
+        """Send the colours (n, 3) of `ours` (n,) that are due, within the budget. After the setpoints."""
+        now_s = self._clock()
+        if self._protocol is not None:
+            self._lights.send(colour, ours & self._connected(now_s), now_s)
+            self.counters.lights_sent = self._lights.sent
 
     async def execute(self, command: Command) -> None:
         """Send a command, and return when the vehicle's heartbeat confirms it.

@@ -67,6 +67,7 @@ class Counters:
     setpoints_sent: int = 0
     setpoints_dropped: int = 0  # not permitted: late, old, or repeated by MAVSDK
     commands_dropped: int = 0  # given before a kill, and repeated after it
+    lights_sent: int = 0  # colours
     unroutable: int = 0  # for a system without an address yet
     send_errors: int = 0
     no_room: int = 0  # no room in a buffer: a slow serial port or connection

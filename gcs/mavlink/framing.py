@@ -12,6 +12,7 @@ from struct import unpack_from
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.mavlink.kernels import MAGIC_1, MAGIC_2, SIGNATURE_LENGTH, SIGNED
@@ -31,9 +32,15 @@ COMMAND_ACK: Final = 77
 RADIO_STATUS: Final = 109
 SET_POSITION_TARGET_LOCAL_NED: Final = 84
 BATTERY_STATUS: Final = 147
+LED_CONTROL: Final = 186
+GPS_RTCM_DATA: Final = 233
 EXTENDED_SYS_STATE: Final = 245
+NAMED_VALUE_FLOAT: Final = 251
 STATUSTEXT: Final = 253
 ODOMETRY: Final = 331
+
+# The only message here of another dialect; with this the codec knows its layout and its CRC extra byte.
+dialect.mavlink_map.setdefault(LED_CONTROL, ardupilotmega.mavlink_map[LED_CONTROL])
 
 SETPOINT_MESSAGES: Final = frozenset({69, 70, 82, SET_POSITION_TARGET_LOCAL_NED, 86, 139})
 """Messages that move a vehicle while they are repeated: MANUAL_CONTROL, RC_CHANNELS_OVERRIDE,

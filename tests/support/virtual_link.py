@@ -262,6 +262,7 @@ class VirtualLink(NativeLink):
             config.frame,
             setpoint_timeout_s=config.setpoint_timeout_s,
             rates_hz=desired_rates(StreamSettings()),
+            lights=config.lights,
             clock=clock,
             ports=self.ports,
         )
