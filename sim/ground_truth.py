@@ -70,6 +70,7 @@ def sample(fleet: Fleet, time_s: float) -> dict[str, object]:
                 "landed": autopilot.commander.landed,
                 "mode": autopilot.commander.mode.name,
                 "light": "#" + bytes(fleet.state.light[autopilot.row]).hex(),
+                "corrections_received": int(fleet.state.correction_count[autopilot.row]),
                 "lights_received": int(fleet.state.light_count[autopilot.row]),
             }
             for autopilot, (north_m, east_m, down_m), velocity, place in rows

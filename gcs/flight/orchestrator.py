@@ -17,6 +17,7 @@ from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.commander import Commander
+from gcs.flight.corrections import Corrections
 from gcs.flight.fleet import Fleet
 from gcs.flight.lights import Lights
 from gcs.flight.maneuvers import Maneuvers
@@ -168,6 +169,11 @@ class Orchestrator:
             self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
 
+    @property
+    def corrections(self) -> Corrections:
+        """Takes what arrives from the base."""
+        return self._flight.corrections
+
     def granted(self, scheduling: Scheduling) -> None:
         """Note what the machine grants this process, for displays."""
         self._clock.scheduling = scheduling
@@ -212,6 +218,7 @@ class Orchestrator:
         if member is not None:
             member.publish(result, all_up=self._maneuvers.all_up)
         if member is None or member.may_send:
+            flight.corrections.send()
             self._lights.send()
         self._progress.advance()
         if self.stations is not None:

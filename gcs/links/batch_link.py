@@ -22,6 +22,7 @@ from gcs.links import receiver, sender
 from gcs.links.address_book import Addresses
 from gcs.links.budget import Budget
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
+from gcs.links.corrections import CorrectionSender
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.forwarding import Forwarding
@@ -167,8 +168,9 @@ class Link(ABC):
         self._outbox = Outbox(
             self._ports, self._addresses, self.counters, self._system_ids, self._station_id, signatures
         )
-        self._budget = Budget(extra_bytes_per_s)
-        self._lights = LightSender(lights or LightSettings(), self._outbox, self._budget)
+        budget = Budget(extra_bytes_per_s)
+        self._lights = LightSender(lights or LightSettings(), self._outbox, budget)
+        self._corrections = CorrectionSender(self._outbox, budget)
         self._telemetry = FleetTelemetry(self.ids)
         request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
         self._streams = StreamRequests(self._system_ids, rates_hz or {}, request)
@@ -398,6 +400,17 @@ class Link(ABC):
         if self._protocol is not None:
             self._lights.send(colour, ours & self._connected(now_s), now_s)
             self.counters.lights_sent = self._lights.sent
+
+    def add_correction(self, message: bytes) -> None:
+        """Queue an RTCM message of at most `rtcm.LONGEST_BYTES` for all vehicles."""
+        self._corrections.add(message, self._clock())
+
+    def send_corrections(self) -> None:
+        """Send the queued corrections, within the budget. After the setpoints."""
+        if self._protocol is not None:
+            self._corrections.send(self._clock())
+            self.counters.corrections_sent = self._corrections.sent
+            self.counters.corrections_dropped = self._corrections.dropped
 
     async def execute(self, command: Command) -> None:
         """Send a command, and return when the vehicle's heartbeat confirms it.

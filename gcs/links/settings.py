@@ -209,6 +209,48 @@ class LightSettings(Settings):
     find_s: Positive = 30.0  # `find` blinks for so long
 
 
+_NTRIP: Final = re.compile(r"^ntrips?://[A-Za-z0-9.-]{1,253}:(?P<port>\d{1,5})/[\x21-\x7e]{1,100}$")
+_PLAIN: Final = re.compile(r"^(tcp|udp)://[A-Za-z0-9.-]{1,253}:(?P<port>\d{1,5})$")
+
+
+class RtkSettings(Settings):
+    """Corrections from a base (docs/how-to/rtk.md)."""
+
+    source: str
+    user: str = ""
+    password_file: Path | None = None  # its first line
+    required: bool = False  # no start without recent corrections
+    age_max_s: Annotated[float, Field(ge=1, le=600)] = 10.0
+
+    @property
+    def device(self) -> tuple[str, int]:
+        """Device and baud rate of a serial source. Raises: ConfigError for another one."""
+        place = parse(self.source)
+        if not isinstance(place, SerialPort):
+            raise ConfigError(f"{self.source} is not a serial port")
+        return place.device, place.baud
+
+    def password(self) -> str:
+        """Raises: OSError when the file cannot be read."""
+        return "" if self.password_file is None else self.password_file.read_text().split("\n", 1)[0].strip()
+
+    @model_validator(mode="after")
+    def _check(self) -> "RtkSettings":
+        if self.source.startswith("serial://"):
+            try:
+                parse(self.source)
+            except ConfigError as error:
+                raise ValueError(f"source: {error}") from None
+            return self
+        found = _NTRIP.match(self.source) or _PLAIN.match(self.source)
+        if found is None or not 1 <= int(found["port"]) <= _PORT_MAX:
+            forms = (
+                "ntrip://HOST:PORT/MOUNT, ntrips://, serial://DEVICE:BAUD, tcp://HOST:PORT or udp://HOST:PORT"
+            )
+            raise ValueError(f"source: {self.source}: {forms} is needed")
+        return self
+
+
 class Forward(Settings):
     """A further ground station. What one that is not read-only may do: docs/decisions/0009."""
 

@@ -14,6 +14,7 @@ from typing import ClassVar, TypeAlias
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
+from gcs.sim.protocol.corrections import RTCM_PREAMBLE, Reassembly
 from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
 from gcs.sim.protocol.streams import Item, Outbox, Schedule
 from gcs.sim.vehicle import px4
@@ -68,6 +69,7 @@ class Autopilot:
             shared.state, row, parameters, shared.quirks, self._post_text, self._announce
         )
         self._text_id = 0
+        self._corrections = Reassembly()
 
     @property
     def system_id(self) -> int:
@@ -204,6 +206,13 @@ class Autopilot:
         self._show_light([round(127.5 * (value + 1.0)) for value in params[:3]])
         return Result.ACCEPTED
 
+    def _receive_correction(self, message: Message) -> None:
+        """GPS_RTCM_DATA: a message counts once all its fragments are here, and its RTCM length is right."""
+        whole = self._corrections.take(message.flags, bytes(message.data[: message.len]))
+        if whole is not None and whole[:1] == RTCM_PREAMBLE:
+            size = int.from_bytes(whole[1:3], "big") & 0x3FF
+            self._state.correction_count[self.row] += len(whole) == size + 6
+
     def _show_light(self, colour: Sequence[int]) -> None:
         self._state.light[self.row] = list(colour)
         self._state.light_count[self.row] += 1
@@ -314,6 +323,7 @@ class Autopilot:
             "HEARTBEAT": _receive_heartbeat,
             "COMMAND_LONG": _receive_command,
             "COMMAND_INT": _receive_command,
+            "GPS_RTCM_DATA": _receive_correction,
             "LED_CONTROL": _receive_led,
             "NAMED_VALUE_FLOAT": _receive_named_value,
             "PING": _receive_ping,

@@ -1,6 +1,5 @@
 """Colours as MAVLink messages, what of them leaves first, and the share of a link that they may use."""
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -9,15 +8,13 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from gcs.links.address_book import Addresses
 from gcs.links.budget import Budget
-from gcs.links.endpoints.ports import Datagrams, Ports
 from gcs.links.lights import LightSender, most_urgent
 from gcs.links.link import Counters
 from gcs.links.sender import Outbox
 from gcs.links.settings import LightSettings, Listen, SerialPort, extra_bytes_per_s
 from gcs.mavlink.codec import encode
-from gcs.mavlink.kernels import Bytes, Whole
 from gcs.mavlink.lights import LightDriver, light_messages
-from gcs.model.state import Mask
+from tests.support.kept_ports import KeptPorts
 
 IDS = np.array([3, 250])
 COLOUR = np.array([(255, 128, 1), (0, 0, 0)], np.uint8)
@@ -72,26 +69,6 @@ def test_budget_keeps_its_rate_after_an_overdraft() -> None:
 def test_serial_port_leaves_most_of_its_rate_to_others() -> None:
     assert extra_bytes_per_s([SerialPort("/dev/ttyUSB0", 57_600)]) == 1440.0
     assert extra_bytes_per_s([Listen("127.0.0.1", 14540)]) == 100_000.0
-
-
-class KeptPorts(Ports):
-    """Keeps what leaves; nothing arrives."""
-
-    def __init__(self) -> None:
-        self.left: list[bytes] = []
-
-    def open(self) -> None:
-        return
-
-    def close(self) -> None:
-        return
-
-    def receive(self, take: Callable[[Datagrams], None]) -> None:
-        return
-
-    def send(self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = np.inf) -> Mask:
-        self.left += [data[at, : length[at]].tobytes() for at in range(len(length))]
-        return np.ones(len(length), np.bool_)
 
 
 def test_small_budget_serves_every_vehicle_in_turn() -> None:

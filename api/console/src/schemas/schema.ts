@@ -1266,7 +1266,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "corrections-stopped" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
@@ -1376,6 +1376,56 @@ export interface components {
             outcomes: {
                 [key: string]: components["schemas"]["VehicleOutcome"];
             };
+        };
+        /**
+         * CorrectionsView
+         * @description Corrections for RTK, from a base to all vehicles.
+         */
+        CorrectionsView: {
+            /**
+             * Age S
+             * @description Since the newest arrived; null: none has.
+             */
+            age_s: number | null;
+            /**
+             * Base Height M
+             * @description Above the ellipsoid.
+             */
+            base_height_m: number | null;
+            /**
+             * Base Latitude Deg
+             * @description As the base reports; null: not yet.
+             */
+            base_latitude_deg: number | null;
+            /** Base Longitude Deg */
+            base_longitude_deg: number | null;
+            /**
+             * Dropped
+             * @description Too old, too many, or longer than MAVLink can carry.
+             */
+            dropped: number;
+            /**
+             * Messages
+             * @description That arrived from the base.
+             */
+            messages: number;
+            /**
+             * Problem
+             * @description Why there are no recent ones; empty while there are.
+             */
+            problem: string;
+            /** Received Bytes */
+            received_bytes: number;
+            /**
+             * Sent
+             * @description Messages that left, summed over the links.
+             */
+            sent: number;
+            /**
+             * Source
+             * @example ntrip://192.0.2.7:2101/BASE
+             */
+            source: string;
         };
         /**
          * Counts
@@ -1593,6 +1643,8 @@ export interface components {
              * @description Why control is not alive, empty when it is.
              */
             control_reason: string;
+            /** @description For RTK; null: none are configured. */
+            corrections: components["schemas"]["CorrectionsView"] | null;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
