@@ -16,20 +16,19 @@ from gcs.model.state import Array, Mask
 
 Colours = NDArray[np.uint8]
 
-_EARLY_S = 0.005
-"""A tick that comes by so much too early counts as due: its times are not exact."""
+_MADE_UP = 0.5
+"""A colour that left late, by up to this share of its period, does not delay the next one."""
 
 
-def most_urgent(changed: Mask, age_s: Array, *, period_s: float, refresh_s: float) -> Whole:
+def most_urgent(changed: Mask, age_s: Array, refresh_s: float) -> Whole:
     """Rows to send, most urgent first: changed colours before unchanged, then the oldest.
 
     Args:
-        changed: (n,) whether the colour differs from the one sent last.
+        changed: (n,) whether the colour differs from the one sent last, and another one may leave.
         age_s: (n,) since one was sent, inf: never.
-        period_s: least time between two colours of one vehicle.
         refresh_s: age from which an unchanged colour is repeated: the last one may have been lost.
     """
-    due = np.flatnonzero((changed & (age_s >= period_s - _EARLY_S)) | (age_s >= refresh_s))
+    due = np.flatnonzero(changed | (age_s >= refresh_s))
     return due[np.lexsort((-age_s[due], ~changed[due]))]
 
 
@@ -47,10 +46,12 @@ class LightSender:
     sent: int = 0
     _colour: Colours = field(init=False)  # (n, 3) sent last
     _sent_s: Array = field(init=False)  # (n,)
+    _due_s: Array = field(init=False)  # (n,) from when on a changed colour may leave
 
     def __post_init__(self) -> None:
         count = len(self.outbox.system_ids)
         self._colour, self._sent_s = np.zeros((count, 3), np.uint8), np.full(count, -np.inf)
+        self._due_s = np.full(count, -np.inf)
 
     def send(self, colour: Colours, may_receive: Mask, now_s: float) -> None:
         """Send what is due and has room.
@@ -64,13 +65,9 @@ class LightSender:
         if settings.driver is LightDriver.NONE:
             return
         self._sent_s[~may_receive] = -np.inf
-        changed = (colour != self._colour).any(axis=1)
-        rows = most_urgent(
-            changed & may_receive,
-            np.where(may_receive, now_s - self._sent_s, -np.inf),
-            period_s=1.0 / settings.rate_hz,
-            refresh_s=settings.refresh_s,
-        )
+        changed = (colour != self._colour).any(axis=1) & (now_s >= self._due_s)
+        age_s = np.where(may_receive, now_s - self._sent_s, -np.inf)
+        rows = most_urgent(changed & may_receive, age_s, settings.refresh_s)
         room_bytes = self.budget.left_bytes(now_s)
         if not len(rows) or room_bytes <= 0:
             return
@@ -82,5 +79,7 @@ class LightSender:
         frames = self.outbox.encode(message_id, messages, rows, component_id=REQUESTING_COMPONENT)
         left = self.outbox.send(frames, rows, now_s)
         self.budget.spend(int(frames.length.sum()))
-        self._colour[rows[left]], self._sent_s[rows[left]] = colour[rows[left]], now_s
-        self.sent += int(np.count_nonzero(left))
+        rows, period_s = rows[left], 1.0 / settings.rate_hz
+        self._colour[rows], self._sent_s[rows] = colour[rows], now_s
+        self._due_s[rows] = np.maximum(self._due_s[rows], now_s - _MADE_UP * period_s) + period_s
+        self.sent += len(rows)

@@ -1,12 +1,15 @@
 """Corrections from a base over TCP and NTRIP, and over real UDP to fake vehicles that put them together."""
 
 import asyncio
+import os
+import socket
 import subprocess
 import sys
 import time
+import tty
 from base64 import b64encode
-from collections.abc import Iterator
-from contextlib import AsyncExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AsyncExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -137,3 +140,33 @@ def test_ntrip_caster_is_asked_with_the_password(tmp_path: Path) -> None:
     assert "401" in failures[0]
     assert requests[0].startswith("GET /NEAR HTTP/1.0\r\n")
     assert f"Basic {b64encode(b'anna:secret').decode()}" in requests[0]
+
+
+def test_serial_port_and_udp_port_are_sources_too() -> None:
+    async def first(source: str, send: Callable[[bytes], object]) -> bytes:
+        """The first message that arrives from the source, which gets it again and again."""
+        found: list[bytes] = []
+        failures: list[str] = []
+        settings = RtkSettings(source=source)
+        receiving = keep_receiving(settings, lambda each, _: found.append(each), failures.append)
+        task = asyncio.create_task(receiving)
+        while not found:
+            send(rtcm(1077, 300))
+            await asyncio.sleep(0.05)
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+        assert not failures
+        return found[0]
+
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    source = f"serial://{os.ttyname(theirs)}:115200"
+    assert asyncio.run(first(source, lambda data: os.write(ours, data))) == rtcm(1077, 300)
+    for each in (ours, theirs):
+        os.close(each)
+    port = free_ports()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        at = ("127.0.0.1", port)
+        arrived = asyncio.run(first(f"udp://127.0.0.1:{port}", lambda data: peer.sendto(data, at)))
+    assert arrived == rtcm(1077, 300)

@@ -1,5 +1,6 @@
 """Colours as MAVLink messages, what of them leaves first, and the share of a link that they may use."""
 
+import random
 from itertools import pairwise
 
 import numpy as np
@@ -53,8 +54,8 @@ def test_actuators_take_colours_from_minus_one_to_one() -> None:
 def test_changed_colours_leave_before_repeated_ones() -> None:
     changed = np.array([False, True, True, False, True])
     age_s = np.array([9.0, 0.3, 0.5, 1.0, 0.1])
-    assert most_urgent(changed, age_s, period_s=0.25, refresh_s=2.0).tolist() == [2, 1, 0]
-    assert most_urgent(changed, -np.full(5, np.inf), period_s=0.25, refresh_s=2.0).tolist() == []
+    assert most_urgent(changed, age_s, 2.0).tolist() == [2, 1, 4, 0]
+    assert most_urgent(~changed & False, -np.full(5, np.inf), 2.0).tolist() == []
 
 
 def test_budget_keeps_its_rate_after_an_overdraft() -> None:
@@ -71,20 +72,40 @@ def test_serial_port_leaves_most_of_its_rate_to_others() -> None:
     assert extra_bytes_per_s([Listen("127.0.0.1", 14540)]) == 100_000.0
 
 
-def test_small_budget_serves_every_vehicle_in_turn() -> None:
-    """100 changing colours need 16 kB/s; with 2 kB/s each is sent less often, and none is left out."""
-    ports, ids = KeptPorts(), np.arange(1, 101)
+def sender(count: int, bytes_per_s: float) -> tuple[LightSender, KeptPorts]:
+    ports, ids = KeptPorts(), np.arange(1, count + 1)
     addresses = Addresses("bench", ids.tolist(), ports.address, Counters(), lambda: 0.0)
     outbox = Outbox(ports, addresses, Counters(), ids)
-    sender = LightSender(LightSettings(driver=LightDriver.LED_CONTROL), outbox, Budget(2000.0))
+    return LightSender(LightSettings(driver=LightDriver.LED_CONTROL), outbox, Budget(bytes_per_s)), ports
+
+
+def test_inexact_ticks_keep_the_rate_of_changing_colours() -> None:
+    lights, ports = sender(1, 1e6)
+    now_s, draw = 0.0, random.Random(3)
+    while now_s < 60.0:
+        lights.send(np.full((1, 3), int(now_s * 20) % 256, np.uint8), np.ones(1, np.bool_), now_s)
+        now_s += draw.uniform(0.045, 0.065)
+    assert 3.95 * 60 <= len(ports.left) <= 4.0 * 60 + 2
+
+
+def test_unchanged_colour_is_repeated_in_case_it_was_lost() -> None:
+    lights, ports = sender(1, 1e6)
+    for tick in range(200):
+        lights.send(np.full((1, 3), 7, np.uint8), np.ones(1, np.bool_), 0.05 * tick)
+    assert len(ports.left) == 5, "at once, and every 2 s"
+
+
+def test_small_budget_serves_every_vehicle_in_turn() -> None:
+    """100 changing colours need 16 kB/s; with 2 kB/s each is sent less often, and none is left out."""
+    lights, ports = sender(100, 2000.0)
     times_s: dict[int, list[float]] = {}
     for tick in range(400):
         colour = np.full((100, 3), tick // 5 % 256, np.uint8)
-        sender.send(colour, np.ones(100, np.bool_), 0.05 * tick)
+        lights.send(colour, np.ones(100, np.bool_), 0.05 * tick)
         for raw in ports.left:
             times_s.setdefault(raw[10], []).append(0.05 * tick)
         ports.left.clear()
-    assert sorted(times_s) == ids.tolist()
+    assert sorted(times_s) == list(range(1, 101))
     longest_s = max(after - before for times in times_s.values() for before, after in pairwise(times))
     assert longest_s < 2.5
-    assert sender.sent * 20 <= 2000 * 20 + 500 + 41
+    assert lights.sent * 20 <= 2000 * 20 + 500 + 41
