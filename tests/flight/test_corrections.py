@@ -1,12 +1,19 @@
 """Corrections in a flight: required before a start, an alarm when they stop, margins that then grow."""
 
-import numpy as np
+from collections import defaultdict
 
+import numpy as np
+from pymavlink.dialects.v20 import common
+
+from gcs.links.link import Direction
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from tests.support.rtcm import BASE, rtcm
 from tests.support.virtual_show import Show, fly, refused, show_config
+
+SETPOINT = common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+LED_CONTROL = 186
 
 RTK = {"rtk": {"source": "tcp://127.0.0.1:2101", "required": True, "age_max_s": 3.0}}
 
@@ -64,3 +71,27 @@ def test_stopped_corrections_raise_an_alarm_and_margins_grow() -> None:
         assert with_rtk_m < 0.2 < without_m
 
     fly(story, show_config(4, **RTK))
+
+
+def test_corrections_and_lights_leave_after_the_setpoints() -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        await supply(show, 1.0)
+        sent: dict[float, list[int]] = defaultdict(list)
+
+        def note(time_s: float, way: Direction, raw: bytes, _: int) -> None:
+            if way is Direction.SENT:
+                sent[time_s].append(int.from_bytes(raw[7:10], "little"))
+
+        show.service.commands.command_show(ShowAction.START)
+        await supply(show, 8.0)
+        show.link.observe(note)
+        await supply(show, 5.0)
+        extra = {common.MAVLINK_MSG_ID_GPS_RTCM_DATA, LED_CONTROL}
+        mixed = [each for each in sent.values() if SETPOINT in each and extra & set(each)]
+        assert {each for one in mixed for each in one} >= {SETPOINT, *extra}
+        for each in mixed:
+            last = len(each) - 1 - each[::-1].index(SETPOINT)
+            assert not extra & set(each[:last]), each
+
+    fly(story, show_config(4, lights={"driver": "led-control"}, **RTK))
