@@ -69,8 +69,20 @@ class FleetCollector:
         yield CounterMetricFamily("gcs_calls_denied", "Calls that were denied.", self.denied)
         yield CounterMetricFamily("gcs_calls_shed", "Denied calls that exceeded the rate.", self.shed)
         yield InfoMetricFamily("gcs_access", "Whether the service demands tokens.", {"access": self.access})
+        yield from _corrections(view)
         yield from _stations(view)
         yield from _vehicles(view)
+
+
+def _corrections(view: FleetView) -> Iterator[Metric]:
+    """Yield nothing where no corrections are configured."""
+    if (found := view.corrections) is None:
+        return
+    yield _gauge("gcs_corrections_age_seconds", "Since the newest correction for RTK.", found.age_s)
+    yield CounterMetricFamily("gcs_corrections_received", "RTCM messages of the base.", found.messages)
+    yield CounterMetricFamily("gcs_corrections_received_bytes", "Bytes of these.", found.received_bytes)
+    yield CounterMetricFamily("gcs_corrections_sent", "Messages that left, over all links.", found.sent)
+    yield CounterMetricFamily("gcs_corrections_dropped", "Messages that did not leave.", found.dropped)
 
 
 def _stations(view: FleetView) -> Iterator[Metric]:

@@ -50,6 +50,7 @@ def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
         fleet.position_m.tolist(),
         fleet.velocity_m_s.tolist(),
         fleet.geodetic(fleet.position_m).tolist(),
+        ((part.state, own) for part, own in map(fleet.part_of, range(fleet.settings.count))),
         strict=True,
     )
     return {
@@ -70,8 +71,11 @@ def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
                 "armed": autopilot.commander.armed,
                 "landed": autopilot.commander.landed,
                 "mode": autopilot.commander.mode.name,
+                "light": "#" + bytes(state.light[own]).hex(),
+                "corrections_received": int(state.correction_count[own]),
+                "lights_received": int(state.light_count[own]),
             }
-            for index, autopilot, (north_m, east_m, down_m), velocity, place in rows
+            for index, autopilot, (north_m, east_m, down_m), velocity, place, (state, own) in rows
         ],
     }
 

@@ -169,6 +169,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         setpoints_sent=view.setpoints_sent,
         filter_interventions=view.interventions,
         tick=view.tick,
+        corrections=view.corrections,
         vehicles=vehicles(view, frame),
     )
 

@@ -14,7 +14,16 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import LawName, Obstacle, Orbit, YawPolicy
 from gcs.model.settings import Measured
 from gcs.model.state import Counts, Mode
-from gcs.service import CueMark, FlightEnvelope, Playback, SelectedShow, ShowAction, StationView, TickView
+from gcs.service import (
+    CorrectionsView,
+    CueMark,
+    FlightEnvelope,
+    Playback,
+    SelectedShow,
+    ShowAction,
+    StationView,
+    TickView,
+)
 from gcs.service.alarms import Alarm, OverallSeverity
 from gcs.service.event_log import LogEvent
 
@@ -219,6 +228,7 @@ class Fleet(FleetSummary):
         description="Setpoints that the safety filter has changed, counted per vehicle and tick."
     )
     tick: TickView
+    corrections: CorrectionsView | None = Field(description="For RTK; null: none are configured.")
     vehicles: list[Vehicle]
 
 

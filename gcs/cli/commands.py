@@ -158,6 +158,7 @@ ACTIONS: Final = (
     Action("land", "vehicles land where they are; without names all do, as abort"),
     Action("take-control", "take control of vehicles in the air; they hold"),
     Action("confirm-down", "say that lost vehicles were seen on the ground", all_=False),
+    Action("find", "let the lights of vehicles on the ground blink", all_=False),
 )
 
 

@@ -198,6 +198,15 @@ def require_matplotlib(what: str) -> None:
         )
 
 
+def require_rtk() -> None:
+    """Check for the extra `rtk`. Raises: ConfigError that names it."""
+    if find_spec("pyrtcm") is None:
+        raise ConfigError(
+            "a configuration with rtk needs pyrtcm, which is not installed; to install it:"
+            " pip install 'formation-gcs[rtk]'"
+        )
+
+
 def require_stations(what: str, module: str) -> None:
     """Check for a module of the extra `stations`. Raises: ConfigError that names the extra."""
     if find_spec(module) is None:

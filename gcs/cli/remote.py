@@ -30,7 +30,8 @@ else:
     pydantic = Deferred("pydantic")
     service = Deferred("gcs.service")
 
-CONFIRM_DOWN: Final = "confirm-down"
+EACH: Final = frozenset({"confirm-down", "find"})
+"""Commands to vehicles one by one, never to all."""
 LAND: Final = "land"
 FAILED: Final = "failed"
 NOT_INCLUDED: Final = "not-included"
@@ -150,9 +151,9 @@ def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.N
     if names and everything:
         parser.error("either names of vehicles or --all, not both")
     if not names and not everything and action != LAND:
-        parser.error("name at least one vehicle" + ("" if action == CONFIRM_DOWN else ", or give --all"))
+        parser.error("name at least one vehicle" + ("" if action in EACH else ", or give --all"))
     with connected(arguments) as client:
-        if action == CONFIRM_DOWN or len(names) == 1:
+        if action in EACH or len(names) == 1:
             return _one_by_one(client, action, arguments)
         if not names and not everything:
             return _reported(client, [client.abort()], arguments)

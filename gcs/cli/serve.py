@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from gcs.api.map_tiles import open_map
 from gcs.cli import scheduling, site_processes, supervisor
 from gcs.cli.api_process import api_process
-from gcs.cli.output import REFUSED, Say, failed, lines, require_stations
+from gcs.cli.output import REFUSED, Say, failed, lines, require_rtk, require_stations
 from gcs.cli.process import Notifier, notifier_from_environment, run_exactly, set_up_log
 from gcs.config import schema as configuration
 from gcs.config import yaml_files as documents
@@ -66,6 +66,8 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
         record=record,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),
         forward=settings.forward,
+        lights=config.lights,
+        extra_bytes_per_s=settings.extra_share_bytes_per_s,
     )
 
 
@@ -94,6 +96,8 @@ async def running(
         folder = record.folder if record is not None and keeps_frames else None
         links = [make_link(link, config, folder) for link in config.links]
         planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
+        if config.rtk is not None:
+            require_rtk()
         membership = None if site is None else make_membership(config, site)
         problems = map_problems(config)
         orchestrator = Orchestrator(
@@ -106,12 +110,28 @@ async def running(
             try:
                 async with asyncio.TaskGroup() as group:
                     control = group.create_task(orchestrator.run(), name="service")
+                    corrections = group.create_task(keep_corrections(config, orchestrator), name="rtk")
                     await api.tried.wait()
                     yield orchestrator, api.port
+                    corrections.cancel()
                     control.cancel()
             finally:
                 keeper.cancel()
                 await asyncio.wait((keeper,))
+
+
+async def keep_corrections(config: Config, orchestrator: Orchestrator) -> None:
+    """Give what the base sends to control, without end; at once over where no base is configured."""
+    if config.rtk is None:
+        return
+    from gcs.links.rtk import Place, keep_receiving  # noqa: PLC0415 (needs the extra)
+
+    clock, corrections = asyncio.get_running_loop().time, orchestrator.corrections
+
+    def take(message: bytes, base: Place | None) -> None:
+        corrections.take(message, base, clock())
+
+    await keep_receiving(config.rtk, take, corrections.failed)
 
 
 def make_membership(config: Config, site: Config) -> Membership:

@@ -25,7 +25,7 @@ from gcs.model.lifecycle import Phase
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
     from gcs.model.preflight_report import PreflightReport
-    from gcs.service import StationView
+    from gcs.service import CorrectionsView, StationView
 
 
 OLD_S: Final = 1.0
@@ -229,11 +229,22 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     if counts.unknown:
         summary.append(f", {counts.unknown} unknown", BAD)
     table.add_row("vehicles", summary)
+    if fleet.corrections is not None:
+        table.add_row("rtk", _corrections(fleet.corrections))
     if energy := _energy(fleet.estimates):
         table.add_row("energy", Text(energy))
     table.add_row("possible", Text(", ".join(show.possible) or "-"))
     table.add_row("access", Text(fleet.access))
     return table
+
+
+def _corrections(found: CorrectionsView) -> Text:
+    """Age of the newest correction, and the place of the base."""
+    text = Text(f"corrections {number(found.age_s)} s old") if not found.problem else Text(found.problem, BAD)
+    if found.base_latitude_deg is not None and found.base_longitude_deg is not None:
+        text.append(f", base at {found.base_latitude_deg:.7f}, {found.base_longitude_deg:.7f}")
+        text.append(f", {number(found.base_height_m)} m above the ellipsoid")
+    return text
 
 
 def _not_received(stations: Sequence[StationView]) -> list[RenderableType]:

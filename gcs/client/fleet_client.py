@@ -261,7 +261,7 @@ class Client(Calls):
 
     @calls("POST", "/api/v1/vehicles/{vehicle_id}/{action}")
     def command(self, vehicle_id: str, action: str) -> service.CommandRecord:
-        """Command one vehicle: hold, join, return, land, take-control or confirm-down."""
+        """Command one vehicle: hold, join, return, land, take-control, confirm-down or find."""
 
     @calls("POST", "/api/v1/fleet/{action}")
     def command_vehicles(self, action: str, vehicles: list[str] | None = None) -> service.CommandRecord:

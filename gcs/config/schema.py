@@ -18,7 +18,7 @@ from gcs.control import ControlSettings
 from gcs.estimation.fleet_state import Positioning
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
-from gcs.links.settings import INSTANCES_MAX, RecordSettings, instances, occupied
+from gcs.links.settings import INSTANCES_MAX, LightSettings, RecordSettings, RtkSettings, instances, occupied
 from gcs.model.errors import FileError, InvalidError, Problem
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw
@@ -57,6 +57,8 @@ class Config(Settings):
     positioning: Positioning = Positioning()
     failsafes: FailsafePolicy = FailsafePolicy()
     preflight: sections.PreflightSettings = sections.PreflightSettings()
+    lights: LightSettings = LightSettings()
+    rtk: RtkSettings | None = None  # None: no corrections are sent
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
     scheduling: Literal["real-time", "usual"] = "real-time"  # asked of the machine, which may grant less

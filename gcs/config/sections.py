@@ -18,6 +18,7 @@ from gcs.links.settings import (
     Place,
     SigningSettings,
     StreamSettings,
+    extra_bytes_per_s,
     occupied,
     station_id,
 )
@@ -176,6 +177,7 @@ class LinkSettings(Settings):
     streams: StreamSettings = StreamSettings()
     forward: Forwards = ()
     signing: SigningSettings | None = None
+    extra_bytes_per_s: Positive | None = None  # for lights and corrections; None: `extra_bytes_per_s()`
     heartbeat_hold_s: Positive = 3.0  # heartbeats stop after control has stopped for this long
 
     @cached_property
@@ -203,6 +205,11 @@ class LinkSettings(Settings):
     def places(self) -> tuple[Place, ...]:
         """Endpoints of `listen`. Raises: ConfigError."""
         return tuple(place_at(url, self.ports) for url in self.listen)
+
+    @property
+    def extra_share_bytes_per_s(self) -> float:
+        """What lights and corrections may use together. Raises: ConfigError."""
+        return self.extra_bytes_per_s or extra_bytes_per_s(self.places)
 
     @model_validator(mode="after")
     def _check(self) -> "LinkSettings":

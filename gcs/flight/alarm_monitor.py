@@ -287,6 +287,9 @@ class AlarmMonitor:
         flight = self.flight
         for name, why in findings.failed_links.items():
             yield Condition(AlarmCause.LINK_FAILED, why, about=name)
+        if why := flight.corrections.why_stopped(flight.fleet.time_s):
+            consequence = "Margins grow with the accuracy that the vehicles report."
+            yield Condition(AlarmCause.CORRECTIONS_STOPPED, why, consequence=consequence)
         for name, why in findings.lost_stations.items():
             yield Condition(AlarmCause.STATION_LOST, why, about=name)
         for link in flight.links:

@@ -20,6 +20,7 @@ from gcs.control.inputs import LATE_S, fleet_delay_s, for_late_links
 from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
 from gcs.estimation.link_health import LinkDelay, LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
+from gcs.flight.corrections import Corrections
 from gcs.flight.running_show import ShowRun
 from gcs.flight.uncontrolled_space import UncontrolledSpace
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
@@ -229,6 +230,8 @@ class Fleet:
         self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
+        self.corrections = Corrections(config.rtk, self.links, now_s)
+        self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
         self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be read

@@ -17,7 +17,9 @@ from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick, warm_up
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.commander import Commander
+from gcs.flight.corrections import Corrections
 from gcs.flight.fleet import Fleet
+from gcs.flight.lights import Lights
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.parameter_reader import ParameterReader
 from gcs.flight.plan_editor import PlanEditor
@@ -106,6 +108,7 @@ class Orchestrator:
         self._interventions = 0
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         self._estimating = Estimating(flight)
+        self._lights = Lights(flight)
         if record is not None:
             known = flight.vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
@@ -166,6 +169,11 @@ class Orchestrator:
             self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
 
+    @property
+    def corrections(self) -> Corrections:
+        """Takes what arrives from the base."""
+        return self._flight.corrections
+
     def granted(self, scheduling: Scheduling) -> None:
         """Note what the machine grants this process, for displays."""
         self._clock.scheduling = scheduling
@@ -209,6 +217,9 @@ class Orchestrator:
         self._interventions += sum(reason != "" for reason in result.limited_by)
         if member is not None:
             member.publish(result, all_up=self._maneuvers.all_up)
+        if member is None or member.may_send:
+            flight.corrections.send()
+            self._lights.send()
         self._progress.advance()
         if self.stations is not None:
             self.stations.advance_site()

@@ -179,7 +179,8 @@ class PreflightGate:
             "clock: preflight.clock_max_s is null": settings.clock_max_s is None,
         }
         not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
-        return Stand(stand.fleet, alone, [*stand.not_checked, *not_checked])
+        corrections = self.flight.corrections.checks(self.flight.fleet.time_s)
+        return Stand([*stand.fleet, *corrections], alone, [*stand.not_checked, *not_checked])
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
         near = spacing(inputs, vehicles)

@@ -364,7 +364,7 @@ class SiteCommander(Commander):
     ) -> Callable[[], CommandRecord]:
         """What executes a command with the own vehicles."""
         match request:
-            case VehiclesRequest(action=VehicleAction.CONFIRM_DOWN, vehicles=(one,)):
+            case VehiclesRequest(action=VehicleAction.CONFIRM_DOWN | VehicleAction.FIND, vehicles=(one,)):
                 return partial(super().command_vehicle, one, request.action)
             case VehiclesRequest():
                 return partial(super().command_vehicles, request.action, request.vehicles)

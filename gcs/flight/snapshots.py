@@ -69,6 +69,7 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
+        corrections=flight.corrections.view(fleet.time_s),
     )
 
 

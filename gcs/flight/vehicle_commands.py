@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.landing_places import landing_sites_m
+from gcs.flight.lights import find
 from gcs.flight.maneuvers import Maneuver, Maneuvers
 from gcs.flight.refusals import instead, why_never, why_not_unnamed, with_alternative
 from gcs.flight.vehicle import Vehicle, require_phase
@@ -42,6 +43,9 @@ class VehicleCommands:
             return self._command(vehicle, action)
 
     def _command(self, vehicle: Vehicle, action: VehicleAction) -> CommandRecord:
+        if action is VehicleAction.FIND:
+            find(self.flight, vehicle.id)
+            return self.flight.book.done(action, [vehicle.id])
         self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
@@ -71,7 +75,7 @@ class VehicleCommands:
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        if action is VehicleAction.CONFIRM_DOWN:
+        if action in {VehicleAction.CONFIRM_DOWN, VehicleAction.FIND}:
             raise InvalidError("action", action.value, "hold, join, return, land or take-control")
         if vehicles is None:
             meant = [v for v in self.flight.vehicles.values() if v.phase not in GROUNDED]

@@ -21,14 +21,23 @@ import numpy as np
 from gcs.links import receiver, sender
 from gcs.links.address_book import Addresses
 from gcs.links.autopilots import Autopilot
+from gcs.links.budget import Budget
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
+from gcs.links.corrections import CorrectionSender
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.forwarding import Forwarding
+from gcs.links.lights import Colours, LightSender
 from gcs.links.link import Address, Command, Counters, Observer, ParameterValue, Verb
 from gcs.links.receiver import Inbox, ParameterUpdates
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s, most_urgent_first
-from gcs.links.settings import Forward, Place, check_system_ids
+from gcs.links.settings import (
+    EXTRA_BYTES_PER_S,
+    Forward,
+    LightSettings,
+    Place,
+    check_system_ids,
+)
 from gcs.links.signing import SignatureFilter, Signing
 from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
 from gcs.links.telemetry import FleetTelemetry, VehicleReport
@@ -116,6 +125,8 @@ class Link(ABC):
         record: Path | None = None,
         signing: Signing | None = None,
         forward: Sequence[Forward] = (),
+        lights: LightSettings | None = None,
+        extra_bytes_per_s: float = EXTRA_BYTES_PER_S,
         clock: Callable[[], float] = monotonic,
         ports: Ports | None = None,
     ) -> None:
@@ -133,6 +144,8 @@ class Link(ABC):
             record: a folder for recordings of every frame.
             signing: signs sent frames, refuses unsigned ones. Of this link alone.
             forward: further ground stations.
+            lights: how the vehicles receive their colours; None: they receive none.
+            extra_bytes_per_s: what lights and corrections may use together.
             clock: the loop's, ``loop.time``.
             ports: used instead of ports at `places`, such as datagrams in memory.
 
@@ -164,15 +177,19 @@ class Link(ABC):
         self._outbox = Outbox(
             self._ports, self._addresses, self.counters, self._system_ids, self._station_id, signatures
         )
+        budget = Budget(extra_bytes_per_s)
+        self._lights = LightSender(lights or LightSettings(), self._outbox, budget)
+        self._corrections = CorrectionSender(self._outbox, budget)
         self._telemetry = FleetTelemetry(self.ids, autopilots)
-        climbs_alone = [each.takeoff_ends_with_setpoints for each in self._telemetry.autopilots]
-        self._climbs_alone: Mask = np.array(climbs_alone, np.bool_)
-        flies_on = [each.stops_on_setpoint_only for each in self._telemetry.autopilots]
-        self._flies_on: Mask = np.array(flies_on, np.bool_)
+        known = self._telemetry.autopilots
+        self._climbs_alone: Mask = np.array([each.takeoff_ends_with_setpoints for each in known], np.bool_)
+        self._flies_on: Mask = np.array([each.stops_on_setpoint_only for each in known], np.bool_)
         self._stopped_s = -np.inf  # when setpoints at rest were sent last, see `_stop_those_that_fly_on`
-        request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
-        streams_hz = [each.streams_hz(rates_hz) if rates_hz else {} for each in self._telemetry.autopilots]
-        self._streams = StreamRequests(self._system_ids, streams_hz, request)
+        self._streams = StreamRequests(
+            self._system_ids,
+            [each.streams_hz(rates_hz) if rates_hz else {} for each in known],
+            partial(self._send_message, component_id=REQUESTING_COMPONENT),
+        )
         self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(
             self._addresses, self._telemetry, self._streams, self.counters, self._parameters, signatures
@@ -399,6 +416,24 @@ class Link(ABC):
         end = int(np.searchsorted(samples_s, sample_s, side="right"))
         self._ready = batch.part(slice(end, None)), samples_s[end:]
         self._send_setpoints(batch.part(slice(end)))
+
+    def send_lights(self, colour: Colours, ours: Mask) -> None:
+        """Send the colours (n, 3) of `ours` (n,) that are due, within the budget. After the setpoints."""
+        now_s = self._clock()
+        if self._protocol is not None:
+            self._lights.send(colour, ours & self._connected(now_s), now_s)
+            self.counters.lights_sent = self._lights.sent
+
+    def add_correction(self, message: bytes) -> None:
+        """Queue an RTCM message of at most `rtcm.LONGEST_BYTES` for all vehicles."""
+        self._corrections.add(message, self._clock())
+
+    def send_corrections(self) -> None:
+        """Send the queued corrections, within the budget. After the setpoints."""
+        if self._protocol is not None:
+            self._corrections.send(self._clock())
+            self.counters.corrections_sent = self._corrections.sent
+            self.counters.corrections_dropped = self._corrections.dropped
 
     async def execute(self, command: Command) -> None:
         """Send a command, and return when the vehicle's heartbeat confirms it.

@@ -1,7 +1,7 @@
 """Settings of a link: endpoints, system ids, recording, signing, streams and forwarding. No I/O."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Annotated, Final, TypeAlias
 
 from pydantic import Field, model_validator
 
+from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import ConfigError, InvalidError
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
@@ -23,6 +24,10 @@ _PORT_MAX: Final = 65535
 _BAUD_MIN, _BAUD_MAX = 1200, 12_000_000
 
 SYSTEM_ID_MAX: Final = 250
+
+EXTRA_BYTES_PER_S: Final = 100_000.0
+SERIAL_SHARE: Final = 0.25
+"""What lights and corrections may use unless set: so much, or this share of a serial port's rate."""
 
 VEHICLES_MAX: Final = 64
 """Per MAVSDK instance."""
@@ -139,6 +144,12 @@ def occupied(place: Place) -> tuple[str, ...]:
             return ()
 
 
+def extra_bytes_per_s(places: Sequence[Place]) -> float:
+    """What lights and corrections may use of a link, where the configuration does not say."""
+    serial = [SERIAL_SHARE * place.baud / 10 for place in places if isinstance(place, SerialPort)]
+    return min(serial, default=EXTRA_BYTES_PER_S)
+
+
 def station_id(vehicles: Collection[int]) -> int:
     """This station's own: MAVSDK's usual one, unless a vehicle has it."""
     return SPARE_ID if _MAVSDK_ID in vehicles else _MAVSDK_ID
@@ -186,6 +197,58 @@ class StreamSettings(Settings):
     position_hz: Positive = 10.0  # the tick brings positions forward with their velocities
     state_hz: Positive = 5.0
     others_hz: NotNegative = 0.0
+
+
+class LightSettings(Settings):
+    """How vehicles receive the colours of a show, of their battery and of `find` (docs/how-to/lights.md)."""
+
+    driver: LightDriver = LightDriver.NONE
+    rate_hz: Annotated[float, Field(ge=0.1, le=20)] = 4.0  # of one vehicle's changing colour
+    refresh_s: Positive = 2.0  # an unchanged colour is repeated so often
+    battery: bool = True  # on the ground: green, amber or red, as the battery is
+    find_s: Positive = 30.0  # `find` blinks for so long
+
+
+_NTRIP: Final = re.compile(r"^ntrips?://[A-Za-z0-9.-]{1,253}:(?P<port>\d{1,5})/[\x21-\x7e]{1,100}$")
+_PLAIN: Final = re.compile(r"^(tcp|udp)://[A-Za-z0-9.-]{1,253}:(?P<port>\d{1,5})$")
+
+
+class RtkSettings(Settings):
+    """Corrections from a base (docs/how-to/rtk.md)."""
+
+    source: str
+    user: str = ""
+    password_file: Path | None = None  # its first line
+    required: bool = False  # no start without recent corrections
+    age_max_s: Annotated[float, Field(ge=1, le=600)] = 10.0
+
+    @property
+    def device(self) -> tuple[str, int]:
+        """Device and baud rate of a serial source. Raises: ConfigError for another one."""
+        place = parse(self.source)
+        if not isinstance(place, SerialPort):
+            raise ConfigError(f"{self.source} is not a serial port")
+        return place.device, place.baud
+
+    def password(self) -> str:
+        """Raises: OSError when the file cannot be read."""
+        return "" if self.password_file is None else self.password_file.read_text().split("\n", 1)[0].strip()
+
+    @model_validator(mode="after")
+    def _check(self) -> "RtkSettings":
+        if self.source.startswith("serial://"):
+            try:
+                parse(self.source)
+            except ConfigError as error:
+                raise ValueError(f"source: {error}") from None
+            return self
+        found = _NTRIP.match(self.source) or _PLAIN.match(self.source)
+        if found is None or not 1 <= int(found["port"]) <= _PORT_MAX:
+            forms = (
+                "ntrip://HOST:PORT/MOUNT, ntrips://, serial://DEVICE:BAUD, tcp://HOST:PORT or udp://HOST:PORT"
+            )
+            raise ValueError(f"source: {self.source}: {forms} is needed")
+        return self
 
 
 class Forward(Settings):

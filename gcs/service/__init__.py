@@ -28,6 +28,7 @@ from gcs.service.interface import Stations as Stations
 from gcs.service.snapshots import ActiveFailsafe as ActiveFailsafe
 from gcs.service.snapshots import BusView as BusView
 from gcs.service.snapshots import CheckState as CheckState
+from gcs.service.snapshots import CorrectionsView as CorrectionsView
 from gcs.service.snapshots import CueMark as CueMark
 from gcs.service.snapshots import EventMark as EventMark
 from gcs.service.snapshots import FleetView as FleetView

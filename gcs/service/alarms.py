@@ -60,6 +60,7 @@ class AlarmCause(StrEnum):
     RADIUS_SMALL = "radius-small"
     LITTLE_AUTHORITY = "little-authority"
     SLOW_VEHICLE = "slow-vehicle"
+    CORRECTIONS_STOPPED = "corrections-stopped"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
     RECORD_FAILS = "record-fails"
@@ -203,6 +204,11 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "{vehicles} slower than configured",
         "Let [it|them] come home; compare MPC_XY_VEL_MAX with the configured speed.",
         off_after_s=5.0,
+    ),
+    AlarmCause.CORRECTIONS_STOPPED: CauseRow(
+        C,
+        "Corrections for RTK stopped",
+        "Check the base, its antenna and the network. The service keeps trying.",
     ),
     AlarmCause.POOR_LINK: CauseRow(
         C,

@@ -33,7 +33,7 @@ class ShowAction(StrEnum):
 
 
 class VehicleAction(StrEnum):
-    """A command to one vehicle, or (except CONFIRM_DOWN) to several at once."""
+    """A command to one vehicle, or (except CONFIRM_DOWN and FIND) to several at once."""
 
     HOLD = "hold"  # leaves the formation; the autopilot holds position
     JOIN = "join"  # from HOLD back into the formation
@@ -41,6 +41,7 @@ class VehicleAction(StrEnum):
     LAND = "land"  # filtered descent in place
     TAKE_CONTROL = "take-control"  # an airborne vehicle comes under this station's control, in HOLD
     CONFIRM_DOWN = "confirm-down"  # an operator has seen a lost vehicle on the ground
+    FIND = "find"  # its lights blink, on the ground
 
 
 class Outcome(StrEnum):

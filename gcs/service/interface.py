@@ -149,7 +149,7 @@ class Commands(Protocol):
     def command_vehicles(
         self, action: VehicleAction, vehicles: Sequence[VehicleId] | None = None
     ) -> CommandRecord:
-        """Execute one command, except CONFIRM_DOWN, for a selection; None: all that it can apply to.
+        """Execute one command, except CONFIRM_DOWN and FIND, for a selection; None: all that it can apply to.
 
         The record names those that it cannot reach, with the reason.
 

@@ -246,6 +246,24 @@ class StationView:
 
 
 @dataclass(frozen=True, slots=True)
+class CorrectionsView:
+    """Corrections for RTK, from a base to all vehicles."""
+
+    __pydantic_config__ = PUBLISHED
+
+    source: Annotated[str, Field(examples=["ntrip://192.0.2.7:2101/BASE"])]
+    age_s: Annotated[Measured, Field(description="Since the newest arrived; null: none has.")]
+    problem: Annotated[str, Field(description="Why there are no recent ones; empty while there are.")]
+    base_latitude_deg: Annotated[Measured, Field(description="As the base reports; null: not yet.")]
+    base_longitude_deg: Measured
+    base_height_m: Annotated[Measured, Field(description="Above the ellipsoid.")]
+    messages: Annotated[int, Field(description="That arrived from the base.")]
+    received_bytes: int
+    sent: Annotated[int, Field(description="Messages that left, summed over the links.")]
+    dropped: Annotated[int, Field(description="Too old, too many, or longer than MAVLink can carry.")]
+
+
+@dataclass(frozen=True, slots=True)
 class BusView:
     """Totals of the bus between the stations, since this station's start."""
 
@@ -456,6 +474,7 @@ class FleetView:
     playback: Playback | None = None  # None: this is no replay
     histograms: tuple[TickHistogram | Collected, ...] = ()  # of the ticks since the start; the first change
     stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
+    corrections: CorrectionsView | None = None  # None: none are configured
     bus: BusView | None = None  # None: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 

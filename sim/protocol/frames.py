@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega, common
 
 from gcs.sim.vehicle.dynamics import Mask
 
@@ -24,6 +24,9 @@ CHECKSUM_LENGTH = 2
 SIGNATURE_LENGTH = 13
 SIGNED = 0x01
 AUTOPILOT_COMPONENT = 1
+
+LED_CONTROL_ID = 186
+common.mavlink_map.setdefault(LED_CONTROL_ID, ardupilotmega.mavlink_map[LED_CONTROL_ID])  # another dialect's
 
 SETPOINT = common.MAVLink_set_position_target_local_ned_message
 SETPOINT_PAYLOAD = 53

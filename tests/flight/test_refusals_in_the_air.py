@@ -21,7 +21,7 @@ Command = Callable[[Show], object]
 
 ALWAYS = (ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT)
 NAMED = re.compile(r"accepted instead: ([a-z-]+)(?: (d\d+))?$")
-GROUP = sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN})
+GROUP = sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN, VehicleAction.FIND})
 
 
 def show_command(action: ShowAction) -> Command:

@@ -107,6 +107,7 @@ EVERYTHING = [
     "acknowledge vehicle-lost-1",
     "acknowledge --all",
     "confirm-down d1",
+    "find d2",
     "pilot d3",
     "take-control d3",
     "pilot d2",

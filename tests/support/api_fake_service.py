@@ -50,9 +50,9 @@ for seconds in (0.005, 0.005, 0.01, 0.05, 0.1, 0.33):
     HISTOGRAMS[0].observe(seconds)
     HISTOGRAMS[1].observe(0.001)
 
-EVENT = dict(
+EVENT: dict[VehicleAction, Event] = dict(
     zip(
-        VehicleAction,
+        (action for action in VehicleAction if action is not VehicleAction.FIND),
         (Event.HOLD, Event.ENGAGE, Event.COME_HOME, Event.DESCEND, Event.TAKE_CONTROL, Event.CONFIRMED_DOWN),
         strict=True,
     )
@@ -188,6 +188,8 @@ class FakeService:
         return self.command_log.open(f"show {action}", names, {})
 
     def command_vehicle(self, vehicle_id: str, action: VehicleAction) -> CommandRecord:
+        if action is VehicleAction.FIND:
+            return self.command_log.done(action, self._known([vehicle_id]))
         return self._advance(f"{action} {vehicle_id}", self._known([vehicle_id]), EVENT[action])
 
     def command_vehicles(self, action: VehicleAction, vehicles: Sequence[str] | None = None) -> CommandRecord:

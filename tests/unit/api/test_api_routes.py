@@ -120,7 +120,9 @@ def test_vehicle_command_is_accepted_with_an_id(
     assert api.service.phases["d2"] is after
 
 
-@pytest.mark.parametrize("action", sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN}))
+@pytest.mark.parametrize(
+    "action", sorted(set(VehicleAction) - {VehicleAction.CONFIRM_DOWN, VehicleAction.FIND})
+)
 def test_command_to_a_selection_names_those_not_reached(api: Api, action: VehicleAction) -> None:
     before = {VehicleAction.JOIN: Phase.HOLD, VehicleAction.TAKE_CONTROL: Phase.PILOT}
     api.service.phases["d2"] = before.get(action, Phase.FORMATION)
@@ -142,6 +144,14 @@ def test_lost_vehicle_and_those_on_pads_are_not_airborne(api: Api) -> None:
     desired = {"airborne": 1, "controlled": 1, "uncontrolled": 0, "unknown": 1, "on_ground": 1, "offline": 0}
     assert api("GET", "/api/v1/fleet").json()["counts"] == desired
     assert api("GET", "/api/v1/status").json()["counts"] == desired
+
+
+def test_find_is_a_command_that_is_done_at_once(api: Api) -> None:
+    answer = api("POST", "/api/v1/vehicles/d2/find")
+    assert answer.status_code == 202
+    assert answer.json()["outcomes"] == {"d2": {"outcome": "done", "reason": ""}}
+    assert api("POST", "/api/v1/vehicles/d9/find").status_code == 404
+    assert api("POST", "/api/v1/fleet/find").status_code == 404
 
 
 def test_every_vehicle_and_show_action_has_a_route(api: Api) -> None:

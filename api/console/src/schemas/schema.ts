@@ -997,6 +997,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{vehicle_id}/find": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Let the lights of a vehicle on the ground blink
+         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
+         */
+        post: operations["find_vehicle"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{vehicle_id}/hold": {
         parameters: {
             query?: never;
@@ -1288,7 +1308,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "corrections-stopped" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
@@ -1398,6 +1418,56 @@ export interface components {
             outcomes: {
                 [key: string]: components["schemas"]["VehicleOutcome"];
             };
+        };
+        /**
+         * CorrectionsView
+         * @description Corrections for RTK, from a base to all vehicles.
+         */
+        CorrectionsView: {
+            /**
+             * Age S
+             * @description Since the newest arrived; null: none has.
+             */
+            age_s: number | null;
+            /**
+             * Base Height M
+             * @description Above the ellipsoid.
+             */
+            base_height_m: number | null;
+            /**
+             * Base Latitude Deg
+             * @description As the base reports; null: not yet.
+             */
+            base_latitude_deg: number | null;
+            /** Base Longitude Deg */
+            base_longitude_deg: number | null;
+            /**
+             * Dropped
+             * @description Too old, too many, or longer than MAVLink can carry.
+             */
+            dropped: number;
+            /**
+             * Messages
+             * @description That arrived from the base.
+             */
+            messages: number;
+            /**
+             * Problem
+             * @description Why there are no recent ones; empty while there are.
+             */
+            problem: string;
+            /** Received Bytes */
+            received_bytes: number;
+            /**
+             * Sent
+             * @description Messages that left, summed over the links.
+             */
+            sent: number;
+            /**
+             * Source
+             * @example ntrip://192.0.2.7:2101/BASE
+             */
+            source: string;
         };
         /**
          * Counts
@@ -1687,6 +1757,8 @@ export interface components {
              * @description Why control is not alive, empty when it is.
              */
             control_reason: string;
+            /** @description For RTK; null: none are configured. */
+            corrections: components["schemas"]["CorrectionsView"] | null;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
@@ -9319,6 +9391,136 @@ export interface operations {
                 "application/json": components["schemas"]["ExcludeBody"] | null;
             };
         };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandRecord"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    find_vehicle: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
         responses: {
             /** @description Successful Response */
             202: {

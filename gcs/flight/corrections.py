@@ -1,0 +1,87 @@
+"""Corrections for RTK: what arrived from the base, and how old it is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gcs.links.batch_link import Link
+from gcs.links.settings import RtkSettings
+from gcs.mavlink.rtcm import LONGEST_BYTES
+from gcs.model.preflight_report import Check, State
+from gcs.service.snapshots import CorrectionsView
+
+
+class Corrections:
+    """Corrections of one station; without settings none are expected. Used on the event loop only."""
+
+    def __init__(self, settings: RtkSettings | None, links: Sequence[Link], now_s: float) -> None:
+        self.settings = settings
+        self._links = tuple(links)
+        self._began_s = now_s
+        self._arrived_s = -np.inf
+        self._messages = self._bytes = self._too_long = 0
+        self._base: tuple[float, float, float] | None = None
+        self._problem = ""
+
+    def take(self, message: bytes, base: tuple[float, float, float] | None, now_s: float) -> None:
+        """Queue one RTCM message for all vehicles; `base` is where the base is, None: not known yet."""
+        self._arrived_s, self._problem = now_s, ""
+        self._base = base or self._base
+        self._messages += 1
+        self._bytes += len(message)
+        if len(message) > LONGEST_BYTES:
+            self._too_long += 1
+            return
+        for link in self._links:
+            link.add_correction(message)
+
+    def failed(self, why: str) -> None:
+        """Note why nothing arrives."""
+        self._problem = why
+
+    def send(self) -> None:
+        """Send what waits; once a tick, after its setpoints and before lights."""
+        if self.settings is not None:
+            for link in self._links:
+                link.send_corrections()
+
+    def why_stopped(self, now_s: float) -> str:
+        """Why there are no recent corrections, in words; empty while there are, or none are expected."""
+        if self.settings is None:
+            return ""
+        silent_s = now_s - max(self._arrived_s, self._began_s)
+        if silent_s <= self.settings.age_max_s:
+            return ""
+        since = f"for {silent_s:.0f} s" if np.isfinite(self._arrived_s) else "since the service began"
+        return f"none {since}{f' ({self._problem})' if self._problem else ''}"
+
+    def checks(self, now_s: float) -> list[Check]:
+        """The check before a start, where corrections are required."""
+        if self.settings is None or not self.settings.required:
+            return []
+        age_s = now_s - self._arrived_s
+        limit = f"at most {self.settings.age_max_s:g} s old"
+        if age_s <= self.settings.age_max_s:
+            return [Check("corrections", State.PASS, age_s, "s", limit)]
+        why = self.why_stopped(now_s) or "none since the service began"
+        problem, to_do = f"no corrections for RTK: {why}", "check the base, its antenna and the network"
+        known = age_s if np.isfinite(age_s) else None
+        return [Check("corrections", State.FAIL, known, "s", limit, problem, to_do)]
+
+    def view(self, now_s: float) -> CorrectionsView | None:
+        """What displays need; None: none are expected."""
+        if self.settings is None:
+            return None
+        latitude_deg, longitude_deg, height_m = self._base or (np.nan,) * 3
+        return CorrectionsView(
+            source=self.settings.source,
+            age_s=max(0.0, now_s - self._arrived_s) if np.isfinite(self._arrived_s) else np.nan,
+            problem=self.why_stopped(now_s),
+            base_latitude_deg=latitude_deg,
+            base_longitude_deg=longitude_deg,
+            base_height_m=height_m,
+            messages=self._messages,
+            received_bytes=self._bytes,
+            sent=sum(link.counters.corrections_sent for link in self._links),
+            dropped=self._too_long + sum(link.counters.corrections_dropped for link in self._links),
+        )

@@ -1,0 +1,70 @@
+"""Colours over real UDP: the fake vehicles write what they received into their truth file."""
+
+import asyncio
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.links.mavsdk.link import MavsdkLink
+from gcs.links.native.link import NativeLink
+from gcs.links.settings import LightSettings, Listen
+from gcs.mavlink.lights import LightDriver
+from gcs.model.frames import ShowFrame
+from tests.support.link_bench import AnyLink, Ticks, ready, running
+from tests.support.machine import free_ports
+from tests.support.processes import last_truths
+
+COUNT, RATE_HZ, LASTS_S = 12, 4.0, 5.0
+
+
+@contextmanager
+def fake_fleet(port: int, truth: Path) -> Iterator[None]:
+    words = ("--port-base", str(port), "--count", str(COUNT), "--truth", str(truth))
+    command = [sys.executable, "-m", "gcs.sim", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield
+        process.terminate()
+
+
+def a_link(kind: type[AnyLink], port: int, driver: LightDriver) -> AnyLink:
+    vehicles = {f"d{system_id}": system_id for system_id in range(1, COUNT + 1)}
+    place, frame = Listen("127.0.0.1", port, COUNT), ShowFrame(47.397742, 8.545594, 488.0)
+    return kind("bench", vehicles, place, frame, lights=LightSettings(driver=driver, rate_hz=RATE_HZ))
+
+
+async def shine(link: AnyLink) -> tuple[int, list[int]]:
+    """Change every colour at 4 Hz beside setpoints. Returns: colours that left, the last ones as 0xRRGGBB."""
+    async with running(link):
+        await ready(link)
+        async with Ticks(link, *link.ids).running():
+            began_s, ours = time.monotonic(), np.ones(COUNT, np.bool_)
+            while (passed_s := time.monotonic() - began_s) < LASTS_S + 0.5:  # the last one for longer
+                colour = np.full((COUNT, 3), int(min(passed_s, LASTS_S) * RATE_HZ) + 1, np.uint8)
+                colour[:, 2] = np.arange(COUNT)
+                link.send_lights(colour, ours)
+                await asyncio.sleep(0.05)
+            await asyncio.sleep(0.3)
+    return link.counters.lights_sent, [int.from_bytes(bytes(each), "big") for each in colour]
+
+
+@pytest.mark.parametrize("driver", [each for each in LightDriver if each is not LightDriver.NONE])
+@pytest.mark.parametrize("kind", [NativeLink, MavsdkLink])
+def test_fake_vehicles_show_the_colours_sent(
+    kind: type[AnyLink], driver: LightDriver, tmp_path: Path
+) -> None:
+    truth = tmp_path / "truth.jsonl"
+    with fake_fleet(port := free_ports(COUNT), truth):
+        sent, last = asyncio.run(shine(a_link(kind, port, driver)))
+    vehicles = last_truths(truth)
+    received = sum(int(str(each["lights_received"])) for each in vehicles)
+    print(f"{kind.__name__} {driver}: {received} of {sent} received, {sent / COUNT / LASTS_S:.2f} Hz")  # noqa: T201
+    assert received >= 0.95 * sent
+    assert [int(str(each["light"])[1:], 16) for each in vehicles] == last
