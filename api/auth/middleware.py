@@ -79,7 +79,7 @@ BODY_MAX_BYTES: Final = 64 * 1024
 BODY_S: Final = 10.0
 """Seconds for a whole body to arrive: an unfinished request holds a connection that others need."""
 
-UPLOAD: Final = ("POST", "/api/v1/shows/import")
+UPLOAD: Final = ("POST", "/api/v1/shows")
 """The one request with a larger body: its route bounds size and time, and writes the body to a file."""
 
 DRAIN_MAX_BYTES: Final = 1024 * 1024

@@ -59,7 +59,7 @@ async def list_shows(context: ContextDep) -> list[service.StoredShow]:
 
 
 @files.post(
-    "/import",
+    "",
     summary="Upload a drawing",
     openapi_extra=DRAWING_BODY,
     **command(status=HTTPStatus.CREATED),

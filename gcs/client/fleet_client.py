@@ -127,7 +127,7 @@ class Shows(Calls):
         Raises: InvalidError when there is no such file, or it is no drawing that can be read.
         """
         query = urlencode({"name": name, "format": file.suffix.lower().removeprefix(".")})
-        path = f"/api/v1/shows/import?{query}"
+        path = f"/api/v1/shows?{query}"
         found: reports.ImportedShow = self._exchange.call(
             "POST", path, self.import_drawing, _content(file), "application/octet-stream"
         )

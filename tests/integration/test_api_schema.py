@@ -30,6 +30,9 @@ from tests.support.virtual_show import show_config
 EXAMPLES = settings().max_examples // 33
 """Of each operation and of each way to make one wrong: 3, in `make soak` 30."""
 
+BUSY_S = 60.0
+"""For an answer: a drawing is parsed at the lowest priority."""
+
 
 async def serve_fleet(
     tokens: Tokens, shows: Path, up: list[tuple[asyncio.AbstractEventLoop, asyncio.Event, int]]
@@ -111,6 +114,6 @@ healthy.expected_statuses = [*healthy.expected_statuses, "503"]
     suppress_health_check=list(HealthCheck),
 )
 def test_every_operation_matches_its_description(case: Case[Any], served: Served) -> None:
-    answer = case.call_and_validate(base_url=served.url, headers=served.headers)
+    answer = case.call_and_validate(base_url=served.url, headers=served.headers, timeout=BUSY_S)
     delayed = answer.status_code == HTTPStatus.SERVICE_UNAVAILABLE and case.path in HEALTH
     assert answer.status_code < 500 or delayed

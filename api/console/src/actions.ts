@@ -247,7 +247,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       return done(texts.commands.upload(name), call, texts.showUploaded(name));
     },
     async importDrawing(name, format, file) {
-      const call = api.POST("/api/v1/shows/import", {
+      const call = api.POST("/api/v1/shows", {
         params: { query: { name, format } }, body: file as never, bodySerializer: () => file, headers: { "Content-Type": "application/octet-stream" },
       });
       const found: { data: ImportedShow } | null = await asked(texts.commands.upload(name), call, null);

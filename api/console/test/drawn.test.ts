@@ -49,7 +49,7 @@ function page(routes: Record<string, unknown>) {
 }
 
 const GOOD = {
-  "POST /api/v1/shows/import": { show: "night", drawing: "night.skyc", vehicles: 2, duration_s: 3, claims: {}, notes: ["music"] },
+  "POST /api/v1/shows": { show: "night", drawing: "night.skyc", vehicles: 2, duration_s: 3, claims: {}, notes: ["music"] },
   "GET /api/v1/shows": [night],
   "GET /api/v1/shows/{name}/drawing": SAMPLES,
   "POST /api/v1/shows/{name}/check": { name: "night", state: "done", reason: "", hash: null, good: false, fits_service: true, problems: [], figures: null },
@@ -66,7 +66,7 @@ describe("upload of a drawing", () => {
     expect(textOf(shows(state(), actions))).toContain(texts.shows.uploading("night.SKYC"));
     await settled();
     expect(calls.map((each) => each.call)).toEqual([
-      "POST /api/v1/shows/import", "POST /api/v1/shows/{name}/check", "GET /api/v1/shows", "GET /api/v1/shows/{name}/check", "GET /api/v1/shows/{name}/drawing",
+      "POST /api/v1/shows", "POST /api/v1/shows/{name}/check", "GET /api/v1/shows", "GET /api/v1/shows/{name}/check", "GET /api/v1/shows/{name}/drawing",
     ]);
     expect(calls[0]).toMatchObject({ params: { query: { name: "night", format: "skyc" } }, body: input.files[0] });
     expect(state().drawn?.drawing.show).toBe("night");

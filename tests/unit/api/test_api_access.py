@@ -75,7 +75,7 @@ COMMANDS = [
     ("DELETE", "/api/v1/shows/stop"),
     ("POST", "/api/v1/shows/stop/check"),
     ("POST", "/api/v1/shows/lighthouse/select"),
-    ("POST", "/api/v1/shows/import"),
+    ("POST", "/api/v1/shows"),
     ("POST", "/api/v1/show/seek"),
     ("POST", "/api/v1/show/deselect"),
     ("POST", "/api/v1/obstacles"),

@@ -14,7 +14,7 @@ from tests.support.audit_rows import calls
 from tests.support.drawing_files import HOVER, skyc, zipped
 
 SHIPPED = (shipped_folder() / "shows" / "drawn-30.skyc").read_bytes()
-IMPORT = "/api/v1/shows/import?name=night&format=skyc"
+IMPORT = "/api/v1/shows?name=night&format=skyc"
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_a_broken_drawing_is_refused_with_its_place(api: Api, tmp_path: Path) ->
     ],
 )
 def test_a_wrong_query_is_refused_before_the_body(api: Api, query: str) -> None:
-    assert detail(api("POST", f"/api/v1/shows/import?{query}", content=SHIPPED), 422)
+    assert detail(api("POST", f"/api/v1/shows?{query}", content=SHIPPED), 422)
 
 
 def test_too_large_or_slow_a_drawing_is_refused(
@@ -105,7 +105,7 @@ def test_the_record_has_an_uploads_query_not_its_body(tmp_path: Path) -> None:
         service.audit = record.audit
         assert Api(service)("POST", IMPORT, content=SHIPPED).status_code == 409
     (call,) = calls(tmp_path)
-    assert (call["path"], call["body"]) == ("/api/v1/shows/import", "name=night&format=skyc")
+    assert (call["path"], call["body"]) == ("/api/v1/shows", "name=night&format=skyc")
 
 
 def test_a_drawn_show_is_sampled_for_a_preview(api: Api) -> None:
