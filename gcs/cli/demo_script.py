@@ -70,6 +70,10 @@ class Marks:
     target_to_m: tuple[float, float] | None = None
 
 
+PLACES_TRIED, BETWEEN_PLACES_S = 40, 3.0
+"""Where the orbit leads over pads no tower may stand: they fly on, in most of a turn past all of them."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scale:
     """Sizes and durations of the script for a fleet and its sphere."""
@@ -202,14 +206,15 @@ class DemoScript:
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
     def _obstacle(self) -> None:
-        for try_s in range(6):
-            x_m, y_m = (round(each, 1) for each in self._ahead_m(self._scale.ahead_s + 2.0 * try_s))
+        for _ in range(PLACES_TRIED):
+            x_m, y_m = (round(each, 1) for each in self._ahead_m(self._scale.ahead_s))
             size = {"half_length_x_m": 3.0, "half_length_y_m": 3.0, "height_m": self._scale.tower_height_m}
             box = Obstacle("tower", x_m, y_m, **size)
             try:
                 self._client.add_obstacle(x_m=x_m, y_m=y_m, **size, obstacle_id=box.id)
             except RefusedError as refused:
                 self._say(f"not there: {refused}")
+                self._sleep(BETWEEN_PLACES_S)
                 continue
             self.marks.obstacle, self.marks.obstacle_time_s = box, time.monotonic()
             self._say(f"a tower of 6 x 6 x {box.height_m:g} m stands in their way at {x_m:g}, {y_m:g}")
