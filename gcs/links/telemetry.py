@@ -138,7 +138,7 @@ class FleetTelemetry:
         return f"it reports {found}, and is configured as {meant.title} (autopilot: {meant.name})"
 
     def _are_ready(self) -> Mask:
-        """(n,) whose pre-arm check passes, and means that they can be armed and flown."""
+        """(n,) which pass their pre-arm check, and by it can be armed and flown."""
         ready = self.prearm_ok & ~self.is_foreign
         for kind, rows in self._kinds:
             ready[rows] &= kind.ready(self.custom_mode[rows], self._columns.estimator_flags[rows])

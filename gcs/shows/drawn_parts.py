@@ -40,7 +40,7 @@ def drawn_s(parts: Sequence[PlayedPart], time_s: float) -> float | None:
 
 
 def cue_flaws(show: Show) -> Iterator[Flaw]:
-    """Yield what is wrong with drawing and drawn parts, as far as the show file tells."""
+    """Yield what is wrong with drawing and drawn parts, as far as the show file shows it."""
     if (show.kind == "trajectories") != (show.drawing is not None):
         yield of_value(show.kind, "'trajectories' with a drawing, 'formation' without one", "kind")
     for index, cue in enumerate(show.timeline):

@@ -1,4 +1,4 @@
-"""How vehicles follow a drawn part: who flies which trajectory, when the clock waits, who lags. Pure."""
+"""How vehicles follow a drawn part: which trajectory each flies, when the clock waits, which lag. Pure."""
 
 from dataclasses import dataclass, replace
 from typing import Final

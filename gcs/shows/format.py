@@ -171,7 +171,9 @@ class Drawing(Settings):
     sha256: Annotated[StrictStr, Field(pattern=r"^[0-9a-f]{64}$")]  # of its bytes
     late: Literal["catch-up", "wait"] = "catch-up"  # what follows when a vehicle falls behind its trajectory
     waits_from_m: Annotated[float, Field(ge=0.5, le=50.0)] = 3.0  # `wait`: so far behind that the clock waits
-    pads: Literal["nearest", "file"] = "nearest"  # who flies which trajectory; `file`: in the fleet's order
+    pads: Literal["nearest", "file"] = (
+        "nearest"  # which vehicle flies which trajectory; `file`: in the fleet's order
+    )
 
 
 class Loop(Settings):

@@ -19,7 +19,7 @@ def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Row
     report. A body frame is turned by the vehicle's yaw; PX4 does not support a position in it, so that is
     dropped. Infinity is treated as NaN.
 
-    Returns: the rows whose setpoint commands nothing (item 10): they are unchanged.
+    Returns: the rows with a setpoint that commands nothing (item 10): they are unchanged.
     """
     frame = messages["coordinate_frame"]
     known = (frame == LOCAL_NED) | (frame == BODY_NED)

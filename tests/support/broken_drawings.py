@@ -184,7 +184,7 @@ def _lying() -> bytes:
 
 
 def _again() -> bytes:
-    """Return a show of 1,000 drones whose trajectory is one entry of 5 MB."""
+    """Return a show of 1,000 drones; the trajectory of all is one entry of 5 MB."""
     points = ",".join(f"[{at},[0,0,{at % 9}],[]]" for at in range(1, 200_000))
     drone = {"trajectory": {"$ref": "./one.json"}}
     trajectory = '{"version":1,"points":[[0,[0,0,0],[]]]}' + " " * 5_000_000 + "\n" + " " * len(points)

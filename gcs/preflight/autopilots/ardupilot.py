@@ -88,7 +88,7 @@ def _its_own_failsafes(operation: OperationSettings) -> tuple[Requirement, ...]:
     blind = "without a position it lands"
     waits = "seconds after which it disarms on the ground; 0: never"
     flown = (
-        "with a transmitter whose pilot may take over (operation.pilot_takes_over) it must notice its loss"
+        "where a pilot may take over (operation.pilot_takes_over) it must notice the loss of the transmitter"
     )
     alone = (
         "without transmitters (operation.pilot_takes_over is false) this failsafe would refuse every start"
