@@ -19,7 +19,7 @@ from starlette.requests import ClientDisconnect, Request
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.frames import ShowFrame
 from gcs.service import DRAWING_MAX_BYTES, Shows
-from gcs.service.check_process import EndedError, printed
+from gcs.service.check_process import LOWER, EndedError, printed
 
 WAITING_MAX: Final = 4
 """Requests at once; one of them is worked on."""
@@ -106,7 +106,7 @@ class Drawings:
 async def _printed(arguments: tuple[str, ...]) -> bytes:
     """Raises: EndedError when the command fails; RefusedError for all other failures."""
     try:
-        return await printed(arguments, WORK_S, codes=(0,), answer_max_bytes=SAMPLES_MAX_BYTES)
+        return await printed(arguments, WORK_S, LOWER, codes=(0,), answer_max_bytes=SAMPLES_MAX_BYTES)
     except TimeoutError:
         raise RefusedError(f"the drawing was not read within {WORK_S:g} s: try again") from None
     except OSError as error:

@@ -127,7 +127,7 @@ def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.fixture
 def prompt_checks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Checks of shows run at the usual priority."""
+    """Checks of shows and reading of drawings run at the usual priority."""
     monkeypatch.setattr(check_process, "_restrict", restrict_at_usual_priority)
 
 

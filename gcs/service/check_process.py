@@ -16,7 +16,7 @@ from typing import Any, Final
 from gcs.model.errors import RefusedError
 
 LOWEST, LOWER = 19, 10
-"""Priorities beside a flight, and where no vehicle flies."""
+"""Priorities beside a flight of what takes minutes, and of what takes seconds or where no vehicle flies."""
 
 WORDS: Final = 300
 

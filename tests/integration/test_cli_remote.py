@@ -37,7 +37,7 @@ from tests.support.api_fake_service import FakeService
 from tests.support.replays import FakeRecord
 from tests.support.show_files import FIGURES
 
-pytestmark = pytest.mark.usefixtures("patient_api")
+pytestmark = pytest.mark.usefixtures("patient_api", "prompt_checks")
 
 EVERYTHING = [
     "health",

@@ -103,7 +103,7 @@ def test_flipped_byte_with_loss_is_never_kept(file: Path, capsys: pytest.Capture
     whole, places = file.read_bytes(), random.Random(2)
     every = [tick.vehicles.tobytes() for tick in FlightData(file).ticks()]
     codes = []
-    for _ in range(50):
+    for _ in range(80):
         data = bytearray(whole)
         at = places.randrange(len(data))
         data[at] ^= places.randrange(1, 256)
