@@ -1,6 +1,7 @@
 """Endpoints as Zenoh writes them, and the configuration that it is given."""
 
 import json
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,20 @@ def test_zenoh_searches_for_no_station_and_lets_none_search() -> None:
     for way in ("multicast", "gossip"):
         assert json.loads(config.get_json(f"scouting/{way}/enabled")) is False
     assert json.loads(config.get_json("transport/link/tx/lease")) == 200
+
+
+def test_of_each_pair_of_stations_one_connects() -> None:
+    """When both did, a station that had stopped for longer than its lease was sometimes never heard again."""
+    endpoints = {name: Endpoint(host="127.0.0.1", port=7400 + k) for k, name in enumerate("dbca")}
+    listens, connects = [], []
+    for name in endpoints:
+        config = configuration(name, endpoints, 0.2, None)
+        (own,) = json.loads(config.get_json("listen/endpoints"))
+        listens.append(own)
+        connects += [{own, other} for other in json.loads(config.get_json("connect/endpoints"))]
+    pairs = [{one, other} for one, other in combinations(listens, 2)]
+    assert len(connects) == len(pairs)
+    assert all(pair in connects for pair in pairs)
 
 
 def test_with_keys_only_tls_is_spoken_and_all_else_is_denied(tmp_path: Path) -> None:
