@@ -62,7 +62,7 @@ def configuration(
 ) -> zenoh.Config:
     """Zenoh's configuration of one station of the site. Raises: LinkError when a file of keys is missing.
 
-    Of each pair of stations the first by name connects. If both do, a connection made anew by one of them joins
+    Of each pair of stations the first by name connects. If both do, a connection that one makes anew joins
     what the other has not closed yet, and no message arrives again (Zenoh's issue 2806).
     """
     tls = keys is not None
