@@ -263,7 +263,7 @@ class ShowPlayer:
             {name: position_m for name, (position_m, _) in moving.items()},
             comes_down_m,
             velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
-            braking=flight.control.safety.braking,
+            braking=flight.control.safety.braking.of_slowest(flight.traits.response),
         )
 
     def _in_the_way(self, box: Obstacle) -> str:
