@@ -194,6 +194,10 @@ class SelectedShow:
     track_max_m: Annotated[float | None, Field(description="The greatest such distance of any vehicle.")] = (
         None
     )
+    spares: Annotated[
+        tuple[str, ...],
+        Field(description="Vehicles on the ground that take the places of lost ones; empty without any."),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)

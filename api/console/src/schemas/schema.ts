@@ -2675,6 +2675,12 @@ export interface components {
              */
             runs: boolean;
             /**
+             * Spares
+             * @description Vehicles on the ground that take the places of lost ones; empty without any.
+             * @default []
+             */
+            spares: string[];
+            /**
              * Target Is Live
              * @description Whether PUT target moves the target now.
              */
