@@ -180,3 +180,33 @@ def test_the_clock_of_a_waiting_show_waits_for_a_late_one(folder: Path) -> None:
     assert late.farthest_m > 3.0
     assert late.later_m < 0.5
     assert 1.0 < late.waited_s < 15.0
+
+
+def test_a_drawn_show_begins_at_its_time_and_keeps_it(folder: Path) -> None:
+    """The first setpoints of motion of all vehicles leave within 20 ms of the time, and of each other."""
+
+    async def story(show: Show) -> tuple[list[float], float, float]:
+        found = select(show, folder)
+        await show.standby()
+        show.service.commands.command_show(ShowAction.START, show_hash=found.hash)
+        at_s = show.unix() + 60.0317
+        show.service.player.begin_at(at_s)
+        begins_s = at_s - show.unix.ahead_s
+        await show.reach(ShowPhase.RUNNING, 90.0)
+        await show.wait(5.0)
+        off_s = selected(show).clock_s - (show.view.time_s - begins_s)
+        first_s = [
+            next(
+                one.time_s - begins_s
+                for one in show.ports.sent[name]
+                if one.time_s > begins_s - 2.0 and np.linalg.norm(one.velocity_ned_m_s) > 0.15
+            )
+            for name in show.config.ids
+        ]
+        return first_s, off_s, float(selected(show).track_max_m or 0.0)
+
+    first_s, off_s, track_max_m = fly(story, config(folder), **on_pads(folder))
+    assert abs(off_s) < 0.001
+    assert np.ptp(first_s) <= 0.020
+    assert all(-0.001 <= one <= 0.020 for one in first_s)
+    assert track_max_m < 0.5
