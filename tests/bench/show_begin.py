@@ -41,7 +41,7 @@ fleet:
 fence: {{height_min_m: 3.0, height_max_m: 60.0, distance_max_m: 100.0}}
 duration_s: 60.0
 timeline:
-  - {{cue: circle, at_s: 0, radius_m: {radius_m}, height_m: {height_m}, orbit: {{radius_m: 4, speed_m_s: 1}}}}
+  - {{cue: circle, at_s: 0, radius_m: 8, height_m: 15, orbit: {{radius_m: 4, speed_m_s: 1}}}}
 """
 
 
@@ -70,6 +70,8 @@ async def flown(config: Config, folder: Path, text: str) -> float:
     try:
         loaded = parse(text, "circle")
         verdict = await asyncio.to_thread(lambda: judge(rehearse(loaded)))
+        if not verdict.good:
+            raise SystemExit(f"the show is not good to fly: {verdict.problems}")
         answer = asdict(verdict) | {"problems": [], "model": loaded.show.model_dump(mode="json")}
         show_hash = orchestrator.shows.found("circle", text.encode(), answer).hash or ""
         orchestrator.player.select("circle", show_hash)
@@ -96,8 +98,7 @@ def main() -> None:
             config = flying_config(count, base, silence_s=5.0)
             raw = config.model_dump() | {"shows": {"folder": folder}}
             config = Config.model_validate(raw)
-            form = raw["formation"]
-            text = SHOW.format(count=count, middle_m=2.0 * ((count - 1) // 3), **form)
+            text = SHOW.format(count=count, middle_m=2.0 * ((count - 1) // 3))
             (folder / "circle.yaml").write_text(text)
             with vehicles(count, base, folder, *proper(config)):
                 at_s = asyncio.run(flown(config, folder, text))

@@ -183,9 +183,9 @@ def test_the_clock_of_a_waiting_show_waits_for_a_late_one(folder: Path) -> None:
 
 
 def test_a_drawn_show_begins_at_its_time_and_keeps_it(folder: Path) -> None:
-    """The first setpoints of motion of all vehicles leave within 20 ms of the time, and of each other."""
+    """The vehicles wait where the drawing begins, then are where it has them for the time since then."""
 
-    async def story(show: Show) -> tuple[list[float], float, float]:
+    async def story(show: Show) -> tuple[float, float, float]:
         found = select(show, folder)
         await show.standby()
         show.service.commands.command_show(ShowAction.START, show_hash=found.hash)
@@ -193,20 +193,12 @@ def test_a_drawn_show_begins_at_its_time_and_keeps_it(folder: Path) -> None:
         show.service.player.begin_at(at_s)
         begins_s = at_s - show.unix.ahead_s
         await show.reach(ShowPhase.RUNNING, 90.0)
-        await show.wait(5.0)
+        begun_s = show.view.time_s - begins_s
+        await show.wait(10.0)
         off_s = selected(show).clock_s - (show.view.time_s - begins_s)
-        first_s = [
-            next(
-                one.time_s - begins_s
-                for one in show.ports.sent[name]
-                if one.time_s > begins_s - 2.0 and np.linalg.norm(one.velocity_ned_m_s) > 0.15
-            )
-            for name in show.config.ids
-        ]
-        return first_s, off_s, float(selected(show).track_max_m or 0.0)
+        return begun_s, off_s, float(selected(show).track_max_m or 0.0)
 
-    first_s, off_s, track_max_m = fly(story, config(folder), **on_pads(folder))
-    assert abs(off_s) < 0.001
-    assert np.ptp(first_s) <= 0.020
-    assert all(-0.001 <= one <= 0.020 for one in first_s)
-    assert track_max_m < 0.5
+    begun_s, off_s, track_max_m = fly(story, config(folder), **on_pads(folder))
+    assert begun_s == pytest.approx(0.0, abs=0.001)
+    assert off_s == pytest.approx(0.0, abs=0.001)
+    assert 0.0 < track_max_m < 0.5

@@ -15,7 +15,6 @@ UNITS_PER_S: Final = 10_000
 
 _SESSION: Final = struct.Struct(">2s2sIII")  # signature, command, version, token, sender
 _SYNC: Final = struct.Struct(">2s2sIB3xQQQ")
-_RECEIVED: Final = struct.Struct(">2s2sIHxx")
 _HEADER: Final = struct.Struct(">BBHII")  # of RTP
 _RTP_VERSION, _PAYLOAD = 2, 0x61
 _DELTA_MAX: Final = 4
@@ -36,7 +35,6 @@ class Session:
     ssrc: int
     partner: int | None = None
     refused: int = 0
-    _sequence: int = 0
 
     def take(self, data: bytes, now_s: float) -> tuple[bytes, bytes]:
         """Return MIDI bytes of a datagram, and the answer to it; either may be empty. Never raises."""
@@ -62,16 +60,11 @@ class Session:
         self.refused += 1
         return b""
 
-    def received(self) -> bytes:
-        """Say up to which packet we have received, so that the partner forgets what came before."""
-        return _RECEIVED.pack(SIGNATURE, b"RS", self.ssrc, self._sequence)
-
     def _midi(self, data: bytes) -> bytes:
         if len(data) > _HEADER.size:
-            flags, payload, sequence, _, sender = _HEADER.unpack_from(data)
+            flags, payload, _, _, sender = _HEADER.unpack_from(data)
             plain = flags == _RTP_VERSION << 6  # no padding, no extension, no further sources
             if plain and payload & 0x7F == _PAYLOAD and sender == self.partner:
-                self._sequence = sequence
                 commands = _commands(data[_HEADER.size :])
                 if commands is not None:
                     return commands
