@@ -72,6 +72,16 @@ def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]
     assert (np.array(flown.first_setpoint_s) > np.array(flown.up_s)).all(), "none before it is up"
 
 
+def test_each_autopilot_is_named_in_state_and_preflight() -> None:
+    async def story(show: Show) -> tuple[list[str], list[str]]:
+        await show.standby()
+        checked = show.service.preflight.report().vehicles
+        return list(show.service.view.value.rows.autopilots), [each.autopilot for each in checked]
+
+    kinds = [PX4, ARDUPILOT]
+    assert fly(story, config_of((PX4, ARDUPILOT), 2)) == (kinds, kinds)
+
+
 @FLEETS
 def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
     """After a landing ArduCopter stays in LAND, in which it cannot be armed."""

@@ -3131,6 +3131,11 @@ export interface components {
             /** Armed */
             armed: boolean;
             /**
+             * Autopilot
+             * @description Name of its autopilot's profile, as configured.
+             */
+            autopilot: string;
+            /**
              * Battery
              * @description Remaining share of the battery, 0 to 1.
              */
@@ -3240,6 +3245,12 @@ export interface components {
          * @description All checks of one vehicle before a start.
          */
         VehicleChecks: {
+            /**
+             * Autopilot
+             * @description Name of its profile, as configured.
+             * @default
+             */
+            autopilot: string;
             /** Checks */
             checks: components["schemas"]["Check"][];
             /**
@@ -3274,6 +3285,11 @@ export interface components {
          * @description Data of one vehicle that changes seldom.
          */
         VehicleRecord: {
+            /**
+             * Autopilot
+             * @description Name of its autopilot's profile, as configured.
+             */
+            autopilot: string;
             /**
              * Fix Type
              * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
