@@ -197,7 +197,8 @@ class SitlFlight:
         self._accept("take-over", self._client.take_over)
         self._until("control of the whole fleet", self._pace.formed_s, lambda: self._formed() == flying)
         self.account.recovered_after_stall_s = time.monotonic() - continued_s
-        self._accept("resume", self._client.resume)
+        if fallen == flying:  # else the show went on with the others
+            self._accept("resume", self._client.resume)
         self._reach("running", self._pace.formed_s)
 
     def _restart(self) -> None:

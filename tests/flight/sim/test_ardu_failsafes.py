@@ -151,9 +151,10 @@ def test_a_breach_acts_without_a_text_where_nothing_avoids(action: int, mode: Mo
     bench.until(lambda: bench.truth[0] > 30.0, 20.0)
     bench.run(0.8)
     assert (bench.custom_mode, len(bench.texts)) == (mode, texts)
-    fence, health = bench.last("FENCE_STATUS"), bench.last("SYS_STATUS").onboard_control_sensors_health
+    fence, reported = bench.last("FENCE_STATUS"), bench.last("SYS_STATUS")
     assert (fence.breach_status, fence.breach_type, fence.breach_count) == (1, 3, 1)
-    assert not health & FENCE_BIT
+    assert not reported.onboard_control_sensors_health & FENCE_BIT
+    assert bool(reported.onboard_control_sensors_enabled & FENCE_BIT) is (action > 0)
     assert status(bench) == ACTIVE
 
 

@@ -2495,6 +2495,13 @@ export interface components {
          */
         ReportBody: {
             /**
+             * Autopilots
+             * @description Number of vehicles by autopilot; empty: not known.
+             */
+            autopilots: {
+                [key: string]: number;
+            };
+            /**
              * Based On
              * @example true positions
              * @example estimated positions
