@@ -37,7 +37,8 @@ class Pace:
     home_s: float = 240.0
 
 
-QUICK = Pace(steady_s=2.0, orbit_s=4.0)
+QUICK = Pace(steady_s=5.0, orbit_s=4.0)
+"""ArduCopter swings round its place for some seconds."""
 
 
 @dataclass(slots=True)
@@ -192,6 +193,7 @@ class SitlFlight:
         self.account.true_after_stall_s = time.monotonic() - continued_s
         if not fallen:
             self._until("the same fleet under control", 10.0, lambda: self._formed() == flying)
+            self.account.recovered_after_stall_s = time.monotonic() - continued_s
             self._reach("running", self._pace.formed_s)
             return
         self._accept("take-over", self._client.take_over)

@@ -17,10 +17,10 @@ from typing import Protocol
 import numpy as np
 
 from gcs.cli.demo import MIXED
-from gcs.links.autopilots import AUTOPILOTS
+from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.frames import ShowFrame
 from gcs.sim.autopilots.ardupilot.parameters import defaults as ardupilot_defaults
-from tests.support.processes import AT_ONCE
+from tests.support.processes import AT_ONCE, READY_AT_ONCE
 
 PX4_PORT, PX4_SIMULATOR_PORT = 14540, 19410
 PX4_MODEL = "sihsim_quadx"
@@ -294,7 +294,7 @@ class FakeFleet:
             *("--autopilot", autopilot),
             *("--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"),
             *("--grid-columns", str(COLUMNS), "--spacing", f"{pads.spacing_m:g}"),
-            *AT_ONCE,
+            *(AT_ONCE if DEFAULT.name in self.kinds else READY_AT_ONCE),
         ]
         self._count, self._lost, self._folder = pads.count, lost, folder
         self._processes = Processes()

@@ -46,16 +46,13 @@ ARDUPILOT = {f"d{number}" for number in range(2, COUNT + 1, 2)}
 
 
 def config_of(port: int) -> Config:
-    raw = flying_config(COUNT, port, silence_s=20.0, setpoint_loss_s=LOSS_S).model_dump()
+    raw = flying_config(COUNT, port, silence_s=20.0, setpoint_loss_s=LOSS_S).model_dump(mode="json")
     kinds = cycle(("px4", "ardupilot"))
-    raw["links"][0] |= {
-        "transport": "native",
-        "ports": 1,
-        "vehicles": [
-            {"id": f"d{number}", "system_id": number, "autopilot": next(kinds)}
-            for number in range(1, COUNT + 1)
-        ],
-    }
+    raw["links"][0]["transport"] = "native"
+    raw["links"][0]["ports"] = 1
+    raw["links"][0]["vehicles"] = [
+        {"id": f"d{number}", "system_id": number, "autopilot": next(kinds)} for number in range(1, COUNT + 1)
+    ]
     return Config.model_validate(raw)
 
 
