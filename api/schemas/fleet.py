@@ -71,6 +71,7 @@ class VehicleRecord(Outward):
     id: str
     system_id: int
     link: str
+    autopilot: str = Field(description="Name of its autopilot's profile, as configured.")
     station: str | None = Field(
         description="The station that flies it; null: one station flies all, or none is known to fly this.",
         examples=["north"],

@@ -216,6 +216,7 @@ def make_record(config: Config, site: Config | None = None) -> Record | None:
         excluded=excluded,
         elsewhere={} if site is None else _elsewhere(config, site),
         site_json=None if site is None else site.model_dump_json(),
+        autopilots=(site or config).autopilots,
     )
 
 

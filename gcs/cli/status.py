@@ -7,6 +7,7 @@ out, and reasons are below the table, one line for all vehicles with the same re
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from math import hypot, inf
 from operator import attrgetter
@@ -18,7 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.cli.alarms import PERIOD_S, alarm_lines, show_state
-from gcs.cli.output import REFUSED, print_json
+from gcs.cli.output import REFUSED, kinds, print_json
 from gcs.cli.remote import add_connection, connected, document
 from gcs.model.lifecycle import Phase
 
@@ -94,6 +95,9 @@ COLUMNS: Final = {
         lambda each: each.phase,
         is_number=False,
     ),
+    "autopilot": Column(
+        "autopilot", lambda each: Text(each.autopilot), lambda each: each.autopilot, is_number=False
+    ),
     "mode": Column("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
     "height": Column(
         "height m", lambda each: Text(number(each.height_m)), lambda each: _or(each.height_m, -inf)
@@ -119,13 +123,13 @@ COLUMNS: Final = {
     "why": Column("why", lambda each: Text(_why(each)), is_number=False),
 }
 
-WHOLE: Final = frozenset({"station", "phase", "mode"})
+WHOLE: Final = frozenset({"station", "phase", "autopilot", "mode"})
 """Columns that are never cut."""
 
-DROPPED: Final = ("why", "age", "speed", "link", "height")
+DROPPED: Final = ("why", "age", "speed", "link", "autopilot", "height")
 """Columns that are left out on a narrow terminal, in this order."""
 
-SORTED: Final = ("vehicle", "station", "phase", "battery", "link", "age", "height", "speed")
+SORTED: Final = ("vehicle", "station", "phase", "autopilot", "battery", "link", "age", "height", "speed")
 
 
 def board(
@@ -163,10 +167,12 @@ def _fitting(
     chosen = dict.fromkeys(columns)
     if not any(each.station for each in vehicles):
         del chosen["station"]
+    if len({each.autopilot for each in vehicles}) < 2:
+        del chosen["autopilot"]  # it is in the head
     for name in DROPPED:
         if sum(needed[each] + GAP for each in chosen) - GAP <= width:
             break
-        del chosen[name]
+        chosen.pop(name, None)
     return tuple(chosen)
 
 
@@ -231,6 +237,8 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         summary.append(f", {counts.uncontrolled} not under control", "magenta")
     if counts.unknown:
         summary.append(f", {counts.unknown} unknown", BAD)
+    if fleet.vehicles:
+        summary.append(f"; {kinds(Counter(each.autopilot for each in fleet.vehicles))}")
     table.add_row("vehicles", summary)
     if fleet.corrections is not None:
         table.add_row("rtk", _corrections(fleet.corrections))
@@ -461,6 +469,7 @@ def preflight_board(report: PreflightReport, *, everything: bool) -> RenderableT
     passed = sum(check.state == PASS for _, check in checks)
     of = "no show is selected" if report.show is None else f"show {report.show}"
     verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
+    of = "; ".join(filter(None, (of, kinds(Counter(one.autopilot for one in report.vehicles)))))
     head = f"{verdict}: {passed} of {len(checks)} checks pass; {escape(of)}"
     left = [f"not flying: {name}: {reason}" for name, reason in report.not_flying.items()]
     unchecked = [f"not checked: {text}" for text in report.not_checked]

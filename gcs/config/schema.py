@@ -89,6 +89,15 @@ class Config(Settings):
         return tuple(vehicle.id for vehicle in self.fleet)
 
     @cached_property
+    def autopilots(self) -> dict[VehicleId, str]:
+        """Name of each vehicle's autopilot."""
+        return {
+            each.id: profile.name
+            for link in self.links
+            for each, profile in zip(link.fleet, link.autopilots, strict=True)
+        }
+
+    @cached_property
     def return_heights_m(self) -> Array:
         """(n,) RTL_RETURN_ALT of each vehicle, above its home; layered over all vehicles of the site."""
         operation, highest_m = self.operation, self.control.safety.fence.height_max_m

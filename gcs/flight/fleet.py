@@ -420,6 +420,7 @@ class Fleet:
             setpoint_loss_s=vehicle.without_setpoints.flies_on_s,
             setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
             position_age_s=float(self.fleet.age_s[vehicle.row]),
+            beyond_fence=vehicle.autopilot.beyond_fence(int(telemetry.unhealthy_sensors[at])),
         )
 
     def note_setpoints(self) -> None:

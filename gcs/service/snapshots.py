@@ -487,6 +487,9 @@ class ReportBody:
     uncertainty: Annotated[str, Field(description="Uncertainty of the positions, in words.")]
     remarks: Annotated[tuple[str, ...], Field(description="Remarks about the file.")]
     vehicles: int
+    autopilots: Annotated[
+        dict[str, int], Field(description="Number of vehicles by autopilot; empty: not known.")
+    ]
     flew: int
     duration_s: float
     checks: tuple[ReportCheck, ...]

@@ -273,7 +273,9 @@ class FakeService:
         check = Check("battery", state, self.battery, "of 1", "at least 25%", *words)
         fleet = Check("vehicles", State.PASS, nan, "vehicles", "all vehicles")
         out = {name: str(why) for name, why in self.excluded.items()}
-        own = [VehicleChecks(name, name not in out, out.get(name, ""), (check,)) for name in self.phases]
+        own = [
+            VehicleChecks(name, name not in out, out.get(name, ""), (check,), "px4") for name in self.phases
+        ]
         left = ("start pattern: there is none",)
         return PreflightReport(time.time(), None, None, (fleet,), tuple(own), left)
 
@@ -388,6 +390,7 @@ class FakeService:
             ids=list(self.phases),
             system_ids=range(1, n + 1),
             links=["fake"] * n,
+            autopilots=["px4"] * n,
             phases=phases,
             reasons=[""] * n,
             modes=[Mode.OFFBOARD if each else Mode.HOLD for each in formed],

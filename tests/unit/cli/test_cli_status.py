@@ -102,6 +102,22 @@ def test_vehicles_with_problems_are_listed_first(fleet: schemas.Fleet, by: str, 
     assert set(SORTED) <= set(COLUMNS)
 
 
+def test_mixed_fleet_has_a_column_of_autopilots(fleet: schemas.Fleet) -> None:
+    count = len(fleet.vehicles)
+    assert any(f"; {count} px4" in line for line in lines(fleet, 120))
+    assert "autopilot" not in table(fleet, 120)[0]
+    vehicles = [
+        each.model_copy(update={"autopilot": "ardupilot"}) if row == 1 else each
+        for row, each in enumerate(fleet.vehicles)
+    ]
+    mixed = fleet.model_copy(update={"vehicles": vehicles})
+    assert any(f"; 1 ardupilot, {count - 1} px4" in line for line in lines(mixed, 120))
+    head, first, second = table(mixed, 120)[:3]
+    assert head.split()[2] == "autopilot"
+    assert [first.split()[2], second.split()[2]] == ["px4", "ardupilot"]
+    assert table(mixed, 120, sort="autopilot")[1].split()[0] == "d2"
+
+
 @pytest.fixture
 def site(fleet: schemas.Fleet) -> schemas.Fleet:
     """Twenty vehicles of four stations, one of which is not received."""

@@ -2577,6 +2577,13 @@ export interface components {
          */
         ReportBody: {
             /**
+             * Autopilots
+             * @description Number of vehicles by autopilot; empty: not known.
+             */
+            autopilots: {
+                [key: string]: number;
+            };
+            /**
              * Based On
              * @example true positions
              * @example estimated positions
@@ -3302,6 +3309,11 @@ export interface components {
             /** Armed */
             armed: boolean;
             /**
+             * Autopilot
+             * @description Name of its autopilot's profile, as configured.
+             */
+            autopilot: string;
+            /**
              * Battery
              * @description Remaining share of the battery, 0 to 1.
              */
@@ -3411,6 +3423,12 @@ export interface components {
          * @description All checks of one vehicle before a start.
          */
         VehicleChecks: {
+            /**
+             * Autopilot
+             * @description Name of its profile, as configured.
+             * @default
+             */
+            autopilot: string;
             /** Checks */
             checks: components["schemas"]["Check"][];
             /**
@@ -3445,6 +3463,11 @@ export interface components {
          * @description Data of one vehicle that changes seldom.
          */
         VehicleRecord: {
+            /**
+             * Autopilot
+             * @description Name of its autopilot's profile, as configured.
+             */
+            autopilot: string;
             /**
              * Fix Type
              * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
