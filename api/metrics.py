@@ -70,6 +70,7 @@ class FleetCollector:
         yield CounterMetricFamily("gcs_calls_shed", "Denied calls that exceeded the rate.", self.shed)
         yield InfoMetricFamily("gcs_access", "Whether the service demands tokens.", {"access": self.access})
         yield from _corrections(view)
+        yield from _lights(view)
         yield from _stations(view)
         yield from _vehicles(view)
 
@@ -83,6 +84,15 @@ def _corrections(view: FleetView) -> Iterator[Metric]:
     yield CounterMetricFamily("gcs_corrections_received_bytes", "Bytes of these.", found.received_bytes)
     yield CounterMetricFamily("gcs_corrections_sent", "Messages that left, over all links.", found.sent)
     yield CounterMetricFamily("gcs_corrections_dropped", "Messages that did not leave.", found.dropped)
+
+
+def _lights(view: FleetView) -> Iterator[Metric]:
+    """Yield nothing of a replay."""
+    if (found := view.lights) is None:
+        return
+    yield InfoMetricFamily("gcs_lights", "Driver of the vehicles' lights.", {"driver": found.driver})
+    yield CounterMetricFamily("gcs_lights_sent", "Colours that left, over all links.", found.sent)
+    yield CounterMetricFamily("gcs_lights_dropped", "Colours replaced before they left.", found.dropped)
 
 
 def _stations(view: FleetView) -> Iterator[Metric]:

@@ -170,6 +170,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         filter_interventions=view.interventions,
         tick=view.tick,
         corrections=view.corrections,
+        lights=view.lights,
         vehicles=vehicles(view, frame),
     )
 

@@ -91,13 +91,14 @@ def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Run the command. Returns: 0; 1 when the show fails its check. Raises: ConfigError for a bad file."""
-    if arguments.action in {"import", "export", "sample"}:
-        from gcs.cli import drawn_shows  # noqa: PLC0415  (imported for these three only)
+    if arguments.action in {"import", "export", "sample", "place"}:
+        from gcs.cli import drawn_shows, place_show  # noqa: PLC0415  (imported for these four only)
 
         runs = {
             "import": drawn_shows.import_show,
             "export": drawn_shows.export_show,
             "sample": drawn_shows.sample_show,
+            "place": place_show.place_show,
         }
         return runs[arguments.action](arguments)
     if arguments.action == "check":

@@ -20,9 +20,11 @@ from gcs.service import (
     CALLER,
     Audit,
     CommandRecord,
+    CorrectionsView,
     FleetView,
     FlightEnvelope,
     Latest,
+    LightsView,
     NoAudit,
     Outcome,
     Replaying,
@@ -147,6 +149,7 @@ class FakeService:
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
+        self.corrections: CorrectionsView | None = None
         self.conditions: tuple[Condition, ...] = ()
         self.happened: tuple[LogEvent, ...] = ()
         self.excluded: dict[str, Exclusion] = {}
@@ -347,6 +350,8 @@ class FakeService:
             alarms=self.book.alarms,
             histograms=HISTOGRAMS,
             stations=self._stations(),
+            corrections=self.corrections,
+            lights=LightsView("led-control", sent=120, dropped=30),
         )
 
     def _rows(self) -> VehicleTable:
