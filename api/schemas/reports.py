@@ -108,6 +108,7 @@ class PlacedShow(Placement):
     show: str
     heading_deg: float = Field(description="Of the drawing's x axis, clockwise from north.")
     stored: Placement = Field(description="As the show file has it, in the service's frame.")
+    written: Placement = Field(description="As the show file has it, in the frame of its own origin.")
     origin_changes: bool = Field(
         description="The show file names another origin than the service: to place it replaces that."
     )
@@ -115,7 +116,7 @@ class PlacedShow(Placement):
     assigned: Literal["nearest", "file"] = Field(
         description="nearest: any vehicle may stand on any pad; file: the fleet's first on the first pad."
     )
-    pads_m: list[tuple[float, float]] = Field(description="x and y of every pad at this placement.")
+    pads_m: list[list[float]] = Field(description="x and y of every pad at this placement.")
     vehicles: list[VehicleAtPad] = Field(description="All vehicles, in the fleet's order.")
     rms_m: Measured = Field(description="Root mean square of the distances; null: no vehicle has a pad.")
     max_m: Measured = Field(description="Greatest distance.")

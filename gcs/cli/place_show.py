@@ -45,6 +45,7 @@ def place_show(arguments: argparse.Namespace) -> int:
         **placing.stand_document(show, placing.stand(show, place, at_m), standing),
         "heading_deg": round((frame.heading_deg + place.turn_deg) % 360.0, 2),
         "stored": stored.model_dump(),
+        "written": show.drawing.place.model_dump(),
         "origin_changes": not placing.same_frame(show, frame),
         "fence_distance_m": fence_m,
     }
@@ -53,7 +54,7 @@ def place_show(arguments: argparse.Namespace) -> int:
         if parse(changed, str(path)).show.drawing != show.drawing.model_copy(update={"place": place}):
             raise ConfigError(f"{loaded.file}: its drawing cannot be placed: write 'drawing' anew")
         _write(Path(arguments.output), changed)
-        document |= {"stored": place.model_dump(), "origin_changes": False}
+        document |= {"stored": place.model_dump(), "written": place.model_dump(), "origin_changes": False}
     answer(arguments, document, _words(document))
     return 0
 

@@ -3,6 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import { flightReport } from "../replay/report";
 import { drawnBar } from "../drawn/bar";
+import { placingBar } from "../placing/panel";
 import { replayBar } from "../replay/bar";
 import type { State, Status } from "../state";
 import { texts } from "../texts";
@@ -13,6 +14,7 @@ import { offers, recovery } from "../alarms/recovery";
 import { banner, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
+import { corrections } from "./corrections";
 import { energy } from "./energy";
 import { events } from "./events";
 import { fleet } from "./fleet";
@@ -166,8 +168,8 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
       ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", rightTabs(state.status))}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
-    <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
-    <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
+    <div class="room" data-room><div class="room-low">${isSmall(layout) ? nothing : corrections(state)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
+    <div class="center-low">${sheet(state, actions)} ${placingBar(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${state.drawn === null ? timeline(state, actions) : drawnBar(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;

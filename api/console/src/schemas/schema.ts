@@ -2428,10 +2428,7 @@ export interface components {
              * Pads M
              * @description x and y of every pad at this placement.
              */
-            pads_m: [
-                number,
-                number
-            ][];
+            pads_m: number[][];
             /**
              * Rms M
              * @description Root mean square of the distances; null: no vehicle has a pad.
@@ -2451,6 +2448,8 @@ export interface components {
              * @description All vehicles, in the fleet's order.
              */
             vehicles: components["schemas"]["VehicleAtPad"][];
+            /** @description As the show file has it, in the frame of its own origin. */
+            written: components["schemas"]["Placement"];
             /** X M */
             x_m: number;
             /** Y M */
