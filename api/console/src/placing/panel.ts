@@ -107,7 +107,7 @@ export function placingPanel(state: State, actions: PanelActions): TemplateResul
 function summary(state: State, placing: Placing): string {
   const { rms_m, max_m } = residual(beside(state, placing));
   const { x_m, y_m, turn_deg } = placing.place;
-  const off = Number.isFinite(rms_m) ? t.offBy(withUnit(rms_m, "m", 2), withUnit(max_m, "m", 2)) : t.nobody;
+  const off = Number.isFinite(rms_m) ? t.offBy(withUnit(rms_m, "m", 2), withUnit(max_m, "m", 2)) : t.noneKnown;
   return `x ${fixed(x_m)}, y ${fixed(y_m)} m, ${fixed(turn_deg)}°. ${off}`;
 }
 

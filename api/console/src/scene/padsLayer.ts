@@ -116,6 +116,7 @@ export class PadsLayer {
     const [center, handle] = [toScene(...middle, 0), turnHandle(placing)];
     const style: Style = { color: palette.preview, alpha: 0.8, width_px: 1.6, dash_m: 0.016 * eye.pose.span_m };
     this.#pads.put(center, palette.preview, 1, MIDDLE_M, DECAL.target);
+    overlay.put(eye, center, texts.placing.pads(placing.found.show), "thing", 26);
     this.#lines.circle(center, radius_m, style);
     this.#lines.arrow(center, handle, { ...style, dash_m: 0, width_px: 2 }, [(handle[2] - center[2]) / radius_m, 0, (center[0] - handle[0]) / radius_m]);
     overlay.put(eye, handle, texts.placing.handle(placing.place.turn_deg.toFixed(1)), "handle");
