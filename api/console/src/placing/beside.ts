@@ -6,8 +6,8 @@ import { padsOf, type AtPad, type Placing } from "./model";
 /** Each vehicle of the answer where it stands now, and how far from its pad. */
 export function beside(state: State, placing: Placing): AtPad[] {
   const pads = padsOf(placing);
-  return placing.found.vehicles.map(({ id, x_m, y_m, pad }) => {
-    const row = indexOf(state, id);
+  return placing.found.vehicles.map(({ id, x_m, y_m, pad }, k) => {
+    const row = state.status?.vehicles[k]?.id === id ? k : indexOf(state, id); // both are in the fleet's order
     const [now_x, now_y] = [state.frame?.x_m[row] ?? NaN, state.frame?.y_m[row] ?? NaN];
     const [x, y] = Number.isFinite(now_x + now_y) ? [now_x, now_y] : [x_m ?? NaN, y_m ?? NaN];
     const at = pad === null ? undefined : pads[pad];

@@ -12,6 +12,7 @@ import { beside, heading_deg } from "./beside";
 import { isChanged, OFF_M, residual, turnedTo, type AtPad, type Placing } from "./model";
 
 const t = texts.placing;
+const LISTED = 100; // vehicles, the farthest from their pads
 
 /** Why the pads cannot be moved now; "" where they can. */
 export function whyNotPlacing(state: State): string {
@@ -98,9 +99,10 @@ export function placingPanel(state: State, actions: PanelActions): TemplateResul
         </tr>
       </thead>
       <tbody>
-        ${worstFirst.map(vehicle)}
+        ${worstFirst.slice(0, LISTED).map(vehicle)}
       </tbody>
     </table>
+    ${all.length > LISTED ? html`<p class="hint">${texts.preflight.moreVehicles(all.length - LISTED)}</p>` : nothing}
   </section>`;
 }
 
