@@ -115,6 +115,8 @@ def fitted(show: Show, begin: Placement, standing_m: Array) -> Placement:
     Raises: RefusedError when no vehicle has a known position.
     """
     known = np.isfinite(standing_m).all(axis=1)
+    if _in_order(show):
+        known[show.fleet.vehicles :] = False  # they have no pad
     if not known.any():
         raise RefusedError("no vehicle on the ground has a known position: there is nothing to fit to")
     pads, places, own = _line(show.drawn_pads_m), _line(standing_m[known]), _own(show, known)
@@ -195,10 +197,15 @@ def _matched(pads: Complex, places: Complex, own: Rows | None) -> Rows:
 
 def _own(show: Show, known: NDArray[np.bool_]) -> Rows | None:
     """Return the pads of the known vehicles where the fleet's order decides them; None where it does not."""
-    if show.drawing is None or show.drawing.pads == "nearest":
+    if not _in_order(show):
         return None
     rows = np.flatnonzero(known)
     return np.where(rows < show.fleet.vehicles, rows, -1)
+
+
+def _in_order(show: Show) -> bool:
+    """Return whether the fleet's order decides which vehicle has which pad."""
+    return show.drawing is not None and show.drawing.pads == "file"
 
 
 def placed_pads_m(show: Show, place: Placement) -> Array:
@@ -293,7 +300,7 @@ def stand_document(
         )
     off_m = found.off_m[np.isfinite(found.off_m)]
     return {
-        "assigned": "file" if show.drawing is not None and show.drawing.pads == "file" else "nearest",
+        "assigned": "file" if _in_order(show) else "nearest",
         **found.place.model_dump(),
         "pads_m": [[round(float(x_m), 3), round(float(y_m), 3)] for x_m, y_m in found.pads_m],
         "vehicles": vehicles,

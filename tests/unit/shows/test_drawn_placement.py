@@ -200,6 +200,8 @@ def test_a_file_in_the_fleets_order_keeps_that_order(night: LoadedShow) -> None:
     swapped_m = in_order_m[[1, 0, *range(2, 12)]]
     assert stand(ordered.show, THERE, swapped_m).off_m[:2].min() > 2.0
     assert stand(night.show, THERE, swapped_m).off_m.max() < 0.01
+    more_m = np.concatenate([in_order_m, [[300.0, 0.0]]])  # a vehicle for which the show has no pad
+    assert fitted(ordered.show, THERE, more_m) == found
 
 
 def test_a_show_of_another_origin_keeps_its_place_on_earth(night: LoadedShow) -> None:

@@ -143,6 +143,12 @@ function sheet(state: State, actions: PanelActions): TemplateResult | typeof not
   </section>`;
 }
 
+/** The show's timeline, or a preview in its place. Where there is little room, what is being placed takes it. */
+function band(state: State, actions: PanelActions): TemplateResult | typeof nothing {
+  if (state.placing !== null && isSmall(state.panels.layout)) return nothing;
+  return state.drawn === null ? timeline(state, actions) : drawnBar(state, actions);
+}
+
 export function panels(state: State, actions: PanelActions): TemplateResult {
   const now = life(state);
   const isReplay = Boolean(state.status?.replay);
@@ -169,8 +175,8 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <div class="room" data-room><div class="room-low">${isSmall(layout) ? nothing : corrections(state)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
-    <div class="center-low">${sheet(state, actions)} ${placingBar(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
-    <footer class="bottom">${state.drawn === null ? timeline(state, actions) : drawnBar(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
+    <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
+    <footer class="bottom">${placingBar(state, actions)} ${band(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;
 }

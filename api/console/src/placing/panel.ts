@@ -110,23 +110,20 @@ function summary(state: State, placing: Placing): string {
   const { rms_m, max_m } = residual(beside(state, placing));
   const { x_m, y_m, turn_deg } = placing.place;
   const off = Number.isFinite(rms_m) ? t.offBy(withUnit(rms_m, "m", 2), withUnit(max_m, "m", 2)) : t.noneKnown;
-  return `x ${fixed(x_m)}, y ${fixed(y_m)} m, ${fixed(turn_deg)}°. ${off}`;
+  return t.at(fixed(x_m), fixed(y_m), fixed(turn_deg), off);
 }
 
-/** Below the scene, as for everything else that is dragged. */
+/** Below the scene, beside or in place of the preview. */
 export function placingBar(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   const { placing } = state;
   if (placing === null) return nothing;
-  return html`<section class="preview-bar placing-bar" aria-label=${t.title(placing.found.show)} data-testid="placing">
-    ${icon("info")}
-    <span>
-      <strong>${t.title(placing.found.show)}</strong>
-      <small data-testid="placing-summary">${placing.busy === "" ? summary(state, placing) : t.busy[placing.busy]}</small>
-    </span>
-    <span class="placing-buttons">
-      ${button(actions, { id: "placing-fit", label: t.fit, icon: "formation", why: whyNotFit(state), press: () => actions.fitPlacement() })}
-      ${button(actions, { id: "placing-apply", label: t.apply, icon: "check", kind: "primary", why: whyNotApply(state), press: () => actions.applyPlacement() })}
-      ${button(actions, { id: "placing-close", label: t.close, icon: "cross", iconOnly: true, kind: "quiet", press: () => actions.closePlacing() })}
-    </span>
+  return html`<section class="replay placing-bar" aria-label=${t.title(placing.found.show)} data-testid="placing">
+    <div class="placing-words">
+      <strong>${icon("info")} ${t.title(placing.found.show)}</strong>
+      <span class="value" data-testid="placing-summary">${placing.busy === "" ? summary(state, placing) : t.busy[placing.busy]}</span>
+    </div>
+    ${button(actions, { id: "placing-fit", label: t.fit, why: whyNotFit(state), press: () => actions.fitPlacement() })}
+    ${button(actions, { id: "placing-apply", label: t.apply, kind: "primary", why: whyNotApply(state), press: () => actions.applyPlacement() })}
+    ${button(actions, { id: "placing-close", label: t.close, icon: "cross", iconOnly: true, press: () => actions.closePlacing() })}
   </section>`;
 }
