@@ -232,8 +232,8 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     if fleet.corrections is not None:
         table.add_row("rtk", _corrections(fleet.corrections))
     if fleet.lights is not None and fleet.lights.driver != "none":
-        counts = f"{fleet.lights.sent} colours sent, {fleet.lights.dropped} dropped by the rate"
-        table.add_row("lights", Text(f"{fleet.lights.driver}  {counts}"))
+        left = f"{fleet.lights.sent} colours sent, {fleet.lights.dropped} dropped by the rate"
+        table.add_row("lights", Text(f"{fleet.lights.driver}  {left}"))
     if energy := _energy(fleet.estimates):
         table.add_row("energy", Text(energy))
     table.add_row("possible", Text(", ".join(show.possible) or "-"))

@@ -234,7 +234,7 @@ def _within(node: Node | None, part: str | int) -> tuple[Node, int] | None:
 
 def _end(node: Node) -> int:
     """Return the offset behind a value's last character: the mark of a block is at the next token."""
-    if isinstance(node, ScalarNode) or node.flow_style or not node.value:
+    if not isinstance(node, MappingNode | SequenceNode) or node.flow_style or not node.value:
         return int(node.end_mark.index)
     last = node.value[-1]
     return _end(last[1] if isinstance(node, MappingNode) else last)

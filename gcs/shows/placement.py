@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gcs.config.yaml_files import Source
 from gcs.model.errors import RefusedError
 from gcs.model.frames import ShowFrame
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.drawn.trajectories import bezier_of_power
 from gcs.shows.format import Placement, Show
@@ -93,7 +93,7 @@ def stand(show: Show, place: Placement, standing_m: Array) -> Stand:
         place: replaces its own.
         standing_m: (n, 2) where they stand, in the fleet's order, show frame; NaN where not known.
     """
-    pads, known = _line(placed_pads_m(show, place)), np.isfinite(standing_m).all(axis=1)
+    pads, known = _line(placed_pads_m(show, place)), _known(standing_m)
     pad, off_m = np.full(len(standing_m), -1, np.intp), np.full(len(standing_m), np.nan)
     pad[known] = _matched(pads, _line(standing_m[known]), _own(show, known))
     has = pad >= 0
@@ -114,7 +114,7 @@ def fitted(show: Show, begin: Placement, standing_m: Array) -> Placement:
 
     Raises: RefusedError when no vehicle has a known position.
     """
-    known = np.isfinite(standing_m).all(axis=1)
+    known = _known(standing_m)
     if _in_order(show):
         known[show.fleet.vehicles :] = False  # they have no pad
     if not known.any():
@@ -154,7 +154,7 @@ def _begins(pads: Complex, places: Complex, free: bool, begin: Placement) -> lis
         moved = back[:, None] * few + (moves if few is pads else -back * moves)[:, None]
         tree = scipy.spatial.KDTree(np.stack([many.real, many.imag], axis=1))
         away_m, _ = tree.query(np.stack([moved.real, moved.imag], axis=2))
-        cost = (away_m**2).sum(axis=1)
+        cost = (np.asarray(away_m) ** 2).sum(axis=1)
         least = np.flatnonzero((cost <= np.roll(cost, 1)) & (cost <= np.roll(cost, -1)))
         chosen = least[np.argsort(cost[least], kind="stable")[:TRIED]]
         begins += [(complex(turns[at]), complex(moves[at])) for at in chosen]
@@ -211,6 +211,11 @@ def _in_order(show: Show) -> bool:
 def placed_pads_m(show: Show, place: Placement) -> Array:
     """(m, 2) Pads of a show with another placement than its own, show frame."""
     return np.asarray(place.placed_m(show.drawn_pads_m)[:, :2])
+
+
+def _known(place_m: Array) -> Mask:
+    """(n,) Which of the places (n, 2) are known."""
+    return np.asarray(np.isfinite(place_m).all(axis=1))
 
 
 def _line(place_m: Array) -> Complex:
@@ -298,12 +303,12 @@ def stand_document(
                 "off_m": None if not np.isfinite(off_m) else round(off_m, 3),
             }
         )
-    off_m = found.off_m[np.isfinite(found.off_m)]
+    known_m = found.off_m[np.isfinite(found.off_m)]
     return {
         "assigned": "file" if _in_order(show) else "nearest",
         **found.place.model_dump(),
         "pads_m": [[round(float(x_m), 3), round(float(y_m), 3)] for x_m, y_m in found.pads_m],
         "vehicles": vehicles,
-        "rms_m": round(found.rms_m, 3) if len(off_m) else None,
-        "max_m": round(float(off_m.max()), 3) if len(off_m) else None,
+        "rms_m": round(found.rms_m, 3) if len(known_m) else None,
+        "max_m": round(float(known_m.max()), 3) if len(known_m) else None,
     }

@@ -117,7 +117,7 @@ def preview(camera: Photographer, ui: Console) -> None:
     _open(ui, "left", "shows")
     ui.opens(lambda: ui.press("show-place-drawn-30"), "placing")
     ui.press("placing-fit")
-    expect(ui.part("placing-summary")).to_contain_text("off their pads", timeout=SOON_MS)
+    expect(ui.part("placing-summary")).to_contain_text("off the pads", timeout=SOON_MS)
     camera.shoot(ui, "placing", "shows", None, sizes=((1440, 900), (844, 390), (390, 844)))
     ui.press("placing-close")
     ui.press("drawn-close")

@@ -48,7 +48,8 @@ export interface Actions {
   /** Have the station that answers this page lead. */
   takeLead(): Promise<boolean>;
   loadShows(): Promise<boolean>;
-  checkShow(name: string): Promise<boolean>;
+  /** `again`: once an earlier check of it has ended. */
+  checkShow(name: string, again?: boolean): Promise<boolean>;
   selectShow(name: string, hash: string): Promise<boolean>;
   deselectShow(): Promise<boolean>;
   uploadShow(name: string, yaml: string): Promise<boolean>;
@@ -117,13 +118,21 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     return accepted !== null;
   }
 
-  async function followCheck(name: string): Promise<boolean> {
+  const isChecking = (check: ShowCheck | undefined): boolean => check?.state === "waiting" || check?.state === "running";
+
+  /** `again`: the show is another one since an earlier check began, which has to end first. */
+  async function followCheck(name: string, again = false): Promise<boolean> {
     const path = { params: { path: { name } } };
+    for (let earlier = again ? state().panels.checks[name] : undefined; isChecking(earlier); ) {
+      await later(POLL_MS);
+      const now: Outcome<ShowCheck> = await outcome(api.GET("/api/v1/shows/{name}/check", path));
+      earlier = now.ok ? now.data : undefined;
+    }
     let check = await asked(texts.commands.check(name), api.POST("/api/v1/shows/{name}/check", path), null);
     const accepted = check !== null;
     while (check !== null) {
       dispatch({ kind: "check", check: check.data });
-      if (check.data.state !== "waiting" && check.data.state !== "running") break;
+      if (!isChecking(check.data)) break;
       await later(POLL_MS);
       check = await asked(texts.commands.check(name), api.GET("/api/v1/shows/{name}/check", path), null);
     }

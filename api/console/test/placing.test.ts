@@ -15,7 +15,7 @@ import { project, rayThrough, type Screen } from "../src/scene/picking";
 import { Poses } from "../src/scene/playback";
 import { basisOf, START } from "../src/scene/rig";
 import type { Api } from "../src/schemas/rest";
-import { initial, type PlacedShow, type Placement, type State } from "../src/state";
+import { initial, type PlacedShow, type Placement, type ShowCheck, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { update } from "../src/update";
 import { frame } from "./frames";
@@ -38,7 +38,7 @@ const ON_GROUND = status({
   counts: GROUNDED, show: { ...status().show, phase: "idle", possible: ["start"] }, vehicles: ["d1", "d2", "d3"].map((id) => ({ ...vehicle, id })),
 });
 const NIGHT = { name: "night", size_bytes: 900, sha256: "0", drawing: "night.skyc" };
-const CHECK = { name: "night", state: "done", reason: "", hash: null, good: false, fits_service: true, problems: [], figures: null };
+const CHECK: ShowCheck = { name: "night", state: "done", reason: "", hash: null, good: false, fits_service: true, problems: [], figures: null };
 const STANDING = frame({ vehicles: [{ x_m: 10, y_m: 2, height_m: 0, phase: "standby" }, { x_m: 11.5, y_m: -2, height_m: 0, phase: "standby" }, { phase: "offline" }] });
 
 type Params = { query?: Record<string, unknown> };
@@ -140,6 +140,16 @@ describe("the placement of a drawn show", () => {
     ]);
     expect(calls[1]!.body).toEqual({ x_m: 10.75, y_m: 0, turn_deg: 20.5 });
     expect(isChanged(state().placing!)).toBe(false);
+  });
+
+  it("is checked again once the check of the version before has ended", async () => {
+    const { state, actions, calls, dispatch } = await opened({ put: { ...BEST, stored: BEST } });
+    dispatch({ kind: "check", check: { ...CHECK, state: "running" } });
+    actions.placeAt({ ...AT, x_m: 12 });
+    press(placingBar(state(), actions), "placing-apply");
+    await new Promise((resolve) => setTimeout(resolve, 700));
+    const checks = calls.map((each) => each.call).filter((each) => each.endsWith("/check"));
+    expect(checks.indexOf("GET /api/v1/shows/{name}/check")).toBeLessThan(checks.indexOf("POST /api/v1/shows/{name}/check"));
   });
 
   it("says why it was refused, and stays", async () => {

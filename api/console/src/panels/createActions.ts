@@ -151,7 +151,7 @@ export function createDeskActions(
     if (placing === null || why !== "") return refuse(texts.placing.apply, why);
     const { show } = placing.found;
     if (!(await service.place(show, placing.place))) return;
-    const checked = service.checkShow(show); // takes a minute
+    const checked = service.checkShow(show, true); // takes a minute
     await service.loadShows();
     if (state().drawn?.drawing.show === show) await service.loadDrawing(show);
     await checked;

@@ -7,11 +7,9 @@ import { PHASES, type Frame, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { button } from "./controls";
-import { corrections } from "./corrections";
 import { fixed, percentOnly, UNKNOWN } from "./format";
 import { selectionBar } from "./group";
 import { icon, PHASE_ICON } from "./icons";
-import { isSmall } from "./layout";
 import { place, sized } from "./place";
 import { hasTerm, toggled } from "./query";
 import { isStale, rowOf, windowed, type Column, type Row } from "./rows";
@@ -209,7 +207,6 @@ function table(state: State, actions: PanelActions, status: Status, frame: Frame
 export function fleet(state: State, actions: PanelActions): TemplateResult {
   const { status, frame, panels } = state;
   return html`<div class="fleet-panel">
-    ${isSmall(panels.layout) ? corrections(state) : nothing}
     <div class="filter">
       <input
         type="search"

@@ -174,7 +174,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
       ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", rightTabs(state.status))}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
-    <div class="room" data-room><div class="room-low">${isSmall(layout) ? nothing : corrections(state)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
+    <div class="room" data-room><div class="room-low">${corrections(state)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
     <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${placingBar(state, actions)} ${band(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}

@@ -106,11 +106,11 @@ export function placingPanel(state: State, actions: PanelActions): TemplateResul
   </section>`;
 }
 
-function summary(state: State, placing: Placing): string {
+function summary(state: State, placing: Placing): TemplateResult {
   const { rms_m, max_m } = residual(beside(state, placing));
   const { x_m, y_m, turn_deg } = placing.place;
   const off = Number.isFinite(rms_m) ? t.offBy(withUnit(rms_m, "m", 2), withUnit(max_m, "m", 2)) : t.noneKnown;
-  return t.at(fixed(x_m), fixed(y_m), fixed(turn_deg), off);
+  return html`<span class="placing-at">${t.at(fixed(x_m), fixed(y_m), fixed(turn_deg))}</span> ${off}`;
 }
 
 /** Below the scene, beside or in place of the preview. */
