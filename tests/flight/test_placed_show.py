@@ -61,16 +61,15 @@ def test_a_show_fitted_to_its_vehicles_is_ready_and_flies(folder: Path) -> None:
     async def story(show: Show) -> tuple[PreflightReport, PreflightReport, float]:
         await show.standby()
         path = folder / "night.yaml"
-        before = select(show, path)
+        _, before = select(show, path)
         loaded = load(path)
         rows = show.view.rows
         place = fitted(loaded.show, placement(0.0, 0.0, 0.0), rows.position_m[:, :2])
         assert loaded.drawing is not None
         fence = fence_m(loaded.show, loaded.drawing, place)
         path.write_text(placed_text(loaded.source, path.read_text(), loaded.show, fence, place, ORIGIN))
-        after = select(show, path)
-        found = show.view.selected
-        show.service.commands.command_show(ShowAction.START, show_hash=None if found is None else found.hash)
+        show_hash, after = select(show, path)
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING, 90.0)
         await show.reach(ShowPhase.LANDED, 240.0)
         assert show.floor_violations() == 0
@@ -83,7 +82,8 @@ def test_a_show_fitted_to_its_vehicles_is_ready_and_flies(folder: Path) -> None:
     assert all(check.passes for one in after.vehicles for check in one.checks if check.name == "place")
 
 
-def select(show: Show, path: Path) -> PreflightReport:
+def select(show: Show, path: Path) -> tuple[str, PreflightReport]:
+    """Check and select the show in a file. Returns: its hash, and what a start would find."""
     text = path.read_text()
     loaded = parse(text, str(path))
     answer = asdict(judge(rehearse(loaded))) | {"model": loaded.show.model_dump(mode="json")}
@@ -91,7 +91,7 @@ def select(show: Show, path: Path) -> PreflightReport:
     assert reported.good, reported.problems
     assert reported.hash is not None
     show.service.player.select("night", reported.hash)
-    return show.service.preflight.report()
+    return reported.hash, show.service.preflight.report()
 
 
 def pattern(report: PreflightReport) -> bool:
