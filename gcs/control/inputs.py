@@ -275,12 +275,12 @@ class TickInputs:
             lost_m = uncertainty_m[tasks.segments_of]
         upright = (tasks.segments_m[:, 0, :2] == tasks.segments_m[:, 1, :2]).all(axis=1)
         upright[len(upright) - tasks.silent_segments :] = False
-        found = {}
-        for k in np.flatnonzero(upright).tolist():
-            wide_m, tall_m = floor.kept_m(float(floor.reserve_m(own_m, lost_m[k])))
-            x_m, y_m = tasks.segments_m[k, 0, :2].tolist()
-            top_m = tall_m - float(tasks.segments_m[k, :, 2].min())
-            found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(x_m, y_m, wide_m, wide_m, top_m)
+        columns_m, found = tasks.segments_m[upright], {}
+        reserves_m = floor.reserve_m(own_m, lost_m[upright]).tolist()
+        tops_m = columns_m[:, :, 2].min(axis=1).tolist()
+        for (x_m, y_m), reserve_m, z_m in zip(columns_m[:, 0, :2].tolist(), reserves_m, tops_m, strict=True):
+            wide_m, tall_m = floor.kept_m(reserve_m)
+            found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(x_m, y_m, wide_m, wide_m, tall_m - z_m)
         return found
 
     @property

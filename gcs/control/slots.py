@@ -82,10 +82,11 @@ def moved_on(now: TickInputs, formed: Formed, slots: Slots, radius_m: float) -> 
     law, direction, charge = now.settings.law, formed.direction, formed.charge
     paths, sweeps = _lost_paths(now, formed.center), sweeps_for(len(direction), law.sweeps)
     places, changes = sweep(slots.place, slots.change, direction, charge, sweeps, law.pull)
-    if paths and _move_out(places, radius_m, *paths):  # again, gently: each sweep leads them back in
+    first = round(20.0 * now.fleet.time_s) * SEARCHES % max(len(places), 1)  # another in each tick
+    if paths and _move_out(places, radius_m, *paths, first):  # again, gently: each sweep leads them back in
         pull, changes = max(law.pull, PULL_BESIDE_PATHS), np.zeros_like(changes)
         places, changes = sweep(slots.place, changes, direction, charge, 1, pull)
-        _move_out(places, radius_m, *paths)
+        _move_out(places, radius_m, *paths, first)
     return places, changes
 
 
@@ -100,6 +101,12 @@ PULL_BESIDE_PATHS = 0.05
 
 LOOK_M, LOOK_STEP_M, DIRECTIONS = 15.0, 0.25, 12
 """How far along the sphere a slot's way out is searched, how finely, and in how many directions."""
+
+SEARCHES = 20
+"""Slots whose way out is searched at a time: no tick is late when a station with 300 vehicles is lost.
+
+The others stay where they are until it is their turn: the filter keeps their vehicles clear meanwhile.
+"""
 
 
 def _lost_paths(now: TickInputs, center: Center) -> tuple[Array, Array, Array, Array] | None:
@@ -128,6 +135,7 @@ def _move_out(
     segments_m: Array,
     kept_m: Array,
     scale: Array,
+    first: int,
 ) -> bool:
     """Move slots out of the space of lost vehicles by the shortest way along the sphere.
 
@@ -138,24 +146,30 @@ def _move_out(
         segments_m: (k, 2, 3) paths, times `scale`.
         kept_m: (k,) distances to be kept from each, times `scale`.
         scale: (3,) as `Floor.scale`.
+        first: slot to begin with; a way is searched for at most `SEARCHES`.
 
     Returns: whether one was not clear of it.
     """
-    found, moved, off_m = np.empty(3), False, np.empty(3)
-    reach_m, near = LOOK_M * scale.max(), np.empty(len(segments_m), np.int64)
-    for i in range(len(places)):
-        count = 0
-        for k in range(len(segments_m)):
-            for a in range(len(centers_m)):
-                at_m = (centers_m[a] + radius_m * places[i]) * scale
-                if from_path_m(at_m, segments_m[k], off_m) < kept_m[k] + reach_m:
-                    near[count] = k
-                    count += 1
-                    break
+    found, searches, largest = np.empty(3), 0, scale.max()
+    near, low_m, high_m = np.empty(len(segments_m), np.int64), np.empty(3), np.empty(3)
+    lowest_m, highest_m = np.empty(3), np.empty(3)
+    for axis in range(3):
+        lowest_m[axis], highest_m[axis] = centers_m[:, axis].min(), centers_m[:, axis].max()
+    for at in range(len(places)):
+        i = (first + at) % len(places)
+        for axis in range(3):  # where the slot is, with each of the centres
+            low_m[axis] = (lowest_m[axis] + radius_m * places[i, axis]) * scale[axis]
+            high_m[axis] = (highest_m[axis] + radius_m * places[i, axis]) * scale[axis]
+        count = _close_by(near, low_m, high_m, 0.0, segments_m, kept_m)
         beside_m, beside_kept_m = segments_m[near[:count]], kept_m[near[:count]]
-        if _is_clear(places[i], radius_m, centers_m, beside_m, beside_kept_m, scale):
+        if _lack_m(places[i], radius_m, centers_m, beside_m, beside_kept_m, scale) <= 0.0:
             continue
-        best_m, found[:], moved = LOOK_M, places[i], True
+        if searches == SEARCHES:
+            break
+        searches += 1
+        count = _close_by(near, low_m, high_m, LOOK_M * largest, segments_m, kept_m)
+        beside_m, beside_kept_m = segments_m[near[:count]], kept_m[near[:count]]
+        best_m, found[:] = LOOK_M, places[i]
         level = max(np.hypot(places[i, 0], places[i, 1]), TINY)
         sideways = np.array([-places[i, 1] / level, places[i, 0] / level, 0.0])
         upwards = np.cross(places[i], sideways)
@@ -165,25 +179,72 @@ def _move_out(
             gone_m = LOOK_STEP_M
             while gone_m < best_m:
                 there = np.cos(gone_m / radius_m) * places[i] + np.sin(gone_m / radius_m) * along
-                if _is_clear(there, radius_m, centers_m, beside_m, beside_kept_m, scale):
+                lack_m = _lack_m(there, radius_m, centers_m, beside_m, beside_kept_m, scale)
+                if lack_m <= 0.0:
                     best_m, found[:] = gone_m, there
-                gone_m += LOOK_STEP_M
+                else:  # nearer than that it cannot be clear
+                    gone_m += LOOK_STEP_M * max(1.0, np.floor(lack_m / largest / LOOK_STEP_M))
         places[i] = found
-    return moved
+    return searches > 0
 
 
 @kernel
-def _is_clear(
+def _close_by(
+    near: NDArray[np.int64],
+    low_m: Array,
+    high_m: Array,
+    reach_m: float,
+    segments_m: Array,
+    kept_m: Array,
+) -> int:
+    """Find the paths that may come nearer than their `kept_m` + `reach_m` to a box: a quick look.
+
+    Args:
+        near: (k,) their numbers, set.
+        low_m: (3,) lower corner of the box, times the scale, as are the paths.
+        high_m: (3,) upper corner.
+        reach_m: how much farther than `kept_m`.
+        segments_m: (k, 2, 3) paths.
+        kept_m: (k,) distances to be kept from each.
+
+    Returns: how many.
+    """
+    count = 0
+    for k in range(len(segments_m)):
+        within_m, beside = kept_m[k] + reach_m, True
+        for axis in range(3):
+            one_m, other_m = segments_m[k, 0, axis], segments_m[k, 1, axis]
+            beside &= min(one_m, other_m) - within_m < high_m[axis]
+            beside &= max(one_m, other_m) + within_m > low_m[axis]
+        near[count] = k
+        count += beside
+    return count
+
+
+@kernel
+def _lack_m(
     place: Array, radius_m: float, centers_m: Array, segments_m: Array, kept_m: Array, scale: Array
-) -> bool:
-    """Whether the slot (3,) is clear of all paths with every centre; arguments as of `_move_out`."""
-    off_m = np.empty(3)
-    for a in range(len(centers_m)):
-        at_m = (centers_m[a] + radius_m * place) * scale
-        for k in range(len(segments_m)):
-            if from_path_m(at_m, segments_m[k], off_m) < kept_m[k]:
-                return False
-    return True
+) -> float:
+    """By how much the slot (3,) is too near to a path with some centre; none, if it is clear of all.
+
+    Arguments as of `_move_out`. The first path found too near comes first from then on: the next place is
+    likely beside it as well.
+    """
+    off_m, at_m = np.empty(3), np.empty(3)
+    for k in range(len(segments_m)):
+        for a in range(len(centers_m)):
+            for axis in range(3):
+                at_m[axis] = (centers_m[a, axis] + radius_m * place[axis]) * scale[axis]
+            lack_m: float = kept_m[k] - from_path_m(at_m, segments_m[k], off_m)
+            if lack_m > 0.0:
+                for axis in range(3):
+                    for end in range(2):
+                        first_m = segments_m[0, end, axis]
+                        segments_m[0, end, axis] = segments_m[k, end, axis]
+                        segments_m[k, end, axis] = first_m
+                kept_m[0], kept_m[k] = kept_m[k], kept_m[0]
+                return lack_m
+    return 0.0
 
 
 @kernel

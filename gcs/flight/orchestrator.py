@@ -214,7 +214,7 @@ class Orchestrator:
             self._routing.send(result.setpoints)
         # The rest can wait for the next tick: setpoints cannot.
         flight.memory = result.memory
-        self._interventions += sum(reason != "" for reason in result.limited_by)
+        self._interventions += len(result.limited_by) - result.limited_by.count("")
         if member is not None:
             member.publish(result, all_up=self._maneuvers.all_up)
         if member is None or member.may_send:

@@ -243,6 +243,7 @@ class Site:
         if len(home_m) != len(station.rows):
             raise LinkError(f"homes of {len(home_m)} vehicles")
         theirs = np.isin(self._owner[station.rows], (NO_STATION, station.number)) & np.isfinite(home_m[:, 0])
+        theirs &= (self.home_m[station.rows] != home_m).any(axis=1)  # they come again each second
         rows = station.rows[theirs]
         self.home_m[rows] = home_m[theirs]
         for row, one_m in zip(rows.tolist(), home_m[theirs], strict=True):
