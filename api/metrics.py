@@ -71,6 +71,7 @@ class FleetCollector:
         yield InfoMetricFamily("gcs_access", "Whether the service demands tokens.", {"access": self.access})
         yield from _corrections(view)
         yield from _timecode(view)
+        yield from _lights(view)
         yield from _stations(view)
         yield from _vehicles(view)
 
@@ -98,6 +99,15 @@ def _timecode(view: FleetView) -> Iterator[Metric]:
     yield CounterMetricFamily("gcs_timecode_readings", "Readings of the timecode.", found.readings)
     yield CounterMetricFamily("gcs_timecode_garbage", "Its messages that make no sense.", found.garbage)
     yield CounterMetricFamily("gcs_timecode_dropped", "Its messages that were not read.", found.dropped)
+
+
+def _lights(view: FleetView) -> Iterator[Metric]:
+    """Yield nothing of a replay."""
+    if (found := view.lights) is None:
+        return
+    yield InfoMetricFamily("gcs_lights", "Driver of the vehicles' lights.", {"driver": found.driver})
+    yield CounterMetricFamily("gcs_lights_sent", "Colours that left, over all links.", found.sent)
+    yield CounterMetricFamily("gcs_lights_dropped", "Colours replaced before they left.", found.dropped)
 
 
 def _stations(view: FleetView) -> Iterator[Metric]:

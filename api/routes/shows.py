@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from gcs import service
 from gcs.api.context import Context, ContextDep
-from gcs.api.drawings import Upload
+from gcs.api.drawings import Place, Upload
 from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
@@ -103,6 +103,41 @@ async def get_drawing(
     show = await context.service.shows.drawn_file(name)
     samples = await context.drawings.sampled(show, from_s, to_s, rate_hz)
     return Response(samples, media_type="application/json")
+
+
+@files.get("/{name}/placement", summary="Where a drawn show lies", responses=READ | errors(404, 409))
+async def get_placement(
+    name: Name,
+    context: ContextDep,
+    x_m: Annotated[requests.PlacedAlong | None, Query()] = None,
+    y_m: Annotated[requests.PlacedAlong | None, Query()] = None,
+    turn_deg: Annotated[requests.PlacedTurn | None, Query()] = None,
+    fit: Annotated[
+        bool, Query(description="Fit the pads to where the vehicles stand, from the given placement on.")
+    ] = False,
+) -> reports.PlacedShow:
+    """The pads of a drawn show beside the vehicles on the ground. Nothing changes.
+
+    What of the placement is not given is as stored. The fit is of least squares, with the best assignment of
+    vehicles to pads; of fits that are as good (a square has four) the one with the least turn counts.
+    """
+    show = await context.service.shows.drawn_file(name)
+    place = Place(show, x_m, y_m, turn_deg, fits=fit)
+    return reports.PlacedShow.model_validate(await context.drawings.placement(place, context.view.rows))
+
+
+@files.put("/{name}/placement", summary="Move and turn a drawn show", **command(404))
+async def put_placement(name: Name, body: requests.PlacementPut, context: ContextDep) -> reports.PlacedShow:
+    """Stores a new version of the show file, which must be checked again.
+
+    The drawing, its pads and the room to the fence move together; the show's origin becomes the service's. A
+    selected or flying show does not change.
+    """
+    shows = context.service.shows
+    place = Place(await shows.drawn_file(name), body.x_m, body.y_m, body.turn_deg)
+    found, text = await context.drawings.placed(place, context.view.rows)
+    await shows.store(name, text)
+    return reports.PlacedShow.model_validate(found)
 
 
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))

@@ -172,6 +172,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         tick=view.tick,
         corrections=view.corrections,
         timecode=view.timecode,
+        lights=view.lights,
         vehicles=vehicles(view, frame),
     )
 

@@ -35,6 +35,12 @@ Velocity = Annotated[float, Field(ge=-SPEED_MAX_M_S, le=SPEED_MAX_M_S, examples=
 Heading = Annotated[
     float, Field(ge=-360, le=360, description="Degrees clockwise from north.", examples=[90.0])
 ]
+PLACED_MAX_M: Final = 10_000.0
+"""Farthest place of a drawing from the show's origin, along either axis."""
+PlacedAlong = Annotated[float, Field(ge=-PLACED_MAX_M, le=PLACED_MAX_M, examples=[12.5])]
+PlacedTurn = Annotated[
+    float, Field(ge=-360, le=360, description="Degrees clockwise seen from above.", examples=[21.5])
+]
 ObstacleId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$", examples=["tower"])]
 Sense = Annotated[Direction, Field(strict=False, description="Seen from above.")]
 Law = Annotated[LawName, Field(strict=False, description="Changes on the ground only.")]
@@ -158,6 +164,14 @@ TargetPut = Annotated[
         ),
     ),
 ]
+
+
+class PlacementPut(Inward):
+    """Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame."""
+
+    x_m: PlacedAlong
+    y_m: PlacedAlong
+    turn_deg: PlacedTurn
 
 
 class Box(Partial):

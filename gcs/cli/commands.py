@@ -56,7 +56,7 @@ COMMANDS: Final = {
     "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
     "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
     "show": Command(
-        "show_command", "check, draw, hash, import, sample or export a show file", options=OPTIONS
+        "show_command", "check, draw, hash, import, sample, place, export show files", options=OPTIONS
     ),
     "params": Command(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
@@ -114,6 +114,8 @@ CALLS: Final = (
     Call("shows upload", "shows.upload", "keep a show file under a name"),
     Call("shows import", "shows.import_drawing", "make a show of a drawing, the file of another program"),
     Call("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their lights"),
+    Call("shows placement", "shows.placement", "where a drawn show lies, and the vehicles beside its pads"),
+    Call("shows place", "shows.place", "move and turn a drawn show with its pads"),
     Call("shows remove", "shows.remove", "forget a show file"),
     Call("shows check", "shows.check", "begin the check of a show"),
     Call("shows checked", "shows.checked", "how far the newest check has got"),
@@ -136,6 +138,7 @@ CALLS: Final = (
     Call("state", "fleet", "everything at one instant"),
     Call("phase", "show", "where the show stands"),
     Call("facts", "status", "what changes seldom: the fence, home places, cues, events"),
+    Call("corrections", "corrections", "corrections for RTK: their age, the base, messages"),
     Call("whoami", "access", "the token's name, and what it may do"),
     Call("vehicle list", "vehicles", "every vehicle"),
     Call("vehicle show", "vehicle", "one vehicle"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import hypot, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -206,17 +206,9 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True)
     table.add_column()
-    show, tick, formation, counts = fleet.show, fleet.tick, fleet.formation, fleet.counts
-    table.add_row("show", Text.assemble((show.phase, "bold"), f"  {show.reason}" if show.reason else ""))
-    if show.selected is not None:
-        selected = show.selected
-        at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
-        table.add_row("", Text(f"{selected.name}: {selected.cue}  {at}"))
-        if (begin := selected.begin) is not None:
-            when = "no time" if begin.in_s is None else f"in {number(begin.in_s)} s"
-            table.add_row("", Text(f"{begin.state}: begins {when}"))
-    if show.countdown_s is not None:
-        table.add_row("", Text(f"countdown {number(show.countdown_s)} s"))
+    tick, formation = fleet.tick, fleet.formation
+    for row, line in enumerate(_show_lines(fleet.show)):
+        table.add_row("" if row else "show", line)
     for row, station in enumerate(fleet.stations):
         table.add_row("" if row else "stations", _station_line(station))
     alive = ("alive", "green") if fleet.control_alive else (f"DEAD: {fleet.control_reason}", BAD)
@@ -232,6 +224,32 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         f" nearest two {number(fleet.minimum_separation_m)} m"
     )
     table.add_row("formation", Text(shape))
+    table.add_row("vehicles", _summary(fleet))
+    for name, line in _equipment(fleet):
+        table.add_row(name, line)
+    if energy := _energy(fleet.estimates):
+        table.add_row("energy", Text(energy))
+    table.add_row("possible", Text(", ".join(fleet.show.possible) or "-"))
+    table.add_row("access", Text(fleet.access))
+    return table
+
+
+def _show_lines(show: schemas.Show) -> Iterator[Text]:
+    yield Text.assemble((show.phase, "bold"), f"  {show.reason}" if show.reason else "")
+    if show.selected is not None:
+        selected = show.selected
+        at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
+        yield Text(f"{selected.name}: {selected.cue}  {at}")
+        if (begin := selected.begin) is not None:
+            when = "no time" if begin.in_s is None else f"in {number(begin.in_s)} s"
+            yield Text(f"{begin.state}: begins {when}")
+    if show.countdown_s is not None:
+        yield Text(f"countdown {number(show.countdown_s)} s")
+
+
+def _summary(fleet: schemas.Fleet) -> Text:
+    """How many vehicles are where, and of which autopilots."""
+    counts = fleet.counts
     summary = Text(f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline")
     if counts.uncontrolled:
         summary.append(f", {counts.uncontrolled} not under control", "magenta")
@@ -239,16 +257,18 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         summary.append(f", {counts.unknown} unknown", BAD)
     if fleet.vehicles:
         summary.append(f"; {kinds(Counter(each.autopilot for each in fleet.vehicles))}")
-    table.add_row("vehicles", summary)
+    return summary
+
+
+def _equipment(fleet: schemas.Fleet) -> Iterator[tuple[str, Text]]:
+    """Corrections, timecode and lights, where there are any."""
     if fleet.corrections is not None:
-        table.add_row("rtk", _corrections(fleet.corrections))
+        yield "rtk", _corrections(fleet.corrections)
     if fleet.timecode is not None:
-        table.add_row("timecode", _timecode(fleet.timecode))
-    if energy := _energy(fleet.estimates):
-        table.add_row("energy", Text(energy))
-    table.add_row("possible", Text(", ".join(show.possible) or "-"))
-    table.add_row("access", Text(fleet.access))
-    return table
+        yield "timecode", _timecode(fleet.timecode)
+    if fleet.lights is not None and fleet.lights.driver != "none":
+        left = f"{fleet.lights.sent} colours sent, {fleet.lights.dropped} dropped by the rate"
+        yield "lights", Text(f"{fleet.lights.driver}  {left}")
 
 
 def _timecode(found: TimecodeView) -> Text:

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import nan
+from typing import Final
 
 import numpy as np
 
@@ -22,8 +23,12 @@ from gcs.shows import Flaw, Show, ShowClock, Timeline
 from gcs.shows.format import control_of
 from gcs.shows.library import ShowLibrary
 from gcs.shows.loading import service_flaws
+from gcs.shows.placement import standing_on
 
 log = logging.getLogger(__name__)
+
+ON_PAD: Final = 0.25
+"""So near to a pad, as a share of their spacing, a vehicle stands on it."""
 
 
 @dataclass(eq=False)
@@ -216,10 +221,24 @@ class ShowPlayer:
         return flies
 
     def pads(self) -> dict[VehicleId, int]:
-        """Row of each vehicle's pad among those of the selected show."""
-        show_run = self.flight.show_run
-        most = 0 if show_run is None else len(show_run.timeline.show.start_places_m)
-        return {name: row for row, name in enumerate(list(self.flight.vehicles)[:most])}
+        """Row of each vehicle's pad among those of the selected show.
+
+        The fleet's order decides, unless a drawing leaves it open and most vehicles stand on some pad.
+        """
+        show_run, vehicles = self.flight.show_run, list(self.flight.vehicles)
+        if show_run is None:
+            return {}
+        show = show_run.timeline.show
+        pads_m = show.start_places_m[:, :2]
+        if show.drawing is not None and show.drawing.pads == "nearest":
+            rows = [vehicle.row for vehicle in self.flight.vehicles.values()]
+            stands = standing_on(
+                pads_m, self.flight.fleet.position_m[rows, :2], ON_PAD * show.fleet.pads.spacing_m
+            )
+            on = {name: pad for name, pad in zip(vehicles, stands.tolist(), strict=True) if pad >= 0}
+            if 2 * len(on) > min(len(vehicles), len(pads_m)):
+                return on
+        return {name: row for row, name in enumerate(vehicles[: len(pads_m)])}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """Plans to be flown in order, with the names of their cues."""

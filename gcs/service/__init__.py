@@ -37,6 +37,7 @@ from gcs.service.snapshots import FleetView as FleetView
 from gcs.service.snapshots import FlightEnvelope as FlightEnvelope
 from gcs.service.snapshots import IdleSpan as IdleSpan
 from gcs.service.snapshots import Latest as Latest
+from gcs.service.snapshots import LightsView as LightsView
 from gcs.service.snapshots import PhaseSpan as PhaseSpan
 from gcs.service.snapshots import Playback as Playback
 from gcs.service.snapshots import ReplayMarks as ReplayMarks

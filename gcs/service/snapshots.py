@@ -323,6 +323,19 @@ class TimecodeView:
 
 
 @dataclass(frozen=True, slots=True)
+class LightsView:
+    """Colours for the vehicles' own lights, summed over the links."""
+
+    __pydantic_config__ = PUBLISHED
+
+    driver: Annotated[str, Field(description="lights.driver; none: none are sent.", examples=["led-control"])]
+    sent: Annotated[int, Field(description="Colours that left.")]
+    dropped: Annotated[
+        int, Field(description="Colours that another one replaced before they left: the rate is limited.")
+    ]
+
+
+@dataclass(frozen=True, slots=True)
 class BusView:
     """Totals of the bus between the stations, since this station's start."""
 
@@ -538,6 +551,7 @@ class FleetView:
     stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
     corrections: CorrectionsView | None = None  # None: none are configured
     timecode: TimecodeView | None = None  # None: none is configured
+    lights: LightsView | None = None  # None: a replay
     bus: BusView | None = None  # None: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 

@@ -22,9 +22,11 @@ from gcs.service import (
     BeginState,
     BeginView,
     CommandRecord,
+    CorrectionsView,
     FleetView,
     FlightEnvelope,
     Latest,
+    LightsView,
     NoAudit,
     Outcome,
     Replaying,
@@ -151,6 +153,7 @@ class FakeService:
         self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
         self.timecode: TimecodeView | None = None
+        self.corrections: CorrectionsView | None = None
         self.conditions: tuple[Condition, ...] = ()
         self.happened: tuple[LogEvent, ...] = ()
         self.excluded: dict[str, Exclusion] = {}
@@ -375,6 +378,8 @@ class FakeService:
             alarms=self.book.alarms,
             histograms=HISTOGRAMS,
             stations=self._stations(),
+            corrections=self.corrections,
+            lights=LightsView("led-control", sent=120, dropped=30),
         )
 
     def _rows(self) -> VehicleTable:

@@ -20,6 +20,7 @@ const ACTION_ICON: Record<VehicleAction, IconName> = {
   land: "land",
   "take-control": "pilot",
   "confirm-down": "check",
+  find: "find",
 };
 
 const t = texts.vehicle;

@@ -124,6 +124,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/corrections": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Corrections for RTK
+         * @description Age of the newest correction, place of the base, messages; null: none are configured.
+         */
+        get: operations["get_corrections"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/fleet": {
         parameters: {
             query?: never;
@@ -809,6 +829,36 @@ export interface paths {
          */
         get: operations["get_drawing"];
         put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/shows/{name}/placement": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Where a drawn show lies
+         * @description The pads of a drawn show beside the vehicles on the ground. Nothing changes.
+         *
+         *     What of the placement is not given is as stored. The fit is of least squares, with the best assignment of
+         *     vehicles to pads; of fits that are as good (a square has four) the one with the least turn counts.
+         */
+        get: operations["get_placement"];
+        /**
+         * Move and turn a drawn show
+         * @description Stores a new version of the show file, which must be checked again.
+         *
+         *     The drawing, its pads and the room to the fence move together; the show's origin becomes the service's. A
+         *     selected or flying show does not change.
+         */
+        put: operations["put_placement"];
         post?: never;
         delete?: never;
         options?: never;
@@ -1834,6 +1884,8 @@ export interface components {
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
+            /** @description Of the vehicles; null: a replay. */
+            lights: components["schemas"]["LightsView"] | null;
             /** Minimum Separation M */
             minimum_separation_m: number | null;
             /**
@@ -2153,6 +2205,28 @@ export interface components {
          */
         LawName: "slots" | "article" | "neighbours";
         /**
+         * LightsView
+         * @description Colours for the vehicles' own lights, summed over the links.
+         */
+        LightsView: {
+            /**
+             * Driver
+             * @description lights.driver; none: none are sent.
+             * @example led-control
+             */
+            driver: string;
+            /**
+             * Dropped
+             * @description Colours that another one replaced before they left: the rate is limited.
+             */
+            dropped: number;
+            /**
+             * Sent
+             * @description Colours that left.
+             */
+            sent: number;
+        };
+        /**
          * LogEvent
          * @description One event of the service's log.
          */
@@ -2400,6 +2474,105 @@ export interface components {
             phase: components["schemas"]["ShowPhase"];
             /** Until S */
             until_s: number;
+        };
+        /**
+         * PlacedShow
+         * @description A drawn show at one placement, and how far the vehicles stand from its pads.
+         */
+        PlacedShow: {
+            /**
+             * Assigned
+             * @description nearest: any vehicle may stand on any pad; file: the fleet's first on the first pad.
+             * @enum {string}
+             */
+            assigned: "nearest" | "file";
+            /**
+             * Fence Distance M
+             * @description Of the show's fence, with the same room as before.
+             */
+            fence_distance_m: number;
+            /**
+             * Heading Deg
+             * @description Of the drawing's x axis, clockwise from north.
+             */
+            heading_deg: number;
+            /**
+             * Max M
+             * @description Greatest distance.
+             */
+            max_m: number | null;
+            /**
+             * Origin Changes
+             * @description The show file names another origin than the service: to place it replaces that.
+             */
+            origin_changes: boolean;
+            /**
+             * Pads M
+             * @description x and y of every pad at this placement.
+             */
+            pads_m: number[][];
+            /**
+             * Rms M
+             * @description Root mean square of the distances; null: no vehicle has a pad.
+             */
+            rms_m: number | null;
+            /** Show */
+            show: string;
+            /** @description As the show file has it, in the service's frame. */
+            stored: components["schemas"]["Placement"];
+            /**
+             * Turn Deg
+             * @description Clockwise seen from above.
+             */
+            turn_deg: number;
+            /**
+             * Vehicles
+             * @description All vehicles, in the fleet's order.
+             */
+            vehicles: components["schemas"]["VehicleAtPad"][];
+            /** @description As the show file has it, in the frame of its own origin. */
+            written: components["schemas"]["Placement"];
+            /** X M */
+            x_m: number;
+            /** Y M */
+            y_m: number;
+        };
+        /**
+         * Placement
+         * @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame.
+         */
+        Placement: {
+            /**
+             * Turn Deg
+             * @description Clockwise seen from above.
+             */
+            turn_deg: number;
+            /** X M */
+            x_m: number;
+            /** Y M */
+            y_m: number;
+        };
+        /**
+         * PlacementPut
+         * @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame.
+         */
+        PlacementPut: {
+            /**
+             * Turn Deg
+             * @description Degrees clockwise seen from above.
+             * @example 21.5
+             */
+            turn_deg: number;
+            /**
+             * X M
+             * @example 12.5
+             */
+            x_m: number;
+            /**
+             * Y M
+             * @example 12.5
+             */
+            y_m: number;
         };
         /**
          * Playback
@@ -3081,6 +3254,11 @@ export interface components {
              * @description Why control is not alive, empty when it is.
              */
             control_reason: string;
+            /**
+             * Corrections
+             * @description Corrections for RTK are configured: GET /api/v1/corrections returns their age.
+             */
+            corrections: boolean;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
@@ -3093,6 +3271,12 @@ export interface components {
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
+            /**
+             * Lights
+             * @description Driver of the vehicles' lights; none: none are sent.
+             * @example led-control
+             */
+            lights: string;
             /**
              * Limits
              * @description Reasons for which the safety filter limits vehicles now, each once.
@@ -3414,6 +3598,31 @@ export interface components {
             /** Vy M S */
             vy_m_s: number | null;
             /** X M */
+            x_m: number | null;
+            /** Y M */
+            y_m: number | null;
+        };
+        /**
+         * VehicleAtPad
+         * @description A vehicle, and the pad that it stands on or nearest to.
+         */
+        VehicleAtPad: {
+            /** Id */
+            id: string;
+            /**
+             * Off M
+             * @description Distance from that pad.
+             */
+            off_m: number | null;
+            /**
+             * Pad
+             * @description Index of its pad; null: it has none.
+             */
+            pad: number | null;
+            /**
+             * X M
+             * @description Show frame; null: it is not on the ground, or has no position.
+             */
             x_m: number | null;
             /** Y M */
             y_m: number | null;
@@ -4070,6 +4279,71 @@ export interface operations {
             };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_corrections: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CorrectionsView"] | null;
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -8812,6 +9086,240 @@ export interface operations {
             };
             /** @description Proper, but not now; `detail` says why and what to do. */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_placement: {
+        parameters: {
+            query?: {
+                /** @description Fit the pads to where the vehicles stand, from the given placement on. */
+                fit?: boolean;
+                turn_deg?: number | null;
+                x_m?: number | null;
+                y_m?: number | null;
+            };
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlacedShow"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    put_placement: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlacementPut"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlacedShow"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
                 headers: {
                     [name: string]: unknown;
                 };
