@@ -23,6 +23,7 @@ from gcs.service import (
     ShowAction,
     StationView,
     TickView,
+    TimecodeView,
 )
 from gcs.service.alarms import Alarm, OverallSeverity
 from gcs.service.event_log import LogEvent
@@ -70,6 +71,7 @@ class VehicleRecord(Outward):
     id: str
     system_id: int
     link: str
+    autopilot: str = Field(description="Name of its autopilot's profile, as configured.")
     station: str | None = Field(
         description="The station that flies it; null: one station flies all, or none is known to fly this.",
         examples=["north"],
@@ -229,6 +231,7 @@ class Fleet(FleetSummary):
     )
     tick: TickView
     corrections: CorrectionsView | None = Field(description="For RTK; null: none are configured.")
+    timecode: TimecodeView | None = Field(description="That shows follow; null: none is configured.")
     vehicles: list[Vehicle]
 
 

@@ -39,11 +39,14 @@ class DrawnGoals:
     position_m: Array  # (n, 3)
     velocity_m_s: Array  # (n, 3)
     acceleration_m_s2: Array  # (n, 3)
+    yaw_rad: Array | None = None  # (n,) from the show's x axis; NaN, and None: as the plan has it
 
     def __post_init__(self) -> None:
         """Raises: ShapeError when the parts have different shapes."""
         for name in ("position_m", "velocity_m_s", "acceleration_m_s2"):
             freeze(getattr(self, name), (len(self.position_m), 3), name)
+        if self.yaw_rad is not None:
+            freeze(self.yaw_rad, (len(self.position_m),), "yaw_rad")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -263,6 +263,10 @@ def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
     )
     target_m = np.array(now.plan.target.position_m(now.fleet.time_s))
     desired_rad = desired_yaw_rad(now.plan.yaw, held_rad, now.position_m, target_m)
+    if now.tasks.drawn is not None and now.tasks.drawn.yaw_rad is not None:
+        drawn = now.drawn_rows
+        drawn_rad = now.tasks.drawn.yaw_rad[drawn]
+        desired_rad[drawn] = np.where(np.isfinite(drawn_rad), drawn_rad, desired_rad[drawn])
     rate_rad_s = radians(now.settings.yaw_rate_max_deg_s)
     return turn_towards(so_far_rad, desired_rad, rate_rad_s, now.dt_s), held_rad
 

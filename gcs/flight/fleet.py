@@ -22,6 +22,7 @@ from gcs.estimation.link_health import LinkDelay, LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.corrections import Corrections
 from gcs.flight.running_show import ShowRun
+from gcs.flight.timecode import Timecode
 from gcs.flight.uncontrolled_space import UncontrolledSpace
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
@@ -202,11 +203,16 @@ class Fleet:
         *,
         unix_s: Callable[[], float] = time.time,
         book: CommandLog | None = None,
+        clock_problem: Callable[[], str] = lambda: "",
     ) -> None:
-        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970."""
+        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970.
+
+        `clock_problem` says why `unix_s` is not to be trusted; empty: it is.
+        """
         self.config = config
         self.site: Elsewhere | None = None  # None: this station flies all vehicles
         self.unix_s = unix_s
+        self.clock_problem = clock_problem
         self.book = book or CommandLog(None)
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
@@ -233,6 +239,7 @@ class Fleet:
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.corrections = Corrections(config.rtk, self.links, now_s)
+        self.timecode = Timecode(config.timecode)
         self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
@@ -413,6 +420,7 @@ class Fleet:
             setpoint_loss_s=vehicle.without_setpoints.flies_on_s,
             setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
             position_age_s=float(self.fleet.age_s[vehicle.row]),
+            beyond_fence=vehicle.autopilot.beyond_fence(int(telemetry.unhealthy_sensors[at])),
         )
 
     def note_setpoints(self) -> None:

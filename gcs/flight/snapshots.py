@@ -70,6 +70,7 @@ def fleet_view(
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
         corrections=flight.corrections.view(fleet.time_s),
+        timecode=flight.timecode.view(show_run, fleet.time_s),
     )
 
 
@@ -87,6 +88,7 @@ def _rows(flight: Fleet, tick: Tick) -> VehicleTable:
         ids=fleet.ids,
         system_ids=[vehicle.system_id for vehicle in vehicles],
         links=[vehicle.link for vehicle in vehicles],
+        autopilots=[vehicle.autopilot.name for vehicle in vehicles],
         phases=[vehicle.phase for vehicle in vehicles],
         reasons=[vehicle.reason for vehicle in vehicles],
         modes=telemetry.mode,

@@ -229,7 +229,14 @@ class ArticleFlight(Settings):
     avoidance: AvoidanceSettings = AvoidanceSettings()
 
 
-class ShowFlight(Settings):
+class Adversity(Settings):
+    """What a show does not know of: vehicles that are lost, and obstacles that stand from the beginning."""
+
+    loss: Loss = Loss()  # its time counts from the beginning of the assembly
+    boxes: tuple[Box, ...] = ()
+
+
+class ShowFlight(Adversity):
     """A written show, as `gcs show check` flies it, in the scenario's world."""
 
     kind: Literal["show"]

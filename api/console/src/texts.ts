@@ -393,7 +393,7 @@ export const texts = {
   fleet: {
     title: "Fleet",
     filter: "Filter",
-    filterHelp: "phase:hold station:north battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1",
+    filterHelp: "phase:hold station:north autopilot:px4 battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1",
     clear: "Clear",
     count: (shown: number, all: number): string => (shown === all ? `${all} vehicles` : `${shown} of ${all}`),
     noField: (field: string, known: string[]): string => `There is no “${field}”; there are ${known.join(", ")}.`,
@@ -471,6 +471,7 @@ export const texts = {
       nearest: "Separation",
       quality: "Link quality",
       station: "Station",
+      autopilot: "Autopilot",
       link: "Link, system id",
       commands: "Last command",
     },

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.links.autopilots.profile import CommandLong, Single, Step
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32
-from gcs.mavlink.framing import EKF_STATUS_REPORT
+from gcs.mavlink.framing import EKF_STATUS_REPORT, GEOFENCE
 from gcs.mavlink.kernels import Whole
 from gcs.model.response import Response
 from gcs.model.setpoint_loss import WithoutSetpoints
@@ -145,6 +145,10 @@ class ArduPilot:
         estimates = (estimator_flags & _ESTIMATES == _ESTIMATES) & (estimator_flags & _AT_REST_ONLY == 0)
         ready: Mask = (custom_mode == _GUIDED) & (estimator_flags >= 0) & estimates
         return ready
+
+    def beyond_fence(self, unhealthy_sensors: int) -> bool:
+        """No text does, and its state is not that of a failsafe."""
+        return unhealthy_sensors >= 0 and unhealthy_sensors & GEOFENCE != 0
 
     def without_setpoints(
         self,

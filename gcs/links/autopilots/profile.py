@@ -90,6 +90,13 @@ class Autopilot(Protocol):
         Returns: (n,).
         """
 
+    def beyond_fence(self, unhealthy_sensors: int) -> bool:
+        """Whether it reports by this that its own fence is breached.
+
+        Args:
+            unhealthy_sensors: bits of MAV_SYS_STATUS_SENSOR in use and unhealthy, -1: not reported.
+        """
+
     def without_setpoints(
         self, action: str, loss_s: float, parameters: Mapping[str, ParameterValue]
     ) -> WithoutSetpoints:

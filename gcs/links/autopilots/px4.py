@@ -103,6 +103,10 @@ class Px4:
     def ready(self, custom_mode: Whole, estimator_flags: Whole) -> Mask:
         return np.ones(len(custom_mode), np.bool_)
 
+    def beyond_fence(self, unhealthy_sensors: int) -> bool:
+        """Its texts say so, with a failsafe."""
+        return False
+
     def without_setpoints(
         self,
         action: str,

@@ -215,6 +215,28 @@ def test_ardupilot_in_a_failsafe_says_so_until_it_is_cleared() -> None:
     assert (Mode.OFFBOARD, True) in seen
 
 
+def test_breached_fence_is_read_from_health_of_ardupilot_only() -> None:
+    fence, gps = 0x100000, 0x20
+    assert not any(ARDUPILOT.beyond_fence(bits) for bits in (-1, 0, gps))
+    assert all(ARDUPILOT.beyond_fence(bits) for bits in (fence, fence | gps))
+    assert not PX4.beyond_fence(fence), "its texts say so"
+
+
+def test_recorded_breaches_are_seen_without_a_failsafe() -> None:
+    """RTL, GUIDED as ordered, RTL again after 10 s; then BRAKE. FENCE_ACTION 0 does not count as in use."""
+    seen: list[tuple[Mode, bool]] = []
+
+    def note(_time_s: float, _fleet: FleetTelemetry, now: Telemetry) -> None:
+        assert not now.in_failsafe[0]
+        state = now.mode[0], ARDUPILOT.beyond_fence(int(now.unhealthy_sensors[0]))
+        if not seen or seen[-1] != state:
+            seen.append(state)
+
+    story("ardupilot/fence.tlog.xz", ARDUPILOT, note)
+    beyond = [mode for mode, breached in seen if breached]
+    assert beyond == [Mode.RETURN, Mode.OFFBOARD, Mode.RETURN, Mode.HOLD, Mode.OFFBOARD]
+
+
 def test_other_autopilot_than_configured_is_named() -> None:
     fleet = story("ardupilot/session.tlog.xz", PX4, lambda *_: None)
     assert fleet.is_foreign.tolist() == [True]
