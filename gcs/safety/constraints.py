@@ -153,7 +153,7 @@ class Braking(Settings):
 
         Solves ``v t + v^2 / (2 a) = gap``. Negative for a negative gap: moving away is then required.
         """
-        return stopping_speed_m_s(gap_m, self.of_each(1))
+        return stopping_speed_m_s(gap_m, self.of_each(1)[:, 0])
 
 
 REACTION, LEAD, DECELERATION, ESCAPE = range(4)
