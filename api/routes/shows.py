@@ -159,6 +159,27 @@ async def seek_show(body: requests.SeekBody, context: ContextDep) -> service.Sel
     return context.service.player.seek(body.cue)
 
 
+@selected.post("/begin", summary="Begin at a clock time", **command())
+async def begin_show(body: requests.BeginBody, context: ContextDep) -> service.SelectedShow:
+    """The show's first motion begins then, once all vehicles are there; `selected.begin` says how it waits.
+
+    On the ground or in the air, until the show has begun. Take-off is not scheduled by this.
+    """
+    return context.service.player.begin_at(body.at_unix_time_s)
+
+
+@selected.delete("/begin", summary="Cancel the time to begin", **command(no_body=True))
+async def cancel_begin(context: ContextDep) -> service.SelectedShow:
+    """A show that waits in the air then waits until another time is given."""
+    return context.service.player.cancel_begin()
+
+
+@selected.post("/timecode", summary="Follow the timecode", **command(status=HTTPStatus.NO_CONTENT))
+async def follow_timecode(body: requests.TimecodeBody, context: ContextDep) -> None:
+    """`follow: false` has shows run by this station's clock."""
+    context.service.player.follow_timecode(body.follow)
+
+
 def _replaying(context: Context) -> service.Replaying:
     """Return the replay of the service. Raises: RefusedError when the service controls real vehicles."""
     replaying = context.service.replaying

@@ -171,6 +171,7 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         filter_interventions=view.interventions,
         tick=view.tick,
         corrections=view.corrections,
+        timecode=view.timecode,
         vehicles=vehicles(view, frame),
     )
 

@@ -23,6 +23,7 @@ from gcs.service import (
     ShowAction,
     StationView,
     TickView,
+    TimecodeView,
 )
 from gcs.service.alarms import Alarm, OverallSeverity
 from gcs.service.event_log import LogEvent
@@ -230,6 +231,7 @@ class Fleet(FleetSummary):
     )
     tick: TickView
     corrections: CorrectionsView | None = Field(description="For RTK; null: none are configured.")
+    timecode: TimecodeView | None = Field(description="That shows follow; null: none is configured.")
     vehicles: list[Vehicle]
 
 

@@ -232,6 +232,18 @@ class SeekBody(Inward):
     cue: Annotated[str, Field(min_length=1, max_length=60, examples=["walk round"])]
 
 
+class BeginBody(Inward):
+    """The time at which the selected show begins to move."""
+
+    at_unix_time_s: Annotated[float, Field(gt=0, le=1e11, examples=[1795000000.0])]
+
+
+class TimecodeBody(Inward):
+    """Whether shows follow the timecode."""
+
+    follow: bool
+
+
 class ReplayChange(Change):
     """Changes of the playback; at least one field."""
 

@@ -55,7 +55,9 @@ OPTIONS: Final = "options"
 COMMANDS: Final = {
     "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
     "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
-    "show": Command("simulate", "check, draw, hash, import, sample or export a show file", options=OPTIONS),
+    "show": Command(
+        "show_command", "check, draw, hash, import, sample or export a show file", options=OPTIONS
+    ),
     "params": Command(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),
@@ -72,6 +74,7 @@ COMMANDS: Final = {
     "acknowledge": Command("alarms", "say that an alarm was seen"),
     "preflight": Command("status", "what a start would find"),
     "kill": Command("kill", "stop motors now, even in the air; works without the service"),
+    "timecode": Command("timecode", "read linear timecode from sound, and send it on", LINES),
     "sim": Command("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
     "completion": Command("main", "print what a shell needs to complete gcs"),
     "files": Command("local_files", "documents, dashboard and unit file that came along"),
@@ -117,6 +120,9 @@ CALLS: Final = (
     Call("shows select", "shows.select", "have a checked show fly next"),
     Call("shows deselect", "shows.deselect", "fly without a show"),
     Call("shows seek", "shows.seek", "have the selected show begin at a cue"),
+    Call("shows begin", "shows.begin", "have the selected show begin to move at a clock time"),
+    Call("shows cancel-begin", "shows.cancel_begin", "cancel that time"),
+    Call("shows follow-timecode", "shows.follow_timecode", "have shows follow the timecode, or the clock"),
     Call("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
     Call("include", "preflight.include", "take an excluded vehicle into the show again"),
     Call("playback show", "playback.now", "how the record is played, and where it is"),

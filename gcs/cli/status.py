@@ -26,7 +26,7 @@ from gcs.model.lifecycle import Phase
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
     from gcs.model.preflight_report import PreflightReport
-    from gcs.service import CorrectionsView, StationView
+    from gcs.service import CorrectionsView, StationView, TimecodeView
 
 
 OLD_S: Final = 1.0
@@ -212,6 +212,9 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         selected = show.selected
         at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
         table.add_row("", Text(f"{selected.name}: {selected.cue}  {at}"))
+        if (begin := selected.begin) is not None:
+            when = "no time" if begin.in_s is None else f"in {number(begin.in_s)} s"
+            table.add_row("", Text(f"{begin.state}: begins {when}"))
     if show.countdown_s is not None:
         table.add_row("", Text(f"countdown {number(show.countdown_s)} s"))
     for row, station in enumerate(fleet.stations):
@@ -239,11 +242,25 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     table.add_row("vehicles", summary)
     if fleet.corrections is not None:
         table.add_row("rtk", _corrections(fleet.corrections))
+    if fleet.timecode is not None:
+        table.add_row("timecode", _timecode(fleet.timecode))
     if energy := _energy(fleet.estimates):
         table.add_row("energy", Text(energy))
     table.add_row("possible", Text(", ".join(show.possible) or "-"))
     table.add_row("access", Text(fleet.access))
     return table
+
+
+def _timecode(found: TimecodeView) -> Text:
+    """Where the timecode is, and how the show stands to it."""
+    if not found.followed:
+        return Text("not followed: shows run by this station's clock")
+    text = Text(f"{found.label or 'none yet'} {found.frame_rate} {found.state}")
+    if found.behind_s is not None:
+        text.append(f", show {1e3 * found.behind_s:+.0f} ms behind, tempo {found.tempo or 0.0:.3f}")
+    if found.problem:
+        text.append(f", {found.problem}", BAD)
+    return text
 
 
 def _corrections(found: CorrectionsView) -> Text:

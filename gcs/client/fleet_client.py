@@ -171,6 +171,18 @@ class Shows(Calls):
     def seek(self, cue: str) -> service.SelectedShow:
         """Let the selected show begin at a cue."""
 
+    @calls("POST", "/api/v1/show/begin")
+    def begin(self, at_unix_time_s: float) -> service.SelectedShow:
+        """Let the selected show begin to move at a clock time."""
+
+    @calls("DELETE", "/api/v1/show/begin")
+    def cancel_begin(self) -> service.SelectedShow:
+        """Cancel that time; in the air the show then waits for another."""
+
+    @calls("POST", "/api/v1/show/timecode")
+    def follow_timecode(self, follow: bool) -> None:
+        """Let shows follow the timecode, or this station's clock."""
+
 
 class Client(Calls):
     """Client of one service. Not for use by several threads at once.

@@ -10,6 +10,7 @@ import numpy as np
 from gcs.flight.fleet import Fleet
 from gcs.flight.refusals import with_alternative
 from gcs.flight.running_show import ShowRun
+from gcs.flight.show_begin import ShowBegin
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
 from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
@@ -34,6 +35,7 @@ class ShowPlayer:
 
     def __post_init__(self) -> None:
         self.show_library.misfits = self.misfits
+        self.begin = ShowBegin(self.flight)
         self._reported: Plan = self.flight.plan  # the plan without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show have not appeared yet
         self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`
@@ -69,7 +71,8 @@ class ShowPlayer:
         """
         timeline = self.find(written.name, written.hash)
         clock = ShowClock(min(max(written.clock_s, 0.0), timeline.duration_s))
-        show_run = ShowRun(written.name, timeline, clock, started=True, parts=dict(written.parts))
+        begun, parts = clock.begins_s > 0.0, dict(written.parts)
+        show_run = ShowRun(written.name, timeline, clock, started=True, begun=begun, parts=parts)
         own = tuple(box for box in plan.obstacles if box.id not in show_run.obstacle_ids)
         self.flight.plan = replace(self.flight.plan, obstacles=own, yaw=plan.yaw)
         self._take(show_run)
@@ -111,6 +114,7 @@ class ShowPlayer:
         if flight.show_run is None:
             self._reported = flight.plan
         self._control(show_run)
+        self.begin.forget()
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})
@@ -146,6 +150,23 @@ class ShowPlayer:
         self.lead()
         return show_run.view(flight.fleet.time_s)
 
+    def begin_at(self, at_unix_time_s: float) -> SelectedShow:
+        self.begin.begin_at(at_unix_time_s)
+        return self._selected()
+
+    def cancel_begin(self) -> SelectedShow:
+        self.begin.cancel()
+        return self._selected()
+
+    def follow_timecode(self, follow: bool) -> None:
+        self.begin.follow_timecode(follow)
+
+    def _selected(self) -> SelectedShow:
+        """The selected show. Raises: RefusedError without one."""
+        if self.flight.show_run is None:
+            raise RefusedError("no show is selected")
+        return self.flight.show_run.view(self.flight.fleet.time_s)
+
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
     ) -> None:
@@ -168,27 +189,36 @@ class ShowPlayer:
             )
         if not show_run.received:
             self.show_library.cleared(show_run.name, show_hash)
-        needed = show_run.timeline.show.fleet.vehicles
+        needed, spares = show_run.timeline.show.fleet.vehicles, show_run.spares_most
         count = len(chosen) + self._others_start(named=named)
-        if count > needed or (count + taken_out < needed and not named):
+        if count > needed + spares or (count + taken_out < needed and not named):
             fix = "name the vehicles that fly" + (", to take the others out" if count < needed else "")
-            raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {fix}")
+            more = f" and {spares} spares" if spares else ""
+            text = f"show {show_run.name!r} is for {needed} vehicles{more}, {count} would start: {fix}"
+            raise RefusedError(text)
 
     def _others_start(self, *, named: bool) -> int:  # noqa: ARG002
         """Number of vehicles that start with this station's, of a start of all or of named vehicles."""
         return 0
 
-    def begin(self, chosen: Sequence[VehicleId]) -> None:
+    def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
+        """Start the selected show, if there is one. Returns: those that take off; the others are spares."""
         show_run = self.flight.show_run
-        if show_run is not None:
-            show_run.started = True
-            rows = [self.flight.vehicles[name].row for name in chosen]
-            show_run.assign(chosen, self.flight.fleet.position_m[rows])
+        if show_run is None:
+            return chosen
+        show_run.started = True
+        flies = chosen
+        if show_run.spares_most:
+            count = show_run.timeline.show.fleet.vehicles
+            flies, show_run.spares = chosen[:count], tuple(chosen[count:])
+        rows = [self.flight.vehicles[name].row for name in flies]
+        show_run.assign(flies, self.flight.fleet.position_m[rows])
+        return flies
 
     def pads(self) -> dict[VehicleId, int]:
         """Row of each vehicle's pad among those of the selected show."""
         show_run = self.flight.show_run
-        most = 0 if show_run is None else len(show_run.timeline.show.pads_m)
+        most = 0 if show_run is None else len(show_run.timeline.show.start_places_m)
         return {name: row for row, name in enumerate(list(self.flight.vehicles)[:most])}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
@@ -211,6 +241,7 @@ class ShowPlayer:
 
     def lead(self) -> None:
         """Have the show decide formation, orbit, target and its own obstacles; called once a tick."""
+        self.begin.look()
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None:
             return
@@ -263,7 +294,7 @@ class ShowPlayer:
             {name: position_m for name, (position_m, _) in moving.items()},
             comes_down_m,
             velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
-            braking=flight.control.safety.braking,
+            braking=flight.control.safety.braking.of_slowest(flight.traits.response),
         )
 
     def _in_the_way(self, box: Obstacle) -> str:

@@ -90,6 +90,7 @@ class ShowProgress:
         self.parameter_reader.watch(flight.telemetry)  # starts the reads that are due
         self.failsafe_monitor.look()
         self.commander.starting.count_down()
+        self.commander.spares.replace_lost()
         if self.commander.collective_return is not None:
             self.commander.collective_return.advance()
         self.commander.recovery.advance()
@@ -102,7 +103,7 @@ class ShowProgress:
             # vehicles that come down again do not delay the others
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
                 self._all_have_taken_off()
-        elif flight.show is ShowPhase.ASSEMBLING and flight.assembled():
+        elif flight.show is ShowPhase.ASSEMBLING and flight.assembled() and not self.show_player.begin.waits:
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
         elif (
             (show_run := flight.show_run) is not None

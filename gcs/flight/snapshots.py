@@ -70,6 +70,7 @@ def fleet_view(
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
         corrections=flight.corrections.view(fleet.time_s),
+        timecode=flight.timecode.view(show_run, fleet.time_s),
     )
 
 

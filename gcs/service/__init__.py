@@ -26,6 +26,8 @@ from gcs.service.interface import Service as Service
 from gcs.service.interface import Shows as Shows
 from gcs.service.interface import Stations as Stations
 from gcs.service.snapshots import ActiveFailsafe as ActiveFailsafe
+from gcs.service.snapshots import BeginState as BeginState
+from gcs.service.snapshots import BeginView as BeginView
 from gcs.service.snapshots import BusView as BusView
 from gcs.service.snapshots import CheckState as CheckState
 from gcs.service.snapshots import CorrectionsView as CorrectionsView
@@ -46,3 +48,5 @@ from gcs.service.snapshots import ShowFigures as ShowFigures
 from gcs.service.snapshots import StationView as StationView
 from gcs.service.snapshots import StoredShow as StoredShow
 from gcs.service.snapshots import TickView as TickView
+from gcs.service.snapshots import TimecodeState as TimecodeState
+from gcs.service.snapshots import TimecodeView as TimecodeView

@@ -19,6 +19,8 @@ from gcs.model.state import Landed, Mode
 from gcs.service import (
     CALLER,
     Audit,
+    BeginState,
+    BeginView,
     CommandRecord,
     FleetView,
     FlightEnvelope,
@@ -31,6 +33,7 @@ from gcs.service import (
     Stations,
     StationView,
     TickView,
+    TimecodeView,
     VehicleAction,
 )
 from gcs.service.alarm_book import AlarmBook
@@ -147,6 +150,7 @@ class FakeService:
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
+        self.timecode: TimecodeView | None = None
         self.conditions: tuple[Condition, ...] = ()
         self.happened: tuple[LogEvent, ...] = ()
         self.excluded: dict[str, Exclusion] = {}
@@ -239,6 +243,27 @@ class FakeService:
             raise UnknownError(f"there is no cue {cue}")
         self.selected = replace(self.selected, cue=cue)
         return self.selected
+
+    def begin_at(self, at_unix_time_s: float) -> SelectedShow:
+        if self.selected is None:
+            raise RefusedError("no show is selected")
+        in_s = at_unix_time_s - time.time()
+        if in_s <= 0.0:
+            raise InvalidError("at_unix_time_s", at_unix_time_s, "ahead")
+        begin = BeginView(BeginState.ARMED, at_unix_time_s, in_s)
+        self.selected = replace(self.selected, begin=begin)
+        return self.selected
+
+    def cancel_begin(self) -> SelectedShow:
+        if self.selected is None or self.selected.begin is None:
+            raise RefusedError("no time to begin was given")
+        self.selected = replace(self.selected, begin=None)
+        return self.selected
+
+    def follow_timecode(self, follow: bool) -> None:
+        if self.timecode is None:
+            raise RefusedError("no timecode is configured")
+        self.timecode = replace(self.timecode, followed=follow)
 
     def report(self, vehicles: Sequence[str] | None = None) -> PreflightReport:
         self._known(vehicles)
@@ -345,6 +370,7 @@ class FakeService:
             interrupted=self.interrupted,
             playback=None if self.replaying is None else self.replaying.playback,
             start_unix_time_s=self.start_unix_s,
+            timecode=self.timecode,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             alarms=self.book.alarms,
             histograms=HISTOGRAMS,

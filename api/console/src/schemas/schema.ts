@@ -512,6 +512,32 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/show/begin": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Begin at a clock time
+         * @description The show's first motion begins then, once all vehicles are there; `selected.begin` says how it waits.
+         *
+         *     On the ground or in the air, until the show has begun. Take-off is not scheduled by this.
+         */
+        post: operations["begin_show"];
+        /**
+         * Cancel the time to begin
+         * @description A show that waits in the air then waits until another time is given.
+         */
+        delete: operations["cancel_begin"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/show/bring-home": {
         parameters: {
             query?: never;
@@ -666,6 +692,26 @@ export interface paths {
          * @description Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.
          */
         post: operations["take_over_show"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/show/timecode": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Follow the timecode
+         * @description `follow: false` has shows run by this station's clock.
+         */
+        post: operations["follow_timecode"];
         delete?: never;
         options?: never;
         head?: never;
@@ -1292,7 +1338,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "corrections-stopped" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "slow-answers" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
@@ -1312,6 +1358,40 @@ export interface components {
          * @enum {string}
          */
         AlarmSeverity: "emergency" | "warning" | "caution" | "information";
+        /**
+         * BeginBody
+         * @description The time at which the selected show begins to move.
+         */
+        BeginBody: {
+            /**
+             * At Unix Time S
+             * @example 1795000000
+             */
+            at_unix_time_s: number;
+        };
+        /**
+         * BeginState
+         * @description How a show waits for the beginning that an operator set.
+         * @enum {string}
+         */
+        BeginState: "armed" | "waiting" | "late" | "held";
+        /**
+         * BeginView
+         * @description When the selected show begins to move.
+         */
+        BeginView: {
+            /**
+             * At Unix Time S
+             * @description In s since 1970; null: none, it is held.
+             */
+            at_unix_time_s: number | null;
+            /**
+             * In S
+             * @description Until then; negative: it has passed.
+             */
+            in_s: number | null;
+            state: components["schemas"]["BeginState"];
+        };
         /**
          * Center
          * @description The formation's centre as commanded now.
@@ -1781,6 +1861,8 @@ export interface components {
              * @description The service's monotonic clock.
              */
             time_s: number;
+            /** @description That shows follow; null: none is configured. */
+            timecode: components["schemas"]["TimecodeView"] | null;
             /** Unix Time S */
             unix_time_s: number;
             /** Vehicles */
@@ -2655,6 +2737,8 @@ export interface components {
          * @description The written show that is or will be flown, and its progress.
          */
         SelectedShow: {
+            /** @description null: it begins as soon as all vehicles are there, or has begun. */
+            begin?: components["schemas"]["BeginView"] | null;
             /**
              * Clock S
              * @description The show's own time; 0 when the first sphere stands.
@@ -2681,6 +2765,12 @@ export interface components {
              * @description Whether the show's clock runs; false before the show begins and while it is paused.
              */
             runs: boolean;
+            /**
+             * Spares
+             * @description Vehicles on the ground that take the places of lost ones; empty without any.
+             * @default []
+             */
+            spares: string[];
             /**
              * Target Is Live
              * @description Whether PUT target moves the target now.
@@ -3127,6 +3217,87 @@ export interface components {
              *     }
              */
             scheduling: components["schemas"]["Scheduling"];
+        };
+        /**
+         * TimecodeBody
+         * @description Whether shows follow the timecode.
+         */
+        TimecodeBody: {
+            /** Follow */
+            follow: boolean;
+        };
+        /**
+         * TimecodeView
+         * @description The timecode that shows follow.
+         */
+        TimecodeView: {
+            /**
+             * Age S
+             * @description Since the newest reading that was followed; null: none.
+             */
+            age_s: number | null;
+            /**
+             * Behind S
+             * @description By how much the show is behind it; null while the show does not follow.
+             */
+            behind_s: number | null;
+            /**
+             * Dropped
+             * @description Dropped unread: too many, or too long.
+             */
+            dropped: number;
+            /**
+             * Followed
+             * @description false: an operator has shows run by this station's clock.
+             */
+            followed: boolean;
+            /**
+             * Frame Rate
+             * @example 25
+             */
+            frame_rate: string;
+            /**
+             * Garbage
+             * @description Messages that make no sense.
+             */
+            garbage: number;
+            /**
+             * Label
+             * @description Where it is, or stands; empty: nowhere yet.
+             * @example 01:00:02:12
+             */
+            label: string;
+            /**
+             * Problem
+             * @description Why the show waits or stands still; empty: it does not.
+             */
+            problem: string;
+            /**
+             * Readings
+             * @description That arrived.
+             */
+            readings: number;
+            /**
+             * Slope
+             * @description How fast it runs by this station's clock; 1 at its rate.
+             */
+            slope: number | null;
+            /**
+             * Source
+             * @example rtp-midi://0.0.0.0:5004
+             */
+            source: string;
+            /**
+             * State
+             * @description refused: it has jumped to where the show does not follow.
+             * @enum {string}
+             */
+            state: "none" | "running" | "dropped-out" | "stopped" | "refused";
+            /**
+             * Tempo
+             * @description How fast the show runs; 0: it stands still; null: none.
+             */
+            tempo: number | null;
         };
         /**
          * Vehicle
@@ -6477,6 +6648,248 @@ export interface operations {
             };
         };
     };
+    begin_show: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["BeginBody"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["SelectedShow"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    cancel_begin: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["SelectedShow"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
     bring_home_show: {
         parameters: {
             query?: never;
@@ -7351,6 +7764,127 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["CommandRecord"];
                 };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    follow_timecode: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["TimecodeBody"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description The body cannot be read. */
             400: {
