@@ -206,7 +206,7 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True)
     table.add_column()
-    show, tick, formation, counts = fleet.show, fleet.tick, fleet.formation, fleet.counts
+    show, tick, formation = fleet.show, fleet.tick, fleet.formation
     table.add_row("show", Text.assemble((show.phase, "bold"), f"  {show.reason}" if show.reason else ""))
     if show.selected is not None:
         selected = show.selected
@@ -232,14 +232,7 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         f" nearest two {number(fleet.minimum_separation_m)} m"
     )
     table.add_row("formation", Text(shape))
-    summary = Text(f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline")
-    if counts.uncontrolled:
-        summary.append(f", {counts.uncontrolled} not under control", "magenta")
-    if counts.unknown:
-        summary.append(f", {counts.unknown} unknown", BAD)
-    if fleet.vehicles:
-        summary.append(f"; {kinds(Counter(each.autopilot for each in fleet.vehicles))}")
-    table.add_row("vehicles", summary)
+    table.add_row("vehicles", _vehicles(fleet))
     if fleet.corrections is not None:
         table.add_row("rtk", _corrections(fleet.corrections))
     if fleet.timecode is not None:
@@ -261,6 +254,19 @@ def _timecode(found: TimecodeView) -> Text:
     if found.problem:
         text.append(f", {found.problem}", BAD)
     return text
+
+
+def _vehicles(fleet: schemas.Fleet) -> Text:
+    """How many vehicles are where, and which autopilots they have."""
+    counts = fleet.counts
+    summary = Text(f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline")
+    if counts.uncontrolled:
+        summary.append(f", {counts.uncontrolled} not under control", "magenta")
+    if counts.unknown:
+        summary.append(f", {counts.unknown} unknown", BAD)
+    if fleet.vehicles:
+        summary.append(f"; {kinds(Counter(each.autopilot for each in fleet.vehicles))}")
+    return summary
 
 
 def _corrections(found: CorrectionsView) -> Text:
