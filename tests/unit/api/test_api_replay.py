@@ -97,6 +97,7 @@ def test_flight_report_is_shown_once_it_is_made() -> None:
         "uncertainty": "none",
         "remarks": [],
         "vehicles": 2,
+        "autopilots": {},
         "flew": 0,
         "duration_s": 60.0,
         "checks": [{**check, "kept": None}],
