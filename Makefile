@@ -99,9 +99,10 @@ screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake
 	$(BIN)/python -m tests.browser.screenshots
 	$(BIN)/python -m tests.browser.status_pictures
 
-# PX4=folder of a PX4 build, PX4_IMAGE=container image that runs PX4's SIH, or FAKE=1; VEHICLES=4
-SITL = $(if $(PX4),--px4 "$(PX4)",$(if $(PX4_IMAGE),--image "$(PX4_IMAGE)",$(if $(FAKE),--fake)))
-sitl: .venv/ready  ## the whole story with real PX4 instances: PX4=BUILD, PX4_IMAGE=IMAGE or FAKE=1; docs/sitl.md
+# PX4=folder of a PX4 build, PX4_IMAGE=container image that runs PX4's SIH, ARDUPILOT=arducopter itself, or FAKE=1
+# with AUTOPILOT=px4, ardupilot or mixed; VEHICLES=4
+SITL = $(if $(PX4),--px4 "$(PX4)",$(if $(PX4_IMAGE),--image "$(PX4_IMAGE)",$(if $(ARDUPILOT),--arducopter "$(ARDUPILOT)",$(if $(FAKE),--fake $(if $(AUTOPILOT),--autopilot $(AUTOPILOT))))))
+sitl: .venv/ready  ## the whole story with real autopilots: PX4=BUILD, PX4_IMAGE=IMAGE, ARDUPILOT=PROGRAM or FAKE=1; docs/sitl.md
 	$(BIN)/python -m tests.sitl.fly $(SITL) --vehicles $(or $(VEHICLES),4) $(ARGS)
 
 docs: .venv/docs  ## the documentation site in build/site, strictly; no network; decision 0032

@@ -67,6 +67,8 @@ class Feed:
             began_unix_time_s=self._began_unix_s,
             timeline=[] if view.selected is None else list(view.selected.timeline),
             shows_refused=service.shows.why_not_kept,
+            lights="none" if view.lights is None else view.lights.driver,
+            corrections=view.corrections is not None,
             map=self._ground,
             flight_envelope=view.flight_envelope,
             limits=sorted(set(view.rows.limited_by) - {""}),

@@ -1,6 +1,7 @@
-"""Imports and samples drawings for requests: the work is done by `gcs show` in low-priority subprocesses.
+"""Imports, samples and places drawings for requests.
 
-They are processes of the API's, so that control parses no uploaded file, and sends no preview.
+The work is done by `gcs show` in low-priority subprocesses of the API's, so that control parses no uploaded
+file, and sends no preview.
 """
 
 import asyncio
@@ -10,6 +11,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,8 +20,10 @@ from starlette.requests import ClientDisconnect, Request
 
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import Phase
 from gcs.service import DRAWING_MAX_BYTES, Shows
 from gcs.service.check_process import LOWER, EndedError, printed
+from gcs.service.vehicle_table import VehicleTable
 
 WAITING_MAX: Final = 4
 """Requests at once; one of them is worked on."""
@@ -40,6 +44,17 @@ class Upload:
     name: str  # of the show
     format: str  # suffix of the drawing's file
     at_service: bool  # the service's origin replaces the drawing's own
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A placement of a drawn show; None: as stored."""
+
+    show: Path  # its file
+    x_m: float | None = None
+    y_m: float | None = None
+    turn_deg: float | None = None
+    fits: bool = False  # from there on, to where the vehicles stand
 
 
 class Drawings:
@@ -91,6 +106,41 @@ class Drawings:
         except EndedError as ended:
             raise RefusedError(ended.words.replace(f"{show.parent}/", "")) from None
 
+    async def placement(self, place: Place, rows: VehicleTable) -> dict[str, Any]:
+        """Return what `gcs show place --json` prints, with the vehicles of `rows` that are on the ground.
+
+        Raises: RefusedError.
+        """
+        return (await self._placement(place, rows, writes=False))[0]
+
+    async def placed(self, place: Place, rows: VehicleTable) -> tuple[dict[str, Any], bytes]:
+        """As `placement`, and the show file with that placement. Raises: RefusedError."""
+        return await self._placement(place, rows, writes=True)
+
+    async def _placement(
+        self, place: Place, rows: VehicleTable, *, writes: bool
+    ) -> tuple[dict[str, Any], bytes]:
+        at = ",".join(
+            "" if value is None else repr(value) for value in (place.x_m, place.y_m, place.turn_deg)
+        )
+        with tempfile.TemporaryDirectory(prefix="gcs-place-") as folder:
+            vehicles, written = Path(folder) / "vehicles.json", Path(folder) / place.show.name
+            vehicles.write_text(json.dumps(_on_the_ground(rows)))
+            options = (
+                *("--json", f"--at={at}", f"--frame={self._origin}", f"--vehicles={vehicles}"),
+                *(("--fit",) if place.fits else ()),
+                *((f"--output={written}",) if writes else ()),
+            )
+            try:
+                async with self._place(), self._turn:
+                    found: dict[str, Any] = json.loads(
+                        await _printed(("show", "place", str(place.show), *options))
+                    )
+            except EndedError as ended:
+                raise RefusedError(ended.words.replace(f"{place.show.parent}/", "")) from None
+            text = await asyncio.to_thread(written.read_bytes) if writes else b""
+        return found, text
+
     @asynccontextmanager
     async def _place(self) -> AsyncIterator[None]:
         """Hold one place of those that wait. Raises: RefusedError when all are taken."""
@@ -101,6 +151,14 @@ class Drawings:
             yield
         finally:
             self._waiting -= 1
+
+
+def _on_the_ground(rows: VehicleTable) -> dict[str, list[float] | None]:
+    """Return where vehicles stand, by name, in the fleet's order; None: not on the ground, or not known."""
+    return {
+        name: place_m if phase is Phase.STANDBY and all(map(isfinite, place_m)) else None
+        for name, phase, place_m in zip(rows.ids, rows.phases, rows.position_m[:, :2].tolist(), strict=True)
+    }
 
 
 async def _printed(arguments: tuple[str, ...]) -> bytes:

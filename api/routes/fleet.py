@@ -16,6 +16,7 @@ from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.preflight_report import PreflightReport
+from gcs.service import CorrectionsView
 from gcs.service.alarms import Alarm, AlarmCause, overall
 
 health = APIRouter(tags=["health"])
@@ -62,6 +63,12 @@ async def get_fleet(context: ContextDep) -> Response:
 async def get_status(context: ContextDep) -> Response:
     """The status message of the console's stream: data that changes seldom (docs/stream.md)."""
     return Response(context.feed.newest().model_dump_json(), media_type="application/json")
+
+
+@api.get("/corrections", tags=["fleet"], summary="Corrections for RTK")
+async def get_corrections(context: ContextDep) -> CorrectionsView | None:
+    """Age of the newest correction, place of the base, messages; null: none are configured."""
+    return context.view.corrections
 
 
 @api.get("/access", tags=["fleet"], summary="Name and rights of the token")

@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from gcs import service
 from gcs.api.context import Context, ContextDep
-from gcs.api.drawings import Upload
+from gcs.api.drawings import Place, Upload
 from gcs.api.openapi import READ, TOKEN, command, errors
 from gcs.api.schemas import convert, reports, requests
 from gcs.api.schemas import fleet as schemas
@@ -105,6 +105,41 @@ async def get_drawing(
     return Response(samples, media_type="application/json")
 
 
+@files.get("/{name}/placement", summary="Where a drawn show lies", responses=READ | errors(404, 409))
+async def get_placement(
+    name: Name,
+    context: ContextDep,
+    x_m: Annotated[requests.PlacedAlong | None, Query()] = None,
+    y_m: Annotated[requests.PlacedAlong | None, Query()] = None,
+    turn_deg: Annotated[requests.PlacedTurn | None, Query()] = None,
+    fit: Annotated[
+        bool, Query(description="Fit the pads to where the vehicles stand, from the given placement on.")
+    ] = False,
+) -> reports.PlacedShow:
+    """The pads of a drawn show beside the vehicles on the ground. Nothing changes.
+
+    What of the placement is not given is as stored. The fit is of least squares, with the best assignment of
+    vehicles to pads; of fits that are as good (a square has four) the one with the least turn counts.
+    """
+    show = await context.service.shows.drawn_file(name)
+    place = Place(show, x_m, y_m, turn_deg, fits=fit)
+    return reports.PlacedShow.model_validate(await context.drawings.placement(place, context.view.rows))
+
+
+@files.put("/{name}/placement", summary="Move and turn a drawn show", **command(404))
+async def put_placement(name: Name, body: requests.PlacementPut, context: ContextDep) -> reports.PlacedShow:
+    """Stores a new version of the show file, which must be checked again.
+
+    The drawing, its pads and the room to the fence move together; the show's origin becomes the service's. A
+    selected or flying show does not change.
+    """
+    shows = context.service.shows
+    place = Place(await shows.drawn_file(name), body.x_m, body.y_m, body.turn_deg)
+    found, text = await context.drawings.placed(place, context.view.rows)
+    await shows.store(name, text)
+    return reports.PlacedShow.model_validate(found)
+
+
 @files.get("/{name}", summary="One show file", responses=READ | errors(404, 409))
 async def get_show_file(name: Name, context: ContextDep) -> reports.ShowText:
     """The show file as it was uploaded."""
@@ -157,6 +192,27 @@ async def deselect_show(context: ContextDep) -> None:
 async def seek_show(body: requests.SeekBody, context: ContextDep) -> service.SelectedShow:
     """Only on the ground. The show begins at the first occurrence of that cue."""
     return context.service.player.seek(body.cue)
+
+
+@selected.post("/begin", summary="Begin at a clock time", **command())
+async def begin_show(body: requests.BeginBody, context: ContextDep) -> service.SelectedShow:
+    """The show's first motion begins then, once all vehicles are there; `selected.begin` says how it waits.
+
+    On the ground or in the air, until the show has begun. Take-off is not scheduled by this.
+    """
+    return context.service.player.begin_at(body.at_unix_time_s)
+
+
+@selected.delete("/begin", summary="Cancel the time to begin", **command(no_body=True))
+async def cancel_begin(context: ContextDep) -> service.SelectedShow:
+    """A show that waits in the air then waits until another time is given."""
+    return context.service.player.cancel_begin()
+
+
+@selected.post("/timecode", summary="Follow the timecode", **command(status=HTTPStatus.NO_CONTENT))
+async def follow_timecode(body: requests.TimecodeBody, context: ContextDep) -> None:
+    """`follow: false` has shows run by this station's clock."""
+    context.service.player.follow_timecode(body.follow)
 
 
 def _replaying(context: Context) -> service.Replaying:

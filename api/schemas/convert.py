@@ -119,6 +119,7 @@ def _record_columns(rows: VehicleTable) -> dict[str, Sequence[object]]:
         "id": rows.ids,
         "system_id": rows.system_ids,
         "link": rows.links,
+        "autopilot": rows.autopilots,
         "station": stations_of(rows),
         "reason": rows.reasons,
         "limited_by": rows.limited_by,
@@ -170,6 +171,8 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         filter_interventions=view.interventions,
         tick=view.tick,
         corrections=view.corrections,
+        timecode=view.timecode,
+        lights=view.lights,
         vehicles=vehicles(view, frame),
     )
 

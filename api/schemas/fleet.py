@@ -18,11 +18,13 @@ from gcs.service import (
     CorrectionsView,
     CueMark,
     FlightEnvelope,
+    LightsView,
     Playback,
     SelectedShow,
     ShowAction,
     StationView,
     TickView,
+    TimecodeView,
 )
 from gcs.service.alarms import Alarm, OverallSeverity
 from gcs.service.event_log import LogEvent
@@ -70,6 +72,7 @@ class VehicleRecord(Outward):
     id: str
     system_id: int
     link: str
+    autopilot: str = Field(description="Name of its autopilot's profile, as configured.")
     station: str | None = Field(
         description="The station that flies it; null: one station flies all, or none is known to fly this.",
         examples=["north"],
@@ -229,6 +232,8 @@ class Fleet(FleetSummary):
     )
     tick: TickView
     corrections: CorrectionsView | None = Field(description="For RTK; null: none are configured.")
+    timecode: TimecodeView | None = Field(description="That shows follow; null: none is configured.")
+    lights: LightsView | None = Field(description="Of the vehicles; null: a replay.")
     vehicles: list[Vehicle]
 
 
@@ -244,6 +249,12 @@ class Status(FleetSummary):
     timeline: list[CueMark] = Field(description="Cues of the selected show, loops written out.")
     shows_refused: str = Field(
         description="Why show files cannot be uploaded to this service, empty when they can."
+    )
+    lights: str = Field(
+        description="Driver of the vehicles' lights; none: none are sent.", examples=["led-control"]
+    )
+    corrections: bool = Field(
+        description="Corrections for RTK are configured: GET /api/v1/corrections returns their age."
     )
     map: GroundMap | None = Field(description="null: none is configured.")
     flight_envelope: FlightEnvelope

@@ -1,5 +1,7 @@
 """JSON schemas of errors, health, rights, show files and drawings."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from gcs.api.schemas.fleet import Outward
@@ -80,6 +82,44 @@ class ImportedShow(Outward):
     duration_s: float = Field(description="Of the drawing.")
     claims: DrawingClaims
     notes: list[str] = Field(description="What of the file is not used.")
+
+
+class Placement(Outward):
+    """Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame."""
+
+    x_m: float
+    y_m: float
+    turn_deg: float = Field(description="Clockwise seen from above.")
+
+
+class VehicleAtPad(Outward):
+    """A vehicle, and the pad that it stands on or nearest to."""
+
+    id: str
+    x_m: Measured = Field(description="Show frame; null: it is not on the ground, or has no position.")
+    y_m: Measured
+    pad: int | None = Field(description="Index of its pad; null: it has none.")
+    off_m: Measured = Field(description="Distance from that pad.")
+
+
+class PlacedShow(Placement):
+    """A drawn show at one placement, and how far the vehicles stand from its pads."""
+
+    show: str
+    heading_deg: float = Field(description="Of the drawing's x axis, clockwise from north.")
+    stored: Placement = Field(description="As the show file has it, in the service's frame.")
+    written: Placement = Field(description="As the show file has it, in the frame of its own origin.")
+    origin_changes: bool = Field(
+        description="The show file names another origin than the service: to place it replaces that."
+    )
+    fence_distance_m: float = Field(description="Of the show's fence, with the same room as before.")
+    assigned: Literal["nearest", "file"] = Field(
+        description="nearest: any vehicle may stand on any pad; file: the fleet's first on the first pad."
+    )
+    pads_m: list[list[float]] = Field(description="x and y of every pad at this placement.")
+    vehicles: list[VehicleAtPad] = Field(description="All vehicles, in the fleet's order.")
+    rms_m: Measured = Field(description="Root mean square of the distances; null: no vehicle has a pad.")
+    max_m: Measured = Field(description="Greatest distance.")
 
 
 class DrawnCue(Outward):

@@ -35,6 +35,12 @@ Velocity = Annotated[float, Field(ge=-SPEED_MAX_M_S, le=SPEED_MAX_M_S, examples=
 Heading = Annotated[
     float, Field(ge=-360, le=360, description="Degrees clockwise from north.", examples=[90.0])
 ]
+PLACED_MAX_M: Final = 10_000.0
+"""Farthest place of a drawing from the show's origin, along either axis."""
+PlacedAlong = Annotated[float, Field(ge=-PLACED_MAX_M, le=PLACED_MAX_M, examples=[12.5])]
+PlacedTurn = Annotated[
+    float, Field(ge=-360, le=360, description="Degrees clockwise seen from above.", examples=[21.5])
+]
 ObstacleId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$", examples=["tower"])]
 Sense = Annotated[Direction, Field(strict=False, description="Seen from above.")]
 Law = Annotated[LawName, Field(strict=False, description="Changes on the ground only.")]
@@ -160,6 +166,14 @@ TargetPut = Annotated[
 ]
 
 
+class PlacementPut(Inward):
+    """Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame."""
+
+    x_m: PlacedAlong
+    y_m: PlacedAlong
+    turn_deg: PlacedTurn
+
+
 class Box(Partial):
     """A box on the ground, edges along the show frame's axes, at its position now; it keeps its velocity."""
 
@@ -230,6 +244,18 @@ class SeekBody(Inward):
     """The cue with which the show begins."""
 
     cue: Annotated[str, Field(min_length=1, max_length=60, examples=["walk round"])]
+
+
+class BeginBody(Inward):
+    """The time at which the selected show begins to move."""
+
+    at_unix_time_s: Annotated[float, Field(gt=0, le=1e11, examples=[1795000000.0])]
+
+
+class TimecodeBody(Inward):
+    """Whether shows follow the timecode."""
+
+    follow: bool
 
 
 class ReplayChange(Change):

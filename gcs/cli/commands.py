@@ -56,7 +56,7 @@ COMMANDS: Final = {
     "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
     "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
     "show": Command(
-        "show_command", "check, draw, hash, import, sample or export a show file", options=OPTIONS
+        "show_command", "check, draw, hash, import, sample, place, export show files", options=OPTIONS
     ),
     "params": Command(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
@@ -74,6 +74,7 @@ COMMANDS: Final = {
     "acknowledge": Command("alarms", "say that an alarm was seen"),
     "preflight": Command("status", "what a start would find"),
     "kill": Command("kill", "stop motors now, even in the air; works without the service"),
+    "timecode": Command("timecode", "read linear timecode from sound, and send it on", LINES),
     "sim": Command("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
     "completion": Command("main", "print what a shell needs to complete gcs"),
     "files": Command("local_files", "documents, dashboard and unit file that came along"),
@@ -113,12 +114,17 @@ CALLS: Final = (
     Call("shows upload", "shows.upload", "keep a show file under a name"),
     Call("shows import", "shows.import_drawing", "make a show of a drawing, the file of another program"),
     Call("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their lights"),
+    Call("shows placement", "shows.placement", "where a drawn show lies, and the vehicles beside its pads"),
+    Call("shows place", "shows.place", "move and turn a drawn show with its pads"),
     Call("shows remove", "shows.remove", "forget a show file"),
     Call("shows check", "shows.check", "begin the check of a show"),
     Call("shows checked", "shows.checked", "how far the newest check has got"),
     Call("shows select", "shows.select", "have a checked show fly next"),
     Call("shows deselect", "shows.deselect", "fly without a show"),
     Call("shows seek", "shows.seek", "have the selected show begin at a cue"),
+    Call("shows begin", "shows.begin", "have the selected show begin to move at a clock time"),
+    Call("shows cancel-begin", "shows.cancel_begin", "cancel that time"),
+    Call("shows follow-timecode", "shows.follow_timecode", "have shows follow the timecode, or the clock"),
     Call("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
     Call("include", "preflight.include", "take an excluded vehicle into the show again"),
     Call("playback show", "playback.now", "how the record is played, and where it is"),
@@ -132,6 +138,7 @@ CALLS: Final = (
     Call("state", "fleet", "everything at one instant"),
     Call("phase", "show", "where the show stands"),
     Call("facts", "status", "what changes seldom: the fence, home places, cues, events"),
+    Call("corrections", "corrections", "corrections for RTK: their age, the base, messages"),
     Call("whoami", "access", "the token's name, and what it may do"),
     Call("vehicle list", "vehicles", "every vehicle"),
     Call("vehicle show", "vehicle", "one vehicle"),

@@ -54,7 +54,8 @@ def grid_options(loaded: LoadedShow) -> list[str]:
     x_m, y_m, _ = show.pads_m[0].tolist()
     north_m = np.cos(heading_rad) * x_m - np.sin(heading_rad) * y_m
     east_m = np.sin(heading_rad) * x_m + np.cos(heading_rad) * y_m
-    heading = f"--grid-heading={show.origin.heading_deg:.6f}"
+    turn_deg = 0.0 if show.drawing is None else show.drawing.place.turn_deg
+    heading = f"--grid-heading={show.origin.heading_deg + turn_deg:.6f}"
     place = ["--grid-columns", str(pads.columns), "--spacing", f"{pads.spacing_m:g}"]
     return [*place, f"--grid-at={north_m:.4f},{east_m:.4f}", heading]
 

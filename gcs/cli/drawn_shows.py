@@ -32,7 +32,7 @@ def import_show(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"-o {target}: a .yaml file in a folder that exists")
     drawing, data = read_drawing(given)
     if drawing.origin is None and arguments.origin_else is not None:
-        drawing = replace(drawing, origin=_origin(arguments.origin_else))
+        drawing = replace(drawing, origin=origin_of(arguments.origin_else))
     beside = target.with_suffix(given.suffix.lower())
     is_source = beside.exists() and beside.samefile(given)
     for path in (target, *(() if is_source else (beside,))):
@@ -43,7 +43,7 @@ def import_show(arguments: argparse.Namespace) -> int:
         drawing,
         beside.name,
         digest,
-        origin=None if arguments.origin is None else _origin(arguments.origin),
+        origin=None if arguments.origin is None else origin_of(arguments.origin),
         endurance_s=arguments.endurance,
     )
     try:
@@ -119,11 +119,11 @@ def sample_show(arguments: argparse.Namespace) -> int:
 RATE_MAX_HZ: Final = 50.0
 
 
-def _origin(text: str) -> ShowFrame:
+def origin_of(text: str, option: str = "--origin") -> ShowFrame:
     """Return the origin in 'LATITUDE,LONGITUDE,ALTITUDE,HEADING'. Raises: ConfigError."""
     try:
         latitude_deg, longitude_deg, altitude_m, heading_deg = map(float, text.split(","))
         return ShowFrame(latitude_deg, longitude_deg, altitude_m, heading_deg)
     except (ValueError, InvalidError) as error:
         needed = "LATITUDE,LONGITUDE,ALTITUDE,HEADING in degrees and metres AMSL"
-        raise ConfigError(f"--origin {text}: {needed} are needed: {error}") from None
+        raise ConfigError(f"{option} {text}: {needed} are needed: {error}") from None

@@ -2,11 +2,12 @@
 
 import argparse
 import json
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from gcs.cli.output import require_matplotlib
+from gcs.cli.output import kinds, require_matplotlib
 from gcs.cli.progress import Report, part_of, share_of
 from gcs.config import schema as configuration
 from gcs.model.errors import GcsError
@@ -106,7 +107,9 @@ def _write(path: Path, text: str) -> None:
 
 def summary(flight_report: FlightReport, source: str) -> str:
     trajectories = flight_report.trajectories
-    lines = [f"{source}: {len(trajectories.ids)} vehicles, {flight_report.duration_s:.0f} s"]
+    known = kinds(Counter(trajectories.autopilots))
+    flown = f"{len(trajectories.ids)} vehicles{f' ({known})' if known else ''}"
+    lines = [f"{source}: {flown}, {flight_report.duration_s:.0f} s"]
     lines += [f"based on {trajectories.based_on}: {trajectories.uncertainty}"]
     lines += [f"note: {remark}" for remark in trajectories.remarks]
     for check in flight_report.checks:

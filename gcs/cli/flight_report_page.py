@@ -1,5 +1,6 @@
 """The flight report as one self-contained HTML page with its plots."""
 
+from collections import Counter
 from datetime import UTC, datetime
 from html import escape
 from io import StringIO
@@ -11,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from gcs.cli.output import kinds
 from gcs.recording.flight_report import SMOOTHED_S, TOLERATED, TOLERATED_M_S, TOLERATED_M_S2, FlightReport
 
 SHOWN_PATHS: Final = 80
@@ -41,11 +43,13 @@ def page(flight_report: FlightReport, source: str) -> str:
         figure(flight_report).savefig(text, format="svg", metadata={"Date": None})
     svg = text.getvalue()
     kind, word = flight_report.verdict, WORDS[flight_report.verdict]
+    counts = kinds(Counter(trajectories.autopilots))
+    known = escape(f" ({counts})" if counts else "")
     reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in flight_report.missing))
     notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in reported)
     return f"""<!DOCTYPE html>
 <html lang="en"><meta charset="utf-8"><title>Flight: {escape(word)}</title><style>{STYLE}</style>
-<h1>Flight of {len(trajectories.ids)} vehicles, {flight_report.duration_s:.0f} s:
+<h1>Flight of {len(trajectories.ids)} vehicles{known}, {flight_report.duration_s:.0f} s:
 <span class={kind}>{escape(word)}</span></h1>
 <p>Based on <b>{escape(trajectories.based_on)}</b>: {escape(trajectories.uncertainty)}.<br>
 From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and accelerations are means over

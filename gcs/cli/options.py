@@ -87,6 +87,13 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     )
     sampled.add_argument("--to", dest="to_s", type=float, metavar="S", help="show's clock; its end")
     sampled.add_argument("--rate", type=float, default=4.0, metavar="HZ", help="lowered for many vehicles; 4")
+    placed = actions.add_parser("place", help="move, turn or fit a drawn show with its pads")
+    placed.add_argument("file", metavar="FILE", help="the show file of a drawn show")
+    placed.add_argument("--at", metavar="X,Y,TURN", help="metres, and degrees clockwise; as the file has it")
+    placed.add_argument("--fit", action="store_true", help="fit the pads to where the vehicles stand")
+    placed.add_argument("--vehicles", metavar="FILE.json", help='their places: {"d1": [x, y], "d2": null}')
+    placed.add_argument("--frame", metavar="LAT,LON,ALT,HEADING", help="origin of these; as the file has it")
+    placed.add_argument("-o", "--output", metavar="NAME.yaml", help="write the show file with this placement")
     taken = actions.add_parser(
         "export", help="write a show for other programs: as drawn, as it flies, or as it flew"
     )

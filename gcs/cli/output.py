@@ -32,6 +32,11 @@ EXIT_CODES: Final[dict[type[GcsError], int]] = {
 }
 
 
+def kinds(counts: Mapping[str, int]) -> str:
+    """How many vehicles have each autopilot, in words."""
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()) if name)
+
+
 class Parser(argparse.ArgumentParser):
     """A parser that prints errors as JSON if `--json` was given, and that knows its subcommands."""
 

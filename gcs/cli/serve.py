@@ -11,12 +11,13 @@ import sys
 from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from gcs.api.map_tiles import open_map
-from gcs.cli import scheduling, site_processes, supervisor
+from gcs.cli import scheduling, site_processes, supervisor, wall_clock
 from gcs.cli.api_process import api_process
 from gcs.cli.output import REFUSED, Say, failed, lines, require_rtk, require_stations
 from gcs.cli.process import Notifier, notifier_from_environment, run_exactly, set_up_log
@@ -29,6 +30,7 @@ from gcs.config.site import station_config
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.flight.site_member import Membership
+from gcs.flight.timecode import Timecode
 from gcs.links.batch_link import Link
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
@@ -43,6 +45,7 @@ from gcs.recording.audit_reader import exclusions, interruption
 from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import ACCESS_OFF, is_loopback
+from gcs.shows.timecode import Reading, receiver
 
 log = logging.getLogger(__name__)
 
@@ -101,7 +104,14 @@ async def running(
         membership = None if site is None else make_membership(config, site)
         problems = map_problems(config)
         orchestrator = Orchestrator(
-            config, links, record, heart=heart, planning=planning, problems=problems, membership=membership
+            config,
+            links,
+            record,
+            clock_problem=wall_clock.problem,
+            heart=heart,
+            planning=planning,
+            problems=problems,
+            membership=membership,
         )
         raise_priority(orchestrator, priority)
         with nullcontext() if record is None else record:
@@ -110,10 +120,14 @@ async def running(
             try:
                 async with asyncio.TaskGroup() as group:
                     control = group.create_task(orchestrator.run(), name="service")
-                    corrections = group.create_task(keep_corrections(config, orchestrator), name="rtk")
+                    sources = [
+                        group.create_task(keep_corrections(config, orchestrator), name="rtk"),
+                        group.create_task(keep_timecode(config, orchestrator), name="timecode"),
+                    ]
                     await api.tried.wait()
                     yield orchestrator, api.port
-                    corrections.cancel()
+                    for source in sources:
+                        source.cancel()
                     control.cancel()
             finally:
                 keeper.cancel()
@@ -132,6 +146,28 @@ async def keep_corrections(config: Config, orchestrator: Orchestrator) -> None:
         corrections.take(message, base, clock())
 
     await keep_receiving(config.rtk, take, corrections.failed)
+
+
+async def keep_timecode(config: Config, orchestrator: Orchestrator) -> None:
+    """Give the timecode to control, without end; at once over where none is configured."""
+    if config.timecode is not None:
+        await receiver.keep_receiving(config.timecode, TimecodeSink(orchestrator.timecode))
+
+
+@dataclass(frozen=True, slots=True)
+class TimecodeSink:
+    """Gives readings to control, with the time of their arrival. Implements `receiver.Sink`."""
+
+    timecode: Timecode
+
+    def take(self, reading: Reading) -> None:
+        self.timecode.take(reading, asyncio.get_running_loop().time())
+
+    def count(self, garbage: int, dropped: int) -> None:
+        self.timecode.count(garbage, dropped)
+
+    def failed(self, why: str) -> None:
+        self.timecode.failed(why)
 
 
 def make_membership(config: Config, site: Config) -> Membership:
@@ -180,6 +216,7 @@ def make_record(config: Config, site: Config | None = None) -> Record | None:
         excluded=excluded,
         elsewhere={} if site is None else _elsewhere(config, site),
         site_json=None if site is None else site.model_dump_json(),
+        autopilots=(site or config).autopilots,
     )
 
 

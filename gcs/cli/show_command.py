@@ -11,6 +11,7 @@ ACTIONS: Final = {
     "plot": ("simulate", "plot_show"),
     "import": ("drawn_shows", "import_show"),
     "sample": ("drawn_shows", "sample_show"),
+    "place": ("place_show", "place_show"),
     "export": ("show_export", "export_show"),
 }
 

@@ -7,7 +7,8 @@ out, and reasons are below the table, one line for all vehicles with the same re
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import hypot, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -18,14 +19,14 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.cli.alarms import PERIOD_S, alarm_lines, show_state
-from gcs.cli.output import REFUSED, print_json
+from gcs.cli.output import REFUSED, kinds, print_json
 from gcs.cli.remote import add_connection, connected, document
 from gcs.model.lifecycle import Phase
 
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
     from gcs.model.preflight_report import PreflightReport
-    from gcs.service import CorrectionsView, StationView
+    from gcs.service import CorrectionsView, StationView, TimecodeView
 
 
 OLD_S: Final = 1.0
@@ -94,6 +95,9 @@ COLUMNS: Final = {
         lambda each: each.phase,
         is_number=False,
     ),
+    "autopilot": Column(
+        "autopilot", lambda each: Text(each.autopilot), lambda each: each.autopilot, is_number=False
+    ),
     "mode": Column("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
     "height": Column(
         "height m", lambda each: Text(number(each.height_m)), lambda each: _or(each.height_m, -inf)
@@ -119,13 +123,13 @@ COLUMNS: Final = {
     "why": Column("why", lambda each: Text(_why(each)), is_number=False),
 }
 
-WHOLE: Final = frozenset({"station", "phase", "mode"})
+WHOLE: Final = frozenset({"station", "phase", "autopilot", "mode"})
 """Columns that are never cut."""
 
-DROPPED: Final = ("why", "age", "speed", "link", "height")
+DROPPED: Final = ("why", "age", "speed", "link", "autopilot", "height")
 """Columns that are left out on a narrow terminal, in this order."""
 
-SORTED: Final = ("vehicle", "station", "phase", "battery", "link", "age", "height", "speed")
+SORTED: Final = ("vehicle", "station", "phase", "autopilot", "battery", "link", "age", "height", "speed")
 
 
 def board(
@@ -163,10 +167,12 @@ def _fitting(
     chosen = dict.fromkeys(columns)
     if not any(each.station for each in vehicles):
         del chosen["station"]
+    if len({each.autopilot for each in vehicles}) < 2:
+        del chosen["autopilot"]  # it is in the head
     for name in DROPPED:
         if sum(needed[each] + GAP for each in chosen) - GAP <= width:
             break
-        del chosen[name]
+        chosen.pop(name, None)
     return tuple(chosen)
 
 
@@ -200,14 +206,9 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True)
     table.add_column()
-    show, tick, formation, counts = fleet.show, fleet.tick, fleet.formation, fleet.counts
-    table.add_row("show", Text.assemble((show.phase, "bold"), f"  {show.reason}" if show.reason else ""))
-    if show.selected is not None:
-        selected = show.selected
-        at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
-        table.add_row("", Text(f"{selected.name}: {selected.cue}  {at}"))
-    if show.countdown_s is not None:
-        table.add_row("", Text(f"countdown {number(show.countdown_s)} s"))
+    tick, formation = fleet.tick, fleet.formation
+    for row, line in enumerate(_show_lines(fleet.show)):
+        table.add_row("" if row else "show", line)
     for row, station in enumerate(fleet.stations):
         table.add_row("" if row else "stations", _station_line(station))
     alive = ("alive", "green") if fleet.control_alive else (f"DEAD: {fleet.control_reason}", BAD)
@@ -223,19 +224,63 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
         f" nearest two {number(fleet.minimum_separation_m)} m"
     )
     table.add_row("formation", Text(shape))
+    table.add_row("vehicles", _summary(fleet))
+    for name, line in _equipment(fleet):
+        table.add_row(name, line)
+    if energy := _energy(fleet.estimates):
+        table.add_row("energy", Text(energy))
+    table.add_row("possible", Text(", ".join(fleet.show.possible) or "-"))
+    table.add_row("access", Text(fleet.access))
+    return table
+
+
+def _show_lines(show: schemas.Show) -> Iterator[Text]:
+    yield Text.assemble((show.phase, "bold"), f"  {show.reason}" if show.reason else "")
+    if show.selected is not None:
+        selected = show.selected
+        at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
+        yield Text(f"{selected.name}: {selected.cue}  {at}")
+        if (begin := selected.begin) is not None:
+            when = "no time" if begin.in_s is None else f"in {number(begin.in_s)} s"
+            yield Text(f"{begin.state}: begins {when}")
+    if show.countdown_s is not None:
+        yield Text(f"countdown {number(show.countdown_s)} s")
+
+
+def _summary(fleet: schemas.Fleet) -> Text:
+    """How many vehicles are where, and of which autopilots."""
+    counts = fleet.counts
     summary = Text(f"{counts.airborne} airborne, {counts.on_ground} on the ground, {counts.offline} offline")
     if counts.uncontrolled:
         summary.append(f", {counts.uncontrolled} not under control", "magenta")
     if counts.unknown:
         summary.append(f", {counts.unknown} unknown", BAD)
-    table.add_row("vehicles", summary)
+    if fleet.vehicles:
+        summary.append(f"; {kinds(Counter(each.autopilot for each in fleet.vehicles))}")
+    return summary
+
+
+def _equipment(fleet: schemas.Fleet) -> Iterator[tuple[str, Text]]:
+    """Corrections, timecode and lights, where there are any."""
     if fleet.corrections is not None:
-        table.add_row("rtk", _corrections(fleet.corrections))
-    if energy := _energy(fleet.estimates):
-        table.add_row("energy", Text(energy))
-    table.add_row("possible", Text(", ".join(show.possible) or "-"))
-    table.add_row("access", Text(fleet.access))
-    return table
+        yield "rtk", _corrections(fleet.corrections)
+    if fleet.timecode is not None:
+        yield "timecode", _timecode(fleet.timecode)
+    if fleet.lights is not None and fleet.lights.driver != "none":
+        left = f"{fleet.lights.sent} colours sent, {fleet.lights.dropped} dropped by the rate"
+        yield "lights", Text(f"{fleet.lights.driver}  {left}")
+
+
+def _timecode(found: TimecodeView) -> Text:
+    """Where the timecode is, and how the show stands to it."""
+    if not found.followed:
+        return Text("not followed: shows run by this station's clock")
+    text = Text(f"{found.label or 'none yet'} {found.frame_rate} {found.state}")
+    if found.behind_s is not None:
+        text.append(f", show {1e3 * found.behind_s:+.0f} ms behind, tempo {found.tempo or 0.0:.3f}")
+    if found.problem:
+        text.append(f", {found.problem}", BAD)
+    return text
 
 
 def _corrections(found: CorrectionsView) -> Text:
@@ -444,6 +489,7 @@ def preflight_board(report: PreflightReport, *, everything: bool) -> RenderableT
     passed = sum(check.state == PASS for _, check in checks)
     of = "no show is selected" if report.show is None else f"show {report.show}"
     verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
+    of = "; ".join(filter(None, (of, kinds(Counter(one.autopilot for one in report.vehicles)))))
     head = f"{verdict}: {passed} of {len(checks)} checks pass; {escape(of)}"
     left = [f"not flying: {name}: {reason}" for name, reason in report.not_flying.items()]
     unchecked = [f"not checked: {text}" for text in report.not_checked]

@@ -137,6 +137,33 @@ class Shows(Calls):
     def drawing(self, name: str) -> reports.DrawnSamples:
         """Get positions and colours of a drawn show at regular times."""
 
+    @calls("GET", "/api/v1/shows/{name}/placement")
+    def placement(self, name: str) -> reports.PlacedShow:
+        """Get where a drawn show lies, and how far the vehicles stand from its pads."""
+
+    def place(
+        self,
+        name: str,
+        *,
+        x_m: float | None = None,
+        y_m: float | None = None,
+        turn_deg: float | None = None,
+        fit: bool = False,
+    ) -> reports.PlacedShow:
+        """Move and turn a drawn show with its pads, which must be checked again.
+
+        What is not given stays. With `fit` the pads are fitted to where the vehicles stand, from there on.
+        """
+        named = {"x_m": x_m, "y_m": y_m, "turn_deg": turn_deg}
+        given = {key: value for key, value in named.items() if value is not None} | {"fit": str(fit).lower()}
+        path = f"/api/v1/shows/{part(name)}/placement?{urlencode(given)}"
+        found: reports.PlacedShow = self._exchange.call("GET", path, self.placement)
+        return self._placed(name, found.x_m, found.y_m, found.turn_deg)
+
+    @calls("PUT", "/api/v1/shows/{name}/placement")
+    def _placed(self, name: str, x_m: float, y_m: float, turn_deg: float) -> reports.PlacedShow:
+        """Store the placement."""
+
     @calls("DELETE", "/api/v1/shows/{name}")
     def remove(self, name: str) -> None:
         """Delete a show file."""
@@ -170,6 +197,18 @@ class Shows(Calls):
     @calls("POST", "/api/v1/show/seek")
     def seek(self, cue: str) -> service.SelectedShow:
         """Let the selected show begin at a cue."""
+
+    @calls("POST", "/api/v1/show/begin")
+    def begin(self, at_unix_time_s: float) -> service.SelectedShow:
+        """Let the selected show begin to move at a clock time."""
+
+    @calls("DELETE", "/api/v1/show/begin")
+    def cancel_begin(self) -> service.SelectedShow:
+        """Cancel that time; in the air the show then waits for another."""
+
+    @calls("POST", "/api/v1/show/timecode")
+    def follow_timecode(self, follow: bool) -> None:
+        """Let shows follow the timecode, or this station's clock."""
 
 
 class Client(Calls):
@@ -254,6 +293,10 @@ class Client(Calls):
     @calls("GET", "/api/v1/vehicles")
     def vehicles(self) -> list[schemas.Vehicle]:
         """Get every vehicle."""
+
+    @calls("GET", "/api/v1/corrections")
+    def corrections(self) -> service.CorrectionsView | None:
+        """Get age, base and counts of the corrections for RTK; None: none are configured."""
 
     @calls("GET", "/api/v1/vehicles/{vehicle_id}")
     def vehicle(self, vehicle_id: str) -> schemas.Vehicle:

@@ -59,6 +59,7 @@ class Config(Settings):
     preflight: sections.PreflightSettings = sections.PreflightSettings()
     lights: LightSettings = LightSettings()
     rtk: RtkSettings | None = None  # None: no corrections are sent
+    timecode: sections.TimecodeSettings | None = None  # None: shows run by this station's clock
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
     scheduling: Literal["real-time", "usual"] = "real-time"  # asked of the machine, which may grant less
@@ -86,6 +87,15 @@ class Config(Settings):
     @cached_property
     def ids(self) -> tuple[VehicleId, ...]:
         return tuple(vehicle.id for vehicle in self.fleet)
+
+    @cached_property
+    def autopilots(self) -> dict[VehicleId, str]:
+        """Name of each vehicle's autopilot."""
+        return {
+            each.id: profile.name
+            for link in self.links
+            for each, profile in zip(link.fleet, link.autopilots, strict=True)
+        }
 
     @cached_property
     def return_heights_m(self) -> Array:
@@ -151,6 +161,8 @@ class Config(Settings):
         if self.stations:
             counts = {link.name: len(link.fleet) for link in self.links}
             check_stations(self.stations, counts, self.api, self.bus.keys)
+            if self.timecode is not None:
+                raise ValueError("timecode: shows follow a timecode where one station flies all vehicles")
         own = self.site_rows
         if own is not None and (len(own.rows) != len(self.ids) or max(own.rows) >= own.count):
             text = f"one row below count for each of the {len(self.ids)} vehicles; only gcs serve sets them"

@@ -6,7 +6,7 @@ booleans as in YAML 1.2: `yes` and `12:30` are text, `1e3` is a number.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -169,6 +169,31 @@ class Source:
             return f"'{cut(node.value)}'"
         return cut(node.value) or "nothing"
 
+    def changed(self, text: str, changes: Mapping[Sequence[str], str]) -> str:
+        """Return the text with other values; comments and all else stay as written.
+
+        Args:
+            text: of this file.
+            changes: YAML on one line for each path; a missing last key is added to its mapping.
+
+        Raises: KeyError when the mapping of a path is missing or empty.
+        """
+        edits: list[tuple[int, int, str]] = []
+        for loc, value in changes.items():
+            mapping, _, keys = self._follow(loc[:-1])
+            if not isinstance(mapping, MappingNode) or len(keys) < len(loc) - 1 or not mapping.value:
+                raise KeyError(".".join(loc))
+            found = _within(mapping, loc[-1])
+            if found is not None:
+                edits.append((found[0].start_mark.index, _end(found[0]), value))
+                continue
+            first = mapping.value[0][0].start_mark
+            after = ", " if mapping.flow_style else "\n" + " " * first.column
+            edits.append((first.index, first.index, f"{loc[-1]}: {value}{after}"))
+        for start, end, value in sorted(edits, reverse=True):
+            text = text[:start] + value + text[end:]
+        return text
+
     def _follow(self, loc: Loc) -> tuple[Node | None, int, tuple[str | int, ...]]:
         node, line, keys = self._root, 1, list[str | int]()
         for part in loc:
@@ -205,6 +230,14 @@ def _within(node: Node | None, part: str | int) -> tuple[Node, int] | None:
         entry = node.value[part]
         return entry, entry.start_mark.line + 1
     return None
+
+
+def _end(node: Node) -> int:
+    """Return the offset behind a value's last character: the mark of a block is at the next token."""
+    if not isinstance(node, MappingNode | SequenceNode) or node.flow_style or not node.value:
+        return int(node.end_mark.index)
+    last = node.value[-1]
+    return _end(last[1] if isinstance(node, MappingNode) else last)
 
 
 class Kind(NamedTuple):

@@ -55,6 +55,7 @@ class FailsafeInputs:
     setpoint_loss_s: float  # COM_OF_LOSS_T as configured
     setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.schema.OperationSettings`
     position_age_s: float  # inf: no plausible position
+    beyond_fence: bool = False  # its autopilot reports that its own fence is breached
 
 
 _TEXTS: Final = (
@@ -94,6 +95,9 @@ _REFUSALS: Final = re.compile(
 )
 """Texts that answer a command: they explain no failsafe."""
 
+_FENCE_MODES: Final = frozenset({Mode.HOLD, Mode.LAND, Mode.RETURN})
+"""What a fence does with a vehicle; in another mode a pilot flies it, also outside."""
+
 _SETPOINT_LOSS_MODES: Final = {
     "hold": frozenset({Mode.HOLD}),
     "land": frozenset({Mode.LAND}),
@@ -118,7 +122,8 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
     if lands and any(_LINK_BACK.search(text.lower()) for text in inputs.texts):
         return FailsafeCause.DATA_LINK_LOSS
     if not inputs.in_failsafe:
-        return FailsafeCause.UNKNOWN
+        stopped = inputs.beyond_fence and inputs.mode in _FENCE_MODES
+        return FailsafeCause.GEOFENCE if stopped else FailsafeCause.UNKNOWN
     for cause, _ in _TEXTS:
         if cause in announced and cause not in BATTERY:
             return cause

@@ -20,6 +20,7 @@ from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
+from gcs.safety.answers import slowest_m_s2
 from gcs.safety.neighbours import near_pairs
 from gcs.safety.separation import Floor
 from gcs.service import CALLER, ActiveFailsafe, Outcome
@@ -106,6 +107,7 @@ class Findings:
     lost_stations: Mapping[str, str] = field(default_factory=dict)  # of the site: reason by name
     interrupted: InterruptedFlight | None = None
     return_problem: str = ""  # why the vehicles return without a common plan
+    clock_doubt: str = ""  # why a show may begin at a wrong time
     supervisor: str = ""  # why this service is no longer restarted
     notes: Sequence[str] = ()  # notices for as long as this service runs
 
@@ -183,6 +185,7 @@ class AlarmMonitor:
             *self._of_authority(tick),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
+            *self._of_timecode(),
             *self._of_the_ground(),
             *_of_the_service(findings),
         ]
@@ -282,6 +285,19 @@ class AlarmMonitor:
             because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
             consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."
             yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.fleet.ids[row],), consequence)
+        least_m_s2 = slowest_m_s2(self.flight.traits.response)
+        for row in np.flatnonzero(tick.memory.answers.slow[: len(fastest_m_s)]).tolist():
+            vehicle = self.flight.at_row(row)
+            because = f"{vehicle.autopilot.title}, less than {least_m_s2[row]:.1f} m/s^2"
+            consequence = "[Its stops|Their stops] may be longer than the safety filter counts on."
+            yield Condition(AlarmCause.SLOW_ANSWERS, because, (vehicle.id,), consequence)
+
+    def _of_timecode(self) -> Iterator[Condition]:
+        flight, show_run = self.flight, self.flight.show_run
+        if show_run is None or flight.show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
+            return
+        if why := flight.timecode.why_apart(show_run, flight.fleet.time_s):
+            yield Condition(AlarmCause.TIMECODE, why)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
         flight = self.flight
@@ -352,6 +368,8 @@ def _of_the_service(findings: Findings) -> Iterator[Condition]:
         yield Condition(AlarmCause.RETURN_UNPLANNED, findings.return_problem, consequence=consequence)
     if findings.obstacles_wait:
         yield Condition(AlarmCause.OBSTACLE_WAITS, "; ".join(findings.obstacles_wait))
+    if findings.clock_doubt:
+        yield Condition(AlarmCause.CLOCK_DOUBTFUL, findings.clock_doubt)
     if findings.not_recorded:
         yield Condition(AlarmCause.RECORD_FAILS, "; ".join(findings.not_recorded))
     if findings.supervisor:

@@ -22,6 +22,7 @@ from gcs.estimation.link_health import LinkDelay, LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.corrections import Corrections
 from gcs.flight.running_show import ShowRun
+from gcs.flight.timecode import Timecode
 from gcs.flight.uncontrolled_space import UncontrolledSpace
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
@@ -31,6 +32,7 @@ from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
+from gcs.model.response import FleetResponse
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import (
     Array,
@@ -201,11 +203,16 @@ class Fleet:
         *,
         unix_s: Callable[[], float] = time.time,
         book: CommandLog | None = None,
+        clock_problem: Callable[[], str] = lambda: "",
     ) -> None:
-        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970."""
+        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970.
+
+        `clock_problem` says why `unix_s` is not to be trusted; empty: it is.
+        """
         self.config = config
         self.site: Elsewhere | None = None  # None: this station flies all vehicles
         self.unix_s = unix_s
+        self.clock_problem = clock_problem
         self.book = book or CommandLog(None)
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
@@ -219,6 +226,7 @@ class Fleet:
             np.array([settings.charge for settings in config.fleet]),
             np.array([settings.speed_max_m_s or np.inf for settings in config.fleet]),
             np.full(len(config.fleet), config.control.safety.floor.uncertainty_m),
+            self._response(),
         )
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
         self.control = config.control  # narrower while a show is selected
@@ -231,6 +239,7 @@ class Fleet:
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.corrections = Corrections(config.rtk, self.links, now_s)
+        self.timecode = Timecode(config.timecode)
         self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
@@ -299,6 +308,7 @@ class Fleet:
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""
         self.parameters[vehicle.id] = values
+        self.traits = replace(self.traits, response=self._response())
         alone = self._without_setpoints(vehicle)
         if alone != vehicle.without_setpoints:
             vehicle.without_setpoints = alone
@@ -307,9 +317,17 @@ class Fleet:
 
     def _without_setpoints(self, vehicle: Vehicle) -> WithoutSetpoints:
         operation = self.config.operation
-        known = {**self._presumed.get(vehicle.id, {}), **self.parameters.get(vehicle.id, {})}
         action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
-        return vehicle.autopilot.without_setpoints(action, loss_s, known)
+        return vehicle.autopilot.without_setpoints(action, loss_s, self._known_parameters(vehicle))
+
+    def _response(self) -> FleetResponse:
+        """How the vehicles answer setpoints, by their profiles and their parameters as read."""
+        vehicles = self.vehicles.values()
+        return FleetResponse.of([one.autopilot.response(self._known_parameters(one)) for one in vehicles])
+
+    def _known_parameters(self, vehicle: Vehicle) -> Mapping[str, ParameterValue]:
+        """Those that were read, and until then those that are demanded."""
+        return {**self._presumed.get(vehicle.id, {}), **self.parameters.get(vehicle.id, {})}
 
     def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) standard deviations of these vehicles' positions, sideways."""
@@ -402,6 +420,7 @@ class Fleet:
             setpoint_loss_s=vehicle.without_setpoints.flies_on_s,
             setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
             position_age_s=float(self.fleet.age_s[vehicle.row]),
+            beyond_fence=vehicle.autopilot.beyond_fence(int(telemetry.unhealthy_sensors[at])),
         )
 
     def note_setpoints(self) -> None:

@@ -34,6 +34,7 @@ from gcs.flight.site_view import whole_view
 from gcs.flight.snapshots import Estimating, fleet_view
 from gcs.flight.standby import Standby
 from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
+from gcs.flight.timecode import Timecode
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.model.interrupted_flight import Interruption
@@ -69,6 +70,7 @@ class Orchestrator:
         record: Record | None = None,
         *,
         unix_s: Callable[[], float] = time.time,
+        clock_problem: Callable[[], str] = lambda: "",
         heart: Heart | None = None,
         planning: Executor | None = None,
         problems: Sequence[str] = (),
@@ -81,6 +83,7 @@ class Orchestrator:
             links: one for each link of the configuration, with its vehicles.
             record: receives commands, events and every tick; its creator opens and closes it.
             unix_s: the wall clock, in s since 1970.
+            clock_problem: why that clock is not to be trusted; empty: it is.
             heart: receives a beat for every tick that came in time, and for no other.
             planning: executor for the return planner; None: a thread of its own, ended with `run`.
             problems: notices for the operator for as long as this service runs.
@@ -92,7 +95,8 @@ class Orchestrator:
         loop = asyncio.get_running_loop()
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)
-        self._flight = flight = Fleet(config, links, loop.time(), unix_s=unix_s, book=self.command_log)
+        clocks: dict[str, Any] = {"unix_s": unix_s, "clock_problem": clock_problem}
+        self._flight = flight = Fleet(config, links, loop.time(), book=self.command_log, **clocks)
         self._member = member = None if membership is None else SiteMember(flight, membership)
         if member is not None:
             flight.site = member
@@ -174,13 +178,21 @@ class Orchestrator:
         """Takes what arrives from the base."""
         return self._flight.corrections
 
+    @property
+    def timecode(self) -> Timecode:
+        """Takes what arrives of the timecode."""
+        return self._flight.timecode
+
     def granted(self, scheduling: Scheduling) -> None:
         """Note what the machine grants this process, for displays."""
         self._clock.scheduling = scheduling
 
     async def _control(self, collect_garbage: Callable[[float], None]) -> None:
         loop = asyncio.get_running_loop()
-        async for now_s, due_s, missed in ticks(1.0 / self._config.tick_rate_hz):
+        begin = self.player.begin
+        async for now_s, due_s, missed in ticks(
+            1.0 / self._config.tick_rate_hz, lambda: begin.due_s(loop.time())
+        ):
             began_s = loop.time()
             result = self._tick(now_s)
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
@@ -238,6 +250,7 @@ class Orchestrator:
             lost_stations={} if self._member is None else self._member.lost,
             interrupted=self._recovery.view(),
             return_problem=self.commands.return_problem,
+            clock_doubt=self.player.begin.why_doubtful,
             supervisor="" if self._heart is None else self._heart.problem,
             notes=self._standing,
         )

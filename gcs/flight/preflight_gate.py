@@ -111,7 +111,13 @@ class PreflightGate:
             show_hash=None if show is None else show.hash,
             fleet=tuple(fleet),
             vehicles=tuple(
-                VehicleChecks(name, name in flying, cleared.left_out.get(name, ""), tuple(checks))
+                VehicleChecks(
+                    name,
+                    name in flying,
+                    cleared.left_out.get(name, ""),
+                    tuple(checks),
+                    self.flight.vehicles[name].autopilot.name,
+                )
                 for name, checks in looked.of.items()
             ),
             not_checked=tuple(looked.not_checked),

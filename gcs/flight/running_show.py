@@ -1,7 +1,7 @@
 """The selected show: its clock, the vehicles' parts, and its live target."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +10,17 @@ from gcs.control.inputs import DrawnGoals
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Obstacle, Plan, Target
 from gcs.model.state import Array, VehicleId
-from gcs.service import CueMark, SelectedShow, ShowFigures
+from gcs.service import BeginView, CueMark, SelectedShow, ShowFigures
 from gcs.shows import ShowClock, Timeline
 from gcs.shows.following import DrawnPace, TrackErrors, assigned
+from gcs.shows.tempo import Tempo
 from gcs.shows.timeline import Live
 
 LONGEST_STEP_S = 0.2
 """After a longer pause between ticks the clock waits for no more than this."""
+
+SLOWEST_M_S = 1e-3
+"""An orbit has a speed, also of a show that stands still."""
 
 OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 
@@ -40,6 +44,10 @@ class ShowRun:
     lags_reported: bool = False
     spares: tuple[VehicleId, ...] = ()  # on the ground, in the fleet's order
     _arriving: set[VehicleId] = field(default_factory=set)  # spares that are not at their trajectories yet
+    tempo: Tempo = Tempo()  # of the clock beside the pace: a timecode changes it
+    begun: bool = False  # its clock has run since the start
+    begins_s: float | None = None  # the tick's time from which the clock runs, once it runs; None: at once
+    begin: BeginView | None = None  # how it waits for its beginning; None: it begins as soon as it can
     _followed_s: float | None = None  # when the goals were made last
     cue_times: tuple[CueMark, ...] = field(init=False)  # of every cue as played
 
@@ -58,6 +66,11 @@ class ShowRun:
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         return tuple({box: None for _, standing in self.timeline.obstacles for box in standing})
+
+    @property
+    def rate(self) -> float:
+        """How fast its clock runs, while it runs."""
+        return self.tempo.rate * (1.0 if self.goals is None else self.pace.rate)
 
     @property
     def moves(self) -> bool:
@@ -145,10 +158,12 @@ class ShowRun:
         named, show_s = self.timeline.show.drawing, self._within(now_s)
         motion = self.timeline.motion_at(show_s)
         before_s, self._followed_s = self._followed_s, now_s
+        dt_s = 0.0 if before_s is None else min(now_s - before_s, LONGEST_STEP_S)
         if named is None or motion is None:
             self.pace, self.goals = DrawnPace(), None
+            if self.clock.runs:
+                self.clock = self.clock.later((1.0 - self.tempo.rate) * dt_s)
             return
-        dt_s = 0.0 if before_s is None else min(now_s - before_s, LONGEST_STEP_S)
         part = np.array([self.parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
         rows = np.flatnonzero(part >= 0)
         off_m = np.full(len(vehicle_ids), np.nan)
@@ -158,17 +173,20 @@ class ShowRun:
         tracked_m = self._tracked_m(vehicle_ids, off_m, named.waits_from_m)
         if not (self.clock.runs or assembling):
             self.pace = DrawnPace()
-        elif dt_s > 0.0:
+        elif dt_s > 0.0 and (self.clock.runs or self.pace.approaches):  # else it waits for its beginning
             if self.clock.runs and not self.pace.approaches:
                 errors = self.errors or TrackErrors.none(len(vehicle_ids))
                 self.errors = errors.noted(tracked_m, dt_s)
             self.pace = self.pace.step(motion.of(part[rows]), off_m, dt_s, named)
             if self.clock.runs:
-                self.clock = self.clock.later((1.0 - self.pace.rate) * dt_s)
+                self.clock = self.clock.later((1.0 - self.rate) * dt_s)
         show_s = self._within(now_s)
         motion, yaw_rad = self.timeline.motion_at(show_s) or motion, self.timeline.yaw_at(show_s)
         yaw_rad = None if yaw_rad is None else yaw_rad[part[rows]]
-        self.goals = self.pace.goals(motion.of(part[rows]), rows, len(vehicle_ids), yaw_rad)
+        pace, tempo = self.pace, self.tempo
+        change_per_s = pace.rate_per_s * tempo.rate + pace.rate * tempo.rate_per_s
+        pace = replace(pace, rate=pace.rate * tempo.rate, rate_per_s=change_per_s)
+        self.goals = pace.goals(motion.of(part[rows]), rows, len(vehicle_ids), yaw_rad)
 
     def _tracked_m(self, vehicle_ids: Sequence[VehicleId], off_m: Array, there_m: float) -> Array:
         """(n,) Distances that count as track errors: not those of spares on their way."""
@@ -183,13 +201,15 @@ class ShowRun:
     def follow(self, phase: ShowPhase, now_s: float) -> None:
         """Run the clock while the show runs; a pause stops it, and the end resets it."""
         if phase is ShowPhase.RUNNING:
-            self.clock = self.clock.run(now_s)
+            self.clock = self.clock.run(now_s if self.begins_s is None else self.begins_s)
+            self.begun, self.begins_s = True, None
         else:
             self.clock = self.clock.stop(now_s)
         if phase is not ShowPhase.RUNNING:
             self._followed_s, self.pace = None, DrawnPace()
         if phase in OVER and self.started:
             self.clock, self.started, self.live = ShowClock(), False, None
+            self.tempo, self.begun, self.begin = Tempo(), False, None
 
     def is_live(self, now_s: float) -> bool:
         return isinstance(self.timeline.leg_at(self._within(now_s)), Live)
@@ -204,8 +224,22 @@ class ShowRun:
         """Return the show's plan at this time, with all its obstacles. Target times are the tick's."""
         if not self.is_live(now_s):
             self.live = None  # an update does not apply to the next live target
-        return self.timeline.plan_at(
+        plan = self.timeline.plan_at(
             self.clock.show_s(now_s), clock_s=now_s, runs=self.clock.runs, live=self.live
+        )
+        return plan if self.tempo.rate == 1.0 else self._slowed(plan)
+
+    def _slowed(self, plan: Plan) -> Plan:
+        """Have what moves by itself keep the tempo: spin, orbit and the target on its way."""
+        rate, orbit, target = self.tempo.rate, plan.orbit, plan.target
+        if target is not self.live:
+            speeds = target.velocity_x_m_s * rate, target.velocity_y_m_s * rate
+            target = replace(target, velocity_x_m_s=speeds[0], velocity_y_m_s=speeds[1])
+        return replace(
+            plan,
+            formation=replace(plan.formation, spin_rad_s=plan.formation.spin_rad_s * rate),
+            orbit=replace(orbit, speed_m_s=max(orbit.speed_m_s * rate, SLOWEST_M_S)),
+            target=target,
         )
 
     def colours(
@@ -232,6 +266,7 @@ class ShowRun:
             track_rms_m=None if self.errors is None else round(self.errors.fleet_rms_m, 3),
             track_max_m=None if self.errors is None else round(float(self.errors.max_m.max()), 2),
             spares=self.spares,
+            begin=self.begin,
         )
 
     def _within(self, now_s: float) -> float:

@@ -4,12 +4,14 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import nan
+from typing import Final
 
 import numpy as np
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.refusals import with_alternative
 from gcs.flight.running_show import ShowRun
+from gcs.flight.show_begin import ShowBegin
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
 from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
@@ -21,8 +23,12 @@ from gcs.shows import Flaw, Show, ShowClock, Timeline
 from gcs.shows.format import control_of
 from gcs.shows.library import ShowLibrary
 from gcs.shows.loading import service_flaws
+from gcs.shows.placement import standing_on
 
 log = logging.getLogger(__name__)
+
+ON_PAD: Final = 0.25
+"""So near to a pad, as a share of their spacing, a vehicle stands on it."""
 
 
 @dataclass(eq=False)
@@ -34,6 +40,7 @@ class ShowPlayer:
 
     def __post_init__(self) -> None:
         self.show_library.misfits = self.misfits
+        self.begin = ShowBegin(self.flight)
         self._reported: Plan = self.flight.plan  # the plan without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show have not appeared yet
         self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`
@@ -69,7 +76,8 @@ class ShowPlayer:
         """
         timeline = self.find(written.name, written.hash)
         clock = ShowClock(min(max(written.clock_s, 0.0), timeline.duration_s))
-        show_run = ShowRun(written.name, timeline, clock, started=True, parts=dict(written.parts))
+        begun, parts = clock.begins_s > 0.0, dict(written.parts)
+        show_run = ShowRun(written.name, timeline, clock, started=True, begun=begun, parts=parts)
         own = tuple(box for box in plan.obstacles if box.id not in show_run.obstacle_ids)
         self.flight.plan = replace(self.flight.plan, obstacles=own, yaw=plan.yaw)
         self._take(show_run)
@@ -111,6 +119,7 @@ class ShowPlayer:
         if flight.show_run is None:
             self._reported = flight.plan
         self._control(show_run)
+        self.begin.forget()
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})
@@ -146,6 +155,23 @@ class ShowPlayer:
         self.lead()
         return show_run.view(flight.fleet.time_s)
 
+    def begin_at(self, at_unix_time_s: float) -> SelectedShow:
+        self.begin.begin_at(at_unix_time_s)
+        return self._selected()
+
+    def cancel_begin(self) -> SelectedShow:
+        self.begin.cancel()
+        return self._selected()
+
+    def follow_timecode(self, follow: bool) -> None:
+        self.begin.follow_timecode(follow)
+
+    def _selected(self) -> SelectedShow:
+        """The selected show. Raises: RefusedError without one."""
+        if self.flight.show_run is None:
+            raise RefusedError("no show is selected")
+        return self.flight.show_run.view(self.flight.fleet.time_s)
+
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
     ) -> None:
@@ -180,8 +206,8 @@ class ShowPlayer:
         """Number of vehicles that start with this station's, of a start of all or of named vehicles."""
         return 0
 
-    def begin(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
-        """Begin the selected show, if there is one. Returns: those that take off; the others are spares."""
+    def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
+        """Start the selected show, if there is one. Returns: those that take off; the others are spares."""
         show_run = self.flight.show_run
         if show_run is None:
             return chosen
@@ -195,10 +221,24 @@ class ShowPlayer:
         return flies
 
     def pads(self) -> dict[VehicleId, int]:
-        """Row of each vehicle's pad among those of the selected show."""
-        show_run = self.flight.show_run
-        most = 0 if show_run is None else len(show_run.timeline.show.start_places_m)
-        return {name: row for row, name in enumerate(list(self.flight.vehicles)[:most])}
+        """Row of each vehicle's pad among those of the selected show.
+
+        The fleet's order decides, unless a drawing leaves it open and most vehicles stand on some pad.
+        """
+        show_run, vehicles = self.flight.show_run, list(self.flight.vehicles)
+        if show_run is None:
+            return {}
+        show = show_run.timeline.show
+        pads_m = show.start_places_m[:, :2]
+        if show.drawing is not None and show.drawing.pads == "nearest":
+            rows = [vehicle.row for vehicle in self.flight.vehicles.values()]
+            stands = standing_on(
+                pads_m, self.flight.fleet.position_m[rows, :2], ON_PAD * show.fleet.pads.spacing_m
+            )
+            on = {name: pad for name, pad in zip(vehicles, stands.tolist(), strict=True) if pad >= 0}
+            if 2 * len(on) > min(len(vehicles), len(pads_m)):
+                return on
+        return {name: row for row, name in enumerate(vehicles[: len(pads_m)])}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """Plans to be flown in order, with the names of their cues."""
@@ -220,6 +260,7 @@ class ShowPlayer:
 
     def lead(self) -> None:
         """Have the show decide formation, orbit, target and its own obstacles; called once a tick."""
+        self.begin.look()
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None:
             return
@@ -272,7 +313,7 @@ class ShowPlayer:
             {name: position_m for name, (position_m, _) in moving.items()},
             comes_down_m,
             velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
-            braking=flight.control.safety.braking,
+            braking=flight.control.safety.braking.of_slowest(flight.traits.response),
         )
 
     def _in_the_way(self, box: Obstacle) -> str:

@@ -167,6 +167,8 @@ class SiteMember:
         link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
         self._system_ids = [system_ids[name] for name in self.site.ids]  # (k,) of the others' vehicles
         self._links = [link_of[name] for name in self.site.ids]
+        autopilots = site_config.autopilots
+        self._autopilots = [autopilots[name] for name in self.site.ids]
         owner_of = {link: station.name for station in site_config.stations for link in station.links}
         own = next(one for one in site_config.stations if one.name == membership.station)
         self.standbys_of = {
@@ -751,6 +753,7 @@ class SiteMember:
             "ids": list(site.ids),
             "system_ids": self._system_ids,
             "links": self._links,
+            "autopilots": self._autopilots,
             "stations": owners,
             "phases": _PHASES[site.phases].tolist(),
             "reasons": reasons,

@@ -111,6 +111,9 @@ class SiteShowPlayer(ShowPlayer):
         self._ask("seek", cue)
         return replace(show_run, clock=clock).view(now_s)
 
+    def begin_at(self, at_unix_time_s: float) -> SelectedShow:  # noqa: ARG002 (as the port names it)
+        raise RefusedError("several stations fly: a show begins at a clock time with one station alone")
+
     def _need_lead(self, what: str) -> None:
         self.flight.need_no_countdown()
         self.need_ground(what)
@@ -249,8 +252,8 @@ class SiteShowPlayer(ShowPlayer):
             return 0
         return sum(len(self.member.ids_of(name, Phase.STANDBY)) for name in self.member.present())
 
-    def begin(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
-        flies = super().begin(chosen)
+    def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
+        flies = super().give_parts(chosen)
         show_run, member = self.flight.show_run, self.member
         if show_run is None:
             return flies

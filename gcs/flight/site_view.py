@@ -26,6 +26,7 @@ def whole_view(own: FleetView, member: SiteMember) -> FleetView:
         ids=[*rows.ids, *columns["ids"]],
         system_ids=[*rows.system_ids, *columns["system_ids"]],
         links=[*rows.links, *columns["links"]],
+        autopilots=[*rows.autopilots, *columns["autopilots"]],
         phases=[*rows.phases, *columns["phases"]],
         reasons=[*rows.reasons, *columns["reasons"]],
         modes=[*rows.modes, *(MODES[code] for code in reported.modes.tolist())],

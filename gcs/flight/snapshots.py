@@ -14,7 +14,7 @@ from gcs.flight.fleet import ASSEMBLED_M, ASSEMBLED_SHARE, FLIES, Fleet
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
-from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, TickView
+from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, LightsView, TickView
 from gcs.service.alarms import Alarm
 from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
@@ -70,6 +70,12 @@ def fleet_view(
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
         corrections=flight.corrections.view(fleet.time_s),
+        timecode=flight.timecode.view(show_run, fleet.time_s),
+        lights=LightsView(
+            driver=flight.config.lights.driver.value,
+            sent=sum(link.counters.lights_sent for link in flight.links),
+            dropped=sum(link.counters.lights_dropped for link in flight.links),
+        ),
     )
 
 
@@ -87,6 +93,7 @@ def _rows(flight: Fleet, tick: Tick) -> VehicleTable:
         ids=fleet.ids,
         system_ids=[vehicle.system_id for vehicle in vehicles],
         links=[vehicle.link for vehicle in vehicles],
+        autopilots=[vehicle.autopilot.name for vehicle in vehicles],
         phases=[vehicle.phase for vehicle in vehicles],
         reasons=[vehicle.reason for vehicle in vehicles],
         modes=telemetry.mode,

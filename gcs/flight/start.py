@@ -8,6 +8,7 @@ from typing import Final
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import Cleared, PreflightGate
+from gcs.flight.show_begin import AHEAD_MAX_S
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
@@ -16,9 +17,6 @@ from gcs.model.state import VehicleId, Whereabouts
 from gcs.service import CommandRecord, Outcome, ShowAction
 
 log = logging.getLogger(__name__)
-
-AHEAD_MAX_S = 24 * 3600.0
-"""A start can be scheduled at most one day ahead."""
 
 LATE_MAX_S = 2.0
 """A start missed by more (suspended computer, or changed clock) is not made up for."""
@@ -103,7 +101,7 @@ class Starting:
     def _take_off(
         self, record: CommandRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
     ) -> None:
-        flight, flies = self.flight, self.show_player.begin(chosen)
+        flight, flies = self.flight, self.show_player.give_parts(chosen)
         for name in chosen[len(flies) :]:
             left_out = left_out | {name: STANDS_BY}
             flight.book.close(record.id, name, Outcome.DONE, STANDS_BY)

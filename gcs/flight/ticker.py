@@ -17,10 +17,17 @@ REMEMBERED = 2000
 BOUNDS_S = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.0075, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5)
 
 
-async def ticks(period_s: float) -> AsyncIterator[tuple[float, float, int]]:
+SHIFT_MAX: Final = 0.05
+"""Of the period: so much earlier or later a tick comes on the way to another phase."""
+
+
+async def ticks(
+    period_s: float, desired_s: Callable[[], float | None] = lambda: None
+) -> AsyncIterator[tuple[float, float, int]]:
     """Yield (now, due, missed) once a period of the loop's clock; late ticks are dropped, not made up.
 
-    `due` is when the tick should have come, `missed` how many were dropped just before it.
+    `due` is when the tick should have come, `missed` how many were dropped just before it. While `desired_s`
+    returns a time, the ticks are shifted, a little with each one, until one of them falls on that time.
     """
     loop = asyncio.get_running_loop()
     start_s, index = loop.time(), 0
@@ -31,6 +38,9 @@ async def ticks(period_s: float) -> AsyncIterator[tuple[float, float, int]]:
         passed = int((loop.time() - start_s) / period_s)
         missed = max(0, passed - index)
         index = max(index, passed) + 1  # whole numbers: no drift, no double tick
+        if (at_s := desired_s()) is not None:
+            off_s = (at_s - start_s - index * period_s + period_s / 2) % period_s - period_s / 2
+            start_s += min(max(off_s, -SHIFT_MAX * period_s), SHIFT_MAX * period_s)
         await asyncio.sleep(start_s + index * period_s - loop.time())
 
 

@@ -423,6 +423,7 @@ class Link(ABC):
         if self._protocol is not None:
             self._lights.send(colour, ours & self._connected(now_s), now_s)
             self.counters.lights_sent = self._lights.sent
+            self.counters.lights_dropped = self._lights.dropped
 
     def add_correction(self, message: bytes) -> None:
         """Queue an RTCM message of at most `rtcm.LONGEST_BYTES` for all vehicles."""

@@ -38,12 +38,15 @@ class LightSender:
 
     Attributes:
         sent: number of colours that left.
+        dropped: number of colours that another one replaced before they left: of the rate, or of the budget.
     """
 
     settings: LightSettings
     outbox: Outbox
     budget: Budget
     sent: int = 0
+    dropped: int = 0
+    _desired: Colours = field(init=False)  # (n, 3) given last
     _colour: Colours = field(init=False)  # (n, 3) sent last
     _sent_s: Array = field(init=False)  # (n,)
     _due_s: Array = field(init=False)  # (n,) from when on a changed colour may leave
@@ -52,6 +55,7 @@ class LightSender:
         count = len(self.outbox.system_ids)
         self._colour, self._sent_s = np.zeros((count, 3), np.uint8), np.full(count, -np.inf)
         self._due_s = np.full(count, -np.inf)
+        self._desired = self._colour
 
     def send(self, colour: Colours, may_receive: Mask, now_s: float) -> None:
         """Send what is due and has room.
@@ -65,6 +69,9 @@ class LightSender:
         if settings.driver is LightDriver.NONE:
             return
         self._sent_s[~may_receive] = -np.inf
+        waited, replaced = ((one != self._desired).any(axis=1) for one in (self._colour, colour))
+        self.dropped += int(np.count_nonzero(waited & replaced & may_receive))
+        self._desired = colour.copy()
         changed = (colour != self._colour).any(axis=1) & (now_s >= self._due_s)
         age_s = np.where(may_receive, now_s - self._sent_s, -np.inf)
         rows = most_urgent(changed & may_receive, age_s, settings.refresh_s)

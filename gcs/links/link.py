@@ -69,6 +69,7 @@ class Counters:
     setpoints_dropped: int = 0  # not permitted: late, old, or repeated by MAVSDK
     commands_dropped: int = 0  # given before a kill, and repeated after it
     lights_sent: int = 0  # colours
+    lights_dropped: int = 0  # colours that others replaced before they left: of the rate, or of the budget
     corrections_sent: int = 0  # RTCM messages, each to all vehicles
     corrections_dropped: int = 0
     unroutable: int = 0  # for a system without an address yet

@@ -54,6 +54,8 @@ _REQUESTING_COMMANDS: Final = frozenset({SET_MESSAGE_INTERVAL, 512, 520})
 
 PREARM_CHECK: Final = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 AHRS: Final = 0x200000  # the estimator; PX4 reports only its health
+GEOFENCE: Final = 0x100000
+"""The autopilot's own fence: unhealthy while it is breached."""
 SENSORS: Final = 0x2F
 """Gyroscope, accelerometer, magnetometer, barometer, GPS: healthy, or not enabled."""
 

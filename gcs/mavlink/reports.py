@@ -37,7 +37,8 @@ _REBOOTED_MS: Final = 1000
 
 _LANDED_STATES: Final = len(Landed)
 _CRITICAL, _EMERGENCY = framing.FAILSAFE_STATES
-_SENSORS, _AHRS, _PREARM = framing.SENSORS, framing.AHRS, framing.PREARM_CHECK
+_IN_USE: Final = framing.SENSORS | framing.GEOFENCE
+_AHRS, _PREARM = framing.AHRS, framing.PREARM_CHECK
 _FIX_3D, _UNKNOWN_DILUTION = framing.FIX_3D, framing.UNKNOWN_DILUTION
 _HORIZONTAL_M, _VERTICAL_M = framing.METRES_PER_DILUTION
 _UNIX_KNOWN_S: Final = framing.UNIX_KNOWN_S
@@ -286,7 +287,7 @@ def read_reports(data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: C
             enabled = _unsigned(data, start + _STATUS_ENABLED, end, 4)
             health = _unsigned(data, start + _STATUS_HEALTH, end, 4)
             into.prearm_ok[row] = health & _PREARM != 0
-            into.unhealthy_sensors[row] = (enabled & _SENSORS | _AHRS) & ~health
+            into.unhealthy_sensors[row] = (enabled & _IN_USE | _AHRS) & ~health
             _note_percent(row, PACKS, _signed(data, start + _STATUS_PERCENT, end, 1), into)
         else:
             _note_other(data, start, end, row, message, time_s[k], into)

@@ -51,6 +51,7 @@ class VehicleChecks:
     ]
     reason: Annotated[str, Field(description="Why it does not fly.")]
     checks: tuple[Check, ...]
+    autopilot: Annotated[str, Field(description="Name of its profile, as configured.")] = ""
 
     @property
     def failed(self) -> tuple[Check, ...]:

@@ -65,6 +65,7 @@ SENSOR_NAMES = {
     0x4: "magnetometer",
     0x8: "barometer",
     0x20: "GPS",
+    0x100000: "its own fence",
     0x200000: "position and attitude estimate",
 }
 """Of MAV_SYS_STATUS_SENSOR, those that it flies by."""

@@ -1,5 +1,6 @@
 """Judges a flight by its recorded positions: separation, fence, limits."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -115,6 +116,7 @@ class FlightReport:
             trajectories.uncertainty,
             trajectories.remarks,
             len(trajectories.ids),
+            dict(sorted(Counter(trajectories.autopilots).items())),
             int(trajectories.airborne.any(axis=0).sum()),
             round(self.duration_s, 2),
             self.checks,

@@ -10,6 +10,7 @@ from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from types import MappingProxyType
 from typing import Any, Final
 from zlib import crc32
 
@@ -149,10 +150,15 @@ _INTO_MAP: Final = {
 }
 
 
-def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]]) -> dict[str, str]:
+def about(
+    session: str,
+    config_json: str,
+    vehicles: Mapping[str, tuple[int, str]],
+    autopilots: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, str]:
     """Return the file's metadata: the meaning of its numbers, and everything that does not change.
 
-    `vehicles`: system id and link of each, in the order of the rows.
+    `vehicles`: system id and link of each, in the order of the rows; `autopilots`: name of each, where known.
     """
     values = {
         "version": str(VERSION),
@@ -162,6 +168,8 @@ def about(session: str, config_json: str, vehicles: Mapping[str, tuple[int, str]
         "phases": json.dumps([phase.value for phase in PHASES]),
         "modes": json.dumps([mode.value for mode in MODES]),
     }
+    if autopilots:
+        values["autopilots"] = json.dumps([autopilots[name] for name in vehicles])
     return {**values, CHECKSUM: checksum(values)}
 
 

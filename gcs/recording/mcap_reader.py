@@ -28,6 +28,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from gcs.links.autopilots import DEFAULT
 from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
@@ -187,6 +188,7 @@ class About:
     ids: tuple[VehicleId, ...]  # in the order of the rows
     system_ids: tuple[int, ...]
     links: tuple[str, ...]
+    autopilots: tuple[str, ...]  # names, as configured
     phases: tuple[Phase, ...]  # by their numbers in the rows
     modes: tuple[Mode, ...]
 
@@ -199,12 +201,14 @@ class About:
         if metadata.get(layout.CHECKSUM) != layout.checksum(metadata):
             raise ValueError("what it says of itself (configuration, vehicles) is damaged")
         vehicles = json.loads(metadata["vehicles"])
+        usual = (DEFAULT.name,) * len(vehicles)  # older records name none: there was one autopilot
         return cls(
             metadata["session"],
             json.loads(metadata["config"]),
             tuple(name for name, _, _ in vehicles),
             tuple(system_id for _, system_id, _ in vehicles),
             tuple(link for _, _, link in vehicles),
+            tuple(json.loads(metadata["autopilots"])) if "autopilots" in metadata else usual,
             tuple(Phase(name) for name in json.loads(metadata["phases"])),
             tuple(Mode(name) for name in json.loads(metadata["modes"])),
         )

@@ -37,6 +37,7 @@ class Record:
         excluded: Mapping[VehicleId, Exclusion] = MappingProxyType({}),
         elsewhere: Mapping[VehicleId, tuple[int, str]] = MappingProxyType({}),
         site_json: str | None = None,
+        autopilots: Mapping[VehicleId, str] = MappingProxyType({}),
     ) -> None:
         """Writes nothing before it is entered.
 
@@ -49,6 +50,7 @@ class Record:
             excluded: vehicles excluded from the show before.
             elsewhere: the same of other stations' vehicles, which follow in the flight data.
             site_json: the configuration of all stations, for the flight data; None: there is one station.
+            autopilots: name of each vehicle's, for the flight data; empty: the usual one.
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
@@ -56,7 +58,8 @@ class Record:
         self.excluded = excluded
         self._journal = Journal(root / AUDIT)
         self.audit = Audit(self._journal, self.session, vehicles)
-        about = layout.about(self.session, site_json or config_json, {**vehicles, **elsewhere})
+        everything = {**vehicles, **elsewhere}
+        about = layout.about(self.session, site_json or config_json, everything, autopilots)
         self._flight = FlightFile(self.folder, about) if flight else None
         self._handler = _LogHandler(self.audit, self._flight)
         self._attached = ExitStack()

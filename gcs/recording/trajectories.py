@@ -48,6 +48,7 @@ class Trajectories:
     held: tuple[Limits | None, ...] = (None,)  # limits as recorded; None: not recorded
     held_at: NDArray[np.intp] | None = None  # (k,) index of the limits; None: always the first
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
+    autopilots: tuple[str, ...] = ()  # (n,) names; empty: not known
 
     def elapsed_s(self, sample: int | np.signedinteger[Any]) -> float:
         """Time of a sample since the first, to hundredths of a second."""
@@ -106,6 +107,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
             held,
             held_at,
             held_at,
+            data.about.autopilots,
         ),
         [at for at, _ in gaps],
     )
@@ -222,8 +224,10 @@ def true(
     names = tuple(ids[number - 1] if number <= len(ids) else str(number) for number in known.numbers)
     flown = formed = values[..., 7] > 0.5
     setpoint_m_s = held_at = None
+    autopilots: tuple[str, ...] = ()
     if beside is not None and set(names) <= set(beside.ids):
         rows = [beside.ids.index(name) for name in names]
+        autopilots = tuple(beside.autopilots[row] for row in rows)
         at = np.clip(np.searchsorted(beside.time_s, time_s, side="right") - 1, 0, len(beside.time_s) - 1)
         during = ((time_s >= beside.time_s[0]) & (time_s <= beside.time_s[-1]))[:, None]
         flown, formed = (mask[at][:, rows] & during for mask in (beside.flown, beside.formed))
@@ -249,6 +253,7 @@ def true(
         (None,) if beside is None or held_at is None else beside.held,
         held_at,
         None if beside is None or held_at is None else beside.setpoint_held_at,
+        autopilots,
     )
 
 

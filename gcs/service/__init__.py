@@ -26,6 +26,8 @@ from gcs.service.interface import Service as Service
 from gcs.service.interface import Shows as Shows
 from gcs.service.interface import Stations as Stations
 from gcs.service.snapshots import ActiveFailsafe as ActiveFailsafe
+from gcs.service.snapshots import BeginState as BeginState
+from gcs.service.snapshots import BeginView as BeginView
 from gcs.service.snapshots import BusView as BusView
 from gcs.service.snapshots import CheckState as CheckState
 from gcs.service.snapshots import CorrectionsView as CorrectionsView
@@ -35,6 +37,7 @@ from gcs.service.snapshots import FleetView as FleetView
 from gcs.service.snapshots import FlightEnvelope as FlightEnvelope
 from gcs.service.snapshots import IdleSpan as IdleSpan
 from gcs.service.snapshots import Latest as Latest
+from gcs.service.snapshots import LightsView as LightsView
 from gcs.service.snapshots import PhaseSpan as PhaseSpan
 from gcs.service.snapshots import Playback as Playback
 from gcs.service.snapshots import ReplayMarks as ReplayMarks
@@ -46,3 +49,5 @@ from gcs.service.snapshots import ShowFigures as ShowFigures
 from gcs.service.snapshots import StationView as StationView
 from gcs.service.snapshots import StoredShow as StoredShow
 from gcs.service.snapshots import TickView as TickView
+from gcs.service.snapshots import TimecodeState as TimecodeState
+from gcs.service.snapshots import TimecodeView as TimecodeView

@@ -60,7 +60,10 @@ class AlarmCause(StrEnum):
     RADIUS_SMALL = "radius-small"
     LITTLE_AUTHORITY = "little-authority"
     SLOW_VEHICLE = "slow-vehicle"
+    SLOW_ANSWERS = "slow-answers"
     CORRECTIONS_STOPPED = "corrections-stopped"
+    TIMECODE = "timecode"
+    CLOCK_DOUBTFUL = "clock-doubtful"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
     RECORD_FAILS = "record-fails"
@@ -205,10 +208,28 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Let [it|them] come home; compare MPC_XY_VEL_MAX with the configured speed.",
         off_after_s=5.0,
     ),
+    AlarmCause.SLOW_ANSWERS: CauseRow(
+        C,
+        "{vehicles} slow to follow setpoints",
+        "Let [it|them] come home; compare the limits of acceleration with what preflight requires.",
+        off_after_s=5.0,
+    ),
     AlarmCause.CORRECTIONS_STOPPED: CauseRow(
         C,
         "Corrections for RTK stopped",
         "Check the base, its antenna and the network. The service keeps trying.",
+    ),
+    AlarmCause.TIMECODE: CauseRow(
+        C,
+        "Show not at its timecode",
+        "Bring the timecode to where the show is, or pause the show. gcs shows follow-timecode lets it run by"
+        " this station's clock.",
+        on_after_s=1.0,
+    ),
+    AlarmCause.CLOCK_DOUBTFUL: CauseRow(
+        C,
+        "Clock of this machine may be wrong",
+        "The show begins by it: synchronise it (chrony, systemd-timesyncd), or start by hand.",
     ),
     AlarmCause.POOR_LINK: CauseRow(
         C,

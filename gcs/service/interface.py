@@ -199,6 +199,18 @@ class Player(Protocol):
     def seek(self, cue: str) -> SelectedShow:
         """Start the selected show at a cue."""
 
+    def begin_at(self, at_unix_time_s: float) -> SelectedShow:
+        """Have the selected show begin to move at a clock time, on the ground or while it waits in the air.
+
+        Raises: InvalidError unless it lies ahead; RefusedError once the show has begun.
+        """
+
+    def cancel_begin(self) -> SelectedShow:
+        """Forget that time. A show that waits in the air then waits until another is given."""
+
+    def follow_timecode(self, follow: bool) -> None:
+        """Have shows follow the timecode, or this station's clock. RefusedError: none is configured."""
+
 
 class Preflight(Protocol):
     """Checks before a start, and the vehicles that take part. Raises: RefusedError, UnknownError."""

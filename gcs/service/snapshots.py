@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Final, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Generic, Literal, TypeAlias, TypeVar
 
 from pydantic import Field
 
@@ -166,6 +166,26 @@ class CueMark:
     at_s: Annotated[float, Field(description="Time on the show's clock, or in a record since its beginning.")]
 
 
+class BeginState(StrEnum):
+    """How a show waits for the beginning that an operator set."""
+
+    ARMED = "armed"  # the vehicles are not where it begins yet
+    WAITING = "waiting"  # they are, and it begins by itself
+    LATE = "late"  # its time has passed: it begins as soon as they are there
+    HELD = "held"  # the time was cancelled in the air: it waits for another
+
+
+@dataclass(frozen=True, slots=True)
+class BeginView:
+    """When the selected show begins to move."""
+
+    __pydantic_config__ = PUBLISHED
+
+    state: BeginState
+    at_unix_time_s: Annotated[float | None, Field(description="In s since 1970; null: none, it is held.")]
+    in_s: Annotated[float | None, Field(description="Until then; negative: it has passed.")]
+
+
 @dataclass(frozen=True, slots=True)
 class SelectedShow:
     """The written show that is or will be flown, and its progress."""
@@ -198,6 +218,10 @@ class SelectedShow:
         tuple[str, ...],
         Field(description="Vehicles on the ground that take the places of lost ones; empty without any."),
     ] = ()
+    begin: Annotated[
+        BeginView | None,
+        Field(description="null: it begins as soon as all vehicles are there, or has begun."),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +289,50 @@ class CorrectionsView:
     received_bytes: int
     sent: Annotated[int, Field(description="Messages that left, summed over the links.")]
     dropped: Annotated[int, Field(description="Too old, too many, or longer than MAVLink can carry.")]
+
+
+TimecodeState: TypeAlias = Literal["none", "running", "dropped-out", "stopped", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class TimecodeView:
+    """The timecode that shows follow."""
+
+    __pydantic_config__ = PUBLISHED
+
+    source: Annotated[str, Field(examples=["rtp-midi://0.0.0.0:5004"])]
+    followed: Annotated[bool, Field(description="false: an operator has shows run by this station's clock.")]
+    state: Annotated[
+        TimecodeState,
+        Field(description="refused: it has jumped to where the show does not follow."),
+    ]
+    label: Annotated[
+        str, Field(description="Where it is, or stands; empty: nowhere yet.", examples=["01:00:02:12"])
+    ]
+    frame_rate: Annotated[str, Field(examples=["25"])]
+    age_s: Annotated[Measured, Field(description="Since the newest reading that was followed; null: none.")]
+    behind_s: Annotated[
+        Measured, Field(description="By how much the show is behind it; null while the show does not follow.")
+    ]
+    slope: Annotated[Measured, Field(description="How fast it runs by this station's clock; 1 at its rate.")]
+    tempo: Annotated[Measured, Field(description="How fast the show runs; 0: it stands still; null: none.")]
+    problem: Annotated[str, Field(description="Why the show waits or stands still; empty: it does not.")]
+    readings: Annotated[int, Field(description="That arrived.")]
+    garbage: Annotated[int, Field(description="Messages that make no sense.")]
+    dropped: Annotated[int, Field(description="Dropped unread: too many, or too long.")]
+
+
+@dataclass(frozen=True, slots=True)
+class LightsView:
+    """Colours for the vehicles' own lights, summed over the links."""
+
+    __pydantic_config__ = PUBLISHED
+
+    driver: Annotated[str, Field(description="lights.driver; none: none are sent.", examples=["led-control"])]
+    sent: Annotated[int, Field(description="Colours that left.")]
+    dropped: Annotated[
+        int, Field(description="Colours that another one replaced before they left: the rate is limited.")
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,6 +500,9 @@ class ReportBody:
     uncertainty: Annotated[str, Field(description="Uncertainty of the positions, in words.")]
     remarks: Annotated[tuple[str, ...], Field(description="Remarks about the file.")]
     vehicles: int
+    autopilots: Annotated[
+        dict[str, int], Field(description="Number of vehicles by autopilot; empty: not known.")
+    ]
     flew: int
     duration_s: float
     checks: tuple[ReportCheck, ...]
@@ -479,6 +550,8 @@ class FleetView:
     histograms: tuple[TickHistogram | Collected, ...] = ()  # of the ticks since the start; the first change
     stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
     corrections: CorrectionsView | None = None  # None: none are configured
+    timecode: TimecodeView | None = None  # None: none is configured
+    lights: LightsView | None = None  # None: a replay
     bus: BusView | None = None  # None: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 

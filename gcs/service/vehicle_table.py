@@ -27,6 +27,7 @@ class VehicleTable:
     ids: Sequence[VehicleId]
     system_ids: Sequence[int]
     links: Sequence[str]
+    autopilots: Sequence[str]  # names, as configured
     phases: Sequence[Phase]
     reasons: Sequence[str]
     modes: Sequence[Mode]

@@ -21,7 +21,10 @@ class ShowClock:
         return self.begins_s if self.since_s is None else self.begins_s + (clock_s - self.since_s)
 
     def run(self, clock_s: float) -> "ShowClock":
-        """Start the clock once the sphere is assembled, or assembled again. No effect while it runs."""
+        """Start the clock once the sphere is assembled, or assembled again. No effect while it runs.
+
+        `clock_s` may lie before the tick: then the show has begun between two ticks.
+        """
         return self if self.runs else replace(self, since_s=clock_s)
 
     def stop(self, clock_s: float) -> "ShowClock":
@@ -29,7 +32,7 @@ class ShowClock:
         return ShowClock(self.show_s(clock_s))
 
     def later(self, wait_s: float) -> "ShowClock":
-        """Let the clock lose this time: it waited for vehicles while it ran."""
+        """Let the clock lose this time: it waited, or ran slower; negative: it ran faster."""
         return replace(self, begins_s=self.begins_s - wait_s)
 
     def seek(self, timeline: Timeline, cue: str, *, grounded: bool) -> "ShowClock":

@@ -15,11 +15,15 @@ from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
+from gcs.shows.drawn.trajectories import turned
 
 Name: TypeAlias = Annotated[StrictStr, Field(min_length=1, max_length=60)]
 Colour: TypeAlias = Annotated[StrictStr, Field(pattern=r"^#[0-9a-fA-F]{6}$"), AfterValidator(str.lower)]
 
 MAX_VEHICLES = 1000
+PLACED_MAX_M = 10_000.0
+"""A drawing lies no farther from the show's origin, along either axis."""
+
 MAX_CUES = 500
 """After expansion: a loop counts as often as it is played."""
 
@@ -171,11 +175,28 @@ class SpareVehicles(Settings):
     before_cue: Name  # who is lost later is not replaced
 
 
+class Placement(Settings):
+    """Where the drawing and its pads lie: turned about the drawing's origin, then moved; show frame."""
+
+    x_m: Annotated[float, Field(ge=-PLACED_MAX_M, le=PLACED_MAX_M)] = 0.0
+    y_m: Annotated[float, Field(ge=-PLACED_MAX_M, le=PLACED_MAX_M)] = 0.0
+    turn_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0  # clockwise from above
+
+    def placed_m(self, place_m: Array) -> Array:
+        """(n, 3) Places of the drawing (n, 3), as placed."""
+        return np.asarray(place_m @ turned(self.turn_deg) + (self.x_m, self.y_m, 0.0))
+
+    def unplaced_m(self, place_m: Array) -> Array:
+        """(n, 3) Places (n, 3) in the drawing itself: the inverse of `placed_m`."""
+        return np.asarray((place_m - (self.x_m, self.y_m, 0.0)) @ turned(self.turn_deg).T)
+
+
 class Drawing(Settings):
     """The file of a drawn show, beside the show file."""
 
     source: Annotated[StrictStr, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,80}\.(skyc|zip|csv)$")]
     sha256: Annotated[StrictStr, Field(pattern=r"^[0-9a-f]{64}$")]  # of its bytes
+    place: Placement = Placement()
     late: Literal["catch-up", "wait"] = "catch-up"  # what follows when a vehicle falls behind its trajectory
     waits_from_m: Annotated[float, Field(ge=0.5, le=50.0)] = 3.0  # `wait`: so far behind that the clock waits
     pads: Literal["nearest", "file"] = (
@@ -223,6 +244,17 @@ class Show(Settings):
     @property
     def start_places_m(self) -> Array:
         """(n + s, 3) As `pads_m`, and the next places of the pattern, for the spares."""
+        drawn_m = self._drawn_places_m
+        return drawn_m if self.drawing is None else self.drawing.place.placed_m(drawn_m)
+
+    @property
+    def drawn_pads_m(self) -> Array:
+        """(n, 3) Start positions before the placement of the drawing, on the ground."""
+        return self._drawn_places_m[: self.fleet.vehicles]
+
+    @property
+    def _drawn_places_m(self) -> Array:
+        """(n + s, 3) Pads and spares' places before the placement of the drawing."""
         pads, count = self.fleet.pads, self.fleet.vehicles
         spares = 0 if self.drawing is None or self.drawing.spares is None else self.drawing.spares.count
         index = np.arange(count + spares)

@@ -30,7 +30,7 @@ from gcs.shows import Flaw, Show, Timeline, stored_drawings
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.format import Drawing
 from gcs.shows.formats import read_drawing
-from gcs.shows.loading import parse
+from gcs.shows.loading import parse, placed
 
 log = logging.getLogger(__name__)
 
@@ -240,7 +240,8 @@ class ShowLibrary:
         checked = _reported(name, text, answer)
         if checked.show is None or checked.show.drawing is None or not checked.reported.good:
             return checked
-        return replace(checked, drawing=_drawing(checked.show.drawing, self._place(name).parent))
+        drawing = _drawing(checked.show.drawing, self._place(name).parent)
+        return replace(checked, drawing=placed(drawing, checked.show))
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
         """Return the timeline of a show that is cleared to fly. Reads the file, on the ground.

@@ -1,7 +1,7 @@
 """Loads a show file, names every problem, and compares the show with the service that flies it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from math import hypot
 from pathlib import Path
@@ -19,7 +19,7 @@ from gcs.model.frames import ShowFrame
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.drawn_parts import drawing_flaws
 from gcs.shows.flaws import Flaw
-from gcs.shows.format import Drawing, Show
+from gcs.shows.format import Drawing, Placement, Show
 from gcs.shows.formats import read_drawing
 from gcs.shows.timeline import Timeline
 from gcs.shows.validation import flaws
@@ -85,7 +85,16 @@ def _drawing(
     if digest != named.sha256:
         text = f"sha256: {named.source} has {digest}: it has changed, import it again"
         return None, [Flaw(("drawing", "sha256"), text)]
-    return drawing, list(drawing_flaws(show, drawing))
+    return placed(drawing, show), list(drawing_flaws(show, drawing))
+
+
+def placed(drawing: DrawnShow, show: Show) -> DrawnShow:
+    """Return the drawing of a show where the show's placement has it."""
+    if show.drawing is None or show.drawing.place == Placement():
+        return drawing
+    place = show.drawing.place
+    moved = drawing.placed(place.turn_deg, np.array([place.x_m, place.y_m, 0.0]))
+    return replace(moved, origin=show.origin.frame)
 
 
 def _read(path: Path) -> tuple[DrawnShow, str]:
@@ -129,7 +138,7 @@ def service_flaws(
 ) -> list[Flaw]:
     """Return all reasons why a service with so many vehicles would not fly the show as checked."""
     return [
-        *_origin(show, frame),
+        *origin_flaws(show, frame),
         *_limits(show, control),
         *_take_off(show, operation),
         *_exchanged_pads(show, operation),
@@ -137,7 +146,8 @@ def service_flaws(
     ]
 
 
-def _origin(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
+def origin_flaws(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
+    """Yield where the show's origin is not the origin `frame` of a service."""
     origin = show.origin
     away_m = frame.position_m(
         np.array([origin.latitude_deg]), np.array([origin.longitude_deg]), np.array([origin.altitude_amsl_m])

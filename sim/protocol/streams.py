@@ -131,7 +131,8 @@ class Outbox:
     def __init__(self) -> None:
         self._timed: list[tuple[float, int, int, Item]] = []
         self._order = count()  # keeps equal times in order; messages do not compare
-        self.listed: dict[int, deque[str]] = {}  # parameters by row, sent a few at a time
+        self.burst = BURST
+        self.listed: dict[int, deque[str]] = {}  # parameters by row, sent `burst` at a time
 
     def post(self, row: int, item: Item, due_s: float) -> None:
         heapq.heappush(self._timed, (due_s, next(self._order), row, item))
@@ -152,7 +153,7 @@ class Outbox:
         taken = [
             (row, names.popleft())
             for row, names in self.listed.items()
-            for _ in range(min(BURST, len(names)))
+            for _ in range(min(self.burst, len(names)))
         ]
         if taken:
             self.listed = {row: names for row, names in self.listed.items() if names}

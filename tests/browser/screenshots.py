@@ -107,12 +107,19 @@ def stall(ui: Console, process: Started) -> None:
 
 
 def preview(camera: Photographer, ui: Console) -> None:
-    """A drawing is uploaded, and its show looked at before it flies."""
+    """A drawing is uploaded, its show looked at before it flies, and its pads fitted to the vehicles."""
     _open(ui, "left", "shows")
     ui.part("show-upload").set_input_files(DRAWING)
     expect(ui.part("drawn")).to_be_visible(timeout=SOON_MS)
     ui.part("drawn-scrubber").fill("30")
     camera.shoot(ui, "drawn", "shows", None, sizes=((1440, 900), (390, 844)))
+    ui.page.set_viewport_size({"width": 1440, "height": 900})
+    _open(ui, "left", "shows")
+    ui.opens(lambda: ui.press("show-place-drawn-30"), "placing")
+    ui.press("placing-fit")
+    expect(ui.part("placing-summary")).to_contain_text("off the pads", timeout=SOON_MS)
+    camera.shoot(ui, "placing", "shows", None, sizes=((1440, 900), (844, 390), (390, 844)))
+    ui.press("placing-close")
     ui.press("drawn-close")
 
 

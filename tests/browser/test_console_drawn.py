@@ -23,6 +23,11 @@ def test_a_drawing_is_uploaded_played_and_scrubbed(chrome: Browser, tmp_path: Pa
         ui.press("drawn-play")
         ui.part("drawn-scrubber").fill("30")
         ui.says("drawn-position", "0:30")
+        ui.part("drawn-scrubber").press("End")
+        ui.says("drawn-position", "1:10")
+        ui.closes(lambda: ui.press("drawn-close"), "drawn")
+        ui.opens(lambda: ui.press("show-preview-drawn-30"), "drawn")
+        ui.says("drawn-position", "0:00")
         assert ui.serious() == []
         for width, height in ((640, 360), (360, 640), (844, 390)):  # the flight commands stay on the screen
             ui.page.set_viewport_size({"width": width, "height": height})

@@ -220,3 +220,25 @@ def test_the_clock_of_a_waiting_show_waits_for_a_late_one(folder: Path) -> None:
     assert late.farthest_m > 3.0
     assert late.later_m < 0.5
     assert 1.0 < late.waited_s < 15.0
+
+
+def test_a_drawn_show_begins_at_its_time_and_keeps_it(folder: Path) -> None:
+    """The vehicles wait where the drawing begins, then are where it has them for the time since then."""
+
+    async def story(show: Show) -> tuple[float, float, float]:
+        found = select(show, folder)
+        await show.standby()
+        show.service.commands.command_show(ShowAction.START, show_hash=found.hash)
+        at_s = show.unix() + 60.0317
+        show.service.player.begin_at(at_s)
+        begins_s = at_s - show.unix.ahead_s
+        await show.reach(ShowPhase.RUNNING, 90.0)
+        begun_s = show.view.time_s - begins_s
+        await show.wait(10.0)
+        off_s = selected(show).clock_s - (show.view.time_s - begins_s)
+        return begun_s, off_s, float(selected(show).track_max_m or 0.0)
+
+    begun_s, off_s, track_max_m = fly(story, config(folder), **on_pads(folder))
+    assert begun_s == pytest.approx(0.0, abs=0.001)
+    assert off_s == pytest.approx(0.0, abs=0.001)
+    assert 0.0 < track_max_m < 0.5

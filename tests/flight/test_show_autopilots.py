@@ -11,6 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.service.alarms import AlarmCause
 from tests.support.virtual_show import Refusal, Show, fly, refused, show_config
 
 COUNT, LOITER = 4, 5
@@ -72,6 +73,16 @@ def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]
     assert (np.array(flown.first_setpoint_s) > np.array(flown.up_s)).all(), "none before it is up"
 
 
+def test_each_autopilot_is_named_in_state_and_preflight() -> None:
+    async def story(show: Show) -> tuple[list[str], list[str]]:
+        await show.standby()
+        checked = show.service.preflight.report().vehicles
+        return list(show.service.view.value.rows.autopilots), [each.autopilot for each in checked]
+
+    kinds = [PX4, ARDUPILOT]
+    assert fly(story, config_of((PX4, ARDUPILOT), 2)) == (kinds, kinds)
+
+
 @FLEETS
 def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
     """After a landing ArduCopter stays in LAND, in which it cannot be armed."""
@@ -126,6 +137,33 @@ def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, st
     phase, reason, sent, outcome = fly(story, config_of(kinds))
     assert (phase, sent, outcome) == (Phase.PILOT, 0, Outcome.DONE)
     assert "did not command" in reason
+
+
+@pytest.mark.parametrize(
+    ("action", "mode", "does"),
+    [(4, Mode.HOLD, "holds"), (1, Mode.RETURN, "returns"), (2, Mode.LAND, "lands")],
+)
+def test_breach_of_its_own_fence_is_named_and_left_alone(action: int, mode: Mode, does: str) -> None:
+    """No text says so, and its state is not that of a failsafe: by the health of its fence."""
+
+    async def story(show: Show) -> tuple[Phase, Mode, str, set[AlarmCause], int, Phase]:
+        await show.start()
+        await show.wait(2.0)
+        fake: Any = show.fleet.autopilots[1]
+        fake.parameters.set("FENCE_ACTION", action)
+        fake.parameters.set("FENCE_ALT_MAX", 3.0)
+        await show.wait(2.5)
+        before = len(show.ports.sent["d2"])
+        await show.wait(1.5)
+        seen = show.vehicle("d2")
+        alarms = {alarm.cause for alarm in show.service.view.value.alarms if "d2" in alarm.vehicles}
+        sent = len(show.ports.sent["d2"]) - before
+        return seen.phase, seen.mode, seen.reason, alarms, sent, show.vehicle("d1").phase
+
+    phase, now, reason, alarms, sent, other = fly(story, config_of((PX4, ARDUPILOT)))
+    assert (phase, now, sent, other) == (Phase.PILOT, mode, 0, Phase.FORMATION)
+    assert reason.startswith(f"d2 {does} by its own geofence failsafe")
+    assert AlarmCause.OWN_FAILSAFE in alarms
 
 
 def test_ardupilot_as_delivered_is_refused() -> None:
@@ -223,3 +261,34 @@ def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
     seen = fly(story, config_of((ARDUPILOT, ARDUPILOT), 2))
     assert not any(name == "ON_GROUND" and height_m > 3.5 for name, height_m in seen)
     assert seen[-1][0] == "ON_GROUND"
+
+
+def test_acceleration_as_read_is_what_the_filter_counts_on() -> None:
+    async def story(show: Show) -> list[float]:
+        await show.start()
+        return [float(each) for each in show.service.player.flight.traits.response.acceleration_m_s2]
+
+    set_to = {"WPNAV_ACCEL": 400.0, "PILOT_ACCEL_Z": 300}
+    assert fly(story, config_of((PX4, ARDUPILOT), 2), parameters=set_to) == [np.inf, pytest.approx(2.4)]
+
+
+def test_vehicle_slower_than_its_parameters_said_is_named() -> None:
+    """Its WPNAV_ACCEL falls after the check, as a script on board may have it."""
+
+    async def story(show: Show) -> tuple[str, tuple[str, ...], int]:
+        await show.start()
+        part: Any
+        part, row = show.fleet.part_of(1)
+        part.state.limit_m_s2[row] = 0.6
+        for _ in range(4):
+            show.service.plan.set_orbit(Orbit(radius_m=25.0, speed_m_s=4.0))
+            await show.wait(8.0)
+            show.service.plan.set_orbit(Orbit(radius_m=0.0))
+            await show.wait(8.0)
+        alarm = next(one for one in show.view.alarms if one.cause is AlarmCause.SLOW_ANSWERS)
+        return alarm.text, alarm.vehicles, show.floor_violations()
+
+    text, vehicles, violations = fly(story, config_of((PX4, ARDUPILOT)))
+    assert vehicles == ("d2",)
+    assert "ArduPilot, less than 1.4 m/s^2" in text
+    assert violations == 0

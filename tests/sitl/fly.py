@@ -1,8 +1,9 @@
-"""`make sitl`: fly the whole story with PX4 SITL, judged on the simulator's true states.
+"""`make sitl`: fly the whole story with PX4 or ArduPilot SITL, judged on the simulator's true states.
 
     make sitl PX4=/path/to/build/px4_sitl_default      # a PX4 that was built with `make px4_sitl_default`
     make sitl PX4_IMAGE=px4io/px4-sitl:latest          # where docker or podman runs
-    make sitl FAKE=1                                   # the fake fleet: the program itself is tested so
+    make sitl ARDUPILOT=/path/to/build/sitl/bin/arducopter
+    make sitl FAKE=1 AUTOPILOT=ardupilot               # the fake fleet: px4, ardupilot, mixed
 
 The last line is one JSON object. Exit code 0: everything was kept; 1: something was not; 2: not flown.
 """
@@ -12,25 +13,31 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 from gcs.cli import demo_report as report
+from gcs.cli.demo import MIXED, MIXED_LOSS_S
 from gcs.config import schema as configuration
+from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.errors import GcsError
+from gcs.model.setpoint_loss import WithoutSetpoints
 from tests.sitl.sitl_flight import QUICK, TRUE_WITHIN_S, Account, Pace, SitlFlight
 from tests.sitl.sitl_service import Service, ServiceError
 from tests.sitl.sitl_simulators import (
     PX4_PORT,
     PX4_SIMULATOR_PORT,
+    ArduCopter,
     FakeFleet,
     Pads,
     Px4Build,
     Px4Image,
     Simulators,
 )
-from tests.sitl.sitl_truth import GroundTruthRecorder
+from tests.sitl.sitl_truth import FDM_PORT, GroundTruthRecorder
 
 CONFIG = "px4-sitl"
 ENERGY_MAX, NEAREST_MIN = 1.003, 0.9
@@ -55,8 +62,11 @@ def _parser() -> argparse.ArgumentParser:
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--px4", metavar="FOLDER", help="build folder of PX4, .../build/px4_sitl_default")
     which.add_argument("--image", metavar="NAME", help="container image that runs PX4's SIH")
+    which.add_argument("--arducopter", metavar="FILE", help="ArduCopter, .../build/sitl/bin/arducopter")
     which.add_argument("--fake", action="store_true", help="the fake fleet")
     parser.add_argument("--vehicles", type=int, default=4, metavar="N", help=f"2 to {VEHICLES_MAX}; 4")
+    kinds = (*AUTOPILOTS, MIXED)
+    parser.add_argument("--autopilot", choices=kinds, default=DEFAULT.name, help="with --fake")
     parser.add_argument("--quick", action="store_true", help="shorter steady windows")
     parser.add_argument("--port-base", type=int, default=PX4_PORT, metavar="P", help="with --fake")
     parser.add_argument(
@@ -69,14 +79,16 @@ def _parser() -> argparse.ArgumentParser:
 def _run(given: argparse.Namespace, folder: Path) -> int:
     if not 2 <= given.vehicles <= VEHICLES_MAX:
         return _not_flown(f"--vehicles {given.vehicles}: 2 to {VEHICLES_MAX} is possible")
-    config = make_config(given.vehicles, given.port_base, fake=given.fake)
     lost = given.vehicles - 1
-    pads = Pads(config.frame, given.vehicles, configuration_spacing_m())
-    service = Service(config, folder)
+    frame = configuration.load(configuration.find(CONFIG)).frame
+    pads = Pads(frame, given.vehicles, configuration_spacing_m())
     try:
         simulators = _simulators(given, pads, folder, lost)
+        config = make_config(given.vehicles, given.port_base, simulators.kinds, fake=given.fake)
+        service = Service(config, folder)
+        fdm_port = None if given.arducopter is None else FDM_PORT
         with (
-            GroundTruthRecorder(given.simulator_port, given.vehicles) as truth,
+            GroundTruthRecorder(given.simulator_port, given.vehicles, fdm_port=fdm_port) as truth,
             closing(simulators),
             closing(service),
         ):
@@ -100,19 +112,33 @@ def _run(given: argparse.Namespace, folder: Path) -> int:
     return 0 if figures["verdict"] == "kept" else 1
 
 
-def make_config(count: int, port: int, *, fake: bool) -> configuration.Config:
+def make_config(count: int, port: int, kinds: Sequence[str], *, fake: bool) -> configuration.Config:
     """The shipped configuration for PX4 SITL, for so many vehicles, with an API port that is free.
 
-    `fake`: the program is tested, not the machine. No failsafe against a slow machine acts.
+    The vehicles have the autopilots `kinds` in turn. Where one of these flies on without setpoints for a
+    time of its own, all do. `fake`: the program is tested, not the machine. No failsafe against a slow
+    machine acts.
     """
     raw = configuration.load(configuration.find(CONFIG)).model_dump()
     raw["links"][0].update(listen=f"udpin://127.0.0.1:{port}", ports=count)
-    raw["links"][0]["vehicles"]["count"] = count
+    raw["links"][0]["vehicles"] = [
+        {"id": f"d{number}", "system_id": number, "autopilot": kind}
+        for number, kind in zip(range(1, count + 1), cycle(kinds))
+    ]
+    if not all(_alone(kind, raw).changes_mode for kind in kinds):
+        raw["operation"]["setpoint_loss_s"] = MIXED_LOSS_S
     raw["api"]["port"] = 0
     if fake:
         for cause in ("service_late", "links_late", "wind"):
             raw["failsafes"][cause]["action"] = "ignore"
     return configuration.Config.model_validate(raw)
+
+
+def _alone(kind: str, raw: dict[str, Any]) -> WithoutSetpoints:
+    operation = raw["operation"]
+    return AUTOPILOTS[kind].without_setpoints(
+        operation["setpoint_loss_action"], operation["setpoint_loss_s"], {}
+    )
 
 
 def configuration_spacing_m() -> float:
@@ -122,7 +148,10 @@ def configuration_spacing_m() -> float:
 
 def _simulators(given: argparse.Namespace, pads: Pads, folder: Path, lost: int) -> Simulators:
     if given.fake:
-        return FakeFleet(pads, folder, port=given.port_base, simulator_port=given.simulator_port, lost=lost)
+        ports = {"port": given.port_base, "simulator_port": given.simulator_port}
+        return FakeFleet(pads, folder, **ports, lost=lost, autopilot=given.autopilot)
+    if given.arducopter is not None:
+        return ArduCopter(Path(given.arducopter), pads, folder)
     if given.image is not None:
         return Px4Image(given.image, pads, folder)
     return Px4Build(Path(given.px4), pads, folder)
@@ -181,8 +210,8 @@ def judge(
         "recovered_after_stall_s": _rounded(account.recovered_after_stall_s),
         "recovered_after_restart_s": _rounded(account.recovered_after_restart_s),
         "commands_refused": account.refused,
-        "simulated_per_wall_s": round(per_wall, 3),
-        "machine_fast_enough": per_wall >= SLOWEST,
+        "simulated_per_wall_s": None if per_wall is None else round(per_wall, 3),
+        "machine_fast_enough": None if per_wall is None else per_wall >= SLOWEST,
         "broken": broken,
         "verdict": "broken" if broken else "kept",
     }

@@ -37,7 +37,8 @@ class Pace:
     home_s: float = 240.0
 
 
-QUICK = Pace(steady_s=2.0, orbit_s=4.0)
+QUICK = Pace(steady_s=5.0, orbit_s=4.0)
+"""ArduCopter swings round its place for some seconds."""
 
 
 @dataclass(slots=True)
@@ -172,23 +173,34 @@ class SitlFlight:
         self._judge_steady("after_loss")
 
     def _stall(self) -> None:
-        """SIGSTOP of the service: every vehicle falls back on its own setpoint-loss failsafe."""
+        """SIGSTOP of the service: every vehicle does what its autopilot does without setpoints.
+
+        Some change their mode, and are taken over again. The others hover, and follow the next setpoint.
+        """
         flying = self._flying()
+        fallen = {name for name, changes in self._service.config_alone().items() if changes} & flying
         self._service.stop_for(STALL_S)
         continued_s = time.monotonic()
         self._say(f"the service was stopped for {STALL_S:g} s")
 
         def is_true() -> bool:
-            show = self._client.show()
-            self.account.phase_after_stall = show.phase
-            return show.phase == "uncontrolled"
+            fleet = self._client.fleet()
+            self.account.phase_after_stall = fleet.show.phase
+            phase_is_true = fleet.show.phase == "uncontrolled" or fallen != flying
+            return phase_is_true and {each.id for each in fleet.vehicles if each.phase == "pilot"} == fallen
 
         self._until("a true phase after the stall", 20.0, is_true)
         self.account.true_after_stall_s = time.monotonic() - continued_s
+        if not fallen:
+            self._until("the same fleet under control", 10.0, lambda: self._formed() == flying)
+            self.account.recovered_after_stall_s = time.monotonic() - continued_s
+            self._reach("running", self._pace.formed_s)
+            return
         self._accept("take-over", self._client.take_over)
         self._until("control of the whole fleet", self._pace.formed_s, lambda: self._formed() == flying)
         self.account.recovered_after_stall_s = time.monotonic() - continued_s
-        self._accept("resume", self._client.resume)
+        if fallen == flying:  # else the show went on with the others
+            self._accept("resume", self._client.resume)
         self._reach("running", self._pace.formed_s)
 
     def _restart(self) -> None:

@@ -11,6 +11,7 @@ import yaml
 
 from gcs.client import Client
 from gcs.config import schema as configuration
+from gcs.links.autopilots import AUTOPILOTS
 from gcs.model.errors import GcsError
 
 GCS = (sys.executable, "-m", "gcs")
@@ -35,6 +36,14 @@ class Service:
         self._process: subprocess.Popen[str] | None = None
         self.client: Client | None = None
         self.url = ""
+
+    def config_alone(self) -> dict[str, bool]:
+        """Whether each vehicle changes its mode by itself without setpoints."""
+        action, loss_s = self.config.operation.setpoint_loss_action, self.config.operation.setpoint_loss_s
+        return {
+            name: AUTOPILOTS[kind].without_setpoints(action, loss_s, {}).changes_mode
+            for name, kind in self.config.autopilots.items()
+        }
 
     def apply_parameters(self) -> None:
         """Set what a safe loss of the station needs. Raises: ServiceError with what the command printed."""

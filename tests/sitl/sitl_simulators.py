@@ -1,10 +1,11 @@
-"""The vehicles of a SITL flight: instances of a real PX4, of a container that runs one, or of the fake fleet.
+"""The vehicles of a SITL flight: instances of a real PX4 or ArduCopter, of a container, or of the fake fleet.
 
-All three stand on the same pads, talk to port 14540 + i (or another base) and send the simulator's true state
-(HIL_STATE_QUATERNION) to port 19410 + i.
+All stand on the same pads and talk to port 14540 + i (or another base). PX4 and the fake fleet send the
+simulator's true state (HIL_STATE_QUATERNION) to port 19410 + i; what ArduCopter sends: `sitl_truth`.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,11 +16,22 @@ from typing import Protocol
 
 import numpy as np
 
+from gcs.cli.demo import MIXED
+from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.frames import ShowFrame
-from tests.support.processes import AT_ONCE
+from gcs.sim.autopilots.ardupilot.parameters import defaults as ardupilot_defaults
+from tests.support.processes import AT_ONCE, READY_AT_ONCE
 
 PX4_PORT, PX4_SIMULATOR_PORT = 14540, 19410
 PX4_MODEL = "sihsim_quadx"
+STATION_PORT, TRUTH_PORT = PX4_PORT, PX4_SIMULATOR_PORT
+"""ArduCopter sends where it is told to: to the same ports."""
+
+DELIVERED = Path("Tools/autotest/default_params/copter.parm")
+CALIBRATION = re.compile(
+    r"FRAME_|RC\d+_(MIN|MAX|TRIM)$|COMPASS_(OFS|DIA|ODI)|INS_ACC\d?(OFFS|SCAL)|BATT_MONITOR$"
+)
+
 COLUMNS = 3
 """Pads stand in rows of three: row i // 3 to the north, column i % 3 to the east of the show's origin."""
 
@@ -52,6 +64,11 @@ class Simulators(Protocol):
     @property
     def autopilot(self) -> str:
         """What flies: for the report."""
+        ...
+
+    @property
+    def kinds(self) -> Sequence[str]:
+        """Autopilot of each vehicle, as in a configuration; in turn from the first."""
         ...
 
     def start(self) -> None:
@@ -109,6 +126,7 @@ class Px4Build:
     """Instances of a PX4 that was built with `make px4_sitl_default` (v1.14 or newer has SIH on a host)."""
 
     autopilot = "PX4"
+    kinds = ("px4",)
 
     def __init__(self, build: Path, pads: Pads, folder: Path) -> None:
         """`build` holds bin/px4 and etc. Raises: FileNotFoundError saying what is missing."""
@@ -143,6 +161,7 @@ class Px4Image:
     """Instances of a PX4 in containers of one image, on the host's network."""
 
     autopilot = "PX4 (container)"
+    kinds = ("px4",)
 
     def __init__(self, image: str, pads: Pads, folder: Path) -> None:
         """Raises: FileNotFoundError without docker or podman."""
@@ -173,14 +192,95 @@ class Px4Image:
         self._processes.close()
 
 
+class ArduCopter:
+    """Instances of an ArduCopter that was built for SITL (4.1 or newer)."""
+
+    autopilot = "ArduCopter"
+    kinds = ("ardupilot",)
+
+    def __init__(
+        self,
+        binary: Path,
+        pads: Pads,
+        folder: Path,
+        *,
+        port: int = STATION_PORT,
+        truth_port: int = TRUTH_PORT,
+    ) -> None:
+        """`binary` is arducopter itself. Raises: FileNotFoundError saying what is missing."""
+        if not os.access(binary, os.X_OK) or binary.is_dir():
+            raise FileNotFoundError(
+                f"{binary}: ARDUPILOT must be the program, as .../build/sitl/bin/arducopter"
+            )
+        self._binary, self._pads, self._folder = binary.resolve(), pads, folder
+        self._port, self._truth_port = port, truth_port
+        self._processes = Processes()
+
+    def start(self) -> None:
+        """Each in a folder of its own, where it keeps its parameters and logs."""
+        known = subprocess.run(
+            [self._binary, "--help"], capture_output=True, text=True, timeout=ENDS_S, check=False
+        )
+        options = known.stdout + known.stderr
+        for index, place in enumerate(self._pads.geodetic()):
+            folder = self._folder / f"ardupilot-{index}"
+            folder.mkdir(parents=True, exist_ok=True)
+            own = folder / "own.parm"
+            delivered = self._delivered()
+            own.write_text(parameter_file(index, calibrated=not delivered), encoding="ascii")
+            files = ",".join(str(file) for file in (*delivered, own))
+            self._processes.start(index, self._command(index, place, options, files), folder=folder)
+
+    def _delivered(self) -> list[Path]:
+        """The parameters of SITL in the tree that holds the program, if it lies in one."""
+        found = [parent / DELIVERED for parent in self._binary.parents]
+        return [file for file in found if file.is_file()][:1]
+
+    def _command(self, index: int, place: tuple[float, float, float], options: str, files: str) -> list[str]:
+        """`options`: what the program says of itself; the names of its options have changed."""
+        serial = ("--serial0", "--serial1") if "--serial0" in options else ("--uartA", "--uartC")
+        latitude_deg, longitude_deg, altitude_amsl_m = place
+        return [
+            *(str(self._binary), "--model", "+", "--speedup", "1", "--instance", str(index)),
+            *("--home", f"{latitude_deg:.9f},{longitude_deg:.9f},{altitude_amsl_m:.3f},0"),
+            *(serial[0], f"udpclient:127.0.0.1:{self._port + index}"),
+            *(serial[1], f"udpclient:127.0.0.1:{self._truth_port + index}"),
+            *("--defaults", files, "--fg", "127.0.0.1"),
+            *(["--enable-fgview"] if "--enable-fgview" in options else []),
+        ]
+
+    def kill(self, index: int) -> None:
+        """End one vehicle with SIGKILL."""
+        self._processes.kill(index)
+
+    def close(self) -> None:
+        """End all vehicles."""
+        self._processes.close()
+
+
+def parameter_file(index: int, *, calibrated: bool) -> str:
+    """What instance `index` must have from its start; `gcs params apply` sets the rest.
+
+    `calibrated`: also frame, radio and calibrations, which are those of the recorded SITL. Without them it
+    refuses to arm, and a program without its tree has none. A version ignores names that it does not know.
+    """
+    recorded = {
+        name: value for name, value in ardupilot_defaults().items() if calibrated and CALIBRATION.match(name)
+    }
+    own = {"SYSID_THISMAV": index + 1, "MAV_SYSID": index + 1, "FS_THR_ENABLE": 0}
+    return "".join(f"{name} {value:.9g}\n" for name, value in {**recorded, **own}.items())
+
+
 class FakeFleet:
     """The fake fleet; the vehicle that is lost on the way flies in a process of its own."""
 
-    autopilot = "fake fleet"
-
-    def __init__(self, pads: Pads, folder: Path, *, port: int, simulator_port: int, lost: int) -> None:
-        """`lost` is the index of the vehicle that can be killed."""
+    def __init__(
+        self, pads: Pads, folder: Path, *, port: int, simulator_port: int, lost: int, autopilot: str = "px4"
+    ) -> None:
+        """`lost` is the index of the vehicle that can be killed; `autopilot` may be mixed."""
         frame = pads.frame
+        self.autopilot = f"fake fleet, {autopilot}"
+        self.kinds = tuple(AUTOPILOTS) if autopilot == MIXED else (autopilot,)
         self._command = [
             *(
                 sys.executable,
@@ -191,9 +291,10 @@ class FakeFleet:
                 "--simulator-link",
                 str(simulator_port),
             ),
+            *("--autopilot", autopilot),
             *("--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"),
             *("--grid-columns", str(COLUMNS), "--spacing", f"{pads.spacing_m:g}"),
-            *AT_ONCE,
+            *(AT_ONCE if DEFAULT.name in self.kinds else READY_AT_ONCE),
         ]
         self._count, self._lost, self._folder = pads.count, lost, folder
         self._processes = Processes()

@@ -19,10 +19,14 @@ from gcs.model.state import Landed, Mode
 from gcs.service import (
     CALLER,
     Audit,
+    BeginState,
+    BeginView,
     CommandRecord,
+    CorrectionsView,
     FleetView,
     FlightEnvelope,
     Latest,
+    LightsView,
     NoAudit,
     Outcome,
     Replaying,
@@ -31,6 +35,7 @@ from gcs.service import (
     Stations,
     StationView,
     TickView,
+    TimecodeView,
     VehicleAction,
 )
 from gcs.service.alarm_book import AlarmBook
@@ -147,6 +152,8 @@ class FakeService:
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
+        self.timecode: TimecodeView | None = None
+        self.corrections: CorrectionsView | None = None
         self.conditions: tuple[Condition, ...] = ()
         self.happened: tuple[LogEvent, ...] = ()
         self.excluded: dict[str, Exclusion] = {}
@@ -240,6 +247,27 @@ class FakeService:
         self.selected = replace(self.selected, cue=cue)
         return self.selected
 
+    def begin_at(self, at_unix_time_s: float) -> SelectedShow:
+        if self.selected is None:
+            raise RefusedError("no show is selected")
+        in_s = at_unix_time_s - time.time()
+        if in_s <= 0.0:
+            raise InvalidError("at_unix_time_s", at_unix_time_s, "ahead")
+        begin = BeginView(BeginState.ARMED, at_unix_time_s, in_s)
+        self.selected = replace(self.selected, begin=begin)
+        return self.selected
+
+    def cancel_begin(self) -> SelectedShow:
+        if self.selected is None or self.selected.begin is None:
+            raise RefusedError("no time to begin was given")
+        self.selected = replace(self.selected, begin=None)
+        return self.selected
+
+    def follow_timecode(self, follow: bool) -> None:
+        if self.timecode is None:
+            raise RefusedError("no timecode is configured")
+        self.timecode = replace(self.timecode, followed=follow)
+
     def report(self, vehicles: Sequence[str] | None = None) -> PreflightReport:
         self._known(vehicles)
         self._on_the_ground("preflight is for the ground")
@@ -248,7 +276,9 @@ class FakeService:
         check = Check("battery", state, self.battery, "of 1", "at least 25%", *words)
         fleet = Check("vehicles", State.PASS, nan, "vehicles", "all vehicles")
         out = {name: str(why) for name, why in self.excluded.items()}
-        own = [VehicleChecks(name, name not in out, out.get(name, ""), (check,)) for name in self.phases]
+        own = [
+            VehicleChecks(name, name not in out, out.get(name, ""), (check,), "px4") for name in self.phases
+        ]
         left = ("start pattern: there is none",)
         return PreflightReport(time.time(), None, None, (fleet,), tuple(own), left)
 
@@ -343,10 +373,13 @@ class FakeService:
             interrupted=self.interrupted,
             playback=None if self.replaying is None else self.replaying.playback,
             start_unix_time_s=self.start_unix_s,
+            timecode=self.timecode,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             alarms=self.book.alarms,
             histograms=HISTOGRAMS,
             stations=self._stations(),
+            corrections=self.corrections,
+            lights=LightsView("led-control", sent=120, dropped=30),
         )
 
     def _rows(self) -> VehicleTable:
@@ -362,6 +395,7 @@ class FakeService:
             ids=list(self.phases),
             system_ids=range(1, n + 1),
             links=["fake"] * n,
+            autopilots=["px4"] * n,
             phases=phases,
             reasons=[""] * n,
             modes=[Mode.OFFBOARD if each else Mode.HOLD for each in formed],

@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from gcs.mavlink.codec import split, target_system
+from gcs.mavlink.framing import HEARTBEAT
 
 _DATAGRAM_BYTES = 1400
 
@@ -16,10 +17,12 @@ class Router:
 
     Attributes:
         broadcasts: how many frames without a target came from the ground.
+        drops_heartbeats: whether the heartbeats of the ground are lost.
     """
 
     def __init__(self, ground_port: int) -> None:
         self.broadcasts = 0
+        self.drops_heartbeats = False
         self._ground = ("127.0.0.1", ground_port)
         self._inner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._outer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -80,8 +83,10 @@ class Router:
             except (BlockingIOError, ConnectionRefusedError):
                 return
             for frame in split(data).frames:
+                if self.drops_heartbeats and frame.message_id == HEARTBEAT:
+                    continue
                 target = target_system(frame)
                 self.broadcasts += target == 0
                 known = tuple(self._vehicles.items())
-                for address in [at for system_id, at in known if target in (0, system_id)]:
+                for address in {at for system_id, at in known if target in (0, system_id)}:
                     self._inner.sendto(frame.raw, address)

@@ -41,8 +41,9 @@ PATIENT_S = 5.0
 """PX4 takes a second without setpoints for the loss of its ground station; these take five."""
 
 
+READY_AT_ONCE = ("--quirk", "late-ready=off")
 AT_ONCE = (
-    *("--quirk", "late-ready=off"),
+    *READY_AT_ONCE,
     *("--param", "COM_DISARM_LAND=0.5", "--param", "LNDMC_TRIG_TIME=0.25"),
 )
 """Fake vehicles with these options save 10 s of each flight from boot to disarming."""

@@ -51,6 +51,7 @@ def sample(
             "ids": ids_of(count),
             "system_ids": range(1, count + 1),
             "links": ["radio"] * count,
+            "autopilots": ["px4"] * count,
             "phases": [Phase.FORMATION] * count,
             "reasons": ["flies"] * count,
             "modes": [Mode.OFFBOARD] * count,

@@ -105,7 +105,7 @@ const status = {
   interrupted: null, replay: null,
   vehicles: Array.from({ length: n }, (_, i) => {
     const [x_m, y_m] = padOf(i);
-    return { id: `d${i + 1}`, system_id: i + 1, link: "fake", reason: "", limited_by: "", home: { x_m, y_m, height_m: 0 } };
+    return { id: `d${i + 1}`, system_id: i + 1, link: "fake", autopilot: "px4", reason: "", limited_by: "", home: { x_m, y_m, height_m: 0 } };
   }),
 } as unknown as Status;
 

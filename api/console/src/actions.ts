@@ -1,6 +1,6 @@
 // Calls of the service. Each reports its result; the page shows no success before the service answers.
 
-import type { Preview, Command, DrawnSamples, ImportedShow, ShowCheck, State, Station, StoredShow } from "./state";
+import type { Corrections, Preview, Command, DrawnSamples, ImportedShow, PlacedShow, Placement, ShowCheck, State, Station, StoredShow } from "./state";
 import { decoded } from "./drawn/model";
 import { texts } from "./texts";
 import type { Message } from "./messages";
@@ -10,7 +10,7 @@ import type { components } from "./schemas/schema";
 type Schemas = components["schemas"];
 type Call<T> = Promise<{ data?: T; error?: unknown; response: Response }>;
 export type ShowCommand = "pause" | "resume" | "stop" | "abort" | "take-over" | "bring-home";
-export type VehicleCommand = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "include";
+export type VehicleCommand = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "find" | "include";
 export type FleetCommand = "hold" | "join" | "return" | "land" | "take-control";
 export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number; skips_idle?: boolean };
 export type DrawingFormat = "skyc" | "zip" | "csv";
@@ -44,10 +44,12 @@ export interface Actions {
   loadPreflight(vehicles?: readonly string[] | null): Promise<boolean>;
   loadOrders(): Promise<boolean>;
   loadStations(): Promise<boolean>;
+  loadCorrections(): Promise<boolean>;
   /** Have the station that answers this page lead. */
   takeLead(): Promise<boolean>;
   loadShows(): Promise<boolean>;
-  checkShow(name: string): Promise<boolean>;
+  /** `again`: once an earlier check of it has ended. */
+  checkShow(name: string, again?: boolean): Promise<boolean>;
   selectShow(name: string, hash: string): Promise<boolean>;
   deselectShow(): Promise<boolean>;
   uploadShow(name: string, yaml: string): Promise<boolean>;
@@ -55,6 +57,10 @@ export interface Actions {
   importDrawing(name: string, format: DrawingFormat, file: Blob): Promise<boolean>;
   /** Open the preview of a drawn show. */
   loadDrawing(name: string): Promise<boolean>;
+  /** Where a drawn show lies, or would lie; `fit`: from there on, where its pads are best for the vehicles. */
+  loadPlacement(name: string, place: Placement | null, fit: boolean): Promise<boolean>;
+  /** Store a placement: a new version of the show. */
+  place(name: string, place: Placement): Promise<boolean>;
   removeShow(name: string): Promise<boolean>;
   seek(cue: string): Promise<boolean>;
   /** One alarm; null: all of them. */
@@ -112,13 +118,21 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     return accepted !== null;
   }
 
-  async function followCheck(name: string): Promise<boolean> {
+  const isChecking = (check: ShowCheck | undefined): boolean => check?.state === "waiting" || check?.state === "running";
+
+  /** `again`: the show is another one since an earlier check began, which has to end first. */
+  async function followCheck(name: string, again = false): Promise<boolean> {
     const path = { params: { path: { name } } };
+    for (let earlier = again ? state().panels.checks[name] : undefined; isChecking(earlier); ) {
+      await later(POLL_MS);
+      const now: Outcome<ShowCheck> = await outcome(api.GET("/api/v1/shows/{name}/check", path));
+      earlier = now.ok ? now.data : undefined;
+    }
     let check = await asked(texts.commands.check(name), api.POST("/api/v1/shows/{name}/check", path), null);
     const accepted = check !== null;
     while (check !== null) {
       dispatch({ kind: "check", check: check.data });
-      if (check.data.state !== "waiting" && check.data.state !== "running") break;
+      if (!isChecking(check.data)) break;
       await later(POLL_MS);
       check = await asked(texts.commands.check(name), api.GET("/api/v1/shows/{name}/check", path), null);
     }
@@ -218,6 +232,11 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       if (result.ok) dispatch({ kind: "stations", stations: result.data });
       return result.ok;
     },
+    async loadCorrections() {
+      const result: Outcome<Corrections | null> = await outcome(api.GET("/api/v1/corrections"));
+      if (result.ok) dispatch({ kind: "corrections", corrections: result.data });
+      return result.ok;
+    },
     async takeLead() {
       const taken = await asked(texts.stations.take, api.POST("/api/v1/stations/lead"), texts.stations.taken);
       if (taken !== null) dispatch({ kind: "stations", stations: taken.data });
@@ -258,6 +277,23 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       const call: Call<DrawnSamples> = api.GET("/api/v1/shows/{name}/drawing", ofShow(name));
       const found = await asked(texts.commands.preview(name), call, null);
       if (found !== null) dispatch({ kind: "drawn", drawing: decoded(found.data) });
+      return found !== null;
+    },
+    async loadPlacement(name, place, fit) {
+      const query = { ...(place ?? {}), ...(fit ? { fit } : {}) };
+      const call: Call<PlacedShow> = api.GET("/api/v1/shows/{name}/placement", { params: { path: { name }, query } });
+      if (fit) dispatch({ kind: "placing-busy", busy: "fit" });
+      const found = await asked(texts.commands.place(name), call, null);
+      if (found !== null) dispatch({ kind: "placing", found: found.data, asked: fit ? null : place });
+      else if (fit) dispatch({ kind: "placing-busy", busy: "" });
+      return found !== null;
+    },
+    async place(name, place) {
+      dispatch({ kind: "placing-busy", busy: "apply" });
+      const call: Call<PlacedShow> = api.PUT("/api/v1/shows/{name}/placement", { ...ofShow(name), body: place });
+      const found = await asked(texts.commands.place(name), call, texts.placing.applied(name));
+      if (found !== null) dispatch({ kind: "placing", found: found.data, asked: null });
+      else dispatch({ kind: "placing-busy", busy: "" });
       return found !== null;
     },
     removeShow: (name) => done(texts.commands.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),

@@ -70,5 +70,6 @@ function close(state: State, actions: PanelActions): void {
   else if (state.panels.allAlarms) actions.set({ allAlarms: false });
   else if (state.panels.editing !== null) actions.edit(null);
   else if (state.panels.excluding !== null) actions.set({ excluding: null });
+  else if (state.placing !== null) actions.closePlacing();
   else if (state.view.selection.length > 0) actions.choose({ how: "only", ids: [] });
 }

@@ -2,10 +2,11 @@
 
 import type { AttentionMessage } from "./alarms/attentionState";
 import type { DrawnMessage } from "./drawn/model";
+import type { PlacingMessage } from "./placing/model";
 import type { PanelState, Layout } from "./panels/state";
 import type { Choice, Selection } from "./selection";
 import type {
-  Access, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Station, Status, StoredShow, View,
+  Access, Corrections, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Station, Status, StoredShow, View,
 } from "./state";
 
 export type Message =
@@ -19,6 +20,7 @@ export type Message =
   | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }
+  | { kind: "corrections"; corrections: Corrections | null }
   | { kind: "stations"; stations: readonly Station[] }
   | { kind: "marks"; marks: ReplayMarks | null }
   | { kind: "flightReport"; flightReport: ReportBody | null }
@@ -31,6 +33,7 @@ export type Message =
   | { kind: "kill-over" }
   | AttentionMessage
   | DrawnMessage
+  | PlacingMessage
   | DeskMessage;
 
 export type DeskMessage =

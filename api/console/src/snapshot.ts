@@ -14,6 +14,10 @@ export type Command = Schemas["CommandRecord"];
 export type PreflightReport = Schemas["PreflightReport"];
 export type StoredShow = Schemas["StoredShow"];
 export type DrawnSamples = Schemas["DrawnSamples"];
+export type PlacedShow = Schemas["PlacedShow"];
+export type Placement = Schemas["Placement"];
+/** Corrections for RTK, from a base to all vehicles. */
+export type Corrections = Schemas["CorrectionsView"];
 export type ImportedShow = Schemas["ImportedShow"];
 export type ShowCheck = Schemas["ShowCheck"];
 export type ReplayMarks = Schemas["ReplayMarks"];

@@ -3,8 +3,9 @@
 import { initialDesk, type PanelState } from "./panels/state";
 import { initialAttention, type Attention } from "./alarms/attentionState";
 import type { DrawnPreview } from "./drawn/model";
+import type { Placing } from "./placing/model";
 import { NOTHING_SELECTED, type Selection } from "./selection";
-import type { ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
+import type { Corrections, ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
 
 export * from "./snapshot";
 
@@ -85,6 +86,10 @@ export interface State {
   preview: Preview | null;
   /** A drawn show that is looked at before it flies. */
   drawn: DrawnPreview | null;
+  /** A drawn show that is moved and turned beside the vehicles. */
+  placing: Placing | null;
+  /** As read last; null: none are configured, or not read yet. */
+  corrections: Corrections | null;
   kill: Kill | null;
   attention: Attention;
   /** State of the panels alone. */
@@ -128,6 +133,8 @@ export function initial(now_ms: number): State {
     },
     preview: null,
     drawn: null,
+    placing: null,
+    corrections: null,
     kill: null,
     attention: initialAttention(true),
     panels: initialDesk(),

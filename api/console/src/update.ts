@@ -3,6 +3,7 @@
 import { updateAttention } from "./alarms/attention";
 import { updateDrawn } from "./drawn/model";
 import { whyNotOnGround } from "./panels/rights";
+import { updatePlacing } from "./placing/model";
 import { updateDesk } from "./panels/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining } from "./selection";
@@ -57,6 +58,16 @@ function updateShared(state: State, message: Message): State {
     case "drawn-plays":
     case "drawn-sought":
       return { ...state, drawn: updateDrawn(state.drawn, message, state.page_ms) };
+    case "placing": {
+      const placing = updatePlacing(state.placing, message, state.page_ms);
+      const isOpened = placing !== null && placing.found.show !== state.placing?.found.show;
+      return { ...state, placing, view: isOpened ? { ...state.view, fits: state.view.fits + 1 } : state.view };
+    }
+    case "placed-at":
+    case "placing-busy":
+      return { ...state, placing: updatePlacing(state.placing, message, state.page_ms) };
+    case "corrections":
+      return { ...state, corrections: message.corrections };
     case "kill-armed":
       return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
     case "kill-over":
@@ -97,9 +108,12 @@ function onStatus(state: State, status: Status): State {
   const kept = remaining(state.view, (id) => known.has(id));
   const view = kept === state.view ? state.view : { ...state.view, ...kept };
   const isAnother = state.status !== null && state.status.began_unix_time_s !== status.began_unix_time_s;
-  if (!isAnother) return { ...state, status, view, drawn: whyNotOnGround({ ...state, status }) === "" ? state.drawn : null };
+  if (!isAnother) {
+    const isDown = whyNotOnGround({ ...state, status }) === "";
+    return { ...state, status, view, drawn: isDown ? state.drawn : null, placing: isDown ? state.placing : null };
+  }
   const panels = { ...state.panels, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, kill: null, commands: [], history: initialHistory() };
+  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, corrections: null, kill: null, commands: [], history: initialHistory() };
 }
 
 function onFrame(state: State, frame: Frame): State {

@@ -1,11 +1,13 @@
 import { describe, expect, it } from "vitest";
 
+import { autopilots } from "../src/panels/fleet";
 import { parseQuery, toggled } from "../src/panels/query";
 import { sorted, windowed, type Row } from "../src/panels/rows";
+import { status } from "./statuses";
 
 const row = (id: string, change: Partial<Row> = {}): Row => ({
   index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fixIsBad: false, fix: "3D", fix_m: 0.4,
-  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", station: "", ...change,
+  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", station: "", autopilot: "px4", ...change,
 });
 const ids = (rows: readonly Row[]): string[] => rows.map((each) => each.id);
 
@@ -26,6 +28,7 @@ describe("the filter", () => {
     expect(found("fix:rtk age>1")).toEqual(["d10"]);
     expect(found("-limited d")).toEqual(["d1", "d10"]);
     expect(found("station:north")).toEqual([]);
+    expect(ids([row("d1"), row("d2", { autopilot: "ardupilot" })].filter(parseQuery("autopilot:ArduPilot").test))).toEqual(["d2"]);
     expect(ids([row("d1", { station: "North" }), row("d2", { station: "south" })].filter(parseQuery("station:North,west").test))).toEqual(["d1"]);
   });
 
@@ -65,6 +68,15 @@ describe("the order by station", () => {
     const rows = [row("d10", { station: "b" }), row("d9", { station: "b" }), row("d1", { station: "c" }), row("d2", { station: "a" })];
     expect(ids(sorted(rows, { column: "station", descending: false }))).toEqual(["d2", "d9", "d10", "d1"]);
     expect(ids(sorted(rows, { column: "station", descending: true }))).toEqual(["d1", "d9", "d10", "d2"]);
+  });
+});
+
+describe("the autopilots", () => {
+  it("are counted where there are several", () => {
+    const one = status().vehicles[0]!;
+    const fleet = (names: string[]) => autopilots(status({ vehicles: names.map((autopilot) => ({ ...one, autopilot })) }));
+    expect(fleet(["px4", "px4"])).toEqual([]);
+    expect(fleet(["px4", "ardupilot", "px4"])).toEqual([["ardupilot", 1], ["px4", 2]]);
   });
 });
 

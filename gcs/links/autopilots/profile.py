@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.kernels import Whole
+from gcs.model.response import Response
 from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Landed, Mask, Mode
 
@@ -89,6 +90,13 @@ class Autopilot(Protocol):
         Returns: (n,).
         """
 
+    def beyond_fence(self, unhealthy_sensors: int) -> bool:
+        """Whether it reports by this that its own fence is breached.
+
+        Args:
+            unhealthy_sensors: bits of MAV_SYS_STATUS_SENSOR in use and unhealthy, -1: not reported.
+        """
+
     def without_setpoints(
         self, action: str, loss_s: float, parameters: Mapping[str, ParameterValue]
     ) -> WithoutSetpoints:
@@ -99,6 +107,9 @@ class Autopilot(Protocol):
             loss_s: `operation.setpoint_loss_s`.
             parameters: as far as known.
         """
+
+    def response(self, parameters: Mapping[str, ParameterValue]) -> Response:
+        """How it answers setpoints; `parameters` as far as known."""
 
     def streams_hz(self, desired_hz: Mapping[int, float]) -> Mapping[int, float]:
         """Rates to request, by message id: the desired ones that it knows, and those that it needs itself."""

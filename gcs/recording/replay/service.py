@@ -351,6 +351,7 @@ class Replay:
             ids=about.ids,
             system_ids=about.system_ids,
             links=about.links,
+            autopilots=about.autopilots,
             phases=[about.phases[number] for number in table["phase"].tolist()],
             reasons=flown.status.reasons,
             modes=[about.modes[number] for number in table["mode"].tolist()],

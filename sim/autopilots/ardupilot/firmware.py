@@ -34,6 +34,7 @@ ORIGIN_AFTER_S, READY_AFTER_S = 19.0, 39.5  # habit 19
 READY_AT_ONCE_S = 0.1
 UNASKED_HZ = {HEARTBEAT: 1.0, 111: 0.1}
 """Habit 3: HEARTBEAT and TIMESYNC; SR0_* are 0."""
+PARAMETERS_PER_S = 1400  # habit 8: 1131 in 0.8 s
 GPS_FOUND_S = 8.8
 """GLOBAL_POSITION_INT and GPS_RAW_INT have something to say from then on."""
 OF_GPS, OF_ORIGIN, OF_POSITION = (24, 33), (HOME, ORIGIN), (32,)
@@ -51,6 +52,7 @@ class ArduCopter:
         """See `Firmware`. Raises: ParameterError for a parameter or value that it does not accept."""
         count, quirks = settings.count, settings.quirks
         self._late_ready, self._services = quirks.late_ready, services
+        services.outbox.burst = round(PARAMETERS_PER_S * step_s)
         response = Response()
         if settings.drag_per_s is not None:
             response = replace(response, drag_per_s=settings.drag_per_s)

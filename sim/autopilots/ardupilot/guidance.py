@@ -11,6 +11,7 @@ import numpy as np
 from gcs.sim.autopilots.ardupilot.fence import Fence, approach_m_s
 from gcs.sim.autopilots.ardupilot.modes import (
     BRAKE,
+    CIRCLE,
     DRIFTS,
     GUIDED,
     HANDS_ON,
@@ -41,6 +42,8 @@ TAKES_OFF_SHARE = (
     0.7  # of WPNAV_ACCEL_Z: recorded 3.0 m and 2.0 m/s 3.4 s after the command, 10 m after 7.0 s
 )
 ARRIVED_M, ARRIVED_UP_M = 1.0, 0.3
+YAW_PER_S, YAW_DAMPING = 3.2, 0.26  # habit 49: as recorded it swings round the desired yaw
+BLIND_DRIFT_M_S = 0.3  # habit 55: without a position it drifted by 1.7 m and 11 m during its landing
 TURNS_BEYOND_M = 2.0  # WP_YAW_BEHAVIOR: a nearer goal does not turn the nose
 CM = 0.01
 
@@ -69,23 +72,32 @@ class Guidance:
         return demand_m_s
 
     def turn(self, dt_s: float) -> None:
-        """Turn the nose in GUIDED: to a setpoint's yaw or rate, or towards a position (habits 42, 49)."""
+        """Turn the nose in GUIDED: to a setpoint's yaw or rate, or towards a position (habits 42, 49).
+
+        The desired yaw turns by ATC_SLEW_YAW at most, and the vehicle follows it as a damped spring.
+        """
         state = self.state
-        rows = (state.powered & (state.mode == GUIDED)).nonzero()[0]
+        turning = state.powered & (state.mode == GUIDED)
+        state.desired_yaw_rad = np.where(turning, state.desired_yaw_rad, state.yaw_rad)
+        state.yaw_rate_rad_s = np.where(turning, state.yaw_rate_rad_s, 0.0)
+        rows = turning.nonzero()[0]
         if not len(rows):
             return
-        yaw_rad, sub = state.yaw_rad[rows], state.submode[rows]
+        yaw_rad, sub = state.desired_yaw_rad[rows], state.submode[rows]
         goal_rad = np.where(sub == VELOCITY, state.setpoint_yaw_rad[rows], np.nan)
         goal_rad = np.where(np.isnan(goal_rad), state.goal_yaw_rad[rows], goal_rad)
         way_m = (state.goal_m - self.bodies.target_m)[rows, :2]
         ahead = (sub == POSITION) & (np.hypot(*way_m.T) > TURNS_BEYOND_M)
         goal_rad = np.where(ahead, np.arctan2(way_m[:, 1], way_m[:, 0]), goal_rad)
         rate_rad_s = np.where(sub == VELOCITY, state.setpoint_yaw_rate_rad_s[rows], np.nan)
-        off_rad = np.remainder(goal_rad - yaw_rad + np.pi, 2.0 * np.pi) - np.pi
+        off_rad = _wrapped(goal_rad - yaw_rad)
         turn_rad = np.nan_to_num(np.where(np.isnan(rate_rad_s), off_rad, rate_rad_s * dt_s))
         most_rad = np.radians(CM * self.parameters["ATC_SLEW_YAW"][rows]) * dt_s
-        turned_rad = yaw_rad + np.minimum(np.maximum(turn_rad, -most_rad), most_rad)
-        state.yaw_rad[rows] = np.remainder(turned_rad + np.pi, 2.0 * np.pi) - np.pi
+        desired_rad = yaw_rad + np.minimum(np.maximum(turn_rad, -most_rad), most_rad)
+        behind_rad, rate_rad_s = _wrapped(desired_rad - state.yaw_rad[rows]), state.yaw_rate_rad_s[rows]
+        rate_rad_s += dt_s * YAW_PER_S * (YAW_PER_S * behind_rad - 2.0 * YAW_DAMPING * rate_rad_s)
+        state.desired_yaw_rad[rows], state.yaw_rate_rad_s[rows] = _wrapped(desired_rad), rate_rad_s
+        state.yaw_rad[rows] = _wrapped(state.yaw_rad[rows] + dt_s * rate_rad_s)
 
     def _advance(self, rows: Rows, sensors: Sensors) -> None:
         """End take-offs, and begin the next phase of returns."""
@@ -135,7 +147,7 @@ class Guidance:
         level_m_s2 = np.select(
             [
                 DRIFTS[mode],
-                by_hand | (mode == BRAKE),
+                (by_hand & (mode != CIRCLE)) | (mode == BRAKE),
                 mode == LAND,
                 guided,
             ],
@@ -227,9 +239,15 @@ class Guidance:
         fast_m_s = np.where(set_m_s > 0.0, set_m_s, CM * p["WPNAV_SPEED_DN"][rows])
         sink_m_s = np.where(height_m > CM * p["LAND_ALT_LOW"][rows], fast_m_s, slow_m_s)
         sink_m_s = np.where(state.now_s >= state.sink_after_s[rows], sink_m_s, 0.0)
-        return np.column_stack([np.zeros((len(rows), 2)), sink_m_s])
+        drift_m_s = np.where(state.position_ok[rows], 0.0, BLIND_DRIFT_M_S)
+        return np.column_stack([drift_m_s, np.zeros(len(rows)), sink_m_s])
 
     def _by_hand(self, rows: Rows, _sensors: Sensors) -> Array:
         """Follow the sticks; without a pilot the throttle is low (habit 14)."""
         piloted = self.state.piloted[rows, np.newaxis]
         return np.where(piloted, self.state.stick_m_s[rows], (0.0, 0.0, THROTTLE_LOW_M_S))
+
+
+def _wrapped(angle_rad: Array) -> Array:
+    wrapped_rad: Array = np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi
+    return wrapped_rad

@@ -116,7 +116,7 @@ def _by_mode(modes: Collection[Mode]) -> Mask:
 
 HANDS_ON, NEEDS_POSITION, RETURNS, DRIFTS = map(_by_mode, (BY_HAND, POSITION_MODES, RETURNING, DRIFTING))
 """(MODE_COUNT,) by custom_mode: whether a mode belongs to these."""
-GUIDED, LAND, BRAKE = int(Mode.GUIDED), int(Mode.LAND), int(Mode.BRAKE)
+GUIDED, LAND, BRAKE, CIRCLE = int(Mode.GUIDED), int(Mode.LAND), int(Mode.BRAKE), int(Mode.CIRCLE)
 HOVER, VELOCITY, POSITION, TAKEOFF = map(int, Submode)
 """Numbers for columns: an enumeration's members are slow to find in every step."""
 

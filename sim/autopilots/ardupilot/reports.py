@@ -87,16 +87,20 @@ def heartbeat(s: Snapshot) -> Fields:
 
 
 def sys_status(s: Snapshot) -> Fields:
-    """Sensors and battery; the prearm bit is that of the present mode (habit 20)."""
+    """Sensors and battery; the prearm bit is that of the present mode (habit 20).
+
+    A fence without an action is there and not in use: recorded.
+    """
     state, rows = s.state, s.rows
     fenced = np.where(s.parameters["FENCE_ENABLE"][rows] > 0, FENCE_SENSOR, 0)
     unused = np.where(NEEDS_POSITION[state.mode[rows]], 0, POSITION_CONTROL)
     disabled = unused | np.where(state.armed[rows], 0, LOGGING)
+    guarded = np.where(s.parameters["FENCE_ACTION"][rows] > 0, fenced, 0)
     unhealthy = unused | state.unhealthy_sensors[rows] | np.where(state.prearm_ok[rows], 0, PREARM)
     unhealthy = unhealthy | np.where(state.breach[rows] > 0, FENCE_SENSOR, 0)
     return {
         "onboard_control_sensors_present": SENSORS | fenced,
-        "onboard_control_sensors_enabled": SENSORS & ~disabled | fenced,
+        "onboard_control_sensors_enabled": SENSORS & ~disabled | guarded,
         "onboard_control_sensors_health": SENSORS_HEALTHY & ~unhealthy,
         "voltage_battery": np.round(1e3 * s.batteries.voltage_v()[rows]),
         "current_battery": np.round(1e2 * s.batteries.current_a()[rows]),

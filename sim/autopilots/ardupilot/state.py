@@ -31,6 +31,8 @@ class ArduState(State):
         self.lift_at_s = np.full(count, np.inf)  # the motors have spooled up for a take-off
         self.aligned_at_s = np.full(count, np.inf)  # when the yaw is aligned in flight
         self.goal_yaw_rad = np.full(count, np.nan)  # of CONDITION_YAW
+        self.desired_yaw_rad = self.yaw_rad.copy()  # of GUIDED, on the way to a goal
+        self.yaw_rate_rad_s = np.zeros(count)
 
     def _watch(self, count: int) -> None:
         self.dead = _no(count)  # the process has ended

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING
 
 import pytest
@@ -150,9 +151,10 @@ def test_a_breach_acts_without_a_text_where_nothing_avoids(action: int, mode: Mo
     bench.until(lambda: bench.truth[0] > 30.0, 20.0)
     bench.run(0.8)
     assert (bench.custom_mode, len(bench.texts)) == (mode, texts)
-    fence, health = bench.last("FENCE_STATUS"), bench.last("SYS_STATUS").onboard_control_sensors_health
+    fence, reported = bench.last("FENCE_STATUS"), bench.last("SYS_STATUS")
     assert (fence.breach_status, fence.breach_type, fence.breach_count) == (1, 3, 1)
-    assert not health & FENCE_BIT
+    assert not reported.onboard_control_sensors_health & FENCE_BIT
+    assert bool(reported.onboard_control_sensors_enabled & FENCE_BIT) is (action > 0)
     assert status(bench) == ACTIVE
 
 
@@ -237,6 +239,17 @@ def test_lost_gps_holds_8_2_s_on_inertia_then_lands() -> None:
     assert bench.run(4.0).last("EKF_STATUS_REPORT").flags == 831
     assert bench.custom_mode == Mode.LAND
     assert bench.order(Mode.GUIDED) == [ACCEPTED]
+
+
+def test_it_drifts_while_it_lands_without_a_position() -> None:
+    """Habit 55: by 1.7 m and 11 m as recorded; it stays in LAND when the position is back."""
+    bench = hovering()
+    bench.set_parameter("SIM_GPS_DISABLE", 1)
+    held = bench.run(8.0).truth
+    assert math.hypot(*held[:2]) < 0.3, "on inertia"
+    bench.until(lambda: bench.landed_state == ON_GROUND, 40.0)
+    assert 1.7 < math.hypot(*bench.truth[:2]) < 11.0
+    assert bench.custom_mode == Mode.LAND
 
 
 def test_disarming_in_the_air_is_refused_and_it_flies_on() -> None:

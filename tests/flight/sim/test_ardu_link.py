@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.autopilots.ardupilot.modes import Mode
 from gcs.sim.fleet import STEP_S
 from tests.support.ardu_bench import ArduBench, command, cruising, grounded, hovering
-from tests.support.sim_bench import ACCEPTED, FAILED
+from tests.support.sim_bench import ACCEPTED, FAILED, VELOCITY_ONLY, setpoint
 
 SET_INTERVAL, GET_INTERVAL, REQUEST, REBOOT = 511, 510, 512, 246
 LOCAL, GLOBAL_POSITION, HOME, TARGET, FENCE, WIND = 32, 33, 242, 85, 162, 168
@@ -230,6 +231,27 @@ def test_three_vehicles_obey_their_own_commands_only() -> None:
             bench.send(message)
     bench.run(1.0)
     assert all(vehicle.commander.armed for vehicle in bench.fleet.autopilots)
+
+
+def test_three_on_one_port_fly_alike_to_a_centimetre() -> None:
+    """Habit 10: each is addressed by its own system id."""
+    bench = hovering(count=3, grid_columns=3)
+    for target in (2, 3):
+        for message in (
+            command(176, 1, Mode.GUIDED, target=target),
+            command(400, 1, target=target),
+            command(22, 0, 0, 0, 0, 0, 0, 10.0, target=target),
+        ):
+            bench.send(message)
+    bench.run(12.0)
+    before_m = bench.fleet.bodies.position_m.copy()
+    for _ in range(120):
+        for target in (1, 2, 3):
+            bench.send(setpoint(4.0, 0.0, 0.0, VELOCITY_ONLY, target=target))
+        bench.run(0.05)
+    flown_m = bench.fleet.bodies.position_m - before_m
+    assert (flown_m[:, 0] > 10.0).all()
+    assert np.ptp(flown_m, axis=0).max() < 0.01
 
 
 @pytest.mark.parametrize("number", [11, 16, 17, 20, 21, 22, 115, 176, 179, 185, 400, 510, 511, 512, 520])

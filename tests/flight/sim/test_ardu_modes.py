@@ -127,6 +127,29 @@ def test_modes_by_hand_sink_without_a_transmitter(mode: Mode) -> None:
     assert bench.run(3.0).velocity[2] == pytest.approx(2.4, abs=0.2)
 
 
+@pytest.mark.parametrize(
+    ("mode", "least_m", "most_m"),
+    [
+        (Mode.BRAKE, 3.7, 4.7),
+        (Mode.LOITER, 3.5, 4.5),
+        (Mode.POSHOLD, 3.3, 4.3),
+        (Mode.ALT_HOLD, 5.9, 20.0),
+        (Mode.CIRCLE, 7.0, 9.0),
+        (Mode.LAND, 2.4, 3.2),
+        (Mode.RTL, 6.8, 8.2),
+        (Mode.SMART_RTL, 6.8, 8.2),
+        (Mode.AVOID_ADSB, 7.1, 8.5),
+    ],
+)
+def test_each_mode_goes_on_so_far_and_takes_no_setpoints(mode: Mode, least_m: float, most_m: float) -> None:
+    """Habit 14: from 3.4 m/s, while setpoints go on; none leads back to GUIDED by itself."""
+    bench = under_way(3.0, 3.5)
+    assert bench.order(mode) == [ACCEPTED]
+    assert least_m < stop_m(bench, 4.0)[0] < most_m
+    assert bench.run(4.0).custom_mode == mode
+    assert bench.velocity[0] < 1.5
+
+
 @pytest.mark.parametrize("mode", [Mode.BRAKE, Mode.AVOID_ADSB])
 def test_modes_that_hold_keep_place_and_height(mode: Mode) -> None:
     bench = hovering()
@@ -261,5 +284,8 @@ def test_condition_yaw_is_kept_under_setpoints_without_a_yaw() -> None:
     assert bench.velocity[0] > 1.0
 
 
-def test_do_change_speed_is_accepted() -> None:
-    assert hovering().command(178, 1, 2.0) == [ACCEPTED]
+def test_do_change_speed_is_accepted_and_setpoints_go_on() -> None:
+    """Habit 17: whether the real one limits setpoints was not settled; the station never sends it."""
+    bench = cruising(4.0)
+    assert bench.command(178, 1, 2.0) == [ACCEPTED]
+    assert bench.run(3.0).velocity[0] == pytest.approx(4.0, abs=0.3)

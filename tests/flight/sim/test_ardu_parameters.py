@@ -35,6 +35,15 @@ def test_all_parameters_are_listed_as_real_numbers() -> None:
         assert by_name[name].param_value == pytest.approx(default, rel=1e-6), name
 
 
+def test_the_list_is_there_within_a_second_and_has_no_hash() -> None:
+    """Habit 8: PX4's _HASH_CHECK does not exist, and none is needed."""
+    bench = grounded(step_s=STEP_S)
+    bench.send(common.MAVLink_param_request_list_message(1, 1))
+    assert bench.until(lambda: bench.count("PARAM_VALUE") == len(names()), 2.0) < 1.0
+    bench.send(common.MAVLink_param_request_read_message(1, 1, b"_HASH_CHECK", -1))
+    assert bench.run(0.5).count("PARAM_VALUE") == len(names())
+
+
 def test_the_list_begins_with_the_banner() -> None:
     bench = grounded()
     bench.send(common.MAVLink_param_request_list_message(1, 1))

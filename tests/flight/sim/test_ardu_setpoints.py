@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common
 
 from gcs.sim.autopilots.ardupilot.modes import Mode
-from tests.support.ardu_bench import IN_AIR, ArduBench, cruising, grounded, hovering, stop_m
+from tests.support.ardu_bench import IN_AIR, ArduBench, command, cruising, grounded, hovering, stop_m
 from tests.support.sim_bench import ACCEPTED, POSITION_ONLY, VELOCITY_ONLY, setpoint
 
 NAN = math.nan
@@ -72,6 +74,7 @@ def test_speeds_are_not_clipped() -> None:
 
 @pytest.mark.parametrize("vector", [(NAN, 0.0, 0.0), (0.0, 0.0, NAN), (math.inf, 0.0, 0.0)])
 def test_nan_in_the_air_ends_the_process(vector: tuple[float, float, float]) -> None:
+    """Habit 41: at once here, within 3 s as recorded. Our links send none: test_link_of_ardupilot."""
     bench = cruising(3.0)
     bench.send(setpoint(*vector, VELOCITY_ONLY))
     bench.run(0.1)
@@ -134,6 +137,30 @@ def test_any_system_may_command_unless_sysid_enforce() -> None:
     assert bench.kill() == [ACCEPTED]
 
 
+def test_a_kill_of_any_station_counts_unless_sysid_enforce() -> None:
+    """Habit 44: also of a system that was never received before."""
+    stranger = common.MAVLink(None, 254, 190)
+    kill = bytes(command(400, 0, 21196).pack(stranger))
+    bench = hovering()
+    bench.set_parameter("SYSID_ENFORCE", 1)
+    bench.send_bytes(kill)
+    assert bench.run(1.1).armed
+    bench.set_parameter("SYSID_ENFORCE", 0)
+    bench.send_bytes(kill)
+    assert not bench.run(1.1).armed
+
+
+def test_setpoints_of_any_station_are_followed_the_last_one() -> None:
+    """Habit 44: so that one station must be the only one that sends them."""
+    other = common.MAVLink(None, 254, 190)
+    bench = cruising(3.0)
+    bench.repeated = None
+    for _ in range(100):
+        bench.send_bytes(bytes(setpoint(-3.0, 0.0, 0.0, VELOCITY_ONLY).pack(other)))
+        bench.run(0.05)
+    assert bench.velocity[0] < -1.0
+
+
 def test_a_change_of_wpnav_accel_counts_from_the_next_entry() -> None:
     bench = cruising(5.0)
     bench.set_parameter("WPNAV_ACCEL", 500.0)
@@ -163,14 +190,25 @@ def test_yaw_turns_90_degrees_in_the_recorded_time() -> None:
     assert turned_s == pytest.approx(2.85, abs=0.3)
 
 
+def test_a_turn_swings_beyond_and_back_as_recorded() -> None:
+    """Habit 49: at 88 degrees/s at most, 14 degrees beyond."""
+    bench = hovering()
+    bench.stream(0.0, 0.0, 0.0, YAW_AND_VELOCITY, yaw=math.pi / 2)
+    track_deg = [yaw_deg(bench.run(0.05)) for _ in range(100)]
+    assert max(np.diff(track_deg)) / 0.05 == pytest.approx(88.0, abs=5.0)
+    assert max(track_deg) == pytest.approx(103.6, abs=4.0)
+    assert track_deg[-1] == pytest.approx(90.0, abs=3.0)
+
+
 def test_a_yaw_rate_settles_and_0_or_ignored_holds() -> None:
+    """Habit 49: 30 degrees/s peak at 46."""
     bench = hovering()
     bench.stream(0.0, 0.0, 0.0, RATE_AND_VELOCITY, yaw_rate=math.radians(30.0))
-    bench.run(1.0)
-    before = yaw_deg(bench)
-    assert yaw_deg(bench.run(1.0)) - before == pytest.approx(30.0, abs=3.0)
+    turned_deg = np.diff([yaw_deg(bench.run(0.05)) for _ in range(80)])
+    assert max(turned_deg) / 0.05 == pytest.approx(46.0, abs=4.0)
+    assert turned_deg[-20:].sum() == pytest.approx(30.0, abs=2.0)
     bench.stream(0.0, 0.0, 0.0, RATE_AND_VELOCITY, yaw_rate=0.0)
-    bench.run(0.5)
+    bench.run(4.0)
     held = yaw_deg(bench)
     assert yaw_deg(bench.run(2.0)) == pytest.approx(held, abs=2.0)
     bench.stream(2.0, 0.0, 0.0, VELOCITY_ONLY)

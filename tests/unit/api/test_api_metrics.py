@@ -42,6 +42,8 @@ def test_metrics_report_the_fleet(samples: dict[tuple[str, ...], float]) -> None
     assert samples["gcs_vehicle_position_age_seconds", "d2"] == 0.05
     assert (samples["gcs_vehicle_limited", "d1"], samples["gcs_vehicle_limited", "d2"]) == (1.0, 0.0)
     assert samples["gcs_vehicle_ready", "d3"] == 0.0
+    assert samples["gcs_lights_info", "led-control"] == 1.0
+    assert (samples["gcs_lights_sent_total",], samples["gcs_lights_dropped_total",]) == (120.0, 30.0)
 
 
 def test_alarm_counts_by_severity_with_the_overall_state() -> None:

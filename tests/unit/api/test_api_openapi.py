@@ -28,7 +28,7 @@ def operations(document: Any) -> dict[str, Any]:
 
 def test_every_operation_has_its_own_name_a_summary_and_a_tag(operations: dict[str, Any]) -> None:
     names = [operation["operationId"] for operation in operations.values()]
-    assert len(names) == len(set(names)) == 69
+    assert len(names) == len(set(names)) == 72
     assert all(name.isidentifier() for name in names)
     assert all(operation["summary"] and operation["description"] for operation in operations.values())
     assert all(len(operation["tags"]) == 1 for operation in operations.values())
@@ -80,7 +80,7 @@ def test_every_number_names_its_unit(document: Any) -> None:
         for field, described in schema.get("properties", {}).items()
         if "number" in json.dumps(described) and not field.endswith(units)
     }
-    # shares of 1, what was wrong, and of a replay
+    # shares of 1, what was wrong, of a replay, and of a timecode's rate
     assert without == {
         "battery",
         "battery_least",
@@ -94,6 +94,8 @@ def test_every_number_names_its_unit(document: Any) -> None:
         "worst",
         "floor_ratio",
         "floor_ratio_if_off",
+        "slope",
+        "tempo",
     }
 
 

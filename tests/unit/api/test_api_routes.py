@@ -9,7 +9,7 @@ from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import board
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, Formation, LawName, YawPolicy
-from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.service import CorrectionsView, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, Condition
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
@@ -348,3 +348,38 @@ def test_the_law_is_chosen_by_name(api: Api) -> None:
     answer = api("PATCH", "/api/v1/formation", json={"law": "gravity"})
     assert answer.status_code == 422
     assert "'slots', 'article' or 'neighbours'" in answer.json()["problems"][0]["allowed"]
+
+
+def test_corrections_report_their_age_and_base() -> None:
+    service = FakeService()
+    api = Api(service)
+    assert api("GET", "/api/v1/corrections").json() is None
+    assert api("GET", "/api/v1/status").json()["corrections"] is False
+    service.corrections = CorrectionsView(
+        "ntrip://192.0.2.7:2101/BASE",
+        0.4,
+        "",
+        47.4,
+        8.5,
+        math.nan,
+        messages=9,
+        received_bytes=900,
+        sent=18,
+        dropped=1,
+    )
+    service.tick()
+    found = api("GET", "/api/v1/corrections").json()
+    assert (found["age_s"], found["messages"], found["base_latitude_deg"]) == (0.4, 9, 47.4)
+    assert found["base_height_m"] is None
+    assert api("GET", "/api/v1/fleet").json()["corrections"] == found
+    assert api("GET", "/api/v1/status").json()["corrections"] is True
+
+
+def test_lights_report_their_driver_and_counts() -> None:
+    api = Api(FakeService())
+    assert api("GET", "/api/v1/fleet").json()["lights"] == {
+        "driver": "led-control",
+        "sent": 120,
+        "dropped": 30,
+    }
+    assert api("GET", "/api/v1/status").json()["lights"] == "led-control"

@@ -1,12 +1,14 @@
 """Show files and their checks over REST: what is kept, what is refused, and what that changes."""
 
 import asyncio
+from math import nan
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from gcs.service import TimecodeView
 from gcs.shows import load, shipped
 from gcs.shows.library import FILES_MAX, SIZE_MAX_BYTES
 from tests.support.api_fake_service import FakeService
@@ -16,6 +18,21 @@ from tests.support.show_files import FIGURES
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse").read_text()
 SHOW = load(next(path for path in shipped() if path.stem == "lighthouse")).show
 PATH = "/api/v1/shows/lighthouse"
+TIMECODE = TimecodeView(
+    source="udp-midi://127.0.0.1:5006",
+    followed=True,
+    state="running",
+    label="01:00:02:12",
+    frame_rate="25",
+    age_s=nan,
+    behind_s=0.012,
+    slope=1.0,
+    tempo=1.001,
+    problem="",
+    readings=80,
+    garbage=1,
+    dropped=0,
+)
 
 
 @pytest.fixture
@@ -153,6 +170,46 @@ def test_selected_show_is_shown_sought_started_and_deselected(api: Api) -> None:
     api.service.reset()
     assert api("POST", "/api/v1/show/deselect").status_code == 204
     assert api("GET", "/api/v1/show").json()["selected"] is None
+
+
+def test_a_time_to_begin_is_set_shown_and_cancelled(api: Api) -> None:
+    api("PUT", PATH, content=LIGHTHOUSE.encode())
+    show_hash = pass_check(api)
+    begin = "/api/v1/show/begin"
+    assert "no show is selected" in detail(api("POST", begin, json={"at_unix_time_s": 9e9}), 409)
+    api("POST", f"{PATH}/select", json={"hash": show_hash})
+    assert "no time to begin" in detail(api("DELETE", begin), 409)
+    far = {"at_unix_time_s": 9e9}
+    for wrong in (
+        {},
+        {"at_unix_time_s": "soon"},
+        {**far, "more": 1},
+        {"at_unix_time_s": 9.0},
+    ):
+        assert detail(api("POST", begin, json=wrong), 422)
+    answer = api("POST", begin, json={"at_unix_time_s": 9e9}).json()
+    assert (answer["begin"]["state"], answer["begin"]["at_unix_time_s"]) == ("armed", 9e9)
+    api.service.tick()
+    assert api("GET", "/api/v1/show").json()["selected"]["begin"]["in_s"] > 1e9
+    assert api("DELETE", begin).json()["begin"] is None
+
+
+def test_timecode_is_shown_and_let_go(api: Api) -> None:
+    follow = "/api/v1/show/timecode"
+    assert "no timecode is configured" in detail(api("POST", follow, json={"follow": False}), 409)
+    assert api("GET", "/api/v1/fleet").json()["timecode"] is None
+    api.service.timecode = TIMECODE
+    api.service.tick()
+    shown = api("GET", "/api/v1/fleet").json()["timecode"]
+    assert (shown["label"], shown["behind_s"], shown["age_s"]) == ("01:00:02:12", 0.012, None)
+    assert api("POST", follow, json={"follow": False}).status_code == 204
+    api.service.tick()
+    assert not api("GET", "/api/v1/fleet").json()["timecode"]["followed"]
+    text = api("GET", "/metrics").text
+    assert 'gcs_timecode_state{state="running"} 1.0' in text
+    assert "gcs_timecode_behind_seconds 0.012" in text
+    assert "gcs_show_tempo 1.001" in text
+    assert "gcs_timecode_age_seconds NaN" in text
 
 
 def test_unknown_check_is_404_and_missing_file_fails_its_check(api: Api) -> None:

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import COLUMNS, SORTED, _columns, board, station_board
+from gcs.service import TimecodeView
 from tests.support.api_fake_service import FakeService
 from tests.support.status_example import NOT_ORDINARY, PILOT, example_fleet
 
@@ -101,6 +102,22 @@ def test_vehicles_with_problems_are_listed_first(fleet: schemas.Fleet, by: str, 
     assert set(SORTED) <= set(COLUMNS)
 
 
+def test_mixed_fleet_has_a_column_of_autopilots(fleet: schemas.Fleet) -> None:
+    count = len(fleet.vehicles)
+    assert any(f"; {count} px4" in line for line in lines(fleet, 120))
+    assert "autopilot" not in table(fleet, 120)[0]
+    vehicles = [
+        each.model_copy(update={"autopilot": "ardupilot"}) if row == 1 else each
+        for row, each in enumerate(fleet.vehicles)
+    ]
+    mixed = fleet.model_copy(update={"vehicles": vehicles})
+    assert any(f"; 1 ardupilot, {count - 1} px4" in line for line in lines(mixed, 120))
+    head, first, second = table(mixed, 120)[:3]
+    assert head.split()[2] == "autopilot"
+    assert [first.split()[2], second.split()[2]] == ["px4", "ardupilot"]
+    assert table(mixed, 120, sort="autopilot")[1].split()[0] == "d2"
+
+
 @pytest.fixture
 def site(fleet: schemas.Fleet) -> schemas.Fleet:
     """Twenty vehicles of four stations, one of which is not received."""
@@ -155,3 +172,27 @@ def test_stations_are_a_table(site: schemas.Fleet) -> None:
     assert rows[3] == ["south", "leads", "yes", "idle", "5", "2", "ms"]
     assert rows[4] == ["west", "NO,", "silent", "for", "2.5", "s", "idle", "5", "4", "ms"]
     assert rows[6] == ["one", "station", "flies", "all", "vehicles"]
+
+
+def test_status_has_the_timecode_and_how_the_show_stands(fleet: schemas.Fleet) -> None:
+    timecode = TimecodeView(
+        source="udp-midi://127.0.0.1:5006",
+        followed=True,
+        state="stopped",
+        label="01:00:02:12",
+        frame_rate="25",
+        age_s=3.0,
+        behind_s=-1.2,
+        slope=None,
+        tempo=0.0,
+        problem="the timecode has stopped",
+        readings=80,
+        garbage=0,
+        dropped=0,
+    )
+    shown = "\n".join(lines(fleet.model_copy(update={"timecode": timecode}), 160))
+    assert "01:00:02:12 25 stopped, show -1200 ms behind, tempo 0.000, the timecode has stopped" in shown
+    let_go = replace(timecode, followed=False)
+    assert "shows run by this station's clock" in "\n".join(
+        lines(fleet.model_copy(update={"timecode": let_go}), 160)
+    )

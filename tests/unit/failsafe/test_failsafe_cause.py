@@ -90,6 +90,12 @@ ARDUPILOT = replace(INPUTS, mode=Mode.RETURN, setpoint_loss_s=3.0, setpoint_loss
             replace(ARDUPILOT, in_failsafe=False, texts=("GCS Failsafe Cleared",)),
             FailsafeCause.DATA_LINK_LOSS,
         ),
+        (replace(ARDUPILOT, in_failsafe=False, mode=Mode.HOLD, beyond_fence=True), FailsafeCause.GEOFENCE),
+        (replace(ARDUPILOT, in_failsafe=False, beyond_fence=True), FailsafeCause.GEOFENCE),
+        (
+            replace(ARDUPILOT, in_failsafe=False, mode=Mode.POSITION, beyond_fence=True),
+            FailsafeCause.UNKNOWN,  # a pilot flies it outside
+        ),
         (
             replace(ARDUPILOT, in_failsafe=False, mode=Mode.POSITION, texts=("GCS Failsafe Cleared",)),
             FailsafeCause.UNKNOWN,  # a pilot has taken it since

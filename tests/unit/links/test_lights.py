@@ -109,3 +109,14 @@ def test_small_budget_serves_every_vehicle_in_turn() -> None:
     longest_s = max(after - before for times in times_s.values() for before, after in pairwise(times))
     assert longest_s < 2.5
     assert lights.sent * 20 <= 2000 * 20 + 500 + 41
+
+
+def test_colours_that_never_left_are_counted() -> None:
+    lights, _ = sender(1, 1e6)
+    for tick in range(201):  # ten seconds at 20 Hz, another colour each tick, 4 of them leave a second
+        lights.send(np.full((1, 3), tick + 1, np.uint8), np.ones(1, np.bool_), 0.05 * tick)
+    assert lights.sent == 41
+    assert (lights.dropped, lights.sent + lights.dropped) == (159, 200), "the last one waits"
+    for tick in range(201, 220):
+        lights.send(np.full((1, 3), 200, np.uint8), np.ones(1, np.bool_), 0.05 * tick)
+    assert lights.dropped == 160, "a colour that waits is not lost"

@@ -21,14 +21,15 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
+from gcs.recording.trajectories import estimated
 from tests.support.machine import soon
 from tests.support.record_samples import PLAN, changed, sample
 
 ABOUT = layout.about("s1", '{"tick_rate_hz": 20.0}', {"d1": (1, "radio"), "d2": (2, "radio")})
 
 
-def flight(folder: Path, samples: list[Sample]) -> Path:
-    file = FlightFile(folder, ABOUT)
+def flight(folder: Path, samples: list[Sample], about: dict[str, str] = ABOUT) -> Path:
+    file = FlightFile(folder, about)
     file.open()
     for each in samples:
         file.add(each)
@@ -48,6 +49,16 @@ def moving(count: int) -> list[Sample]:
         )
         for tick in range(count)
     ]
+
+
+def test_each_autopilot_is_named_in_the_record_and_its_report(tmp_path: Path) -> None:
+    vehicles, kinds = {"d1": (1, "radio"), "d2": (2, "radio")}, {"d1": "px4", "d2": "ardupilot"}
+    data = FlightData(flight(tmp_path, moving(3), layout.about("s1", "{}", vehicles, kinds)))
+    assert data.about.autopilots == estimated(data).autopilots == ("px4", "ardupilot")
+
+
+def test_record_without_autopilots_is_of_the_usual_one(tmp_path: Path) -> None:
+    assert FlightData(flight(tmp_path, moving(3))).about.autopilots == ("px4", "px4")
 
 
 def test_every_tick_is_read_back_unchanged(tmp_path: Path) -> None:

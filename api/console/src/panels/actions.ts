@@ -2,7 +2,7 @@
 
 import type { Actions, FleetCommand, ReplayChange, ShowCommand, VehicleCommand } from "../actions";
 import type { Choice, Selection } from "../selection";
-import type { State, View } from "../state";
+import type { Placement, State, View } from "../state";
 import type { Message } from "../messages";
 import type { Sort } from "./rows";
 import type { PanelState, Group, LeftPanel, RightPanel, Sheet } from "./state";
@@ -56,6 +56,12 @@ export interface PanelActions
   takeLead(): void;
   upload(file: File): void;
   previewShow(name: string): void;
+  /** Begin to move and turn a drawn show. */
+  placeShow(name: string): void;
+  placeAt(place: Placement): void;
+  fitPlacement(): void;
+  applyPlacement(): void;
+  closePlacing(): void;
   enter(): void;
   replay(change: ReplayChange): void;
   readReport(): void;

@@ -9,6 +9,7 @@ import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
 import { NEW_OBSTACLE } from "./obstacles";
 import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type PanelState, type LeftPanel, type RightPanel } from "./state";
+import { whyNotApply, whyNotPlacing } from "../placing/panel";
 import { whyNotOnGround } from "./rights";
 import { startOrder } from "./start";
 import { isSite } from "./stations";
@@ -136,6 +137,26 @@ export function createDeskActions(
     set({ uploading: "" });
   }
 
+  async function placeShow(name: string): Promise<void> {
+    const why = whyNotPlacing(state());
+    if (why !== "") return refuse(texts.commands.place(name), why);
+    set({ uploading: name });
+    await service.loadPlacement(name, null, false);
+    set({ uploading: "" });
+  }
+
+  async function applyPlacement(): Promise<void> {
+    const { placing } = state();
+    const why = whyNotApply(state());
+    if (placing === null || why !== "") return refuse(texts.placing.apply, why);
+    const { show } = placing.found;
+    if (!(await service.place(show, placing.place))) return;
+    const checked = service.checkShow(show, true); // takes a minute
+    await service.loadShows();
+    if (state().drawn?.drawing.show === show) await service.loadDrawing(show);
+    await checked;
+  }
+
   async function excluded(id: string): Promise<void> {
     if (await service.exclude(id, (state().panels.drafts["exclude-reason"] ?? "").trim())) {
       undo("exclude-reason");
@@ -249,6 +270,14 @@ export function createDeskActions(
     seek: service.seek,
     upload: (file) => void upload(file),
     previewShow: (name) => void previewShow(name),
+    placeShow: (name) => void placeShow(name),
+    placeAt: (place) => dispatch({ kind: "placed-at", place }),
+    fitPlacement() {
+      const { placing } = state();
+      if (placing !== null) void service.loadPlacement(placing.found.show, placing.place, true);
+    },
+    applyPlacement: () => void applyPlacement(),
+    closePlacing: () => dispatch({ kind: "placing", found: null, asked: null }),
     enter() {
       const token = (state().panels.drafts["token"] ?? "").trim();
       undo("token");

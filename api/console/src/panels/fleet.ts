@@ -22,6 +22,13 @@ const OF_SITE: readonly Column[] = ["id", "phase", "station", ...COLUMNS.slice(2
 /** Whether a column says which station flies each vehicle: also in a record of a site. */
 const hasStations = (status: Status): boolean => status.vehicles.some((each) => each.station !== null);
 
+/** How many vehicles have each autopilot, by name; empty where all have the same. */
+export function autopilots(status: Status): [string, number][] {
+  const counts = new Map<string, number>();
+  for (const each of status.vehicles) counts.set(each.autopilot, (counts.get(each.autopilot) ?? 0) + 1);
+  return counts.size > 1 ? [...counts].sort() : [];
+}
+
 const TERMS = [
   { term: "limited", label: texts.fleet.limited },
   { term: "stale", label: texts.fleet.stale },
@@ -47,6 +54,7 @@ function chips(state: State, actions: PanelActions): TemplateResult {
       chip(`phase:${phase}`, texts.fleet.phases[phase], `chip-${phase}`, table.phases[phase], icon(PHASE_ICON[phase])),
     )}
     ${(state.status?.stations ?? []).map((each) => chip(`station:${each.name.toLowerCase()}`, each.name, `chip-station-${each.name}`, each.vehicles, icon("station")))}
+    ${(state.status ? autopilots(state.status) : []).map(([name, count]) => chip(`autopilot:${name}`, name, `chip-autopilot-${name}`, count))}
     ${TERMS.map((each) => chip(each.term, each.label, `chip-${each.term.replace("<", "-")}`))}
   </div>`;
 }
@@ -106,7 +114,7 @@ function rowView(state: State, actions: PanelActions, row: Row, position: number
     <td class="number col-fix ${row.fixIsBad ? "low" : ""}">${row.fixIsBad ? icon("warning") : nothing}${row.fix} ${fixed(row.fix_m)}</td>
     <td class="number col-link">${percentOnly(row.link)}</td>
     <td class="number col-height">${fixed(row.height_m)}</td>
-    <td class="col-mode">${row.mode}</td>
+    <td class="col-mode" title=${row.autopilot}>${row.mode}</td>
   </tr>`;
 }
 

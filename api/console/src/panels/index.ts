@@ -3,6 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit-html";
 import { flightReport } from "../replay/report";
 import { drawnBar } from "../drawn/bar";
+import { placingBar } from "../placing/panel";
 import { replayBar } from "../replay/bar";
 import type { State, Status } from "../state";
 import { texts } from "../texts";
@@ -13,6 +14,7 @@ import { offers, recovery } from "../alarms/recovery";
 import { banner, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
+import { corrections } from "./corrections";
 import { energy } from "./energy";
 import { events } from "./events";
 import { fleet } from "./fleet";
@@ -141,6 +143,12 @@ function sheet(state: State, actions: PanelActions): TemplateResult | typeof not
   </section>`;
 }
 
+/** The show's timeline, or a preview in its place. Where there is little room, what is being placed takes it. */
+function band(state: State, actions: PanelActions): TemplateResult | typeof nothing {
+  if (state.placing !== null && isSmall(state.panels.layout)) return nothing;
+  return state.drawn === null ? timeline(state, actions) : drawnBar(state, actions);
+}
+
 export function panels(state: State, actions: PanelActions): TemplateResult {
   const now = life(state);
   const isReplay = Boolean(state.status?.replay);
@@ -166,9 +174,9 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
       ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", rightTabs(state.status))}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
-    <div class="room" data-room><div class="room-low">${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
+    <div class="room" data-room><div class="room-low">${corrections(state)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
     <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
-    <footer class="bottom">${state.drawn === null ? timeline(state, actions) : drawnBar(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
+    <footer class="bottom">${placingBar(state, actions)} ${band(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;
 }

@@ -1,6 +1,6 @@
 /** The filter of the fleet table: a line of terms, all of which a vehicle must meet. Pure.
  *
- * `phase:hold,return station:north battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1`
+ * `phase:hold,return station:north autopilot:px4 battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1`
  */
 
 import { texts } from "../texts";
@@ -27,6 +27,7 @@ const WORDS: Record<string, (row: Row) => string> = {
   phase: (row) => row.phase,
   mode: (row) => row.mode,
   station: (row) => row.station.toLowerCase(),
+  autopilot: (row) => row.autopilot.toLowerCase(),
   fix: (row) => row.fix.toLowerCase(),
 };
 

@@ -2,21 +2,26 @@
 
 import type { Actions } from "../actions";
 import { startOrder } from "./start";
+import { same } from "../placing/model";
 import { shownPanels } from "./layout";
 import { whyNotOnGround } from "./rights";
-import { fresh, type State } from "../state";
+import { fresh, type Placement, type State } from "../state";
 
 const PREFLIGHT_MS = 2000;
 const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
 const STATIONS_MS = 1000;
+const CORRECTIONS_MS = 1000;
+/** Pads that were moved are matched with the vehicles anew once they rest for so long. */
+const PLACED_MS = 600;
 
 /** Call it a few times a second. One request of a kind at a time, so that a slow service gets no more. */
-export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadShows" | "loadMarks">): (state: State) => void {
-  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity };
+export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadCorrections" | "loadPlacement" | "loadShows" | "loadMarks">): (state: State) => void {
+  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity, corrections: -Infinity };
   const busy = new Set<string>();
   let showsFor: string | null = null;
   let marksFor = NaN;
+  let placedFor: Placement | null = null;
 
   function ask(what: string, call: () => Promise<unknown>): void {
     if (busy.has(what)) return;
@@ -49,6 +54,16 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
     if (right === "stations" && page_ms - asked_ms.stations >= STATIONS_MS) {
       asked_ms.stations = page_ms;
       ask("stations", service.loadStations);
+    }
+    if (status.corrections && page_ms - asked_ms.corrections >= CORRECTIONS_MS) {
+      asked_ms.corrections = page_ms;
+      ask("corrections", service.loadCorrections);
+    }
+    const { placing } = state;
+    const isResting = placing !== null && placing.busy === "" && page_ms - placing.changed_ms >= PLACED_MS;
+    if (isResting && placing.place !== placedFor && !same(placing.place, placing.found)) {
+      placedFor = placing.place; // once: a refusal is shown, and not asked for again
+      ask("placement", () => service.loadPlacement(placing.found.show, placing.place, false));
     }
     if (left !== "shows") showsFor = null;
     else if (showsFor !== `${state.access.name} ${status.began_unix_time_s}`) {

@@ -3,8 +3,8 @@
 import { fresh, may, type Phase, type ShowAction, type State } from "../state";
 import { texts } from "../texts";
 
-export type VehicleAction = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down";
-export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "take-control", "confirm-down"];
+export type VehicleAction = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "find";
+export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "take-control", "confirm-down", "find"];
 
 /** Phases in which the service accepts a command to one vehicle: gcs/model/lifecycle.py. The service decides. */
 export const FROM: Record<VehicleAction, readonly Phase[]> = {
@@ -14,6 +14,7 @@ export const FROM: Record<VehicleAction, readonly Phase[]> = {
   land: ["takeoff", "hold", "formation", "return"],
   "take-control": ["pilot"],
   "confirm-down": ["lost", "killed"],
+  find: ["standby"],
 };
 
 const EMERGENCY: readonly string[] = ["pause", "stop", "abort", "hold", "return", "land", "bring-home", "kill", "acknowledge"];
@@ -54,6 +55,7 @@ export function whyNotShow(state: State, action: ShowAction): string {
 export function whyNotVehicle(state: State, action: VehicleAction, phase: Phase): string {
   const why = whyNot(state, action);
   if (why !== "" || !fresh(state)) return why;
+  if (action === "find" && state.status?.lights === "none") return texts.vehicle.noLights;
   return FROM[action].includes(phase) ? "" : texts.vehicle.notIn(texts.fleet.phases[phase]);
 }
 

@@ -22,6 +22,7 @@ export interface Row {
   limited: boolean;
   limitedBy: string;
   station: string; // that flies it; empty where one flies all, or none is known to
+  autopilot: string;
 }
 
 export type Column = "id" | "phase" | "mode" | "battery" | "age" | "fix" | "nearest" | "link" | "height" | "held" | "station";
@@ -56,6 +57,7 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
     limited: (flags & 4) !== 0,
     limitedBy: vehicle.limited_by,
     station: vehicle.station ?? "",
+    autopilot: vehicle.autopilot,
   };
 }
 

@@ -7,6 +7,7 @@ import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { fixed, minutes, percent, withUnit } from "./format";
 import { icon } from "./icons";
+import { placingPanel, whyNotPlacing } from "../placing/panel";
 import { whyNot, whyNotOnGround } from "./rights";
 
 const t = texts.shows;
@@ -111,6 +112,15 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
             press: () => actions.previewShow(file.name),
           })
         : nothing}
+      ${file.drawing
+        ? button(actions, {
+            id: `show-place-${file.name}`,
+            label: t.place,
+            name: named(t.place),
+            why: whyNotPlacing(state),
+            press: () => actions.placeShow(file.name),
+          })
+        : nothing}
       ${check?.state === "done"
         ? button(actions, {
             id: `show-open-${file.name}`,
@@ -148,6 +158,7 @@ export function shows(state: State, actions: PanelActions): TemplateResult {
   };
   return html`<div class="shows" data-testid="shows">
     ${state.panels.showsProblem ? html`<p class="problem" role="alert" data-testid="shows-problem">${state.panels.showsProblem}</p>` : nothing}
+    ${placingPanel(state, actions)}
     ${all.length
       ? html`<ul class="cards">
           ${all.map((file) => one(state, actions, file))}

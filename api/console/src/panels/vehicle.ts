@@ -20,6 +20,7 @@ const ACTION_ICON: Record<VehicleAction, IconName> = {
   land: "land",
   "take-control": "pilot",
   "confirm-down": "check",
+  find: "find",
 };
 
 const t = texts.vehicle;
@@ -62,6 +63,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("landed", t.landed[frame.landed[i]!] ?? UNKNOWN)}
     ${pair("ready", row.ready ? t.yes : t.no)}
     ${vehicle.station === null ? nothing : pair("station", vehicle.station)}
+    ${pair("autopilot", vehicle.autopilot)}
     ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}
     ${pair("commands", last ? `${texts.events.action(last.action)}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
   </dl>`;

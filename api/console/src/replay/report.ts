@@ -43,6 +43,12 @@ const VERDICTS = {
 } as const;
 
 /** How a verdict is shown: only what was judged from beginning to end is green. */
+/** Which autopilots flew, in brackets; "" where the record names none. */
+export function autopilots(found: Pick<ReportBody, "autopilots">): string {
+  const kinds = Object.entries(found.autopilots).map(([name, count]) => `${count} ${name}`);
+  return kinds.length > 0 ? ` (${kinds.join(", ")})` : "";
+}
+
 export const verdict = (found: Pick<ReportBody, "verdict">): (typeof VERDICTS)[keyof typeof VERDICTS] => VERDICTS[found.verdict];
 
 function checks(actions: PanelActions, flightReport: ReportBody): TemplateResult {
@@ -87,7 +93,7 @@ function judged(actions: PanelActions, found: ReportBody): TemplateResult {
   return html`<div class="verdict ${kind}" data-testid="report-verdict">
       ${icon(mark)}
       <strong>${text}</strong>
-      <small>${t.flew(found.flew, found.vehicles)}, ${minutes(found.duration_s)}</small>
+      <small>${t.flew(found.flew, found.vehicles)}${autopilots(found)}, ${minutes(found.duration_s)}</small>
     </div>
     ${found.missing.length === 0
       ? nothing

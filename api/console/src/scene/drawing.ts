@@ -3,6 +3,7 @@
 import type { Group } from "three";
 
 import { colourAt, placeAt, shown_s, type DrawnPreview, type Drawing } from "../drawn/model";
+import { carried, type Placing } from "../placing/model";
 import { toScene, type Vec3 } from "./axes";
 import { Billboards } from "./billboards";
 import type { Shared } from "./camera";
@@ -22,6 +23,7 @@ export class DrawnLayer {
   readonly #vehicles;
   readonly #lights;
   readonly #paths;
+  #moved: Placing | null = null;
 
   constructor(shared: Shared, into: Group) {
     this.#vehicles = new Vehicles(shared);
@@ -35,7 +37,9 @@ export class DrawnLayer {
     this.#lights.dress(palette);
   }
 
-  draw(preview: DrawnPreview | null, now_ms: number): void {
+  /** A show that is being placed moves with its pads. */
+  draw(preview: DrawnPreview | null, placing: Placing | null, now_ms: number): void {
+    this.#moved = placing !== null && placing.found.show === preview?.drawing.show ? placing : null;
     const n = preview?.drawing.n ?? 0;
     this.#paths.clear();
     if (preview !== null) {
@@ -52,9 +56,14 @@ export class DrawnLayer {
     this.#table.grow(drawing.n);
     const { numbers, texture } = this.#table;
     for (let i = 0; i < drawing.n; i += 1) {
-      numbers.set([...toScene(...placeAt(drawing, i, time_s)), 0, ...litOf(colourAt(drawing, i, time_s)), 0], 4 * REPORTED * i);
+      numbers.set([...this.#placeAt(drawing, i, time_s), 0, ...litOf(colourAt(drawing, i, time_s)), 0], 4 * REPORTED * i);
     }
     texture.needsUpdate = drawing.n > 0;
+  }
+
+  #placeAt(drawing: Drawing, i: number, time_s: number): Vec3 {
+    const [x, y, height] = placeAt(drawing, i, time_s);
+    return this.#moved === null ? toScene(x, y, height) : toScene(...carried([x, y], this.#moved.found.written, this.#moved.place), height);
   }
 
   /** In the light's colour where they were, fainter where they will be. */
@@ -65,7 +74,7 @@ export class DrawnLayer {
       for (let off_s = -PATH_S; off_s <= PATH_S; off_s += step_s) {
         const at_s = time_s + off_s;
         if (at_s < 0 || at_s > drawing.duration_s) continue;
-        const place = toScene(...placeAt(drawing, i, at_s));
+        const place = this.#placeAt(drawing, i, at_s);
         if (last !== null && Number.isFinite(place[0] + last[0])) {
           const [red, green, blue] = litOf(colourAt(drawing, i, at_s));
           const alpha = (off_s <= 0 ? 0.75 : 0.3) * (1 - Math.abs(off_s) / (PATH_S + step_s));

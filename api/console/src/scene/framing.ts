@@ -2,6 +2,7 @@
 
 import type { Phase, State } from "../state";
 import { PHASES } from "../state";
+import { padsOf } from "../placing/model";
 import { toScene, type Vec3 } from "./axes";
 import { project, type Screen } from "./picking";
 import { placeOf, type Poses } from "./playback";
@@ -33,6 +34,12 @@ export function* worthSeeing(state: State, poses: Poses, vehicles: readonly numb
   }
   for (const i of vehicles) {
     yield placeOf(poses, i);
+  }
+  if (state.placing !== null) {
+    for (const [x_m, y_m] of padsOf(state.placing)) {
+      yield toScene(x_m, y_m, 0);
+    }
+    return;
   }
   if (state.drawn !== null) {
     const [low, high] = state.drawn.drawing.box;

@@ -5,7 +5,7 @@ import "../styles/scene.css";
 import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 
 import type { Choice } from "../selection";
-import { fresh, indexOf, may, type Frame, type Preview, type State, type Status } from "../state";
+import { fresh, indexOf, may, type Frame, type Placement, type Preview, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { LoadTile } from "../schemas/tiles";
 import { north_rad } from "./axes";
@@ -23,6 +23,7 @@ import { DrawnLayer } from "./drawing";
 import { DynamicLayer, type Picture } from "./dynamicLayer";
 import { Appearance } from "./appearance";
 import { Overlay } from "./overlay";
+import { padGripAt, PadsLayer, padsMoved, type PadGrip } from "./padsLayer";
 import { DAY, NIGHT, type Palette } from "./palette";
 import { nearestPlace, placesWithin, rayThrough, type Ray, type Screen } from "./picking";
 import { placeOf, Playback, Poses, type Moment } from "./playback";
@@ -45,6 +46,8 @@ export interface Scene {
 export interface SceneEvents {
   /** During a drag: the values it would set. It sends no command. */
   preview(preview: Preview | null): void;
+  /** Likewise, of a drawn show that is being placed. */
+  place(place: Placement): void;
   choose(choice: Choice): void;
 }
 
@@ -74,6 +77,7 @@ class LiveScene implements Scene {
   readonly #scenery;
   readonly #dynamicLayer;
   readonly #drawn;
+  readonly #pads;
   readonly #overlay;
   readonly #box;
   readonly #controls;
@@ -88,6 +92,7 @@ class LiveScene implements Scene {
   #pairs: { of: Frame | null; list: readonly Pair[] } = { of: null, list: [] };
   #selection: { of: readonly string[]; status: Status | null; indices: ReadonlySet<number> } = { of: [], status: null, indices: new Set() };
   #grip: Grip | null = null;
+  #padGrip: PadGrip | null = null;
   #hovered = -1;
   #isDue = true;
   #wasFresh = false;
@@ -110,6 +115,7 @@ class LiveScene implements Scene {
     this.#scenery = new Scenery(shared, all);
     this.#dynamicLayer = new DynamicLayer(shared, all);
     this.#drawn = new DrawnLayer(shared, all);
+    this.#pads = new PadsLayer(shared, all);
     all.add(
       this.#backdrop.mesh, this.#ground.group, this.#grid.mesh, this.#vehicles.mesh, this.#billboards.mesh, this.#trails.mesh, this.#shell.group,
     );
@@ -162,7 +168,7 @@ class LiveScene implements Scene {
     this.#observer.disconnect();
     for (const each of [
       this.#controls, this.#overlay, this.#box, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#dynamicLayer,
-      this.#drawn, this.#backdrop, this.#fitted.renderer,
+      this.#drawn, this.#pads, this.#backdrop, this.#fitted.renderer,
     ]) {
       each.dispose();
     }
@@ -172,7 +178,8 @@ class LiveScene implements Scene {
     const last = this.#state;
     return (
       last === null || state.status !== last.status || state.frame !== last.frame || state.preview !== last.preview ||
-      state.view !== last.view || state.access !== last.access || state.drawn !== last.drawn || (state.drawn?.since_ms ?? null) !== null
+      state.view !== last.view || state.access !== last.access || state.drawn !== last.drawn ||
+      state.placing !== last.placing || (state.drawn?.since_ms ?? null) !== null
     );
   }
 
@@ -196,12 +203,13 @@ class LiveScene implements Scene {
       this.#poses.set(moment, heading_deg);
     }
     const screen = this.#screen();
-    const hand = this.#grip !== null ? "drags" : this.isHeld ? "held" : "none";
+    const hand = this.#grip !== null || this.#padGrip !== null ? "drags" : this.isHeld ? "held" : "none";
     this.#eye.look(this.#camera_controller.at(state, this.#poses, selected, screen, now_ms, hand), screen);
     this.#backdrop.look(this.#eye, this.#palette!);
     this.#ground.draw(status, this.#eye, this.#camera_controller.moves, now_ms, this.#overlay);
     this.#grid.draw(this.#eye, this.#overlay);
-    this.#drawn.draw(state.drawn, state.page_ms);
+    this.#drawn.draw(state.drawn, state.placing, state.page_ms);
+    this.#pads.draw(state, this.#palette!, this.#eye, this.#overlay);
     this.#overlay.north(north_rad(heading_deg) - this.#eye.pose.azimuth, this.#eye);
     if (moment === null || status === null) {
       return;
@@ -308,16 +316,21 @@ class LiveScene implements Scene {
   #hands() {
     return {
       grab: (px: number, py: number): boolean => {
-        this.#grip = this.#state === null ? null : gripAt(this.#state, this.#eye, this.#ray(px, py), px, py);
-        return this.#grip !== null;
+        const ray = this.#ray(px, py);
+        this.#padGrip = this.#state === null ? null : padGripAt(this.#state, this.#eye, ray, px, py);
+        this.#grip = this.#state === null || this.#padGrip !== null ? null : gripAt(this.#state, this.#eye, ray, px, py);
+        return this.#grip !== null || this.#padGrip !== null;
       },
       drag: (px: number, py: number): void => {
+        if (this.#padGrip !== null) {
+          this.#on.place(padsMoved(this.#padGrip, this.#eye, this.#ray(px, py)));
+        }
         if (this.#grip !== null) {
           this.#on.preview(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
         }
       },
       drop: (): void => {
-        this.#grip = null;
+        this.#grip = this.#padGrip = null;
       },
       click: (px: number, py: number, keys: Keys): void => {
         const id = this.#state?.status?.vehicles[this.#vehicleAt(px, py)]?.id;
@@ -342,8 +355,10 @@ class LiveScene implements Scene {
         const i = this.#vehicleAt(px, py);
         this.#isDue = this.#isDue || i !== this.#hovered;
         this.#hovered = i;
-        const grip = i >= 0 ? null : gripAt(this.#state, this.#eye, this.#ray(px, py), px, py);
-        this.#canvas.style.cursor = i >= 0 ? "pointer" : grip === null ? "" : "grab";
+        const ray = this.#ray(px, py);
+        const isPad = padGripAt(this.#state, this.#eye, ray, px, py) !== null;
+        const isGrip = isPad || (i < 0 && gripAt(this.#state, this.#eye, ray, px, py) !== null);
+        this.#canvas.style.cursor = isGrip ? "grab" : i >= 0 ? "pointer" : "";
       },
       leave: (): void => {
         this.#hovered = -1;

@@ -124,6 +124,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/corrections": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Corrections for RTK
+         * @description Age of the newest correction, place of the base, messages; null: none are configured.
+         */
+        get: operations["get_corrections"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/fleet": {
         parameters: {
             query?: never;
@@ -512,6 +532,32 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/show/begin": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Begin at a clock time
+         * @description The show's first motion begins then, once all vehicles are there; `selected.begin` says how it waits.
+         *
+         *     On the ground or in the air, until the show has begun. Take-off is not scheduled by this.
+         */
+        post: operations["begin_show"];
+        /**
+         * Cancel the time to begin
+         * @description A show that waits in the air then waits until another time is given.
+         */
+        delete: operations["cancel_begin"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/show/bring-home": {
         parameters: {
             query?: never;
@@ -672,6 +718,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/show/timecode": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Follow the timecode
+         * @description `follow: false` has shows run by this station's clock.
+         */
+        post: operations["follow_timecode"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/shows": {
         parameters: {
             query?: never;
@@ -763,6 +829,36 @@ export interface paths {
          */
         get: operations["get_drawing"];
         put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/shows/{name}/placement": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Where a drawn show lies
+         * @description The pads of a drawn show beside the vehicles on the ground. Nothing changes.
+         *
+         *     What of the placement is not given is as stored. The fit is of least squares, with the best assignment of
+         *     vehicles to pads; of fits that are as good (a square has four) the one with the least turn counts.
+         */
+        get: operations["get_placement"];
+        /**
+         * Move and turn a drawn show
+         * @description Stores a new version of the show file, which must be checked again.
+         *
+         *     The drawing, its pads and the room to the fence move together; the show's origin becomes the service's. A
+         *     selected or flying show does not change.
+         */
+        put: operations["put_placement"];
         post?: never;
         delete?: never;
         options?: never;
@@ -1292,7 +1388,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "corrections-stopped" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "slow-answers" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
@@ -1312,6 +1408,40 @@ export interface components {
          * @enum {string}
          */
         AlarmSeverity: "emergency" | "warning" | "caution" | "information";
+        /**
+         * BeginBody
+         * @description The time at which the selected show begins to move.
+         */
+        BeginBody: {
+            /**
+             * At Unix Time S
+             * @example 1795000000
+             */
+            at_unix_time_s: number;
+        };
+        /**
+         * BeginState
+         * @description How a show waits for the beginning that an operator set.
+         * @enum {string}
+         */
+        BeginState: "armed" | "waiting" | "late" | "held";
+        /**
+         * BeginView
+         * @description When the selected show begins to move.
+         */
+        BeginView: {
+            /**
+             * At Unix Time S
+             * @description In s since 1970; null: none, it is held.
+             */
+            at_unix_time_s: number | null;
+            /**
+             * In S
+             * @description Until then; negative: it has passed.
+             */
+            in_s: number | null;
+            state: components["schemas"]["BeginState"];
+        };
         /**
          * Center
          * @description The formation's centre as commanded now.
@@ -1754,6 +1884,8 @@ export interface components {
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
+            /** @description Of the vehicles; null: a replay. */
+            lights: components["schemas"]["LightsView"] | null;
             /** Minimum Separation M */
             minimum_separation_m: number | null;
             /**
@@ -1781,6 +1913,8 @@ export interface components {
              * @description The service's monotonic clock.
              */
             time_s: number;
+            /** @description That shows follow; null: none is configured. */
+            timecode: components["schemas"]["TimecodeView"] | null;
             /** Unix Time S */
             unix_time_s: number;
             /** Vehicles */
@@ -2071,6 +2205,28 @@ export interface components {
          */
         LawName: "slots" | "article" | "neighbours";
         /**
+         * LightsView
+         * @description Colours for the vehicles' own lights, summed over the links.
+         */
+        LightsView: {
+            /**
+             * Driver
+             * @description lights.driver; none: none are sent.
+             * @example led-control
+             */
+            driver: string;
+            /**
+             * Dropped
+             * @description Colours that another one replaced before they left: the rate is limited.
+             */
+            dropped: number;
+            /**
+             * Sent
+             * @description Colours that left.
+             */
+            sent: number;
+        };
+        /**
          * LogEvent
          * @description One event of the service's log.
          */
@@ -2320,6 +2476,105 @@ export interface components {
             until_s: number;
         };
         /**
+         * PlacedShow
+         * @description A drawn show at one placement, and how far the vehicles stand from its pads.
+         */
+        PlacedShow: {
+            /**
+             * Assigned
+             * @description nearest: any vehicle may stand on any pad; file: the fleet's first on the first pad.
+             * @enum {string}
+             */
+            assigned: "nearest" | "file";
+            /**
+             * Fence Distance M
+             * @description Of the show's fence, with the same room as before.
+             */
+            fence_distance_m: number;
+            /**
+             * Heading Deg
+             * @description Of the drawing's x axis, clockwise from north.
+             */
+            heading_deg: number;
+            /**
+             * Max M
+             * @description Greatest distance.
+             */
+            max_m: number | null;
+            /**
+             * Origin Changes
+             * @description The show file names another origin than the service: to place it replaces that.
+             */
+            origin_changes: boolean;
+            /**
+             * Pads M
+             * @description x and y of every pad at this placement.
+             */
+            pads_m: number[][];
+            /**
+             * Rms M
+             * @description Root mean square of the distances; null: no vehicle has a pad.
+             */
+            rms_m: number | null;
+            /** Show */
+            show: string;
+            /** @description As the show file has it, in the service's frame. */
+            stored: components["schemas"]["Placement"];
+            /**
+             * Turn Deg
+             * @description Clockwise seen from above.
+             */
+            turn_deg: number;
+            /**
+             * Vehicles
+             * @description All vehicles, in the fleet's order.
+             */
+            vehicles: components["schemas"]["VehicleAtPad"][];
+            /** @description As the show file has it, in the frame of its own origin. */
+            written: components["schemas"]["Placement"];
+            /** X M */
+            x_m: number;
+            /** Y M */
+            y_m: number;
+        };
+        /**
+         * Placement
+         * @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame.
+         */
+        Placement: {
+            /**
+             * Turn Deg
+             * @description Clockwise seen from above.
+             */
+            turn_deg: number;
+            /** X M */
+            x_m: number;
+            /** Y M */
+            y_m: number;
+        };
+        /**
+         * PlacementPut
+         * @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame.
+         */
+        PlacementPut: {
+            /**
+             * Turn Deg
+             * @description Degrees clockwise seen from above.
+             * @example 21.5
+             */
+            turn_deg: number;
+            /**
+             * X M
+             * @example 12.5
+             */
+            x_m: number;
+            /**
+             * Y M
+             * @example 12.5
+             */
+            y_m: number;
+        };
+        /**
          * Playback
          * @description A recorded flight that is played back as if live.
          */
@@ -2495,6 +2750,13 @@ export interface components {
          */
         ReportBody: {
             /**
+             * Autopilots
+             * @description Number of vehicles by autopilot; empty: not known.
+             */
+            autopilots: {
+                [key: string]: number;
+            };
+            /**
              * Based On
              * @example true positions
              * @example estimated positions
@@ -2648,6 +2910,8 @@ export interface components {
          * @description The written show that is or will be flown, and its progress.
          */
         SelectedShow: {
+            /** @description null: it begins as soon as all vehicles are there, or has begun. */
+            begin?: components["schemas"]["BeginView"] | null;
             /**
              * Clock S
              * @description The show's own time; 0 when the first sphere stands.
@@ -2990,6 +3254,11 @@ export interface components {
              * @description Why control is not alive, empty when it is.
              */
             control_reason: string;
+            /**
+             * Corrections
+             * @description Corrections for RTK are configured: GET /api/v1/corrections returns their age.
+             */
+            corrections: boolean;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
@@ -3002,6 +3271,12 @@ export interface components {
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
+            /**
+             * Lights
+             * @description Driver of the vehicles' lights; none: none are sent.
+             * @example led-control
+             */
+            lights: string;
             /**
              * Limits
              * @description Reasons for which the safety filter limits vehicles now, each once.
@@ -3128,6 +3403,87 @@ export interface components {
             scheduling: components["schemas"]["Scheduling"];
         };
         /**
+         * TimecodeBody
+         * @description Whether shows follow the timecode.
+         */
+        TimecodeBody: {
+            /** Follow */
+            follow: boolean;
+        };
+        /**
+         * TimecodeView
+         * @description The timecode that shows follow.
+         */
+        TimecodeView: {
+            /**
+             * Age S
+             * @description Since the newest reading that was followed; null: none.
+             */
+            age_s: number | null;
+            /**
+             * Behind S
+             * @description By how much the show is behind it; null while the show does not follow.
+             */
+            behind_s: number | null;
+            /**
+             * Dropped
+             * @description Dropped unread: too many, or too long.
+             */
+            dropped: number;
+            /**
+             * Followed
+             * @description false: an operator has shows run by this station's clock.
+             */
+            followed: boolean;
+            /**
+             * Frame Rate
+             * @example 25
+             */
+            frame_rate: string;
+            /**
+             * Garbage
+             * @description Messages that make no sense.
+             */
+            garbage: number;
+            /**
+             * Label
+             * @description Where it is, or stands; empty: nowhere yet.
+             * @example 01:00:02:12
+             */
+            label: string;
+            /**
+             * Problem
+             * @description Why the show waits or stands still; empty: it does not.
+             */
+            problem: string;
+            /**
+             * Readings
+             * @description That arrived.
+             */
+            readings: number;
+            /**
+             * Slope
+             * @description How fast it runs by this station's clock; 1 at its rate.
+             */
+            slope: number | null;
+            /**
+             * Source
+             * @example rtp-midi://0.0.0.0:5004
+             */
+            source: string;
+            /**
+             * State
+             * @description refused: it has jumped to where the show does not follow.
+             * @enum {string}
+             */
+            state: "none" | "running" | "dropped-out" | "stopped" | "refused";
+            /**
+             * Tempo
+             * @description How fast the show runs; 0: it stands still; null: none.
+             */
+            tempo: number | null;
+        };
+        /**
          * Vehicle
          * @description One vehicle, as the service estimates it. Its numbers have the names of a frame's columns.
          */
@@ -3136,6 +3492,11 @@ export interface components {
             altitude_amsl_m: number | null;
             /** Armed */
             armed: boolean;
+            /**
+             * Autopilot
+             * @description Name of its autopilot's profile, as configured.
+             */
+            autopilot: string;
             /**
              * Battery
              * @description Remaining share of the battery, 0 to 1.
@@ -3242,10 +3603,41 @@ export interface components {
             y_m: number | null;
         };
         /**
+         * VehicleAtPad
+         * @description A vehicle, and the pad that it stands on or nearest to.
+         */
+        VehicleAtPad: {
+            /** Id */
+            id: string;
+            /**
+             * Off M
+             * @description Distance from that pad.
+             */
+            off_m: number | null;
+            /**
+             * Pad
+             * @description Index of its pad; null: it has none.
+             */
+            pad: number | null;
+            /**
+             * X M
+             * @description Show frame; null: it is not on the ground, or has no position.
+             */
+            x_m: number | null;
+            /** Y M */
+            y_m: number | null;
+        };
+        /**
          * VehicleChecks
          * @description All checks of one vehicle before a start.
          */
         VehicleChecks: {
+            /**
+             * Autopilot
+             * @description Name of its profile, as configured.
+             * @default
+             */
+            autopilot: string;
             /** Checks */
             checks: components["schemas"]["Check"][];
             /**
@@ -3280,6 +3672,11 @@ export interface components {
          * @description Data of one vehicle that changes seldom.
          */
         VehicleRecord: {
+            /**
+             * Autopilot
+             * @description Name of its autopilot's profile, as configured.
+             */
+            autopilot: string;
             /**
              * Fix Type
              * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
@@ -3882,6 +4279,71 @@ export interface operations {
             };
             /** @description Bad input; `problems` names each field, its value and what is allowed. */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_corrections: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CorrectionsView"] | null;
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -6460,6 +6922,248 @@ export interface operations {
             };
         };
     };
+    begin_show: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["BeginBody"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["SelectedShow"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    cancel_begin: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["SelectedShow"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
     bring_home_show: {
         parameters: {
             query?: never;
@@ -7436,6 +8140,127 @@ export interface operations {
             };
         };
     };
+    follow_timecode: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["TimecodeBody"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
     list_shows: {
         parameters: {
             query?: never;
@@ -8261,6 +9086,240 @@ export interface operations {
             };
             /** @description Proper, but not now; `detail` says why and what to do. */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    get_placement: {
+        parameters: {
+            query?: {
+                /** @description Fit the pads to where the vehicles stand, from the given placement on. */
+                fit?: boolean;
+                turn_deg?: number | null;
+                x_m?: number | null;
+                y_m?: number | null;
+            };
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlacedShow"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Bad input; `problems` names each field, its value and what is allowed. */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Too many calls; `Retry-After` says when to retry. */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A bug of this service. */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Control is not alive, or too many connections are open; `detail` says why. */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+        };
+    };
+    put_placement: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlacementPut"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlacedShow"];
+                };
+            };
+            /** @description The body cannot be read. */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No token, or one that is not known. */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description No such thing. */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body did not come in time. */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description Proper, but not now; `detail` says why and what to do. */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is too large. */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ErrorBody"];
+                };
+            };
+            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
+            415: {
                 headers: {
                     [name: string]: unknown;
                 };

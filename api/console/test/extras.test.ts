@@ -1,0 +1,71 @@
+import { describe, expect, it } from "vitest";
+
+import { corrections } from "../src/panels/corrections";
+import { createReader } from "../src/panels/reading";
+import { whyNotVehicle } from "../src/panels/rights";
+import { initial, type Corrections, type State } from "../src/state";
+import { texts } from "../src/texts";
+import { update } from "../src/update";
+import { frame } from "./frames";
+import { textOf } from "./pressing";
+import { GROUNDED, status } from "./statuses";
+
+const FOUND: Corrections = {
+  source: "ntrip://192.0.2.7:2101/BASE", age_s: 0.84, problem: "", base_latitude_deg: 47.4, base_longitude_deg: 8.5, base_height_m: 510.2,
+  messages: 1200, received_bytes: 90_000, sent: 2400, dropped: 3,
+};
+const vehicle = { id: "d1", system_id: 1, link: "a", station: null, reason: "", limited_by: "", home: null };
+
+function state(change: Partial<State> = {}): State {
+  return {
+    ...initial(0), frame: frame({ vehicles: [{ phase: "standby" }] }), connection: { kind: "live", since_ms: 0, reason: "" },
+    access: { name: "local", rights: new Set(["watch", "operate", "emergency"]) },
+    status: status({ counts: GROUNDED, corrections: true, vehicles: [{ ...vehicle, fix_type: 6 }, { ...vehicle, id: "d2", fix_type: 5 }] }), ...change,
+  };
+}
+
+describe("corrections for RTK", () => {
+  it("show age, fixes, base and messages", () => {
+    const text = textOf(corrections(state({ corrections: FOUND })));
+    for (const part of ["0.8 s", "1 fixed, 1 float of 2", "47.400000, 8.500000, 510.2 m", "1200, 3 dropped", "2400 sent"]) expect(text).toContain(part);
+  });
+
+  it("say that they stopped, and why", () => {
+    const text = textOf(corrections(state({ corrections: { ...FOUND, problem: "none for 12 s", age_s: 12 } })));
+    expect(text).toContain(texts.corrections.stopped);
+    expect(text).toContain("none for 12 s");
+  });
+
+  it("are silent where none are configured, and show what is not known yet", () => {
+    expect(textOf(corrections(state()))).not.toContain("corrections-age");
+    const text = textOf(corrections(state({ corrections: { ...FOUND, age_s: null, base_latitude_deg: null } })));
+    expect(text).toContain(texts.corrections.none);
+    expect(text).not.toContain("corrections-base");
+  });
+
+  it("are read once a second, where they are configured", () => {
+    let reads = 0;
+    const nothing = async (): Promise<boolean> => true;
+    const read = createReader({
+      loadPreflight: nothing, loadOrders: nothing, loadStations: nothing, loadPlacement: nothing, loadShows: nothing, loadMarks: nothing,
+      loadCorrections: () => ((reads += 1), Promise.resolve(true)),
+    });
+    const at = (now_ms: number, change: Partial<State> = {}): State => ({ ...state(change), page_ms: now_ms, frame: { ...state().frame!, received_ms: now_ms } });
+    read(at(0));
+    read(at(500));
+    expect(reads).toBe(1);
+    read(at(1500, { status: status({ corrections: false }) }));
+    expect(reads).toBe(1);
+    const kept = update(state(), { kind: "corrections", corrections: FOUND });
+    expect(kept.corrections).toBe(FOUND);
+  });
+});
+
+describe("find", () => {
+  it("is for vehicles on the ground, where lights are sent", () => {
+    expect(whyNotVehicle(state(), "find", "standby")).toBe("");
+    expect(whyNotVehicle(state(), "find", "formation")).toContain(texts.fleet.phases.formation);
+    expect(whyNotVehicle(state({ status: status({ lights: "none" }) }), "find", "standby")).toBe(texts.vehicle.noLights);
+    expect(whyNotVehicle(state({ access: { name: "guest", rights: new Set(["watch"]) } }), "find", "standby")).not.toBe("");
+  });
+});

@@ -1,0 +1,179 @@
+"""Where a timecode is between its readings, which jitter, drift, drop out and jump. Pure.
+
+A straight line through the newest readings says where the timecode is. Readings far from it count only once
+several of them agree on another place: then the timecode has jumped. What is far from the place of the show
+and from where the timecode was is refused.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import StrEnum
+from math import inf, nan
+from typing import Final
+
+import numpy as np
+
+from gcs.shows.timecode.smpte import Rate, Reading
+
+WINDOW_S: Final = 2.0
+"""The line goes through the readings of this time."""
+
+READINGS_MAX: Final = 512
+
+SLOPE_FROM: Final = 8
+SLOPE_FROM_S: Final = 0.5
+"""With fewer readings, or over a shorter time, the timecode is taken to run at its rate."""
+
+SLOPE_OFF_MAX: Final = 0.1
+"""A timecode that runs faster or slower than its rate by this share is not followed."""
+
+STRAY_S: Final = 0.1
+"""A reading this far off the line is not taken into it."""
+
+AGREE: Final = 6
+AGREE_S: Final = 0.15
+"""So many readings, over such a time, begin a line where no other reading fits the one there was."""
+
+SILENT_S: Final = 0.1
+"""Without a reading for so long the timecode has dropped out, and the line goes on."""
+
+AGE_MAX_S: Final = 0.5
+"""A source may not say that a reading was true longer ago."""
+
+
+class State(StrEnum):
+    """How it is with a timecode."""
+
+    NONE = "none"  # nothing has arrived yet
+    RUNNING = "running"
+    DROPPED_OUT = "dropped-out"  # nothing arrives for a moment, and the show goes on
+    STOPPED = "stopped"
+    REFUSED = "refused"  # it runs where the show does not follow
+
+
+@dataclass(slots=True)
+class Chase:
+    """Follows one timecode. Every `now_s` is the loop's clock.
+
+    Attributes:
+        freewheel_s: for so long the timecode is taken to run on without a reading.
+        jump_max_s: a jump beyond this is refused.
+        show_s: the timecode that belongs to where the show is; NaN: it has not begun, and follows anywhere.
+        rate: of the newest reading.
+    """
+
+    freewheel_s: float
+    jump_max_s: float
+    show_s: float = nan
+    rate: Rate | None = None
+    _line: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS_MAX))
+    _strays: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS_MAX))
+    _newest_s: float = -inf  # when the newest reading of the line was true
+    _stood_s: float = nan  # the timecode at the newest reading of a line that ended, or where it was brought
+    _refused_s: float = -inf  # when readings were refused last
+    _jump_s: float = nan  # by how much these were off
+    _fit: tuple[float, float, float] | None = None  # time, timecode and slope, until the next reading
+
+    def take(self, reading: Reading, now_s: float) -> None:
+        """Take a reading that has just arrived."""
+        self.rate = reading.rate
+        if not reading.runs:
+            self._end_line()
+            self._strays.clear()
+            self._stood_s = reading.time_s if self._near(reading.time_s) else self._stood_s
+            return
+        at_s = now_s - min(max(reading.age_s, 0.0), AGE_MAX_S)
+        if self._line and at_s - self._newest_s > self.freewheel_s:
+            self._end_line()
+        if self._line and abs(reading.time_s - self._on_line_s(at_s)) <= STRAY_S:
+            self._line.append((at_s, reading.time_s))
+            self._newest_s, self._fit = max(self._newest_s, at_s), None
+            self._strays.clear()
+        else:
+            self._stray(at_s, reading.time_s)
+
+    def _stray(self, at_s: float, time_s: float) -> None:
+        """Note a reading off the line; several that agree begin another."""
+        strays = self._strays
+        if strays and abs((time_s - at_s) - (strays[-1][1] - strays[-1][0])) > STRAY_S:
+            strays.clear()
+        strays.append((at_s, time_s))
+        while strays[-1][0] - strays[0][0] > WINDOW_S:
+            strays.popleft()
+        agree_s = strays[-1][0] - strays[0][0]
+        if len(strays) < AGREE or agree_s < AGREE_S:
+            return
+        if abs((strays[-1][1] - strays[0][1]) / agree_s - 1.0) > SLOPE_OFF_MAX + STRAY_S / agree_s:
+            return
+        if not self._near(time_s):
+            self._end_line()
+            self._refused_s = at_s
+            from_s = self.show_s if np.isnan(self._stood_s) else self._stood_s
+            self._jump_s = time_s - from_s
+            return
+        self._line.clear()
+        self._line.extend(strays)
+        strays.clear()
+        self._newest_s, self._fit, self._refused_s = at_s, None, -inf
+
+    def _near(self, time_s: float) -> bool:
+        """Whether the show follows to there."""
+        if np.isnan(self.show_s):
+            return True
+        was_s = self._on_line_s(self._newest_s) if self._line else self._stood_s
+        return any(abs(time_s - place_s) <= self.jump_max_s for place_s in (self.show_s, was_s))
+
+    def _end_line(self) -> None:
+        if self._line:
+            self._stood_s = self._on_line_s(self._newest_s)
+        self._line.clear()
+        self._fit = None
+
+    def _on_line_s(self, at_s: float) -> float:
+        """The timecode at a time by the newest line, of at least one reading."""
+        if self._fit is None:
+            while self._line[-1][0] - self._line[0][0] > WINDOW_S:
+                self._line.popleft()
+            when_s, time_s = np.array(self._line).T
+            middle_s, mean_s, slope = float(when_s.mean()), float(time_s.mean()), 1.0
+            if len(when_s) >= SLOPE_FROM and np.ptp(when_s) >= SLOPE_FROM_S:
+                off_s = when_s - middle_s
+                slope = float(off_s @ (time_s - mean_s) / (off_s @ off_s))
+            self._fit = middle_s, mean_s, min(max(slope, 1.0 - SLOPE_OFF_MAX), 1.0 + SLOPE_OFF_MAX)
+        middle_s, mean_s, slope = self._fit
+        return mean_s + slope * (at_s - middle_s)
+
+    def state(self, now_s: float) -> State:
+        """How it is with the timecode."""
+        silent_s = now_s - self._newest_s
+        if self._line and silent_s <= self.freewheel_s:
+            return State.RUNNING if silent_s <= SILENT_S else State.DROPPED_OUT
+        if now_s - self._refused_s <= self.freewheel_s:
+            return State.REFUSED
+        return State.NONE if self.rate is None else State.STOPPED
+
+    def runs(self, now_s: float) -> bool:
+        """Whether the show has a timecode to follow."""
+        return self.state(now_s) in {State.RUNNING, State.DROPPED_OUT}
+
+    def time_s(self, now_s: float) -> float:
+        """The timecode now, from 00:00:00:00; where it stands if it stands; NaN: nowhere yet."""
+        if self._line:
+            return self._on_line_s(now_s if self.runs(now_s) else self._newest_s)
+        return self._stood_s
+
+    def slope(self) -> float:
+        """How fast it runs: 1.0 at its rate."""
+        if not self._line:
+            return 1.0
+        self._on_line_s(self._newest_s)
+        return 1.0 if self._fit is None else self._fit[2]
+
+    def age_s(self, now_s: float) -> float:
+        """Since the newest reading that was followed; NaN: none was."""
+        return max(0.0, now_s - self._newest_s) if np.isfinite(self._newest_s) else nan
+
+    @property
+    def jump_s(self) -> float:
+        """By how much the newest readings that were refused are off."""
+        return self._jump_s
