@@ -11,6 +11,7 @@ import pytest
 from gcs.cli import main
 from gcs.shows import LoadedShow, load, shipped
 from gcs.simulation.rehearsal import Rehearsal, rehearse
+from gcs.simulation.scenario import Adversity
 
 _rehearsed: dict[tuple[str, int], Rehearsal] = {}
 
@@ -19,10 +20,16 @@ _rehearsed: dict[tuple[str, int], Rehearsal] = {}
 def _rehearsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command rehearses a show of the same text and seed once for all tests."""
 
-    def once(loaded: LoadedShow, seed: int, on_progress: Callable[[float], None]) -> Rehearsal:
+    def once(
+        loaded: LoadedShow,
+        seed: int,
+        on_progress: Callable[[float], None],
+        adversity: Adversity | None = None,
+        wind_m_s: tuple[float, float] = (0.0, 0.0),
+    ) -> Rehearsal:
         key = loaded.show.digest, seed
         if key not in _rehearsed:
-            _rehearsed[key] = rehearse(loaded, seed, on_progress)
+            _rehearsed[key] = rehearse(loaded, seed, on_progress, adversity, wind_m_s)
         return _rehearsed[key]
 
     monkeypatch.setattr("gcs.cli.simulate.rehearse", once)
