@@ -55,7 +55,9 @@ OPTIONS: Final = "options"
 COMMANDS: Final = {
     "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
     "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
-    "show": Command("simulate", "check, draw, hash, import, sample or export a show file", options=OPTIONS),
+    "show": Command(
+        "show_command", "check, draw, hash, import, sample or export a show file", options=OPTIONS
+    ),
     "params": Command(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),

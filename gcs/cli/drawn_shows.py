@@ -1,4 +1,7 @@
-"""`gcs show import` and `gcs show export`: drawn shows from and to the files of other programs."""
+"""`gcs show import` and `gcs show sample`: drawn shows from the files of other programs, and their previews.
+
+They load no simulation: the API runs both for requests.
+"""
 
 import argparse
 import json
@@ -11,18 +14,12 @@ from typing import Final
 
 import numpy as np
 
-from gcs.cli.drawn_record import flown
 from gcs.cli.output import answer
-from gcs.cli.progress import share_of
 from gcs.model.errors import ConfigError, InvalidError, ShowError
 from gcs.model.frames import ShowFrame
 from gcs.shows import find, load, parse
-from gcs.shows.drawn import DrawnShow
-from gcs.shows.formats import read_drawing, write_drawing
-from gcs.shows.formats.files import EXPORTED
+from gcs.shows.formats import read_drawing
 from gcs.shows.importing import show_text
-from gcs.simulation.drawn_flight import drawn
-from gcs.simulation.rehearsal import rehearse
 
 
 def import_show(arguments: argparse.Namespace) -> int:
@@ -41,17 +38,18 @@ def import_show(arguments: argparse.Namespace) -> int:
     for path in (target, *(() if is_source else (beside,))):
         if path.exists():
             raise ConfigError(f"{path}: there is such a file already: remove it, or choose another name")
+    digest = sha256(data).hexdigest()
     text = show_text(
         drawing,
         beside.name,
-        sha256(data).hexdigest(),
+        digest,
         origin=None if arguments.origin is None else _origin(arguments.origin),
         endurance_s=arguments.endurance,
     )
     try:
         if not is_source:
             beside.write_bytes(data)
-        parse(text, str(target))
+        parse(text, str(target), (drawing, digest))
         target.write_text(text, encoding="utf-8")
     except (OSError, ShowError) as error:
         if not is_source:
@@ -70,21 +68,6 @@ def import_show(arguments: argparse.Namespace) -> int:
     }
     words = [f"{target}: {len(drawing)} vehicles, {drawing.duration_s:.1f} s; drawing {beside}"]
     answer(arguments, document, "\n".join([*words, *(f"not used: {note}" for note in drawing.notes)]))
-    return 0
-
-
-def export_show(arguments: argparse.Namespace) -> int:
-    """Write the drawing of a show, what a show of the law flies in virtual time, or a recorded flight.
-
-    Returns: 0. Raises: ConfigError for a bad show or a file of another kind; GcsError for a bad record.
-    """
-    target = Path(arguments.output)
-    if target.suffix.lower() not in EXPORTED or not target.parent.is_dir():
-        raise ConfigError(f"-o {target}: a file with {', '.join(EXPORTED)} in a folder that exists")
-    show = _exported(arguments)
-    write_drawing(show, target)
-    document = {"file": str(target), "vehicles": len(show), "duration_s": round(show.duration_s, 3)}
-    answer(arguments, document, f"{target}: {len(show)} vehicles, {show.duration_s:.1f} s")
     return 0
 
 
@@ -134,17 +117,6 @@ def sample_show(arguments: argparse.Namespace) -> int:
 
 
 RATE_MAX_HZ: Final = 50.0
-
-
-def _exported(arguments: argparse.Namespace) -> DrawnShow:
-    given = Path(arguments.file)
-    if given.is_dir() or given.suffix == ".mcap":
-        return flown(given)
-    loaded = load(find(arguments.file))
-    if loaded.drawing is not None:
-        return loaded.drawing
-    with share_of("flying it in virtual time", shown=not arguments.json) as report:
-        return drawn(rehearse(loaded, arguments.seed, report))
 
 
 def _origin(text: str) -> ShowFrame:

@@ -1,6 +1,8 @@
 """Arguments of commands with slow imports, so that their parsers need no such import."""
 
 import argparse
+from collections.abc import Callable
+from math import isfinite
 from typing import Final
 
 from gcs.cli import supervisor
@@ -66,6 +68,7 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
         action.add_argument("file", metavar="FILE", help="a show file, or the name of one that is shipped")
     for action in (check, plot):
         action.add_argument("--seed", type=int, default=1, metavar="S", help="of the vehicles' errors; 1")
+    _add_adversity(check)
     plot.add_argument("picture", metavar="OUT.png", help="a .png, .svg or .pdf file")
     brought = actions.add_parser("import", help="make a show of a file that another program wrote")
     brought.add_argument("file", metavar="FILE", help="a .skyc, a .zip of CSV files, or a polynomial's .csv")
@@ -99,6 +102,40 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with --json: and everything that is flown, as a service takes it",
     )
+
+
+def _add_adversity(check: argparse.ArgumentParser) -> None:
+    """Add what a show can be rehearsed with that it does not know of."""
+    check.add_argument("--lost", type=float, metavar="SHARE", help="of the vehicles lose their links; 0")
+    check.add_argument("--lost-at", type=float, default=30.0, metavar="S", help="of the flight; 30")
+    check.add_argument(
+        "--when-lost",
+        choices=("hold", "descend", "land", "return"),
+        default="hold",
+        help="what their autopilots do; hold",
+    )
+    check.add_argument(
+        "--wind", type=_numbers(2), metavar="X,Y", help="m/s along the show's axes, with gusts; 0,0"
+    )
+    check.add_argument(
+        "--box",
+        type=_numbers(5),
+        action="append",
+        metavar="X,Y,HALF_X,HALF_Y,HEIGHT",
+        help="an obstacle that is not in the show, in m; may be repeated",
+    )
+
+
+def _numbers(count: int) -> Callable[[str], tuple[float, ...]]:
+    """Return a parser of so many finite numbers between commas."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        numbers = tuple(map(float, text.split(",")))
+        if len(numbers) != count or not all(map(isfinite, numbers)):
+            raise argparse.ArgumentTypeError(f"{text}: {count} numbers with commas between them are needed")
+        return numbers
+
+    return parse
 
 
 def add_params_arguments(parser: argparse.ArgumentParser) -> None:

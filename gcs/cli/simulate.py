@@ -6,8 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from gcs.cli.output import answer, picture_file, print_json, require_matplotlib
 from gcs.cli.progress import share_of, working
+from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, ShowError
 from gcs.shows import LoadedShow, find, load
 from gcs.shows.drawn_checks import examine
@@ -15,6 +18,7 @@ from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import Run, judged_runs, passed, run_all, run_once, summary
 from gcs.simulation.flight import fly
 from gcs.simulation.rehearsal import judge, rehearse, table
+from gcs.simulation.scenario import Adversity
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
@@ -89,28 +93,15 @@ def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
     return 0
 
 
-def run_show(arguments: argparse.Namespace) -> int:
-    """Run the command. Returns: 0; 1 when the show fails its check. Raises: ConfigError for a bad file."""
-    if arguments.action in {"import", "export", "sample"}:
-        from gcs.cli import drawn_shows  # noqa: PLC0415  (imported for these three only)
-
-        runs = {
-            "import": drawn_shows.import_show,
-            "export": drawn_shows.export_show,
-            "sample": drawn_shows.sample_show,
-        }
-        return runs[arguments.action](arguments)
-    if arguments.action == "check":
-        return _check(arguments)
-    loaded = load(find(arguments.file))
-    if arguments.action == "hash":
-        digest = loaded.show.digest
-        answer(arguments, {"hash": digest}, digest)
-        return 0
-    return _plot_show(loaded, arguments)
+def hash_show(arguments: argparse.Namespace) -> int:
+    """Print the hash of a show. Returns: 0. Raises: ConfigError for a bad file."""
+    digest = load(find(arguments.file)).show.digest
+    answer(arguments, {"hash": digest}, digest)
+    return 0
 
 
-def _check(arguments: argparse.Namespace) -> int:
+def check_show(arguments: argparse.Namespace) -> int:
+    """Fly a show, and judge it. Returns: 0; 1 when it fails. Raises: ConfigError for no such file."""
     path = find(arguments.file)
     try:
         loaded = load(path)
@@ -123,10 +114,25 @@ def _check(arguments: argparse.Namespace) -> int:
             print(error, file=sys.stderr)
         return 1
     with share_of(f"flying {path.stem} in virtual time", shown=not arguments.json) as report:
-        verdict = judge(rehearse(loaded, arguments.seed, report))
+        adversity, wind_m_s = _adversity(arguments)
+        verdict = judge(rehearse(loaded, arguments.seed, report, adversity, wind_m_s))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
     answer(arguments, asdict(verdict) | model, table(verdict), indent=None)
     return 0 if verdict.good else 1
+
+
+def _adversity(arguments: argparse.Namespace) -> tuple[Adversity, tuple[float, float]]:
+    """Return what the show is rehearsed with that it does not know of, and the wind. Raises: ConfigError."""
+    boxes = [
+        {"x_m": x, "y_m": y, "half_length_x_m": half_x, "half_length_y_m": half_y, "height_m": height}
+        for x, y, half_x, half_y, height in arguments.box or ()
+    ]
+    loss = {"share": arguments.lost or 0.0, "at_s": arguments.lost_at, "action": arguments.when_lost}
+    try:
+        adversity = Adversity.model_validate({"loss": loss, "boxes": boxes})
+    except ValidationError as error:
+        raise explained(error, "the rehearsal", Adversity, None) from None
+    return adversity, arguments.wind or (0.0, 0.0)
 
 
 def _examine(loaded: LoadedShow) -> None:
@@ -138,7 +144,9 @@ def _examine(loaded: LoadedShow) -> None:
         raise ShowError(loaded.file, [loaded.problem(flaw) for flaw in flaws])
 
 
-def _plot_show(loaded: LoadedShow, arguments: argparse.Namespace) -> int:
+def plot_show(arguments: argparse.Namespace) -> int:
+    """Draw a show as it flies. Returns: 0; 1 when it fails its check. Raises: ConfigError for a bad file."""
+    loaded = load(find(arguments.file))
     require_matplotlib("gcs show plot")
     from gcs.simulation.plot import draw_show  # noqa: PLC0415  (takes a second, only for plots)
 

@@ -26,7 +26,8 @@ from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.steering import avoid_all
 from gcs.formation.trajectory import trajectory_velocity
 from gcs.model.plan import LawName
-from gcs.model.state import Array
+from gcs.model.state import TINY, Array
+from gcs.safety.constraints import stopping_speed_m_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,8 +112,15 @@ def _to_slots(
     """Each vehicle flies to its own slot; the slots are moved on for the next tick."""
     law, radius_m = now.settings.law, lead.radius_m
     slots = laid(now, memory, formed, radius_m, None if shared is None else shared.place)
+    offset_m = formed.distance_m[:, None] * formed.direction - radius_m * slots.place
+    fastest_m_s = now.approach_max_m_s(now.sphere, np.linalg.norm(offset_m, axis=1))
     own_m_s = slot_velocity(
-        formed.direction, formed.distance_m, slots.place, radius_m, law.slot_rate_per_s, law.speed_m_s
+        formed.direction,
+        formed.distance_m,
+        slots.place,
+        radius_m,
+        law.slot_rate_per_s,
+        np.minimum(law.speed_m_s, fastest_m_s),
     )
 
     def move_on() -> tuple[Array, Array]:
@@ -230,12 +238,39 @@ def desired_velocity(
         own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns)
     desired_m_s = now.for_all(own_m_s, 0.0)
     if len(aiming):
-        to_aim_m_s = goal_velocity(now.position_m[aiming], aim_m[aiming], settings=law)
+        away_m = np.linalg.norm(aim_m[aiming] - now.position_m[aiming], axis=1)
+        fastest_m_s = now.approach_max_m_s(aiming, away_m)
+        to_aim_m_s = goal_velocity(
+            now.position_m[aiming], aim_m[aiming], settings=law, speed_max_m_s=fastest_m_s
+        )
         half_m_s = 0.5 * np.hypot(to_aim_m_s[:, 0], to_aim_m_s[:, 1])
         desired_m_s[aiming] = _avoiding(now, aiming, to_aim_m_s, {}, half_m_s, {})
     if len(drawn):
         desired_m_s[drawn] = _as_drawn(now, drawn, columns)
-    return scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
+    scaled_m_s = scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
+    return _stopping_inside(now, scaled_m_s)
+
+
+def _stopping_inside(now: TickInputs, desired_m_s: Array) -> Array:
+    """(n, 3) velocities from which the vehicles stop inside the fence, straight ahead.
+
+    The fence is a circle, and the safety filter bounds the speed towards it. A vehicle that flies along it,
+    and turns later than the circle does, would leave it.
+    """
+    safety, place_m, level_m_s = now.settings.safety, now.position_m[:, :2], desired_m_s[:, :2]
+    speed_m_s = np.hypot(level_m_s[:, 0], level_m_s[:, 1])
+    along_m = (place_m * level_m_s).sum(axis=1) / np.maximum(speed_m_s, TINY)
+    room_m2 = safety.fence.distance_max_m**2 - (place_m**2).sum(axis=1)
+    ahead_m = np.maximum(np.sqrt(np.maximum(along_m**2 + room_m2, 0.0)) - along_m, 0.0)
+    delay_s, response = safety.link_delay_s, now.traits.response
+    each = safety.braking.over_link(delay_s).of_each(len(speed_m_s), response.over_link(delay_s))
+    most_m_s = stopping_speed_m_s(ahead_m, each)
+    fast = speed_m_s > most_m_s
+    if not np.count_nonzero(fast):
+        return desired_m_s
+    slower_m_s = desired_m_s.copy()
+    slower_m_s[fast, :2] *= (most_m_s[fast] / speed_m_s[fast])[:, None]
+    return slower_m_s
 
 
 def _as_drawn(now: TickInputs, rows: NDArray[np.intp], columns: Mapping[str, Ellipse]) -> Array:
@@ -243,12 +278,13 @@ def _as_drawn(now: TickInputs, rows: NDArray[np.intp], columns: Mapping[str, Ell
     goals, law, limits = now.tasks.drawn, now.settings.law, now.settings.safety.limits
     if goals is None:
         return np.zeros((len(rows), 3))
+    off_m = np.linalg.norm(now.position_m[rows] - goals.position_m[rows], axis=1)
     along_m_s = trajectory_velocity(
         now.position_m[rows],
         goals.position_m[rows],
         goals.velocity_m_s[rows],
         rate_per_s=law.slot_rate_per_s,
-        correction_max_m_s=law.speed_m_s,
+        correction_max_m_s=np.minimum(law.speed_m_s, now.approach_max_m_s(rows, off_m)),
         limits_m_s=(limits.horizontal_m_s, limits.up_m_s, limits.down_m_s),
     )
     half_m_s = 0.5 * np.hypot(along_m_s[:, 0], along_m_s[:, 1])

@@ -16,7 +16,9 @@ from gcs.model.jit import kernel
 from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
+from gcs.safety.answers import Answers
 from gcs.safety.authority import Authority
+from gcs.safety.constraints import stopping_speed_m_s
 from gcs.safety.filter import SafetySettings
 
 
@@ -37,11 +39,14 @@ class DrawnGoals:
     position_m: Array  # (n, 3)
     velocity_m_s: Array  # (n, 3)
     acceleration_m_s2: Array  # (n, 3)
+    yaw_rad: Array | None = None  # (n,) from the show's x axis; NaN, and None: as the plan has it
 
     def __post_init__(self) -> None:
         """Raises: ShapeError when the parts have different shapes."""
         for name in ("position_m", "velocity_m_s", "acceleration_m_s2"):
             freeze(getattr(self, name), (len(self.position_m), 3), name)
+        if self.yaw_rad is not None:
+            freeze(self.yaw_rad, (len(self.position_m),), "yaw_rad")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,6 +173,7 @@ class Memory:
     pace: float  # share of the orbit's speed that the vehicles can keep up with
     sides: dict[str, float]
     authority: Authority
+    answers: Answers  # compared with what the vehicles' profiles say
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
     unfollowed_s: Array | None = (
@@ -197,6 +203,7 @@ class Memory:
             pace=1.0,
             sides={},
             authority=Authority.full(count),
+            answers=Answers.none(count),
         )
 
 
@@ -282,6 +289,31 @@ class TickInputs:
             wide_m, tall_m = floor.kept_m(reserve_m)
             found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(x_m, y_m, wide_m, wide_m, tall_m - z_m)
         return found
+
+    @property
+    def acceleration_max_m_s2(self) -> Array:
+        """(n,) of each vehicle's desired velocity: no more than its autopilot follows."""
+        own_m_s2 = self.traits.response.acceleration_m_s2
+        return np.minimum(self.settings.acceleration_max_m_s2, own_m_s2)
+
+    def approach_max_m_s(self, rows: NDArray[np.intp], distance_m: Array) -> Array:
+        """Greatest speeds (k,) towards places that the vehicles of `rows` (k,) can still stop at.
+
+        Vehicles whose autopilots limit no acceleration may be as fast as the law has them: it is proportional
+        near the place. The others would swing round it.
+
+        Args:
+            rows: (k,).
+            distance_m: (k,) from the places.
+        """
+        fastest_m_s = np.full(len(rows), np.inf)
+        bounded = np.isfinite(self.traits.response.acceleration_m_s2[rows])
+        if np.count_nonzero(bounded):
+            response = self.traits.response.rows(rows)
+            delay_s, braking = self.settings.safety.link_delay_s, self.settings.safety.braking
+            each = braking.over_link(delay_s).of_each(len(rows), response.over_link(delay_s))
+            fastest_m_s[bounded] = stopping_speed_m_s(distance_m, each)[bounded]
+        return fastest_m_s
 
     @property
     def drawn_rows(self) -> NDArray[np.intp]:

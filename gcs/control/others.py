@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.inputs import Memory, Task, Tasks
+from gcs.model.response import FleetResponse
 from gcs.model.state import Array, FleetState, Mask, Traits, VehicleId, freeze
 
 HELD_S: Final = -1.0
@@ -91,6 +92,7 @@ class Others:
                 np.concatenate([traits.charge, self.charge]),
                 np.concatenate([traits.speed_max_m_s, np.full(k, np.inf)]),
                 np.concatenate([traits.uncertainty_m, self.uncertainty_m]),
+                traits.response.joined(FleetResponse.alike(k)),
             ),
             replace(memory, unfollowed_s=unfollowed_s),
         )

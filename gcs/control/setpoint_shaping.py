@@ -49,7 +49,7 @@ def shape_setpoints(
     With `knows_center` the vehicles in formation know the centre's motion beforehand. The trim of those in
     `yields` (n,) does not grow: it would ask for what they do not reach.
     """
-    settings, limits = now.settings, now.settings.safety.limits
+    settings, limits, response = now.settings, now.settings.safety.limits, now.traits.response
     stable = 1.0 / (1.0 + settings.safety.link_delay_s / HALVES_S)
     base_m_s, lead_m_s2 = _known_beforehand(now, center if knows_center else None)
     _lead_along_drawing(now, allowed_m_s, base_m_s, lead_m_s2)
@@ -57,9 +57,9 @@ def shape_setpoints(
         allowed_m_s,
         now.velocity_m_s,
         lead_m_s2,
-        stable * settings.loop_gain,
-        stable * settings.vertical_loop_gain,
-        settings.lead_s,
+        stable * settings.loop_gain * response.loop_share,
+        stable * settings.vertical_loop_gain * response.loop_share,
+        settings.lead_s * response.lead_share,
     )
     requested_m_s += memory.trim_m_s
     setpoint_m_s = cap(requested_m_s, limits, now.traits.speed_max_m_s)
@@ -80,8 +80,8 @@ def shape_setpoints(
         ),
         now.dt_s,
         settings.response_s,
-        settings.trim_rate_per_s,
-        settings.vertical_trim_rate_per_s,
+        settings.trim_rate_per_s * response.trim_share,
+        settings.vertical_trim_rate_per_s * response.trim_share,
         settings.trim_max_m_s,
     )
     return ShapedSetpoints(

@@ -29,6 +29,7 @@ from gcs.formation.route import warm_up as routes_warm_up
 from gcs.model.jit import kernel
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits, VehicleId
+from gcs.safety.answers import Answers, compared
 from gcs.safety.authority import Authority, measured, yielding
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.filter import warm_up as safety_warm_up
@@ -91,6 +92,7 @@ def tick(
         fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
     now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s, pace=pace)
     authority = _authority(now, memory)
+    answers = _answers(now, memory, authority)
     limited_traits = authority.limit(traits)
     if limited_traits is not traits:
         now = replace(now, traits=limited_traits)
@@ -100,7 +102,7 @@ def tick(
     desired_m_s = desired_velocity(now, lead, places.velocity_m_s, aim_m, aiming)
     desired_m_s = _in_traffic(now, aim_m, desired_m_s)
     possible_m_s = limit_change(
-        desired_m_s, memory.desired_m_s, now.velocity_m_s, settings.acceleration_max_m_s2, now.dt_s
+        desired_m_s, memory.desired_m_s, now.velocity_m_s, now.acceleration_max_m_s2, now.dt_s
     )
     least = settings.safety.authority
     reached_m_s, yields = yielding(
@@ -140,6 +142,7 @@ def tick(
         pace=shaped.pace,
         sides=lead.sides,
         authority=authority,
+        answers=answers,
         spin_rad_s=places.spin_rad_s,
         detour=lead.detour,
         unfollowed_s=places.unfollowed_s,
@@ -149,6 +152,19 @@ def tick(
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
     floor, elsewhere = settings.safety.floor, () if others is None else others.ids
     return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, floor, elsewhere)
+
+
+def _answers(now: TickInputs, memory: Memory, authority: Authority) -> Answers:
+    return compared(
+        memory.answers,
+        memory.desired_m_s,
+        now.velocity_m_s,
+        now.commanded,
+        authority.lack_m_s,
+        now.traits.response,
+        dt_s=now.dt_s,
+        link_delay_s=now.settings.safety.link_delay_s,
+    )
 
 
 def _in_traffic(now: TickInputs, aim_m: Array, desired_m_s: Array) -> Array:
@@ -187,6 +203,7 @@ def _authority(now: TickInputs, memory: Memory) -> Authority:
         now.velocity_m_s,
         now.commanded,
         np.minimum(now.traits.speed_max_m_s, safety.limits.horizontal_m_s),
+        response=now.traits.response,
         dt_s=now.dt_s,
         link_delay_s=safety.link_delay_s,
         settings=safety.authority,
@@ -235,6 +252,7 @@ def _surroundings(now: TickInputs, authority: Authority, routes: GoalRoutes | No
         now.tasks.segments_of,
         now.tasks.drift,
         None if routes is None else routes.passage,
+        now.traits.response,
     )
 
 
@@ -245,6 +263,10 @@ def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
     )
     target_m = np.array(now.plan.target.position_m(now.fleet.time_s))
     desired_rad = desired_yaw_rad(now.plan.yaw, held_rad, now.position_m, target_m)
+    if now.tasks.drawn is not None and now.tasks.drawn.yaw_rad is not None:
+        drawn = now.drawn_rows
+        drawn_rad = now.tasks.drawn.yaw_rad[drawn]
+        desired_rad[drawn] = np.where(np.isfinite(drawn_rad), drawn_rad, desired_rad[drawn])
     rate_rad_s = radians(now.settings.yaw_rate_max_deg_s)
     return turn_towards(so_far_rad, desired_rad, rate_rad_s, now.dt_s), held_rad
 

@@ -20,6 +20,7 @@ from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
+from gcs.safety.answers import slowest_m_s2
 from gcs.safety.neighbours import near_pairs
 from gcs.safety.separation import Floor
 from gcs.service import CALLER, ActiveFailsafe, Outcome
@@ -284,6 +285,12 @@ class AlarmMonitor:
             because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
             consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."
             yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.fleet.ids[row],), consequence)
+        least_m_s2 = slowest_m_s2(self.flight.traits.response)
+        for row in np.flatnonzero(tick.memory.answers.slow[: len(fastest_m_s)]).tolist():
+            vehicle = self.flight.at_row(row)
+            because = f"{vehicle.autopilot.title}, less than {least_m_s2[row]:.1f} m/s^2"
+            consequence = "[Its stops|Their stops] may be longer than the safety filter counts on."
+            yield Condition(AlarmCause.SLOW_ANSWERS, because, (vehicle.id,), consequence)
 
     def _of_timecode(self) -> Iterator[Condition]:
         flight, show_run = self.flight, self.flight.show_run

@@ -1,7 +1,7 @@
 """The collective return: all vehicles stop, paths are planned beside the flight, all fly home together."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future
 
 import numpy as np
@@ -14,6 +14,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import PathProgress, ReturnPaths
 from gcs.planning.return_paths.planner import Planner, plan_return_paths, return_planner
+from gcs.shows.following import assigned
 
 log = logging.getLogger(__name__)
 
@@ -198,6 +199,7 @@ class CollectiveReturn:
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
         homing = [vehicle for vehicle in known if vehicle.home_m is not None]
+        self._exchange_pads(homing)
         self._places = rows = [vehicle.row for vehicle in homing]
         operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
         start_m, own_m = flight.fleet.position_m[rows], uncertainty_m[rows]
@@ -223,6 +225,19 @@ class CollectiveReturn:
             self._planned = self._planning.submit(self._plan, places_m, planner_for)
         except RuntimeError as error:  # no thread can be started
             self._fail(error)
+
+    def _exchange_pads(self, homing: Sequence[Vehicle]) -> None:
+        """Assign the pads of these vehicles anew, if the show says so; from then on they are their own."""
+        flight = self._flight
+        if flight.show_run is None or not flight.show_run.exchanges_pads or not homing:
+            return
+        home_m = np.array([vehicle.home_m for vehicle in homing])
+        start_m = np.array([flight.position_m(vehicle) for vehicle in homing])
+        pads = assigned(start_m, home_m)
+        for vehicle, pad in zip(homing, pads.tolist(), strict=True):
+            vehicle.home_m = home_m[pad].copy()
+        moved = int(np.count_nonzero(pads != np.arange(len(homing))))
+        log.info("pads_exchanged", extra={"count": moved})
 
     def _plan(
         self, places_m: Callable[[], Array], planner_for: Callable[[Array], Planner]

@@ -12,6 +12,7 @@ from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.recovery import Recovery
 from gcs.flight.refusals import why_never, with_alternative
 from gcs.flight.show_player import ShowPlayer
+from gcs.flight.spares import Spares
 from gcs.flight.start import Starting
 from gcs.flight.vehicle import Vehicle
 from gcs.flight.vehicle_commands import VehicleCommands
@@ -49,6 +50,7 @@ class Commander(VehicleCommands):
         self._commanded: ShowEvent | None = None  # newest command to all, if vehicles may be awaited
         self.collective_return: CollectiveReturn | None = None  # the newest
         self.starting = Starting(flight, maneuvers, preflight_gate, show_player)
+        self.spares = Spares(flight, maneuvers, preflight_gate)
         self.recovery = Recovery(flight, maneuvers, show_player, found, self._bring_home)
 
     def close(self) -> None:

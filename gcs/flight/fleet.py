@@ -32,6 +32,7 @@ from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Plan
 from gcs.model.preflight_report import Exclusion
+from gcs.model.response import FleetResponse
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import (
     Array,
@@ -225,6 +226,7 @@ class Fleet:
             np.array([settings.charge for settings in config.fleet]),
             np.array([settings.speed_max_m_s or np.inf for settings in config.fleet]),
             np.full(len(config.fleet), config.control.safety.floor.uncertainty_m),
+            self._response(),
         )
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
         self.control = config.control  # narrower while a show is selected
@@ -306,6 +308,7 @@ class Fleet:
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""
         self.parameters[vehicle.id] = values
+        self.traits = replace(self.traits, response=self._response())
         alone = self._without_setpoints(vehicle)
         if alone != vehicle.without_setpoints:
             vehicle.without_setpoints = alone
@@ -314,9 +317,17 @@ class Fleet:
 
     def _without_setpoints(self, vehicle: Vehicle) -> WithoutSetpoints:
         operation = self.config.operation
-        known = {**self._presumed.get(vehicle.id, {}), **self.parameters.get(vehicle.id, {})}
         action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
-        return vehicle.autopilot.without_setpoints(action, loss_s, known)
+        return vehicle.autopilot.without_setpoints(action, loss_s, self._known_parameters(vehicle))
+
+    def _response(self) -> FleetResponse:
+        """How the vehicles answer setpoints, by their profiles and their parameters as read."""
+        vehicles = self.vehicles.values()
+        return FleetResponse.of([one.autopilot.response(self._known_parameters(one)) for one in vehicles])
+
+    def _known_parameters(self, vehicle: Vehicle) -> Mapping[str, ParameterValue]:
+        """Those that were read, and until then those that are demanded."""
+        return {**self._presumed.get(vehicle.id, {}), **self.parameters.get(vehicle.id, {})}
 
     def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) standard deviations of these vehicles' positions, sideways."""

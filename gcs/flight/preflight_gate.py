@@ -224,7 +224,7 @@ class PreflightGate:
         flight, config = self.flight, self.flight.config
         heading_deg = config.show_frame.heading_deg
         if flight.show_run is not None:
-            pads_m = flight.show_run.timeline.show.pads_m[:, :2]
+            pads_m = flight.show_run.timeline.show.start_places_m[:, :2]
             return Pattern(pads_m, self.show_player.pads(), heading_deg)
         places = config.preflight.start_places
         if not places:

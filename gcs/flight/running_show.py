@@ -46,6 +46,8 @@ class ShowRun:
     begun: bool = False  # its clock has run since the start
     begins_s: float | None = None  # the tick's time from which the clock runs, once it runs; None: at once
     begin: BeginView | None = None  # how it waits for its beginning; None: it begins as soon as it can
+    spares: tuple[VehicleId, ...] = ()  # on the ground, in the fleet's order
+    _arriving: set[VehicleId] = field(default_factory=set)  # spares that are not at their trajectories yet
     _followed_s: float | None = None  # when the goals were made last
     cue_times: tuple[CueMark, ...] = field(init=False)  # of every cue as played
 
@@ -79,6 +81,39 @@ class ShowRun:
     def there(self) -> bool:
         """Whether all vehicles in formation are where the drawing has them, or have had the time for it."""
         return not self.pace.approaches
+
+    @property
+    def exchanges_pads(self) -> bool:
+        """Whether the vehicles' pads are assigned anew where the return begins."""
+        named = self.timeline.show.drawing
+        return self.started and named is not None and named.lands == "nearest"
+
+    @property
+    def spares_most(self) -> int:
+        """Number of vehicles that may stand by on the ground."""
+        named = self.timeline.show.drawing
+        return 0 if named is None or named.spares is None else named.spares.count
+
+    def takes_spares(self, now_s: float) -> bool:
+        """Whether a vehicle that is lost now is replaced: its cue has not begun."""
+        named = self.timeline.show.drawing
+        if named is None or named.spares is None:
+            return False
+        cue = named.spares.before_cue
+        begins_s = min(one.at_s for one in self.timeline.played if one.cue.cue == cue)
+        return self._within(now_s) < begins_s
+
+    def replace(self, lost: VehicleId, spare: VehicleId) -> None:
+        """Give the part of a vehicle to a spare one."""
+        self.spares = tuple(name for name in self.spares if name != spare)
+        self.parts[spare] = self.parts.pop(lost)
+        self._arriving.add(spare)
+
+    def give_back(self, spare: VehicleId, lost: VehicleId) -> None:
+        """Take the part from a spare vehicle that did not take off; it is no spare any more."""
+        if spare in self.parts:
+            self.parts[lost] = self.parts.pop(spare)
+        self._arriving.discard(spare)
 
     def assign(self, chosen: Sequence[VehicleId], start_m: Array) -> None:
         """Give each vehicle its part: its trajectory and its light.
@@ -135,20 +170,33 @@ class ShowRun:
         off_m[rows] = np.linalg.norm(position_m[rows] - motion.position_m[part[rows]], axis=1)
         off_m[~formed] = np.nan
         self.off_m = off_m
+        tracked_m = self._tracked_m(vehicle_ids, off_m, named.waits_from_m)
         if not (self.clock.runs or assembling):
             self.pace = DrawnPace()
         elif dt_s > 0.0 and (self.clock.runs or self.pace.approaches):  # else it waits for its beginning
             if self.clock.runs and not self.pace.approaches:
                 errors = self.errors or TrackErrors.none(len(vehicle_ids))
-                self.errors = errors.noted(off_m, dt_s)
+                self.errors = errors.noted(tracked_m, dt_s)
             self.pace = self.pace.step(motion.of(part[rows]), off_m, dt_s, named)
             if self.clock.runs:
-                self.clock = self.clock.later((1.0 - self.rate) * dt_s)
-        motion = self.timeline.motion_at(self._within(now_s)) or motion
+                self.clock = self.clock.later((1.0 - self.pace.rate * self.tempo.rate) * dt_s)
+        show_s = self._within(now_s)
+        motion, yaw_rad = self.timeline.motion_at(show_s) or motion, self.timeline.yaw_at(show_s)
+        yaw_rad = None if yaw_rad is None else yaw_rad[part[rows]]
         pace, tempo = self.pace, self.tempo
         change_per_s = pace.rate_per_s * tempo.rate + pace.rate * tempo.rate_per_s
         pace = replace(pace, rate=pace.rate * tempo.rate, rate_per_s=change_per_s)
-        self.goals = pace.goals(motion.of(part[rows]), rows, len(vehicle_ids))
+        self.goals = pace.goals(motion.of(part[rows]), rows, len(vehicle_ids), yaw_rad)
+
+    def _tracked_m(self, vehicle_ids: Sequence[VehicleId], off_m: Array, there_m: float) -> Array:
+        """(n,) Distances that count as track errors: not those of spares on their way."""
+        if not self._arriving:
+            return off_m
+        self._arriving -= {
+            name for name, off in zip(vehicle_ids, off_m.tolist(), strict=True) if off < there_m
+        }
+        on_the_way = np.array([name in self._arriving for name in vehicle_ids], dtype=np.bool_)
+        return np.where(on_the_way, np.nan, off_m)
 
     def follow(self, phase: ShowPhase, now_s: float) -> None:
         """Run the clock while the show runs; a pause stops it, and the end resets it."""
@@ -218,6 +266,7 @@ class ShowRun:
             track_rms_m=None if self.errors is None else round(self.errors.fleet_rms_m, 3),
             track_max_m=None if self.errors is None else round(float(self.errors.max_m.max()), 2),
             begin=self.begin,
+            spares=self.spares,
         )
 
     def _within(self, now_s: float) -> float:

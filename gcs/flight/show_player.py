@@ -189,28 +189,36 @@ class ShowPlayer:
             )
         if not show_run.received:
             self.show_library.cleared(show_run.name, show_hash)
-        needed = show_run.timeline.show.fleet.vehicles
+        needed, spares = show_run.timeline.show.fleet.vehicles, show_run.spares_most
         count = len(chosen) + self._others_start(named=named)
-        if count > needed or (count + taken_out < needed and not named):
+        if count > needed + spares or (count + taken_out < needed and not named):
             fix = "name the vehicles that fly" + (", to take the others out" if count < needed else "")
-            raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start: {fix}")
+            more = f" and {spares} spares" if spares else ""
+            text = f"show {show_run.name!r} is for {needed} vehicles{more}, {count} would start: {fix}"
+            raise RefusedError(text)
 
     def _others_start(self, *, named: bool) -> int:  # noqa: ARG002
         """Number of vehicles that start with this station's, of a start of all or of named vehicles."""
         return 0
 
-    def give_parts(self, chosen: Sequence[VehicleId]) -> None:
-        """Let these vehicles start with the selected show, if there is one."""
+    def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
+        """Let these start with the selected show, if any. Returns: those that take off; others are spares."""
         show_run = self.flight.show_run
-        if show_run is not None:
-            show_run.started = True
-            rows = [self.flight.vehicles[name].row for name in chosen]
-            show_run.assign(chosen, self.flight.fleet.position_m[rows])
+        if show_run is None:
+            return chosen
+        show_run.started = True
+        flies = chosen
+        if show_run.spares_most:
+            count = show_run.timeline.show.fleet.vehicles
+            flies, show_run.spares = chosen[:count], tuple(chosen[count:])
+        rows = [self.flight.vehicles[name].row for name in flies]
+        show_run.assign(flies, self.flight.fleet.position_m[rows])
+        return flies
 
     def pads(self) -> dict[VehicleId, int]:
         """Row of each vehicle's pad among those of the selected show."""
         show_run = self.flight.show_run
-        most = 0 if show_run is None else len(show_run.timeline.show.pads_m)
+        most = 0 if show_run is None else len(show_run.timeline.show.start_places_m)
         return {name: row for row, name in enumerate(list(self.flight.vehicles)[:most])}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
@@ -286,7 +294,7 @@ class ShowPlayer:
             {name: position_m for name, (position_m, _) in moving.items()},
             comes_down_m,
             velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
-            braking=flight.control.safety.braking,
+            braking=flight.control.safety.braking.of_slowest(flight.traits.response),
         )
 
     def _in_the_way(self, box: Obstacle) -> str:

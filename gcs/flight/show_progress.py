@@ -90,6 +90,7 @@ class ShowProgress:
         self.parameter_reader.watch(flight.telemetry)  # starts the reads that are due
         self.failsafe_monitor.look()
         self.commander.starting.count_down()
+        self.commander.spares.replace_lost()
         if self.commander.collective_return is not None:
             self.commander.collective_return.advance()
         self.commander.recovery.advance()

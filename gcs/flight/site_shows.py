@@ -252,17 +252,18 @@ class SiteShowPlayer(ShowPlayer):
             return 0
         return sum(len(self.member.ids_of(name, Phase.STANDBY)) for name in self.member.present())
 
-    def give_parts(self, chosen: Sequence[VehicleId]) -> None:
-        super().give_parts(chosen)
+    def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
+        flies = super().give_parts(chosen)
         show_run, member = self.flight.show_run, self.member
         if show_run is None:
-            return
+            return flies
         flying = set(chosen)
         for name in member.present():
             flying.update(member.ids_of(name, Phase.STANDBY, *AIRBORNE))
         ordered = [one for one in member.all_ids if one in flying]
         most = show_run.timeline.show.fleet.vehicles
         show_run.parts = {name: part for part, name in enumerate(ordered[:most])}
+        return flies
 
     def pads(self) -> dict[VehicleId, int]:
         rows = {name: row for row, name in enumerate(self.member.all_ids)}

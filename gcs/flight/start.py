@@ -21,6 +21,8 @@ log = logging.getLogger(__name__)
 LATE_MAX_S = 2.0
 """A start missed by more (suspended computer, or changed clock) is not made up for."""
 
+STANDS_BY: Final = "a spare: it stays on the ground until a vehicle is lost"
+
 NAMED: Final = 6
 """Up to this many vehicles are named; of more, only the number is given."""
 
@@ -99,8 +101,11 @@ class Starting:
     def _take_off(
         self, record: CommandRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
     ) -> None:
-        flight = self.flight
-        self.show_player.give_parts(chosen)
+        flight, flies = self.flight, self.show_player.give_parts(chosen)
+        for name in chosen[len(flies) :]:
+            left_out = left_out | {name: STANDS_BY}
+            flight.book.close(record.id, name, Outcome.DONE, STANDS_BY)
+        chosen = flies
         flight.left_behind = left_out
         flight.move_show(ShowEvent.START, "checks every vehicle")
         flight.move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")

@@ -146,7 +146,7 @@ def slot_velocity(
     place: Array,
     radius_m: float,
     rate_per_s: float,
-    speed_max_m_s: float,
+    speed_max_m_s: Array,
 ) -> Array:
     """Velocity of each vehicle towards its slot: along the sphere and onto it, at the same time.
 
@@ -159,7 +159,7 @@ def slot_velocity(
         place: (n, 3) unit vectors to the slots.
         radius_m: of the sphere.
         rate_per_s: how fast a small error decays.
-        speed_max_m_s: no row is faster.
+        speed_max_m_s: (n,) no row is faster.
 
     Returns: (n, 3) in m/s, relative to the centre.
 
@@ -183,17 +183,23 @@ def slot_velocity(
             velocity[i, k] = share * velocity[i, k] - inward_m_s * direction[i, k]
             square += velocity[i, k] ** 2
         speed_m_s = sqrt(square)
-        if speed_m_s > speed_max_m_s:
+        if speed_m_s > speed_max_m_s[i]:
             for k in range(3):
-                velocity[i, k] *= speed_max_m_s / speed_m_s
+                velocity[i, k] *= speed_max_m_s[i] / speed_m_s
     return velocity
 
 
-def goal_velocity(position_m: Array, goal_m: Array, *, settings: LawSettings) -> Array:
-    """Straight to the goal, (n, 3) each: proportional near it, at the law's speed far from it."""
+def goal_velocity(
+    position_m: Array, goal_m: Array, *, settings: LawSettings, speed_max_m_s: Array | float = np.inf
+) -> Array:
+    """Straight to the goal, (n, 3) each: proportional near it, at the law's speed far from it.
+
+    `speed_max_m_s` (n,) limits each vehicle besides.
+    """
+    fastest_m_s = np.minimum(settings.speed_m_s, np.broadcast_to(speed_max_m_s, len(position_m)))[:, None]
     desired_m_s = settings.goal_rate_per_s * (goal_m - position_m)
     size_m_s = np.linalg.norm(desired_m_s, axis=1, keepdims=True)
-    velocity: Array = desired_m_s * np.minimum(1.0, settings.speed_m_s / np.maximum(size_m_s, TINY))
+    velocity: Array = desired_m_s * np.minimum(1.0, fastest_m_s / np.maximum(size_m_s, TINY))
     return velocity
 
 

@@ -40,9 +40,9 @@ def compensate(
     desired_m_s: Array,
     measured_m_s: Array,
     acceleration_m_s2: Array,
-    gain: float,
-    vertical_gain: float,
-    lead_s: float,
+    gain: Array,
+    vertical_gain: Array,
+    lead_s: Array,
 ) -> Array:
     """Inner loop on the measured velocity, and a lead for the acceleration that is known beforehand.
 
@@ -52,23 +52,24 @@ def compensate(
         desired_m_s: (n, 3) velocity the vehicle should have now.
         measured_m_s: (n, 3) velocity it has.
         acceleration_m_s2: (n, 3) desired acceleration.
-        gain: share of the horizontal velocity error added to the setpoint; 0 trusts the autopilot.
-        vertical_gain: the same up and down, where PX4 by itself responds three times as fast.
-        lead_s: lag of the autopilot's response, in seconds.
+        gain: (n,) share of the horizontal velocity error added to the setpoint; 0 trusts the autopilot.
+        vertical_gain: (n,) the same up and down, where PX4 by itself responds three times as fast.
+        lead_s: (n,) lag of the autopilots' responses, in seconds.
 
     Returns: (n, 3) setpoints in m/s, not yet within limits.
     """
     setpoint = np.empty_like(desired_m_s)
     for i in range(len(desired_m_s)):
         for k in range(3):
-            setpoint[i, k] = desired_m_s[i, k] + lead_s * acceleration_m_s2[i, k]
-            setpoint[i, k] += (vertical_gain if k == 2 else gain) * (desired_m_s[i, k] - measured_m_s[i, k])
+            own_gain = vertical_gain[i] if k == 2 else gain[i]
+            setpoint[i, k] = desired_m_s[i, k] + lead_s[i] * acceleration_m_s2[i, k]
+            setpoint[i, k] += own_gain * (desired_m_s[i, k] - measured_m_s[i, k])
     return setpoint
 
 
 @kernel
 def limit_change(
-    desired_m_s: Array, before_m_s: Array, measured_m_s: Array, acceleration_max_m_s2: float, dt_s: float
+    desired_m_s: Array, before_m_s: Array, measured_m_s: Array, acceleration_max_m_s2: Array, dt_s: float
 ) -> Array:
     """Follow the desired velocity within the acceleration limit.
 
@@ -76,7 +77,7 @@ def limit_change(
         desired_m_s: (n, 3).
         before_m_s: (n, 3) of the previous tick; NaN where not commanded, then `measured_m_s` counts.
         measured_m_s: (n, 3).
-        acceleration_max_m_s2: of the change.
+        acceleration_max_m_s2: (n,) of the change.
         dt_s: since the previous tick.
 
     Returns: (n, 3) in m/s.
@@ -88,7 +89,7 @@ def limit_change(
             before = before_m_s[i, k] if np.isfinite(before_m_s[i, k]) else measured_m_s[i, k]
             followed[i, k] = before
             square += (desired_m_s[i, k] - before) ** 2
-        share = min(1.0, acceleration_max_m_s2 * dt_s / max(np.sqrt(square), TINY))
+        share = min(1.0, acceleration_max_m_s2[i] * dt_s / max(np.sqrt(square), TINY))
         for k in range(3):
             followed[i, k] += share * (desired_m_s[i, k] - followed[i, k])
     return followed
@@ -161,8 +162,8 @@ def correct_trim(
     at_limit: Mask,
     dt_s: float,
     response_s: float,
-    rate_per_s: float,
-    vertical_rate_per_s: float,
+    rate_per_s: Array,
+    vertical_rate_per_s: Array,
     trim_max_m_s: float,
 ) -> tuple[Array, Array]:
     """Learn each vehicle's setpoint correction for wind, drag and its own response.
@@ -179,8 +180,8 @@ def correct_trim(
         at_limit: (n, 2) the setpoint meets a limit, sideways and up or down: there the trim does not grow.
         dt_s: since the last tick.
         response_s: time constant of the response.
-        rate_per_s: of the correction, sideways.
-        vertical_rate_per_s: of the correction, up and down.
+        rate_per_s: (n,) of the correction, sideways.
+        vertical_rate_per_s: (n,) of the correction, up and down.
         trim_max_m_s: in any direction.
 
     Returns: the next trim and expectation.
@@ -197,7 +198,7 @@ def correct_trim(
             if np.isnan(was):
                 was = measured_m_s[i, k] - base_m_s[i, k]
             expected[i, k] = was + blend * (allowed_m_s[i, k] - base_m_s[i, k] - was)
-            rate = vertical_rate_per_s if k == 2 else rate_per_s
+            rate = vertical_rate_per_s[i] if k == 2 else rate_per_s[i]
             trim[i, k] = trim_m_s[i, k] + dt_s * rate * (base_m_s[i, k] + expected[i, k] - measured_m_s[i, k])
             before[k // 2] += trim_m_s[i, k] ** 2
             after[k // 2] += trim[i, k] ** 2

@@ -16,7 +16,7 @@ def trajectory_velocity(
     goal_m_s: Array,
     *,
     rate_per_s: float,
-    correction_max_m_s: float,
+    correction_max_m_s: Array,
     limits_m_s: tuple[float, float, float],
 ) -> Array:
     """Velocity of the trajectory, plus a correction at which the distance from it decays exponentially.
@@ -29,14 +29,14 @@ def trajectory_velocity(
         goal_m: (n, 3) where the trajectory is now; NaN: there is none, and the vehicle stops.
         goal_m_s: (n, 3) how it moves.
         rate_per_s: at which the distance decays, while no limit is met.
-        correction_max_m_s: of the correction.
+        correction_max_m_s: (n,) of the correction.
         limits_m_s: sideways, of climbing, of descending.
 
     Returns: (n, 3) in m/s.
     """
     correction_m_s = rate_per_s * (goal_m - position_m)
     size_m_s = np.linalg.norm(correction_m_s, axis=1, keepdims=True)
-    correction_m_s *= np.minimum(1.0, correction_max_m_s / np.maximum(size_m_s, TINY))
+    correction_m_s *= np.minimum(1.0, correction_max_m_s[:, None] / np.maximum(size_m_s, TINY))
     horizontal_m_s, up_m_s, down_m_s = limits_m_s
     velocity_m_s: Array = goal_m_s + correction_m_s
     level_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])

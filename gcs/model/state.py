@@ -15,6 +15,7 @@ from pydantic import Field, computed_field
 
 from gcs.model.errors import ShapeError
 from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.response import FleetResponse
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -142,15 +143,33 @@ class Traits:
     charge: Array  # (n,) share of the sphere, above 0; 1 for equal shares
     speed_max_m_s: Array  # (n,) in any direction; inf: only the fleet's limits apply
     uncertainty_m: Array  # (n,) standard deviation of the reported position, sideways; up as the floor has it
+    response: FleetResponse  # to setpoints
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            freeze(getattr(self, field.name), self.charge.shape, field.name)
+        n = len(self.charge)
+        for name in ("charge", "speed_max_m_s", "uncertainty_m"):
+            freeze(getattr(self, name), (n,), name)
+        if len(self.response) != n:
+            raise ShapeError(f"response: of {len(self.response)} vehicles where {n} are needed")
 
     @staticmethod
     def alike(count: int, uncertainty_m: float = 0.0) -> "Traits":
         """Equal shares, no speed limit but the fleet's, one uncertainty."""
-        return Traits(np.ones(count), np.full(count, np.inf), np.full(count, uncertainty_m))
+        return Traits(
+            np.ones(count),
+            np.full(count, np.inf),
+            np.full(count, uncertainty_m),
+            FleetResponse.alike(count),
+        )
+
+    def rows(self, rows: NDArray[np.intp]) -> "Traits":
+        """Those in rows (m,)."""
+        return Traits(
+            self.charge[rows],
+            self.speed_max_m_s[rows],
+            self.uncertainty_m[rows],
+            self.response.rows(rows),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

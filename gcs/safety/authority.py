@@ -14,6 +14,7 @@ from math import sqrt
 import numpy as np
 
 from gcs.model.jit import kernel
+from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask, Traits
 from gcs.safety.constraints import NO_ROW, Constraints
@@ -40,6 +41,8 @@ RECOVERED = 0.75
 LOWEST_M_S = 0.5
 """Least speed limit that is learned."""
 
+RAMPS_M_S = 2.0
+"""A vehicle whose autopilot limits its acceleration answers later by the time of such a change."""
 
 WALL_SHARE = 0.2
 """Cosine between a wall's normal and a lack from which the wall counts as one that demands the lack."""
@@ -130,6 +133,7 @@ def measured(
     dt_s: float,
     link_delay_s: float,
     settings: AuthoritySettings,
+    response: FleetResponse | None = None,
 ) -> Authority:
     """What is known after the newest telemetry.
 
@@ -142,7 +146,11 @@ def measured(
         dt_s: since the previous tick.
         link_delay_s: one way: answers may be later by a round trip.
         settings: thresholds and times.
+        response: (n,) by how much vehicles may answer later than `settings` have it; None: not at all.
     """
+    answer_s = np.full(len(commanded), settings.answer_s + 4.0 * link_delay_s)
+    if response is not None:
+        answer_s += RAMPS_M_S / response.acceleration_m_s2
     return Authority(
         *_measured(
             np.array(before.least_m_s),
@@ -155,8 +163,9 @@ def measured(
             velocity_m_s,
             commanded,
             fastest_m_s,
+            answer_s,
             dt_s,
-            (settings.answer_s + 4.0 * link_delay_s, settings.lack_s + 2.0 * link_delay_s, settings.slow_s),
+            (settings.lack_s + 2.0 * link_delay_s, settings.slow_s),
         )
     )
 
@@ -173,11 +182,12 @@ def _measured(
     velocity_m_s: Array,
     commanded: Mask,
     fastest_m_s: Array,
+    answer_s: Array,
     dt_s: float,
-    times: tuple[float, float, float],
+    times: tuple[float, float],
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """As `measured`; the arrays of the state are changed."""
-    answer_s, lack_s, slow_s = times
+    lack_s, slow_s = times
     n = len(commanded)
     missing_m_s, mean_m_s, many = np.zeros((n, 3)), np.zeros(3), 0
     for i in range(n):
@@ -191,7 +201,7 @@ def _measured(
         many += 1
         for k in range(3):
             missing_m_s[i, k] = _missing(
-                i, k, least_m_s, most_m_s, allowed_m_s, velocity_m_s, dt_s / answer_s
+                i, k, least_m_s, most_m_s, allowed_m_s, velocity_m_s, dt_s / answer_s[i]
             )
             lack_m_s[i, k] += (1.0 - np.exp(-dt_s / lack_s)) * (missing_m_s[i, k] - lack_m_s[i, k])
             mean_m_s[k] += missing_m_s[i, k]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gcs.model.errors import ShapeError
 from gcs.model.jit import kernel
+from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
 from gcs.safety.neighbours import Rows
@@ -123,14 +124,47 @@ class Braking(Settings):
             escape_rate_per_s=1.0 / (1.0 / self.escape_rate_per_s + 4.0 * delay_s),
         )
 
+    def of_each(self, count: int, response: FleetResponse | None = None) -> Array:
+        """(4, n) the reaction, lead, deceleration and escape rate of `count` vehicles, see REACTION.
+
+        A vehicle whose autopilot swings longer, or brakes more gently, is given that. None: all as these
+        settings are.
+        """
+        each = np.empty((4, count))
+        each[REACTION], each[LEAD] = self.reaction_s, self.lead_s
+        each[DECELERATION], each[ESCAPE] = self.deceleration_m_s2, self.escape_rate_per_s
+        if response is not None:
+            np.maximum(each[REACTION], response.swings_s, out=each[REACTION])
+            np.minimum(each[DECELERATION], response.acceleration_m_s2, out=each[DECELERATION])
+        return each
+
+    def of_slowest(self, response: FleetResponse) -> "Braking":
+        """What holds for every one of these vehicles."""
+        each = self.of_each(len(response), response)
+        return self.model_copy(
+            update={
+                "reaction_s": float(each[REACTION].max(initial=self.reaction_s)),
+                "deceleration_m_s2": float(each[DECELERATION].min(initial=self.deceleration_m_s2)),
+            }
+        )
+
     def speed_m_s(self, gap_m: Array) -> Array:
         """Fastest approach from which a vehicle stops within `gap_m` (any shape).
 
         Solves ``v t + v^2 / (2 a) = gap``. Negative for a negative gap: moving away is then required.
         """
-        a, t = self.deceleration_m_s2, self.reaction_s
-        stop: Array = a * (np.sqrt(t * t + 2.0 * np.maximum(gap_m, 0.0) / a) - t)
-        return np.where(gap_m < 0.0, self.escape_rate_per_s * gap_m, stop)
+        return stopping_speed_m_s(gap_m, self.of_each(1))
+
+
+REACTION, LEAD, DECELERATION, ESCAPE = range(4)
+"""Rows of `Braking.of_each`."""
+
+
+def stopping_speed_m_s(gap_m: Array, each: Array) -> Array:
+    """(k,) as `Braking.speed_m_s`, for gaps (k,) of vehicles that stop as `each` (4, k) says."""
+    a, t = each[DECELERATION], each[REACTION]
+    stop: Array = a * (np.sqrt(t * t + 2.0 * np.maximum(gap_m, 0.0) / a) - t)
+    return np.where(gap_m < 0.0, each[ESCAPE] * gap_m, stop)
 
 
 @kernel

@@ -1,7 +1,7 @@
 """The safety filter: all constraints, the nearest velocities that keep them, and the reasons."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import hypot
 from typing import TypeAlias
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.jit import kernel
+from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.authority import AuthoritySettings, reach_constraints
@@ -81,6 +82,13 @@ class Surroundings:
     segments_of: Rows | None = None  # (m,) row of each path's lost vehicle; None: not known
     drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
     passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
+    response: FleetResponse | None = None  # (n,) in what their stops differ from `braking`; None: in nothing
+
+    def over_link(self, delay_s: float) -> "Surroundings":
+        """The same when stops begin a round trip of 2 `delay_s` later."""
+        if self.response is None or delay_s == 0.0:
+            return self
+        return replace(self, response=self.response.over_link(delay_s))
 
 
 def filter_velocities(
@@ -95,7 +103,7 @@ def filter_velocities(
 
     Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not.
     """
-    here, limits = surroundings, settings.limits
+    here, limits = surroundings.over_link(settings.link_delay_s), settings.limits
     braking = settings.braking.over_link(settings.link_delay_s)
     position_m, desired_m_s = _later_and_only(
         np.array(here.position_m),
@@ -155,6 +163,7 @@ def _pairs(
         course_m_s=course_m_s,
         spare_m_s=np.full(len(course_m_s), spare_m_s),
         only=only,
+        response=here.response,
     )
 
 
@@ -218,15 +227,27 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
             segments_of=here.segments_of,
             drift=here.drift,
             passage=here.passage,
+            response=here.response,
             fastest_m_s=fastest_m_s,
         )
-    return Constraints.joined(
-        keepout,
-        fence_constraints(
-            position_m, here.commanded, here.descending, settings.fence, braking, fastest_m_s=fastest_m_s
-        ),
-        obstacle_constraints(position_m, here.commanded, here.ellipses, braking, fastest_m_s=fastest_m_s),
+    fence = fence_constraints(
+        position_m,
+        here.commanded,
+        here.descending,
+        settings.fence,
+        braking,
+        response=here.response,
+        fastest_m_s=fastest_m_s,
     )
+    obstacles = obstacle_constraints(
+        position_m,
+        here.commanded,
+        here.ellipses,
+        braking,
+        response=here.response,
+        fastest_m_s=fastest_m_s,
+    )
+    return Constraints.joined(keepout, fence, obstacles)
 
 
 def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> Constraints:

@@ -7,9 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.jit import kernel
+from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
-from gcs.safety.constraints import NO_ROW, Braking, allowed_speed_m_s
+from gcs.safety.constraints import (
+    DECELERATION,
+    ESCAPE,
+    LEAD,
+    NO_ROW,
+    REACTION,
+    Braking,
+    allowed_speed_m_s,
+)
 from gcs.safety.neighbours import FEW, Rows, near_pairs, near_pairs_of
 
 
@@ -212,6 +221,7 @@ def separation_constraints(
     spare_m_s: Array,
     wander_m: Array | None = None,
     only: Mask | None = None,
+    response: FleetResponse | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
@@ -232,6 +242,8 @@ def separation_constraints(
         wander_m: (n,) standard deviations of where velocities that are not commanded lead, in any direction;
             pairs in the air keep farther apart by them. None: nowhere.
         only: (n,) pairs without one of these may also be left out.
+        response: (n,) in what vehicles differ from `braking`; None: in nothing. A pair stops as the slower
+            of both.
     """
     # numba compiles frozen arrays as another type
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
@@ -248,27 +260,24 @@ def separation_constraints(
             uncertainty_m,
             wander_m,
             np.ones(len(position_m), np.bool_) if only is None else only,
-            _numbers(floor, braking),
+            braking.of_each(len(position_m), response),
+            _numbers(floor),
         )
     )
 
 
-Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float, float]
-"""Floor (sideways, up, factor of uncertainty up, pad height), braking (reaction, lead, deceleration, escape),
-one vehicle's part of the margin (sideways, up), and the deviations that a margin covers.
+Numbers: TypeAlias = tuple[float, float, float, float, float, float, float]
+"""Floor (sideways, up, factor of uncertainty up, pad height), one vehicle's part of the margin (sideways,
+up), and the deviations that a margin covers.
 """
 
 
-def _numbers(floor: Floor, braking: Braking) -> Numbers:
+def _numbers(floor: Floor) -> Numbers:
     own_m = floor.margin_m / 2.0
     return (
         *floor.kept_m(0.0),
         floor.vertical_uncertainty,
         floor.pad_height_m,
-        braking.reaction_s,
-        braking.lead_s,
-        braking.deceleration_m_s2,
-        braking.escape_rate_per_s,
         own_m,
         own_m * floor.vertical_m / floor.horizontal_m,
         floor.deviations,
@@ -284,18 +293,23 @@ def _looks(
     wander_m: Array,
     course_m_s: Array,
     spare_m_s: Array,
+    each: Array,
     numbers: Numbers,
 ) -> tuple[Mask, Array, Array, Array, Array, Array]:
     """Which vehicles are known, their velocities, and where and how far to search for pairs that could bind.
 
     With the ellipsoid made a sphere by a factor f of heights, the gap is at least the distance to the sphere,
     divided by f where f is above 1. Every pair's f is between `thin` and `thick`; `thin` makes no distance
-    too long.
+    too long. Each is searched for as if all stopped as the slowest in `each` (4, n).
 
     Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n, 3) positions, (n,) half distances, m.
     """
-    wide_m, tall_m, taller, _, reaction_s, lead_s, deceleration_m_s2 = numbers[:7]
-    deviations, n = numbers[10], len(position_m)
+    wide_m, tall_m, taller = numbers[:3]
+    deviations, n = numbers[6], len(position_m)
+    reaction_s, lead_s, deceleration_m_s2 = 0.0, 0.0, np.inf
+    for i in range(n):
+        reaction_s, lead_s = max(reaction_s, each[REACTION, i]), max(lead_s, each[LEAD, i])
+        deceleration_m_s2 = min(deceleration_m_s2, each[DECELERATION, i])
     known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
     spare, look_m, place_m, mean = np.zeros(n), np.empty(n), position_m.copy(), np.zeros(3)
     thin = min(wide_m / tall_m, 1.0 / taller, 1.0)  # of the floor, of uncertainty, and of wander alone
@@ -334,11 +348,12 @@ def _found(
     uncertainty_m: Array,
     wander_m: Array,
     only: Mask,
+    each: Array,
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
     """As `separation_constraints`."""
     known, measured_m_s, course_m_s, spare_m_s, place_m, look_m = _looks(
-        position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, numbers
+        position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, each, numbers
     )
     if only.sum() <= FEW:
         first, second = near_pairs_of(only, place_m, known, look_m)
@@ -347,7 +362,7 @@ def _found(
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
-    sides, seen, answers, kept = np.empty((2, BLOCK), np.intp), np.empty((13, BLOCK)), np.empty((5, BLOCK)), 0
+    sides, seen, answers, kept = np.empty((2, BLOCK), np.intp), np.empty((17, BLOCK)), np.empty((5, BLOCK)), 0
     for begin in range(0, count, BLOCK):
         block = slice(begin, begin + BLOCK)
         many = _relative(
@@ -356,6 +371,7 @@ def _found(
             (position_m, course_m_s, measured_m_s),
             (uncertainty_m, wander_m, spare_m_s),
             (commanded, airborne),
+            each,
             numbers[3],
             sides,
             seen,
@@ -386,6 +402,7 @@ def _relative(
     motion: tuple[Array, Array, Array],
     own: tuple[Array, Array, Array],
     masks: tuple[Mask, Mask],
+    each: Array,
     pad_height_m: float,
     sides: NDArray[np.intp],
     seen: Array,
@@ -398,10 +415,11 @@ def _relative(
         motion: positions, course and measured velocities, (n, 3) each.
         own: uncertainty, wander and spare speed, (n,) each.
         masks: commanded and airborne, (n,) each.
+        each: (4, n) as of `Braking.of_each`.
         pad_height_m: as of `Floor`.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
-        seen: (13, BLOCK) changed: offset, difference of the courses, of the measured velocities, squares of
-            uncertainty and wander, spare speed, and whether one of both stands.
+        seen: (17, BLOCK) changed: offset, difference of the courses, of the measured velocities, squares of
+            uncertainty and wander, spare speed, whether one of both stands, and how the slower one stops.
 
     Returns: how many count.
     """
@@ -430,6 +448,10 @@ def _relative(
             seen[6 + axis, many] = motion[2][i, axis] - motion[2][j, axis]
         seen[9, many], seen[10, many] = mine_m**2 + theirs_m**2, led_m2
         seen[11, many], seen[12, many] = spare_m_s[i] + spare_m_s[j], one_stands
+        seen[13, many] = max(each[REACTION, i], each[REACTION, j])
+        seen[14, many] = max(each[LEAD, i], each[LEAD, j])
+        seen[15, many] = min(each[DECELERATION, i], each[DECELERATION, j])
+        seen[16, many] = min(each[ESCAPE, i], each[ESCAPE, j])
         many += 1
     return many
 
@@ -440,8 +462,7 @@ def _answers(many: int, seen: Array, numbers: Numbers, answers: Array) -> None:
 
     Without branches, so that it is vectorised. `seen` is that of `_relative`.
     """
-    wide_m, tall_m, taller, _, reaction_s, lead_s, deceleration_m_s2, escape_per_s = numbers[:8]
-    own_wide_m, own_tall_m, deviations = numbers[8:]
+    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations = numbers
     for k in range(many):
         unsure_m, led_m = deviations * np.sqrt(seen[9, k]), deviations * np.sqrt(seen[10, k])
         pair_wide_m = wide_m + unsure_m + led_m - seen[12, k] * own_wide_m
@@ -449,7 +470,7 @@ def _answers(many: int, seen: Array, numbers: Numbers, answers: Array) -> None:
         gap_m, x, y, z = _gap(seen[0, k], seen[1, k], seen[2, k], pair_wide_m, pair_tall_m)
         closing_m_s = -(x * seen[6, k] + y * seen[7, k] + z * seen[8, k])
         answers[0, k] = allowed_speed_m_s(
-            gap_m - lead_s * max(closing_m_s, 0.0), reaction_s, deceleration_m_s2, escape_per_s
+            gap_m - seen[14, k] * max(closing_m_s, 0.0), seen[13, k], seen[15, k], seen[16, k]
         )
         answers[1, k] = seen[11, k] - (x * seen[3, k] + y * seen[4, k] + z * seen[5, k])
         answers[2, k], answers[3, k], answers[4, k] = x, y, z

@@ -6,9 +6,19 @@ import numpy as np
 
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.model.jit import kernel
+from gcs.model.response import FleetResponse
 from gcs.model.settings import Positive, Settings
 from gcs.model.state import TINY, Array, Mask
-from gcs.safety.constraints import NO_ROW, Braking, Constraints, allowed_speed_m_s
+from gcs.safety.constraints import (
+    DECELERATION,
+    ESCAPE,
+    NO_ROW,
+    REACTION,
+    Braking,
+    Constraints,
+    allowed_speed_m_s,
+    stopping_speed_m_s,
+)
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
 
@@ -28,6 +38,7 @@ def fence_constraints(
     fence: Fence,
     braking: Braking,
     *,
+    response: FleetResponse | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Bound the speed towards the fence to the speed that can still be braked.
@@ -38,6 +49,7 @@ def fence_constraints(
         descending: (n,) True where a vehicle descends to land and may go below the least height.
         fence: its limits.
         braking: how vehicles stop.
+        response: (n,) in what they differ from that; None: in nothing.
         fastest_m_s: greatest speed of any vehicle, in any direction. Where twice this speed could still be
             braked, there is no constraint: no velocity within the limits breaks it.
     """
@@ -46,7 +58,7 @@ def fence_constraints(
         np.array(commanded),
         np.array(descending),
         (fence.height_min_m, fence.height_max_m, fence.distance_max_m),
-        (braking.reaction_s, braking.deceleration_m_s2, braking.escape_rate_per_s),
+        braking.of_each(len(position_m), response),
         2.0 * fastest_m_s,
     )
     if len(rows) == 0:
@@ -63,10 +75,13 @@ def _fence_rows(
     commanded: Mask,
     descending: Mask,
     fence: tuple[float, float, float],
-    braking: tuple[float, float, float],
+    each: Array,
     possible_m_s: float,
 ) -> tuple[Rows, Rows, Array, Array]:
-    """Rows (k,), sides of the fence (k,), inward normals (k, 3), bounds (k,) of all that could bind."""
+    """Rows (k,), sides of the fence (k,), inward normals (k, 3), bounds (k,) of all that could bind.
+
+    `each` (4, n) is that of `Braking.of_each`.
+    """
     height_min_m, height_max_m, distance_max_m = fence
     most = 3 * len(position_m)
     rows, sides = np.empty(most, np.intp), np.empty(most, np.intp)
@@ -86,7 +101,7 @@ def _fence_rows(
                 gap_m = height_max_m - height_m
             else:
                 gap_m = distance_max_m - distance_m
-            allowed_m_s = allowed_speed_m_s(gap_m, braking[0], braking[1], braking[2])
+            allowed_m_s = allowed_speed_m_s(gap_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i])
             if not allowed_m_s <= possible_m_s:
                 continue
             rows[kept], sides[kept], bound_m_s[kept] = i, side, -allowed_m_s
@@ -106,6 +121,7 @@ def obstacle_constraints(
     ellipses: Mapping[str, Ellipse],
     braking: Braking,
     *,
+    response: FleetResponse | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Bound the speed towards each box grown by its margin and headroom, relative to the box itself.
@@ -119,6 +135,7 @@ def obstacle_constraints(
         commanded: (n,).
         ellipses: by obstacle id; margin and headroom included.
         braking: how vehicles stop.
+        response: (n,) in what they differ from that; None: in nothing.
         fastest_m_s: greatest speed of any vehicle, in any direction. Where twice this speed could still be
             braked, there is no constraint: no velocity within the limits breaks it.
     """
@@ -132,7 +149,7 @@ def obstacle_constraints(
         outlines.half_length_m,
         outlines.top_height_m,
         outlines.velocity_m_s,
-        (braking.reaction_s, braking.deceleration_m_s2, braking.escape_rate_per_s),
+        braking.of_each(len(position_m), response),
         2.0 * fastest_m_s,
     )
     walls = [f"obstacle {name}" for name in outlines.names]
@@ -148,12 +165,13 @@ def _obstacle_rows(
     half_length_m: Array,
     top_height_m: Array,
     moving_m_s: Array,
-    braking: tuple[float, float, float],
+    each: Array,
     possible_m_s: float,
 ) -> tuple[Rows, Rows, Array, Array]:
     """Rows (k,), boxes (k,), normals (k, 3), bounds (k,) of all that could bind.
 
     The ways out of the boxes come first. Then, for box j of m as m + j, no way down where a side leads out.
+    `each` (4, n) is that of `Braking.of_each`.
     """
     n, m = len(position_m), len(center_m)
     outward, gap_m = nearest_way_out(position_m, center_m, half_length_m, top_height_m)
@@ -172,7 +190,9 @@ def _obstacle_rows(
                     normal[kept, 0], normal[kept, 1], normal[kept, 2] = 0.0, 0.0, -1.0
                 else:
                     drift_m_s = outward[i, j, 0] * moving_m_s[j, 0] + outward[i, j, 1] * moving_m_s[j, 1]
-                    bound = drift_m_s - allowed_speed_m_s(gap_m[i, j], braking[0], braking[1], braking[2])
+                    bound = drift_m_s - allowed_speed_m_s(
+                        gap_m[i, j], each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i]
+                    )
                     if not bound >= -possible_m_s:
                         continue
                     rows[kept], which[kept], bound_m_s[kept] = i, j, bound
@@ -230,6 +250,7 @@ def keepout_constraints(
     segments_of: Rows | None = None,
     drift: tuple[Array, Array] | None = None,
     passage: Mask | None = None,
+    response: FleetResponse | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Keep the commanded vehicles away from the space that lost vehicles may sweep.
@@ -250,6 +271,7 @@ def keepout_constraints(
         drift: (n, 3) expected positions and (n, 3) velocities of the lost vehicles that still drift, else
             NaN; None: of none. Needs `segments_of`.
         passage: (n,) vehicles that keep floor and reserve from the paths, without margin; None: none does.
+        response: (n,) in what vehicles differ from `braking`; None: in nothing.
         fastest_m_s: as in `separation_constraints`; constraints that twice this speed cannot break are left
         out.
     """
@@ -276,7 +298,8 @@ def keepout_constraints(
     kept_m = floor.horizontal_m + floor.margin_m + reserve_m
     if passage is not None:
         kept_m -= floor.margin_m * passage[row]
-    normal, bound_m_s = _true_bound(apart * floor.scale, distance_m - kept_m, braking)
+    each = braking.of_each(len(position_m), response)[:, row]
+    normal, bound_m_s = _true_bound(apart * floor.scale, distance_m - kept_m, each)
     scaled_m = position_m[rows] * floor.scale
     own_kept_m = np.full((len(rows), len(segments_m)), -np.inf)
     own_kept_m[which, piece] = kept_m
@@ -501,11 +524,11 @@ def from_path_m(place_m: Array, segment_m: Array, off_m: Array) -> float:
     return away_m
 
 
-def _true_bound(slope: Array, scaled_gap_m: Array, braking: Braking) -> tuple[Array, Array]:
+def _true_bound(slope: Array, scaled_gap_m: Array, each: Array) -> tuple[Array, Array]:
     """Unit normals (k, 3) and bounds (k,) in true metres a second.
 
     `slope` (k, 3) is the gradient of the scaled distance; the gap in true metres along it is the scaled
-    gap divided by its length.
+    gap divided by its length. `each` (4, k) is that of `Braking.of_each`.
     """
     length = np.linalg.norm(slope, axis=1)
-    return slope / length[:, None], -braking.speed_m_s(scaled_gap_m / length)
+    return slope / length[:, None], -stopping_speed_m_s(scaled_gap_m / length, each)

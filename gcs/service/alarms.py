@@ -60,6 +60,7 @@ class AlarmCause(StrEnum):
     RADIUS_SMALL = "radius-small"
     LITTLE_AUTHORITY = "little-authority"
     SLOW_VEHICLE = "slow-vehicle"
+    SLOW_ANSWERS = "slow-answers"
     CORRECTIONS_STOPPED = "corrections-stopped"
     TIMECODE = "timecode"
     CLOCK_DOUBTFUL = "clock-doubtful"
@@ -205,6 +206,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C,
         "{vehicles} slower than configured",
         "Let [it|them] come home; compare MPC_XY_VEL_MAX with the configured speed.",
+        off_after_s=5.0,
+    ),
+    AlarmCause.SLOW_ANSWERS: CauseRow(
+        C,
+        "{vehicles} slow to follow setpoints",
+        "Let [it|them] come home; compare the limits of acceleration with what preflight requires.",
         off_after_s=5.0,
     ),
     AlarmCause.CORRECTIONS_STOPPED: CauseRow(

@@ -218,6 +218,10 @@ class SelectedShow:
         BeginView | None,
         Field(description="null: it begins as soon as all vehicles are there, or has begun."),
     ] = None
+    spares: Annotated[
+        tuple[str, ...],
+        Field(description="Vehicles on the ground that take the places of lost ones; empty without any."),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)

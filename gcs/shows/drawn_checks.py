@@ -79,6 +79,7 @@ def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
             pairs[pair] = min(near, pairs.get(pair, near))
         most = np.maximum(most, _motion(sampled))
         found += [*_close(show, drawing, index, below), *_fast(show, sampled), *_outside(show, sampled)]
+        found += _turns(show, drawing, sampled)
     known = np.isfinite(least[0])
     names = drawing.vehicles
     figures = DrawnFigures(
@@ -190,6 +191,18 @@ def _worst(sampled: _Sampled, what: str, values: Array, most: float, unit: str) 
     when = f"vehicle {row + 1} of the drawing at {sampled.time_s[at]:.1f} s"
     text = f"trajectories: {values.max():.2f} {unit} {what}, at most {most:g} {unit}: {when}"
     return Flaw(("timeline", sampled.part.index, "trajectories"), text)
+
+
+def _turns(show: Show, drawing: DrawnShow, sampled: _Sampled) -> Iterator[Flaw]:
+    """Yield a drawn yaw that turns faster than a vehicle is turned, if the show flies it."""
+    if show.drawing is None or show.drawing.yaw != "drawn":
+        return
+    yaw_rad = np.stack([drawing.yaw.at(time_s) for time_s in sampled.time_s.tolist()])
+    rate_deg_s = np.degrees(np.abs(np.diff(yaw_rad, axis=0))) / np.diff(sampled.time_s)[:, None]
+    most = show.control.yaw_rate_max_deg_s
+    rate_deg_s = np.nan_to_num(rate_deg_s, nan=0.0)
+    if rate_deg_s.max(initial=0.0) > most * (1.0 + NEARLY):
+        yield _worst(sampled, "of yaw", rate_deg_s, most, "deg/s")
 
 
 def _outside(show: Show, sampled: _Sampled) -> Iterator[Flaw]:

@@ -46,6 +46,9 @@ def cue_flaws(show: Show) -> Iterator[Flaw]:
     for index, cue in enumerate(show.timeline):
         if cue.trajectories is not None:
             yield from _part(cue, index, has_drawing=show.drawing is not None)
+    spares = None if show.drawing is None else show.drawing.spares
+    if spares is not None and spares.before_cue not in {cue.cue for cue in show.timeline}:
+        yield of_value(spares.before_cue, "the name of a cue", "drawing", "spares", "before_cue")
     if show.drawing is not None and all(cue.trajectories is None for cue in show.timeline):
         yield Flaw(("drawing",), "no cue plays it: give one 'trajectories: {from_s, to_s}'")
 

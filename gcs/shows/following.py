@@ -78,19 +78,26 @@ class DrawnPace:
         for_s = self.for_s + dt_s if late else 0.0
         return DrawnPace(False, self.rate + change, change / dt_s, for_s)
 
-    def goals(self, motion: Motion, rows: NDArray[np.intp], count: int) -> DrawnGoals:
+    def goals(
+        self, motion: Motion, rows: NDArray[np.intp], count: int, yaw_rad: Array | None = None
+    ) -> DrawnGoals:
         """Return what the tick follows.
 
         Args:
             motion: of k vehicles, at the clock's time and full rate.
             rows: (k,) of these vehicles among the `count` of the fleet.
             count: n.
+            yaw_rad: (k,) from the show's x axis, NaN: the drawing has none; None: it is not flown.
         """
         goals = [np.full((count, 3), np.nan) for _ in range(3)]
         goals[0][rows] = motion.position_m
         goals[1][rows] = self.rate * motion.velocity_m_s
         goals[2][rows] = self.rate**2 * motion.acceleration_m_s2 + self.rate_per_s * motion.velocity_m_s
-        return DrawnGoals(*goals)
+        turned_rad = None
+        if yaw_rad is not None:
+            turned_rad = np.full(count, np.nan)
+            turned_rad[rows] = yaw_rad
+        return DrawnGoals(goals[0], goals[1], goals[2], turned_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

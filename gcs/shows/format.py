@@ -164,6 +164,13 @@ class Cue(Settings):
     trajectories: DrawnPart | None = None
 
 
+class SpareVehicles(Settings):
+    """Vehicles of a start that stay on the ground, to take the places of lost ones."""
+
+    count: Annotated[StrictInt, Field(ge=1, le=20)]  # at most; they come last in the fleet's order
+    before_cue: Name  # who is lost later is not replaced
+
+
 class Drawing(Settings):
     """The file of a drawn show, beside the show file."""
 
@@ -174,6 +181,9 @@ class Drawing(Settings):
     pads: Literal["nearest", "file"] = (
         "nearest"  # which vehicle flies which trajectory; `file`: in the fleet's order
     )
+    lands: Literal["own", "nearest"] = "own"  # `nearest`: the pads are assigned anew where the return begins
+    yaw: Literal["plan", "drawn"] = "plan"  # `drawn`: the drawing's yaw, where it has one
+    spares: SpareVehicles | None = None
 
 
 class Loop(Settings):
@@ -208,12 +218,18 @@ class Show(Settings):
     @property
     def pads_m(self) -> Array:
         """(n, 3) Start positions of the vehicles, show frame, on the ground."""
+        return self.start_places_m[: self.fleet.vehicles]
+
+    @property
+    def start_places_m(self) -> Array:
+        """(n + s, 3) As `pads_m`, and the next places of the pattern, for the spares."""
         pads, count = self.fleet.pads, self.fleet.vehicles
-        index = np.arange(count)
-        cells = np.stack([index // pads.columns, index % pads.columns, np.zeros(count)], axis=1)
+        spares = 0 if self.drawing is None or self.drawing.spares is None else self.drawing.spares.count
+        index = np.arange(count + spares)
+        cells = np.stack([index // pads.columns, index % pads.columns, np.zeros(len(index))], axis=1)
         place_m: Array = pads.spacing_m * cells.astype(np.float64)
-        place_m[:, :2] -= (place_m[:, :2].min(axis=0) + place_m[:, :2].max(axis=0)) / 2.0
-        place_m[:, :2] += (pads.x_m, pads.y_m)
+        flown_m = place_m[:count, :2]
+        place_m[:, :2] += (pads.x_m, pads.y_m) - (flown_m.min(axis=0) + flown_m.max(axis=0)) / 2.0
         return place_m
 
     @property

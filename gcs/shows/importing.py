@@ -16,6 +16,9 @@ from gcs.shows.format import MAX_CUES
 HEIGHT_MIN_M: Final = 3.0
 """Of the written fence. Lower parts of a drawing are take-off and landing, which are the station's own."""
 
+LOW_M: Final = 10.0
+"""Vehicles that end lower than this have no room to sort themselves before they land."""
+
 FENCE_MARGIN_M: Final = 10.0
 PAD_SPACING_MIN_M: Final = 3.0
 NAME_MAX: Final = 60
@@ -57,11 +60,12 @@ def show_text(
         "altitude_amsl_m": place.altitude_amsl_m,
         "heading_deg": place.heading_deg,
     }
+    lands = ", lands: nearest" if _ends_over_others(drawing, times_s[0][0], times_s[-1][0]) else ""
     lines = [
         f"# Imported from {source}: {len(drawing)} vehicles.",
         f"about: {_quoted(drawing.title or f'A drawn show, {source}')}",
         "kind: trajectories",
-        f"drawing: {{source: {source}, sha256: {sha256}}}",
+        f"drawing: {{source: {source}, sha256: {sha256}{lands}}}",
         "",
         f"origin: {{{', '.join(f'{key}: {value:.10g}' for key, value in numbers.items())}}}",
         "fleet:",
@@ -121,6 +125,19 @@ def flown_s(drawing: DrawnShow) -> tuple[float, float]:
     if len(longest) < 2:
         raise ConfigError(f"the drawing has no time at which all vehicles are {HEIGHT_MIN_M:g} m or higher")
     return round(float(times_s[longest[0]]), 3), round(float(times_s[longest[-1]]), 3)
+
+
+def _ends_over_others(drawing: DrawnShow, from_s: float, to_s: float) -> bool:
+    """Whether a vehicle ends low, over another home than the one over which it begins."""
+    end_m = drawing.trajectories.at(to_s).position_m
+    low = -end_m[:, 2] < LOW_M
+    if not low.any():
+        return False
+    begin, end = (
+        np.linalg.norm(place_m[:, None, :2] - drawing.home_m[None, :, :2], axis=2).argmin(axis=1)
+        for place_m in (drawing.trajectories.at(from_s).position_m, end_m)
+    )
+    return bool((begin != end)[low].any())
 
 
 def pads_of(home_m: Array) -> tuple[int, float, tuple[float, float]]:

@@ -48,8 +48,14 @@ def load(path: Path) -> LoadedShow:
     return parse(documents.read(path), str(path))
 
 
-def parse(text: str, file: str) -> LoadedShow:
-    """Parse the show in `text`. `file` names it in errors; a drawing lies beside it. Raises: ShowError."""
+def parse(text: str, file: str, known: tuple[DrawnShow, str] | None = None) -> LoadedShow:
+    """Parse the show in `text`. Raises: ShowError.
+
+    Args:
+        text: YAML.
+        file: names it in errors; a drawing lies beside it.
+        known: its drawing with the SHA-256 of its bytes, where that was read before; None: read it.
+    """
     try:
         source = Source(text, file)
         raw = source.mapping("about, origin, fleet, fence, timeline and duration_s")
@@ -60,7 +66,7 @@ def parse(text: str, file: str) -> LoadedShow:
         show = Show.model_validate(raw)
         found = flaws(show)
         if not found and show.drawing is not None:
-            drawing, found = _drawing(show, show.drawing, Path(file).parent)
+            drawing, found = _drawing(show, show.drawing, Path(file).parent, known)
     except ValidationError as error:
         found = [Flaw(misfit.loc, _within_cue(misfit)) for misfit in misfits(error, Show, source)]
     if found or show is None:
@@ -68,17 +74,23 @@ def parse(text: str, file: str) -> LoadedShow:
     return LoadedShow(Path(file).stem, file, show, Timeline.of(show, drawing), source, drawing)
 
 
-def _drawing(show: Show, named: Drawing, folder: Path) -> tuple[DrawnShow | None, list[Flaw]]:
+def _drawing(
+    show: Show, named: Drawing, folder: Path, known: tuple[DrawnShow, str] | None
+) -> tuple[DrawnShow | None, list[Flaw]]:
     """Return the drawing of a show, and what is wrong with it."""
     try:
-        drawing, data = read_drawing(folder / named.source)
+        drawing, digest = known or _read(folder / named.source)
     except ConfigError as error:
         return None, [Flaw(("drawing", "source"), str(error))]
-    found = sha256(data).hexdigest()
-    if found != named.sha256:
-        text = f"sha256: {named.source} has {found}: it has changed, import it again"
+    if digest != named.sha256:
+        text = f"sha256: {named.source} has {digest}: it has changed, import it again"
         return None, [Flaw(("drawing", "sha256"), text)]
     return drawing, list(drawing_flaws(show, drawing))
+
+
+def _read(path: Path) -> tuple[DrawnShow, str]:
+    drawing, data = read_drawing(path)
+    return drawing, sha256(data).hexdigest()
 
 
 def located(flaw: Flaw, source: Source, cues: list[str | None]) -> Problem:
@@ -120,6 +132,7 @@ def service_flaws(
         *_origin(show, frame),
         *_limits(show, control),
         *_take_off(show, operation),
+        *_exchanged_pads(show, operation),
         *_vehicles(show, vehicles),
     ]
 
@@ -172,6 +185,16 @@ def _take_off(show: Show, operation: OperationSettings) -> Iterator[Flaw]:
         if required != configured:
             text = f"fleet.{key} = {required:g}: the service's operation.{key} is {configured:g}"
             yield Flaw(("fleet", key), text)
+
+
+def _exchanged_pads(show: Show, operation: OperationSettings) -> Iterator[Flaw]:
+    """Yield that a vehicle which returns by itself would land on its old pad, where another may stand."""
+    if show.drawing is None or show.drawing.lands != "nearest" or operation.setpoint_loss_action != "return":
+        return
+    text = (
+        "drawing.lands = nearest: the service's operation.setpoint_loss_action is 'return', to the old pads"
+    )
+    yield Flaw(("drawing", "lands"), text)
 
 
 def _vehicles(show: Show, vehicles: int) -> Iterator[Flaw]:

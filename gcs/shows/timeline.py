@@ -235,6 +235,16 @@ class Timeline:
         still = np.zeros_like(motion.position_m)
         return Motion(motion.position_m, still, still)
 
+    def yaw_at(self, time_s: float) -> Array | None:
+        """(n,) Yaw of all the drawing's vehicles, from the show's x axis; NaN where the drawing has none.
+
+        None while the law leads, and for a show that does not ask for the drawing's yaw.
+        """
+        named, at_s = self.show.drawing, self.drawn_s(time_s)
+        if self.drawing is None or named is None or named.yaw != "drawn" or at_s is None:
+            return None
+        return self.drawing.yaw.at(at_s)
+
     def colours_at(self, time_s: float) -> NDArray[np.uint8]:
         """(n, 3) Red, green and blue of every vehicle's light, in the order of the drawing or the fleet."""
         if self.drawing is not None and (at_s := self.drawn_s(time_s)) is not None:

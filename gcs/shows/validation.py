@@ -76,7 +76,7 @@ def _fleet(show: Show) -> Iterator[Flaw]:
     if fleet.vehicles > 1 and fleet.pads.spacing_m < least_m - NEARLY:
         text = f"at least {least_m:.3g} m, or a climbing vehicle comes too close to its neighbour"
         yield of_value(fleet.pads.spacing_m, text, "fleet", "pads", "spacing_m")
-    farthest_m = float(np.hypot(*show.pads_m[:, :2].T).max())
+    farthest_m = float(np.hypot(*show.start_places_m[:, :2].T).max())
     if farthest_m > fence.distance_max_m:
         text = f"a pad lies {farthest_m:.1f} m from the origin, beyond the fence at"
         yield Flaw(("fleet", "pads"), f"{text} {fence.distance_max_m:g} m")
@@ -149,7 +149,7 @@ def _paths(show: Show) -> Iterator[Flaw]:
 def _obstacles(show: Show) -> Iterator[Flaw]:
     """Check that obstacles appear and disappear consistently, loops played."""
     avoidance = show.control.law.avoidance
-    pads_m = {f"pad {row + 1}": place_m for row, place_m in enumerate(show.pads_m)}
+    pads_m = {f"pad {row + 1}": place_m for row, place_m in enumerate(show.start_places_m)}
     standing: set[str] = set()
     reported: set[tuple[int, str]] = set()
     for one in written_out(show.timeline, show.loops):

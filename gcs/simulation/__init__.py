@@ -5,6 +5,6 @@ from typing import Final
 ROWS: Final = (
     *("shape", "saddle", "article", "tracking", "separation", "uncertainty", "obstacles"),
     *("moving-boxes", "concave", "wind", "authority", "changes", "neighbours"),
-    *("laws", "landing", "loss", "return", "stations", "drawn"),
+    *("laws", "landing", "loss", "return", "stations", "drawn", "mixed"),
 )
 """The rows of docs/flight-quality.md: scenarios that answer the same question."""

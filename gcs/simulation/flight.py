@@ -34,6 +34,7 @@ from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
+from gcs.simulation.autopilots import responses
 from gcs.simulation.initial_states import draw_world
 from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
@@ -97,7 +98,8 @@ class SimulatedFlight:
         self._progress: PathProgress | None = None
         self._returning = np.arange(0)  # (k,) rows of the return's plan
         self.memory = Memory.fresh(n, 0.0)
-        self.traits = Traits.alike(n, layout.reported_uncertainty_m(scenario))
+        alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
+        self.traits = replace(alike, response=responses(scenario.world, n))
         several = scenario.stations.count > 1
         self._stations = SimulatedStations(scenario.stations, self.world, seed) if several else None
 
@@ -274,7 +276,7 @@ class SimulatedFlight:
             {world.ids[row]: world.position_m[row] for row in flying},
             {},
             velocities_m_s={world.ids[row]: world.velocity_m_s[row] for row in flying},
-            braking=self.settings.safety.braking,
+            braking=self.settings.safety.braking.of_slowest(self.traits.response),
         )
 
     def _placed(self, box: Obstacle) -> Obstacle:
@@ -418,7 +420,7 @@ class FormationRun(SimulatedFlight):
         charge = np.array(flight.charges)[rows % len(flight.charges)]
         self.record.charge = charge
         speeds_m_s = np.array(flight.speeds_m_s or (np.inf,))
-        self.traits = Traits(charge, speeds_m_s[rows % len(speeds_m_s)], np.array(self.traits.uncertainty_m))
+        self.traits = replace(self.traits, charge=charge, speed_max_m_s=speeds_m_s[rows % len(speeds_m_s)])
         self._neighbourhood = (
             None
             if flight.radio is None

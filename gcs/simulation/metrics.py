@@ -302,7 +302,8 @@ def tracking(record: Record, shape: Shape) -> dict[str, object]:
     if isinstance(flight, GoalFlight | ShowFlight) or not flight.orbit.radius_m:
         return figures
     settle_s = _on_orbit_s(record, flight)
-    ticks = [t for t in range(len(record.time_s)) if settle_s is not None and record.time_s[t] >= settle_s]
+    flown = [t for t, formed in enumerate(record.formed) if formed.any()]
+    ticks = [t for t in flown if settle_s is not None and record.time_s[t] >= settle_s]
     if len(ticks) < 2:
         return figures
     centroid_m = np.array(

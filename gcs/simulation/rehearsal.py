@@ -1,7 +1,7 @@
 """Flies a show in virtual time (hover, assembly, timeline, return), and judges it cue by cue."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, hypot
 from typing import Any
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gcs.control import Task, Tasks
 from gcs.control.inputs import DrawnGoals
-from gcs.failsafe.policy import FailsafePolicy
+from gcs.failsafe.policy import Action, Cause, FailsafePolicy
 from gcs.flight.fleet import stands
 from gcs.model.errors import Problem, RefusedError
 from gcs.model.plan import Obstacle, Plan
@@ -22,7 +22,8 @@ from gcs.shows.drawn_checks import DrawnFigures, examine
 from gcs.shows.following import DrawnPace, TrackErrors, assigned
 from gcs.simulation.flight import SimulatedFlight
 from gcs.simulation.metrics import rounded
-from gcs.simulation.scenario import FormationFlight, Judged, Scenario, World
+from gcs.simulation.record import penetrations_and_clearance_m
+from gcs.simulation.scenario import Adversity, Box, FormationFlight, Judged, Scenario, Wind, World
 
 ASSEMBLED_BY_S = 120.0
 """Time limit of the assembly."""
@@ -42,9 +43,23 @@ class Rehearsal(SimulatedFlight):
     """One flight of a show; `flaws` has the problems that occurred."""
 
     def __init__(
-        self, loaded: LoadedShow, world: World, seed: int, on_progress: Callable[[float], None] | None = None
+        self,
+        loaded: LoadedShow,
+        world: World,
+        seed: int,
+        on_progress: Callable[[float], None] | None = None,
+        adversity: Adversity | None = None,
     ) -> None:
-        """`world` sets the vehicles and links; `on_progress` is called with the share that is flown."""
+        """Hover above the pads.
+
+        Args:
+            loaded: the show.
+            world: vehicles and links.
+            seed: of the vehicles' errors, and of which are lost.
+            on_progress: called with the share that is flown.
+            adversity: what the show does not know of; None: nothing.
+        """
+        adversity = adversity or Adversity()
         self._on_progress, self._report_at_s = on_progress, 0.0
         show, timeline = loaded.show, loaded.timeline
         self.loaded, self.timeline = loaded, timeline
@@ -65,6 +80,7 @@ class Rehearsal(SimulatedFlight):
             height_m=first.formation.height_m,
             law=first.formation.law,
             takeoff_height_m=show.fleet.takeoff_height_m,
+            loss=adversity.loss,
         )
         scenario = Scenario(
             name=loaded.name,
@@ -79,16 +95,34 @@ class Rehearsal(SimulatedFlight):
         start_m = show.pads_m - (0.0, 0.0, show.fleet.takeoff_height_m)
         super().__init__(scenario, start_m, np.full_like(start_m, np.nan), first, seed)
         self.task[:] = Task.FORMATION
+        self._unknown: tuple[Obstacle, ...] = ()  # obstacles that are not the show's
+        self._stand(adversity.boxes)
         self.trajectory_of = np.arange(show.fleet.vehicles)  # (n,) row of each vehicle's trajectory
         if loaded.drawing is not None and show.drawing is not None and show.drawing.pads == "nearest":
             first_m = loaded.drawing.trajectories.at(timeline.parts[0].from_s).position_m
             self.trajectory_of = assigned(start_m, first_m)
+
+    def _stand(self, boxes: Sequence[Box]) -> None:
+        """Have obstacles stand that the show does not know of; one in the way of a vehicle is a flaw."""
+        for number, box in enumerate(boxes, 1):
+            obstacle = Obstacle(f"unknown box {number}", **box.model_dump())
+            try:
+                self.check_box(obstacle)
+            except RefusedError as error:
+                self.flaws.append(Flaw(("timeline", 0), str(error)))
+            else:
+                self._unknown = (*self._unknown, obstacle)
+        self.plan = replace(self.plan, obstacles=(*self.plan.obstacles, *self._unknown))
 
     def before_tick(self) -> None:
         if self._on_progress is not None and self.time_s >= self._report_at_s:
             self._report_at_s = self.time_s + REPORT_S
             self._on_progress(self.share_flown())
         for when_s, cause, action in self.record.failsafes[self._named :]:
+            if (cause, action) == (Cause.VEHICLE_LOST, Action.RE_FORM):
+                continue  # which the loss asks for
+            if (cause, action) == (Cause.VEHICLES_LOST, Action.RETURN) and self.ended_s is not None:
+                continue  # few fly any more, and these return already
             words = f"failsafe '{cause}' acts {when_s:.0f} s after the assembly began: {action}"
             self.flaws.append(Flaw(("timeline", 0), words))
         self._named = len(self.record.failsafes)
@@ -103,12 +137,23 @@ class Rehearsal(SimulatedFlight):
             self._goals = None
             begin = self.center_moves
             self.center_moves = False
+            if begin:
+                self._exchange_pads()
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
 
     def led(self, tasks: Tasks) -> Tasks:
         if self._goals is None:
             return tasks
         return tasks.led_by(self._goals, moves=not self._pace.approaches)
+
+    def _exchange_pads(self) -> None:
+        """Assign the pads anew, as in flight, if the show says so and lost vehicles do not fly to theirs."""
+        named = self.loaded.show.drawing
+        if named is None or named.lands != "nearest" or self.losses.loss.action == "return":
+            return
+        rows = np.flatnonzero((self.task == Task.FORMATION) & self.present)
+        self.pads_m = self.world.home_m.copy()
+        self.pads_m[rows] = self.pads_m[rows][assigned(self.world.received_m[rows], self.pads_m[rows])]
 
     def _follow(self, show_s: float) -> bool:
         """Have the drawing lead, and the clock run as vehicles keep up. Returns: False if the law leads."""
@@ -125,10 +170,13 @@ class Rehearsal(SimulatedFlight):
         self._clock_s += self._pace.rate * dt_s
         moved = self.timeline.motion_at(self._clock_s)
         motion = motion if moved is None else moved.of(self.trajectory_of)
-        self._goals = self._pace.goals(motion, np.arange(len(flies)), len(flies))
+        yaw_rad = self.timeline.yaw_at(self._clock_s)
+        yaw_rad = None if yaw_rad is None else yaw_rad[self.trajectory_of]
+        self._goals = self._pace.goals(motion, np.arange(len(flies)), len(flies), yaw_rad)
         if not self._pace.approaches:
             true_m = np.linalg.norm(self.world.position_m - motion.position_m, axis=1)
-            off_m[flies] = true_m[flies]
+            cut = self.losses.rows & (self.time_s >= self.losses.loss.at_s)
+            off_m[flies & ~cut] = true_m[flies & ~cut]
         self.errors = self.errors.noted(off_m, dt_s)
         self.off_m.append(off_m)
         return True
@@ -150,7 +198,7 @@ class Rehearsal(SimulatedFlight):
         return done_s / (ASSEMBLED_IN_S + timeline_s + HOME_IN_S)
 
     def finished(self) -> bool:
-        return self.ended_s is not None and not self.record.in_air[-1].any()
+        return self.ended_s is not None and not (self.record.in_air[-1] & ~self.losses.known).any()
 
     def _assemble(self) -> None:
         if self._follow(0.0):
@@ -189,20 +237,38 @@ class Rehearsal(SimulatedFlight):
             if box.id not in self._refused:
                 possible.append(box)
         self._refused &= {box.id for box in plan.obstacles}
-        return Plan(plan.formation, plan.orbit, plan.target, tuple(possible), plan.yaw)
+        return Plan(plan.formation, plan.orbit, plan.target, (*possible, *self._unknown), plan.yaw)
 
 
 def rehearse(
-    loaded: LoadedShow, seed: int = 1, on_progress: Callable[[float], None] | None = None
+    loaded: LoadedShow,
+    seed: int = 1,
+    on_progress: Callable[[float], None] | None = None,
+    adversity: Adversity | None = None,
+    wind_m_s: tuple[float, float] = (0.0, 0.0),
 ) -> Rehearsal:
     """Fly a show once, with the recorded errors of the vehicles' position estimates.
 
-    `on_progress` is called with the share of the flight that is done, from 0 to 1.
+    Args:
+        loaded: the show.
+        seed: of these errors, and of which vehicles are lost.
+        on_progress: called with the share of the flight that is done, from 0 to 1.
+        adversity: losses, and obstacles that the show does not know of; None: none.
+        wind_m_s: along the show's x and y; its gusts have a standard deviation of `GUSTS` of it.
     """
-    flight = Rehearsal(loaded, World(noise=1.0), seed, on_progress)
+    speed_m_s = hypot(*wind_m_s)
+    wind = Wind(mean_x_m_s=wind_m_s[0], mean_y_m_s=wind_m_s[1], gust_m_s=GUSTS * speed_m_s)
+    drag_per_s = WIND_DRAG_PER_S if speed_m_s else World().drag_per_s
+    flight = Rehearsal(
+        loaded, World(noise=1.0, wind=wind, drag_per_s=drag_per_s), seed, on_progress, adversity
+    )
     flight.fly()
     return flight
 
+
+GUSTS = 0.125
+WIND_DRAG_PER_S = 0.2
+"""Of real quadrotors; that of PX4's simulator is 1.0."""
 
 TAKEOFF_M_S = 1.5
 """MPC_TKO_SPEED."""
@@ -229,6 +295,8 @@ class Verdict(ShowFigures):
     track_rms_m: float | None = None  # true distances from the trajectories, over time and vehicles
     track_max_m: float | None = None
     lags: tuple["Lag", ...] = ()  # of every vehicle, the largest first
+    lost: tuple[int, ...] = ()  # vehicles of the show, from 1, that the rehearsal lost
+    penetrations: int | None = None  # vehicles inside an obstacle grown by 1 m; None: there was none
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,6 +312,20 @@ class Lag:
 
 
 LAG_REPORTED_M, LAGS_NAMED = 0.5, 5
+
+
+def lags(flight: Rehearsal) -> tuple[Lag, ...]:
+    """Return how far each vehicle was off its trajectory, the farthest first; empty without a drawing."""
+    timeline, errors, drawing = flight.timeline, flight.errors, flight.loaded.drawing
+    if drawing is None:
+        return ()
+    off_m, found = np.nan_to_num(np.stack(flight.off_m), nan=0.0), []
+    for row in np.argsort(-errors.max_m, kind="stable").tolist():
+        at_s = flight.show_s[int(off_m[:, row].argmax())]
+        name = drawing.vehicles[int(flight.trajectory_of[row])]
+        sizes = _short(errors.rms_m[row]), _short(errors.max_m[row])
+        found.append(Lag(row + 1, name, *sizes, _short(at_s), timeline.cue_at(at_s).cue.cue))
+    return tuple(found)
 
 
 def judge(flight: Rehearsal) -> Verdict:
@@ -265,6 +347,7 @@ class _Judge:
         self._ended_s = flight.ended_s if flight.ended_s is not None else float(self._time_s[-1])
         self._found = list(flight.flaws)
         self._show_s = np.array(flight.show_s)
+        self._lost = np.array(flight.losses.rows)  # (n,) which the station cannot command
 
     def verdict(self) -> Verdict:
         show, timeline = self._loaded.show, self._loaded.timeline
@@ -274,6 +357,7 @@ class _Judge:
         home_s, need, columns = self._home_s(), self._battery(), self._columns()
         self._reached()
         self._apart()
+        entered = self._entered()
         found = {(*flaw.loc, flaw.text): self._loaded.problem(flaw) for flaw in self._found}
         problems = tuple(sorted(found.values(), key=lambda problem: problem.line))
         return Verdict(
@@ -289,7 +373,7 @@ class _Judge:
             floor_m=self._record.floor_m,
             separation_min_m=_short(float(self._closest_m.min())),
             separation_min_at=self._place(int(self._closest_m.argmin()))[1],
-            pairs_below_floor=len(self._record.violating),
+            pairs_below_floor=self._pairs_below(),
             speed_max_m_s=_short(float(np.hypot(*self._velocity_m_s[:, :, :2].transpose(2, 0, 1)).max())),
             climb_max_m_s=_short(float(up_m_s.max())),
             sink_max_m_s=_short(float(-up_m_s.min())),
@@ -299,27 +383,31 @@ class _Judge:
             vertical_overlaps=len(columns),
             columns=tuple(columns[:COLUMNS_REPORTED]),
             cues=cues,
+            lost=tuple(row + 1 for row in np.flatnonzero(self._lost).tolist()),
+            penetrations=entered,
             **self._drawn(),
         )
 
     def _drawn(self) -> dict[str, Any]:
         """Return the figures of drawn parts."""
-        timeline, errors, drawing = self._loaded.timeline, self._flight.errors, self._loaded.drawing
-        if drawing is None:
+        if self._loaded.drawing is None:
             return {}
-        off_m = np.nan_to_num(np.stack(self._flight.off_m), nan=0.0)
-        lags = []
-        for row in np.argsort(-errors.max_m, kind="stable").tolist():
-            at_s = float(self._show_s[int(off_m[:, row].argmax())])
-            name = drawing.vehicles[int(self._flight.trajectory_of[row])]
-            sizes = _short(errors.rms_m[row]), _short(errors.max_m[row])
-            lags.append(Lag(row + 1, name, *sizes, _short(at_s), timeline.cue_at(at_s).cue.cue))
+        errors = self._flight.errors
         return {
-            "drawn": examine(timeline)[0],
+            "drawn": examine(self._loaded.timeline)[0],
             "track_rms_m": round(errors.fleet_rms_m, 3),
             "track_max_m": _short(errors.max_m.max()),
-            "lags": tuple(lags),
+            "lags": lags(self._flight),
         }
+
+    def _entered(self) -> int | None:
+        """Return how many vehicles came inside an obstacle; None: there was none."""
+        if not any(self._record.boxes):
+            return None
+        entered = penetrations_and_clearance_m(self._record)[0]
+        if entered:
+            self._found.append(Flaw(("timeline", 0), f"{entered} vehicles come within 1 m of an obstacle"))
+        return entered
 
     def _passages(self) -> list[tuple[Played, float, float]]:
         """Every cue as it was played, with start and end in show time."""
@@ -364,8 +452,9 @@ class _Judge:
         """Least margins to the fence: horizontal during the whole flight, vertical while the show runs."""
         fence = self._loaded.show.fence
         inside = (self._time_s >= self._began_s) & (self._time_s < self._ended_s)
-        margin_m = fence.distance_max_m - np.hypot(*self._position_m[:, :, :2].transpose(2, 0, 1)).max(axis=1)
-        height_m = -self._position_m[:, :, 2]
+        ours_m = self._position_m[:, ~self._lost]
+        margin_m = fence.distance_max_m - np.hypot(*ours_m[:, :, :2].transpose(2, 0, 1)).max(axis=1)
+        height_m = -ours_m[:, :, 2]
         up_m = np.minimum(fence.height_max_m - height_m, height_m - fence.height_min_m).min(axis=1)
         for what, least_m in (("distance", margin_m), ("height", np.where(inside, up_m, np.inf))):
             worst = int(least_m.argmin())
@@ -374,7 +463,7 @@ class _Judge:
         return float(margin_m.min()), float(up_m[inside].min())
 
     def _home_s(self) -> float | None:
-        in_air = np.array([rows.any() for rows in self._record.in_air])
+        in_air = np.array([(rows & ~self._lost).any() for rows in self._record.in_air])
         if in_air[-1] or self._flight.ended_s is None:
             self._found.append(Flaw(("duration_s",), "not all vehicles have come home"))
             return None
@@ -426,8 +515,13 @@ class _Judge:
                 words = f"the formation never reaches its orbit or target: {words}"
                 self._found.append(Flaw(("timeline", one.index), words))
 
+    def _pairs_below(self) -> int:
+        """Return how many pairs came below the floor, without those of two lost vehicles."""
+        lost = self._record.lost_rows
+        return sum(not lost.issuperset(pair) for pair in self._record.violating)
+
     def _apart(self) -> None:
-        worst, pairs = int(self._closest_m.argmin()), len(self._record.violating)
+        worst, pairs = int(self._closest_m.argmin()), self._pairs_below()
         if pairs:
             closer = f"{pairs} pair{'s' if pairs > 1 else ''} closer than the floor of"
             self._note(worst, f"{closer} {self._record.floor_m:g} m: {self._closest_m[worst]:.2f} m")
@@ -456,6 +550,15 @@ def _short(value: float) -> float:
 def _named(columns: Sequence[VerticalOverlap]) -> str:
     words = [f"{pair.upper} above {pair.lower} at '{pair.cue}'" for pair in columns[:COLUMNS_NAMED]]
     return f": {', '.join(words)}{', ...' if len(columns) > COLUMNS_NAMED else ''}" if words else ""
+
+
+def _adverse_lines(verdict: Verdict) -> list[str]:
+    lines = []
+    if verdict.lost:
+        lines.append(f"  lost on purpose: {', '.join(map(str, verdict.lost))}")
+    if verdict.penetrations is not None:
+        lines.append(f"  {verdict.penetrations} vehicles came within 1 m of an obstacle")
+    return lines
 
 
 def _drawn_lines(verdict: Verdict) -> list[str]:
@@ -493,6 +596,7 @@ def table(verdict: Verdict) -> str:
         f"  fence {verdict.fence_distance_margin_m:.1f} m left sideways, {height}",
         f"  battery {verdict.battery_need:.0%} needed, reserve included",
         f"  columns of {verdict.vertical_overlaps} pairs overlap{_named(verdict.columns)}",
+        *_adverse_lines(verdict),
         *_drawn_lines(verdict),
         "",
     ]

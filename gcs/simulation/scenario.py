@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
 
-from pydantic import Field, StrictStr, ValidationError, model_validator
+from pydantic import Field, StrictStr, ValidationError, field_validator, model_validator
 
 from gcs.config import yaml_files as documents
 from gcs.config.sections import OrbitSettings, TargetSettings
@@ -14,6 +14,7 @@ from gcs.control import ControlSettings
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.article import ArticleParameters
 from gcs.formation.obstacles import AvoidanceSettings
+from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.errors import ConfigError, quoted
 from gcs.model.plan import MAX_OBSTACLES, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
@@ -40,7 +41,11 @@ class Wind(Settings):
 class World(Settings):
     """True properties of vehicles and links, which the ground station does not know."""
 
-    vehicle: Literal["fitted", "cascade"] = "fitted"  # to PX4's recordings, or made of PX4's own gains
+    vehicle: Literal["fitted", "cascade"] = "fitted"  # PX4: to its recordings, or made of its own gains
+    autopilots: tuple[StrictStr, ...] = (DEFAULT.name,)  # by turns, from the first vehicle on
+    ramp_m_s2: Positive = 2.5  # WPNAV_ACCEL of vehicles that have it
+    upright_ramp_m_s2: Positive = 2.5  # PILOT_ACCEL_Z of these
+    ramp_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # that they fly of it; less: their profile errs
     response_spread: Share = 0.2  # each vehicle's gains, delay and drag differ by up to this, at random
     drag_per_s: NotNegative = 1.0  # as in PX4's simulator; real quadrotors have 0.1 to 0.3
     noise: NotNegative = 0.0  # times the recorded error of the vehicles' own estimates
@@ -55,6 +60,17 @@ class World(Settings):
     slow_until_s: Positive = 1e9
     wind: Wind = Wind()
     tick_rate_hz: Annotated[float, Field(ge=1.0, le=50.0)] = 20.0
+
+    def autopilot_of(self, row: int) -> str:
+        """The name of that vehicle's autopilot."""
+        return self.autopilots[row % len(self.autopilots)]
+
+    @field_validator("autopilots")
+    @classmethod
+    def _are_known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if not names or not AUTOPILOTS.keys() >= set(names):
+            raise ValueError(f"at least one of {', '.join(AUTOPILOTS)}")
+        return names
 
 
 class SteadyTarget(TargetSettings):
@@ -213,7 +229,14 @@ class ArticleFlight(Settings):
     avoidance: AvoidanceSettings = AvoidanceSettings()
 
 
-class ShowFlight(Settings):
+class Adversity(Settings):
+    """What a show does not know of: vehicles that are lost, and obstacles that stand from the beginning."""
+
+    loss: Loss = Loss()  # its time counts from the beginning of the assembly
+    boxes: tuple[Box, ...] = ()
+
+
+class ShowFlight(Adversity):
     """A written show, as `gcs show check` flies it, in the scenario's world."""
 
     kind: Literal["show"]

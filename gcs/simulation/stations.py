@@ -3,7 +3,7 @@
 import heapq
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +104,7 @@ class SimulatedStations:
             own = (
                 _rows_of(fleet, station.rows),
                 _tasks_of(tasks, station.rows),
-                _traits_of(traits, station.rows),
+                traits.rows(station.rows),
             )
             began_s = time.thread_time()
             self._bus.deliver(station.site, now_s)
@@ -166,10 +166,6 @@ def _rows_of(fleet: FleetState, rows: NDArray[np.intp]) -> FleetState:
     ids = tuple(fleet.ids[row] for row in rows.tolist())
     columns = (fleet.position_m, fleet.velocity_m_s, fleet.yaw_rad, fleet.age_s)
     return FleetState(fleet.time_s, ids, *(column[rows] for column in columns))
-
-
-def _traits_of(traits: Traits, rows: NDArray[np.intp]) -> Traits:
-    return Traits(*(getattr(traits, each.name)[rows] for each in fields(Traits)))
 
 
 def _tasks_of(tasks: Tasks, rows: NDArray[np.intp]) -> Tasks:

@@ -17,8 +17,8 @@ from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
 from gcs.sim.vehicle.sensors import Sensors, draw_errors, step_errors
 from gcs.sim.vehicle.state import State
+from gcs.simulation.autopilots import bodies_of
 from gcs.simulation.scenario import Radio, World
-from gcs.simulation.vehicles import Vehicles
 
 LONGEST_STEP_S = 1.0 / 60.0
 """Longest step of the integration; `sim.vehicle.dynamics` allows 0.02 s."""
@@ -93,7 +93,7 @@ class TrueWorld:
         self.ids: tuple[VehicleId, ...] = tuple(f"d{i + 1}" for i in range(n))
         self.row_of = {name: row for row, name in enumerate(self.ids)}
         self.time_s = 0.0
-        self.bodies = Vehicles(start_m, world, self.step_s, self._random)
+        self.bodies = bodies_of(start_m, world, self.step_s, self._random)
         self._gust_m_s = world.wind.gust_m_s * self._random.standard_normal((n, 3))  # once the wind has risen
         self._error = draw_errors(n, world.noise, self._random)
         self._slow = np.random.default_rng([seed, 2])  # of the bias: all else is as without it

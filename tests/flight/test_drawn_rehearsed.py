@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import yaml
 
-from gcs.shows import load
+from gcs.shows import LoadedShow, load
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
-from gcs.simulation.rehearsal import Rehearsal, judge
-from gcs.simulation.scenario import World
+from gcs.simulation.rehearsal import Rehearsal, judge, rehearse, table
+from gcs.simulation.scenario import Adversity, Box, Loss, World
 from tests.support.drawn_shows import drawn_show
 
 QUIET = World()
@@ -64,3 +64,47 @@ def test_lags_name_every_vehicle_the_farthest_first(mixed: Rehearsal) -> None:
     sizes = [lag.max_m for lag in lags]
     assert sizes == sorted(sizes, reverse=True)
     assert {asdict(lag)["trajectory"] for lag in lags} == {f"drone {number}" for number in range(1, 9)}
+
+
+@pytest.fixture(scope="module")
+def rings(tmp_path_factory: pytest.TempPathFactory) -> LoadedShow:
+    """Eight vehicles, 6 m apart, that end 5 m above pads, most of them above another's."""
+    folder: Path = tmp_path_factory.mktemp("rings")
+    write_drawing(drawn_show(8, 30.0, 6.0, ("rings",)), folder / "rings.skyc")
+    drawing, data = read_drawing(folder / "rings.skyc")
+    (folder / "rings.yaml").write_text(show_text(drawing, "rings.skyc", sha256(data).hexdigest()))
+    return load(folder / "rings.yaml")
+
+
+def test_vehicles_land_on_the_pads_below_where_a_drawing_ends(rings: LoadedShow) -> None:
+    flight = Rehearsal(rings, QUIET, 1)
+    flight.fly()
+    assert judge(flight).good, judge(flight).problems
+    begun = int(np.searchsorted(flight.record.time_s, flight.ended_s or 0.0))
+    path_m = flight.record.path_m[begun:, :, :2]
+    assert np.linalg.norm(path_m - path_m[0], axis=2).max() < 3.0
+    to_pads_m = np.linalg.norm(path_m[-1][:, None] - rings.show.pads_m[None, :, :2], axis=2)
+    assert sorted(to_pads_m.argmin(axis=1).tolist()) == list(range(8))
+    assert to_pads_m.min(axis=1).max() < 1.5
+
+
+def test_losses_wind_and_an_unknown_crane_are_rehearsed(rings: LoadedShow) -> None:
+    """One of eight vehicles is lost, and a crane stands where the rings lead vehicles through."""
+    crane = Box(x_m=15.0, y_m=2.5, half_length_x_m=1.0, half_length_y_m=1.0, height_m=40.0)
+    adversity = Adversity(loss=Loss(share=0.125, at_s=15.0), boxes=(crane,))
+    verdict = judge(rehearse(rings, 3, adversity=adversity, wind_m_s=(6.4, 4.8)))
+    assert verdict.good, verdict.problems
+    assert (verdict.pairs_below_floor, verdict.penetrations) == (0, 0)
+    (lost,) = verdict.lost
+    assert lost in range(1, 9)
+    assert {lag.vehicle for lag in verdict.lags} == set(range(1, 9))
+    text = table(verdict)
+    assert f"lost on purpose: {lost}" in text
+    assert "0 vehicles came within 1 m of an obstacle" in text
+
+
+def test_an_obstacle_on_a_vehicle_is_reported(rings: LoadedShow) -> None:
+    x_m, y_m, _ = rings.show.pads_m[0].tolist()
+    wall = Box(x_m=x_m, y_m=y_m, half_length_x_m=1.0, half_length_y_m=1.0, height_m=9.0)
+    flight = Rehearsal(rings, QUIET, 1, adversity=Adversity(boxes=(wall,)))
+    assert any("unknown box 1" in flaw.text for flaw in flight.flaws)

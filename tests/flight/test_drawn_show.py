@@ -35,30 +35,33 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+SPARE = "{late: catch-up, spares: {count: 1, before_cue: 2 back}}"
+
+
 @cache
-def checked(path: Path, late: str) -> tuple[str, dict[str, Any]]:
-    """The text of the show, and what `gcs show check --json --model` prints for it."""
+def checked(path: Path, drawing: str) -> tuple[str, dict[str, Any]]:
+    """The show with these keys of its drawing, and what `gcs show check --json --model` prints for it."""
     raw = yaml.safe_load(path.read_text())
-    raw["drawing"]["late"] = late
+    raw["drawing"] |= {"late": "catch-up", "spares": None, "yaw": "plan"} | yaml.safe_load(drawing)
     text = yaml.safe_dump(raw, sort_keys=False)
     loaded = parse(text, str(path))
     verdict = judge(rehearse(loaded))
     return text, asdict(verdict) | {"model": loaded.show.model_dump(mode="json")}
 
 
-def config(folder: Path) -> Config:
+def config(folder: Path, count: int = COUNT) -> Config:
     frame = {
         "latitude_deg": ORIGIN.latitude_deg,
         "longitude_deg": ORIGIN.longitude_deg,
         "altitude_amsl_m": ORIGIN.altitude_amsl_m,
         "heading_deg": ORIGIN.heading_deg,
     }
-    return show_config(COUNT, shows={"folder": folder}, show_frame=frame, operation=HOLDS_WHEN_LOST)
+    return show_config(count, shows={"folder": folder}, show_frame=frame, operation=HOLDS_WHEN_LOST)
 
 
-def select(show: Show, folder: Path, late: str = "catch-up") -> SelectedShow:
+def select(show: Show, folder: Path, drawing: str = "{}") -> SelectedShow:
     path = folder / f"{NAME}.yaml"
-    text, answer = checked(path, late)
+    text, answer = checked(path, drawing)
     path.write_text(text)
     reported = show.service.shows.found(NAME, text.encode(), dict(answer))
     assert reported.good, reported.problems
@@ -87,8 +90,8 @@ def on_pads(folder: Path) -> dict[str, Any]:
     }
 
 
-async def start(show: Show, folder: Path, late: str = "catch-up") -> None:
-    found = select(show, folder, late)
+async def start(show: Show, folder: Path, drawing: str = "{}") -> None:
+    found = select(show, folder, drawing)
     await show.standby()
     show.service.commands.command_show(ShowAction.START, show_hash=found.hash)
     await show.reach(ShowPhase.RUNNING, 90.0)
@@ -131,6 +134,43 @@ def test_a_lost_vehicle_does_not_end_a_drawn_show(folder: Path) -> None:
     assert {seen.phase for name in ("d1", "d8") for seen in flown.of(name)} >= {Phase.FORMATION}
 
 
+def test_a_spare_takes_the_place_of_a_lost_vehicle(folder: Path) -> None:
+    async def story(show: Show) -> tuple[list[tuple[str, ...]], float, Track, int]:
+        await start(show, folder, SPARE)
+        stood_by = [selected(show).spares]
+        await show.until(lambda: selected(show).clock_s > 4.0)
+        grounded = show.vehicle("d9").phase
+        show.befall("d4", "silence")
+        await show.phase("d4", Phase.LOST, 30.0)
+        await show.phase("d9", Phase.FORMATION, 40.0)
+        stood_by.append(selected(show).spares)
+        await show.until(lambda: off_m(show, "d9") < 0.5, 40.0)
+        assert grounded is Phase.STANDBY
+        away_m = off_m(show, "d9")
+        await show.reach(ShowPhase.LANDED, 240.0)
+        return stood_by, away_m, show.track, show.floor_violations()
+
+    stood_by, away_m, track, violations = fly(story, config(folder, COUNT + 1), **on_pads(folder))
+    assert stood_by == [("d9",), ()]
+    assert away_m < 0.5
+    assert violations == 0
+    assert {Phase.TAKEOFF, Phase.FORMATION, Phase.RETURN} <= set(track.phases("d9"))
+
+
+def test_the_drawings_yaw_is_flown_where_the_show_asks_for_it(folder: Path) -> None:
+    """The drawing turns every vehicle by half a turn, from its beginning to its end."""
+
+    async def story(show: Show) -> tuple[float, list[float]]:
+        await start(show, folder, "{yaw: drawn}")
+        await show.until(lambda: selected(show).clock_s > 15.0)
+        fleet = show.service.player.flight.fleet
+        return selected(show).clock_s, np.degrees(fleet.yaw_rad).tolist()
+
+    clock_s, yaws_deg = fly(story, config(folder), **on_pads(folder))
+    end_s = read_drawing(folder / "rings.skyc")[0].duration_s
+    assert yaws_deg == pytest.approx([180.0 * clock_s / end_s] * COUNT, abs=8.0)
+
+
 class Late(NamedTuple):
     """A vehicle that a gust blew off its trajectory."""
 
@@ -142,7 +182,7 @@ class Late(NamedTuple):
 
 def blown_off(folder: Path, late: str) -> Late:
     async def story(show: Show) -> Late:
-        await start(show, folder, late)
+        await start(show, folder, f"{{late: {late}}}")
         await show.until(lambda: selected(show).clock_s > 2.0)
         begun_s = show.now_s - selected(show).clock_s
         show.befall("d1", "wind", north_m_s=11.0, east_m_s=0.0, down_m_s=0.0)
@@ -159,11 +199,11 @@ def blown_off(folder: Path, late: str) -> Late:
     return fly(story, config(folder), **on_pads(folder))
 
 
-def off_m(show: Show) -> float:
-    """How far the first vehicle is off its trajectory, as the service estimates it."""
-    show_run = show.service.player.flight.show_run
-    assert show_run is not None
-    return float(show_run.off_m[0])
+def off_m(show: Show, vehicle_id: str = "d1") -> float:
+    """How far a vehicle is off its trajectory, as the service estimates it."""
+    flight = show.service.player.flight
+    assert flight.show_run is not None
+    return float(flight.show_run.off_m[flight.vehicles[vehicle_id].row])
 
 
 def test_a_late_vehicle_catches_up_and_the_clock_runs_on(folder: Path) -> None:

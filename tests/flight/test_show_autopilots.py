@@ -11,6 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.service.alarms import AlarmCause
 from tests.support.virtual_show import Refusal, Show, fly, refused, show_config
 
 COUNT, LOITER = 4, 5
@@ -223,3 +224,34 @@ def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
     seen = fly(story, config_of((ARDUPILOT, ARDUPILOT), 2))
     assert not any(name == "ON_GROUND" and height_m > 3.5 for name, height_m in seen)
     assert seen[-1][0] == "ON_GROUND"
+
+
+def test_acceleration_as_read_is_what_the_filter_counts_on() -> None:
+    async def story(show: Show) -> list[float]:
+        await show.start()
+        return [float(each) for each in show.service.player.flight.traits.response.acceleration_m_s2]
+
+    set_to = {"WPNAV_ACCEL": 400.0, "PILOT_ACCEL_Z": 300}
+    assert fly(story, config_of((PX4, ARDUPILOT), 2), parameters=set_to) == [np.inf, pytest.approx(2.4)]
+
+
+def test_vehicle_slower_than_its_parameters_said_is_named() -> None:
+    """Its WPNAV_ACCEL falls after the check, as a script on board may have it."""
+
+    async def story(show: Show) -> tuple[str, tuple[str, ...], int]:
+        await show.start()
+        part: Any
+        part, row = show.fleet.part_of(1)
+        part.state.limit_m_s2[row] = 0.6
+        for _ in range(4):
+            show.service.plan.set_orbit(Orbit(radius_m=25.0, speed_m_s=4.0))
+            await show.wait(8.0)
+            show.service.plan.set_orbit(Orbit(radius_m=0.0))
+            await show.wait(8.0)
+        alarm = next(one for one in show.view.alarms if one.cause is AlarmCause.SLOW_ANSWERS)
+        return alarm.text, alarm.vehicles, show.floor_violations()
+
+    text, vehicles, violations = fly(story, config_of((PX4, ARDUPILOT)))
+    assert vehicles == ("d2",)
+    assert "ArduPilot, less than 1.4 m/s^2" in text
+    assert violations == 0

@@ -127,3 +127,13 @@ def test_bad_seeds_are_refused(seeds: str, capsys: pytest.CaptureFixture[str]) -
     with pytest.raises(SystemExit, match="2"):
         main(["simulate", "assembly", "--seeds", seeds])
     assert "A:B" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("seed", [6000, pytest.param(6001, marks=pytest.mark.soak)])
+def test_both_autopilots_fly_the_story_as_one(seed: int, capsys: pytest.CaptureFixture[str]) -> None:
+    seeds = f"{seed}:{seed + 1}"
+    code, (figures,) = flown(capsys, "mixed-story", "--judged", "--vehicles", "8", "--seeds", seeds)
+    assert code == 0
+    assert figures["separation"]["violations"] == 0
+    assert figures["arrival"]["arrived"] == 8
+    assert figures["obstacles"]["penetrations"] == 0

@@ -64,7 +64,7 @@ def tick_of(
         Target(about_m[0] + 9.0 * motion_m_s[0], about_m[1] + 9.0 * motion_m_s[1]),
     )
     charge = np.array([0.5 + 0.1 * int(name[1:]) for name in ids])
-    traits = Traits(charge, np.full(n, np.inf), np.zeros(n))
+    traits = replace(Traits.alike(n), charge=charge)
     tasks = Tasks(
         np.full(n, Task.FORMATION, dtype=np.int8),
         np.full((n, 3), np.nan),
@@ -193,7 +193,9 @@ def test_each_term_keeps_its_bound_and_its_direction(drawn: tuple[Array, Array],
     position, center = drawn[0], drawn[1][0]
     pull = sphere_velocity(position, center, radius_m=radius_m, rate_per_s=0.8, speed_max_m_s=4.0)
     direction, distance_m = directions_from(position, center)
-    led = slot_velocity(direction, distance_m, direction[::-1].copy(), radius_m, 0.8, 4.0)
+    led = slot_velocity(
+        direction, distance_m, direction[::-1].copy(), radius_m, 0.8, np.full(len(position), 4.0)
+    )
     for term in (pull, led, goal_velocity(position, np.tile(center, (len(position), 1)), settings=LAW)):
         assert np.isfinite(term).all()
         assert (np.linalg.norm(term, axis=1) <= 4.0 + 1e-9).all()
@@ -321,7 +323,7 @@ def test_a_vector_is_scaled_to_the_limits_and_never_bent(
 @CALM
 @given(vectors(4, 10.0), vectors(4, 10.0), within(0.1, 5.0), within(0.01, 0.2))
 def test_desired_velocity_never_jumps(desired: Array, before: Array, limit_m_s2: float, dt_s: float) -> None:
-    after = limit_change(desired, before, before, limit_m_s2, dt_s)
+    after = limit_change(desired, before, before, np.full(4, limit_m_s2), dt_s)
     assert (np.linalg.norm(after - before, axis=1) <= limit_m_s2 * dt_s * (1 + 1e-9)).all()
     assert (np.linalg.norm(after - desired, axis=1) <= np.linalg.norm(before - desired, axis=1) + 1e-9).all()
 

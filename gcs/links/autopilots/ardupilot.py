@@ -18,6 +18,7 @@ from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32
 from gcs.mavlink.framing import EKF_STATUS_REPORT
 from gcs.mavlink.kernels import Whole
+from gcs.model.response import Response
 from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Landed, Mask, Mode
 
@@ -85,7 +86,18 @@ ACCELERATION_LEAST_CM_S2: Final = 50.0
 ACCELERATION_MIN_CM_S2: Final = 250.0
 """Least value that is demanded: with 100 it needs 13 m from 5 m/s."""
 
+UPRIGHT_ACCELERATION, UPRIGHT_ACCELERATION_CM_S2 = "PILOT_ACCEL_Z", 250.0
+"""The same up and down (habit 47), with its default."""
+
 SWINGS_S: Final = 0.45
+
+RAMP_SHARE: Final = 0.8
+"""Of its acceleration that is counted on: a vehicle that turns while it brakes has the rest for the turn."""
+
+LOOP_SHARE: Final = 1.0 / 3.0
+"""Of the inner loop's gains. With all of it, or with any trim, it swings about its setpoint when links are
+late: it integrates velocity and position errors itself (decision 0049).
+"""
 
 
 class ArduPilot:
@@ -148,6 +160,19 @@ class ArduPilot:
             deceleration_m_s2=max(reported_cm_s2, ACCELERATION_LEAST_CM_S2) / 100.0,
             action="land" if action == "descend" else action,
             changes_mode=False,
+        )
+
+    def response(self, parameters: Mapping[str, ParameterValue]) -> Response:
+        """A ramp of WPNAV_ACCEL, level, and of PILOT_ACCEL_Z, up and down: the gentler one counts."""
+        level_cm_s2 = float(parameters.get(ACCELERATION, ACCELERATION_CM_S2))
+        upright_cm_s2 = float(parameters.get(UPRIGHT_ACCELERATION, UPRIGHT_ACCELERATION_CM_S2))
+        least_cm_s2 = min(level_cm_s2, upright_cm_s2)
+        return Response(
+            acceleration_m_s2=RAMP_SHARE * max(least_cm_s2, ACCELERATION_LEAST_CM_S2) / 100.0,
+            swings_s=SWINGS_S,
+            loop_share=LOOP_SHARE,
+            lead_share=0.0,
+            trim_share=0.0,
         )
 
     def streams_hz(self, desired_hz: Mapping[int, float]) -> Mapping[int, float]:

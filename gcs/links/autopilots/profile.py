@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.kernels import Whole
+from gcs.model.response import Response
 from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Landed, Mask, Mode
 
@@ -99,6 +100,9 @@ class Autopilot(Protocol):
             loss_s: `operation.setpoint_loss_s`.
             parameters: as far as known.
         """
+
+    def response(self, parameters: Mapping[str, ParameterValue]) -> Response:
+        """How it answers setpoints; `parameters` as far as known."""
 
     def streams_hz(self, desired_hz: Mapping[int, float]) -> Mapping[int, float]:
         """Rates to request, by message id: the desired ones that it knows, and those that it needs itself."""

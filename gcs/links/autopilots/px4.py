@@ -12,6 +12,7 @@ from gcs.links.autopilots.profile import CommandLong, SetParameter, Single, Step
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32
 from gcs.mavlink.kernels import Whole
+from gcs.model.response import Response
 from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Landed, Mask, Mode
 
@@ -110,6 +111,10 @@ class Px4:
     ) -> WithoutSetpoints:
         """COM_OF_LOSS_T, then the mode of COM_OBL_RC_ACT."""
         return WithoutSetpoints(flies_on_s=loss_s, action=action)
+
+    def response(self, parameters: Mapping[str, ParameterValue]) -> Response:
+        """The gains of `control` were found for it."""
+        return Response()
 
     def streams_hz(self, desired_hz: Mapping[int, float]) -> Mapping[int, float]:
         return desired_hz

@@ -44,6 +44,9 @@ CORNERS_MAX: Final = 1_000
 REFERENCES_MAX: Final = 4
 """Of references that lead to references."""
 
+LANDS_WITHIN_M: Final = 1.0
+"""A `landAt` this near to the home is the home."""
+
 NAME_MAX: Final = 120
 TITLE_MAX: Final = 1_000
 _SHOW: Final = "show.json"
@@ -148,12 +151,15 @@ class _Reader:
         begin_m = trajectory.coefficients_m[0, 0]
         if self._get(settings, "pyro") is not None:
             self._note("pyrotechnics are not fired")
+        home_m, lands = begin_m if home is None else _place(home), settings.get("landAt")
+        if lands is not None and float(np.hypot(*(_place(lands) - home_m)[:2])) > LANDS_WITHIN_M:
+            self._note("landAt is not flown to: vehicles land on the pads")
         return _Drone(
             f"drone {row + 1}" if name is None else name.text(NAME_MAX),
             trajectory,
             self._light(settings, end_s),
             self._yaw(settings),
-            begin_m if home is None else _place(home),
+            home_m,
             takeoff_s,
             max(landing_s, takeoff_s),
         )

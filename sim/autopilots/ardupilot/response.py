@@ -27,19 +27,22 @@ LIFT_SHARE = (0.3, 2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
-    """Gains of the recorded vehicle. The drag follows from its tilt at steady speed, and from its fall."""
+    """Gains of the recorded vehicle. The drag follows from its tilt at steady speed, and from its fall.
 
-    proportional_per_s: float = 1.93
-    integral_per_s2: float = 1.25
-    derivative: float = 0.59
-    lag_s: float = 0.155
-    vertical_proportional_per_s: float = 4.94
-    vertical_integral_per_s2: float = 3.44
-    vertical_derivative: float = 0.68
-    vertical_lag_s: float = 0.135
+    One number for all vehicles, or (n,) of each; `filter_hz` and `tilt_max_m_s2` are those of all.
+    """
+
+    proportional_per_s: Array | float = 1.93
+    integral_per_s2: Array | float = 1.25
+    derivative: Array | float = 0.59
+    lag_s: Array | float = 0.155
+    vertical_proportional_per_s: Array | float = 4.94
+    vertical_integral_per_s2: Array | float = 3.44
+    vertical_derivative: Array | float = 0.68
+    vertical_lag_s: Array | float = 0.135
     filter_hz: float = 5.0
     tilt_max_m_s2: float = GRAVITY_M_S2  # ANGLE_MAX, 45 degrees
-    drag_per_s: float = 0.653
+    drag_per_s: Array | float = 0.653
 
 
 class Copters(Mass):
@@ -57,15 +60,20 @@ class Copters(Mass):
         self.target_m: Array = np.zeros_like(self.position_m)
         self._error_m_s = self._tilt_m_s2 = np.zeros_like(self.position_m)
         self._step_s, self._response = step_s, response
-        r, up = response, response.vertical_proportional_per_s
-        self._gains = np.array((r.proportional_per_s, r.proportional_per_s, up))
-        self._integral_gains = np.array((r.integral_per_s2, r.integral_per_s2, r.vertical_integral_per_s2))
-        self._slope_gains = np.array((r.derivative, r.derivative, r.vertical_derivative)) / step_s
-        lags_s = np.array((r.lag_s, r.lag_s, r.vertical_lag_s))
-        self._blend = -np.expm1(-step_s / lags_s)
-        self._pre_blend = np.array((self._blend[0], self._blend[1], 1.0))
+        r = response
+        self._gains = _axes(r.proportional_per_s, r.vertical_proportional_per_s)
+        self._integral_gains = _axes(r.integral_per_s2, r.vertical_integral_per_s2)
+        self._slope_gains = _axes(r.derivative, r.vertical_derivative) / step_s
+        self._blend = -np.expm1(-step_s / _axes(r.lag_s, r.vertical_lag_s))
+        self._pre_blend = self._blend * (1.0, 1.0, 0.0) + (0.0, 0.0, 1.0)
         self._filter = -math.expm1(-step_s * math.tau * r.filter_hz)
-        self._drag_per_s = np.array((r.drag_per_s, r.drag_per_s, 0.0))
+        self._drag_per_s = _axes(r.drag_per_s, 0.0)
+        self._falling_drag_per_s = _axes(r.drag_per_s, r.drag_per_s)
+
+    def hold_against(self, wind_m_s: Array) -> None:
+        """Hover in steady wind (3,) or (n, 3): tilt and integrator compensate it."""
+        held_m_s2: Array = np.zeros_like(self.position_m) - self._drag_per_s * wind_m_s
+        self.acceleration_m_s2 = self.integral_m_s2 = self._tilt_m_s2 = held_m_s2
 
     def start(self, rows: Mask, measured_m: Array, velocity_m_s: Array) -> None:
         """Begin a mode in `rows` (n,): desired are the measured position and velocity, (n, 3)."""
@@ -116,7 +124,7 @@ class Copters(Mass):
                 np.where(still, 0.0, values) for values in (filtered_m_s, integral_m_s2, tilt_m_s2)
             )
             acceleration_m_s2 = np.where(still, FALL_M_S2, acceleration_m_s2)
-            drag_per_s = np.where(still, r.drag_per_s, drag_per_s)
+            drag_per_s = np.where(still, self._falling_drag_per_s, drag_per_s)
         moving_m_s2 = acceleration_m_s2.copy()
         share = np.clip(1.0 - acceleration_m_s2[:, 2] / GRAVITY_M_S2, *LIFT_SHARE)
         moving_m_s2[:, :2] *= share[:, np.newaxis]
@@ -136,6 +144,11 @@ class Copters(Mass):
         change_m_s[:, 2] = np.minimum(np.maximum(change_m_s[:, 2], -most_m_s[:, 1]), most_m_s[:, 1])
         ramp_m_s: Array = self.desired_m_s + change_m_s
         return ramp_m_s
+
+
+def _axes(level: Array | float, upright: Array | float) -> Array:
+    """(3,) or (n, 3) values along north, east and down."""
+    return np.stack(np.broadcast_arrays(level, level, upright), axis=-1)
 
 
 def _bounded(vectors: Array, longest: float) -> Array:

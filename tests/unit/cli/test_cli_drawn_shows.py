@@ -1,6 +1,8 @@
 """`gcs show import` and `gcs show export` as a user runs them."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,10 @@ from gcs.config.yaml_files import shipped_folder
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_writer import FlightFile
 from gcs.shows import load
+from gcs.shows.drawn import DrawnShow
 from gcs.shows.formats import read_drawing
+from gcs.shows.formats.files import IMPORTED
+from gcs.shows.formats.skybrush import read_skyc
 from tests.support.drawing_files import HOVER, skyc, zipped
 from tests.support.record_samples import ids_of, sample
 
@@ -26,6 +31,33 @@ def test_import_writes_a_show_and_its_drawing(tmp_path: Path, capsys: pytest.Cap
     assert (found["vehicles"], found["duration_s"], found["notes"]) == (30, 70.0, [])
     assert load(target).show.fleet.vehicles == 30
     assert (tmp_path / "night.skyc").read_bytes() == SHIPPED.read_bytes()
+
+
+def test_an_import_reads_the_drawing_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A large drawing takes most of a second to read, and an upload waits for it."""
+    read: list[str] = []
+
+    def counted(data: bytes, file: str) -> DrawnShow:
+        read.append(file)
+        return read_skyc(data, file)
+
+    monkeypatch.setitem(IMPORTED, ".skyc", counted)
+    assert main(["show", "import", str(SHIPPED), "-o", str(tmp_path / "night.yaml")]) == 0
+    assert "30 vehicles" in capsys.readouterr().out
+    assert read == ["drawn-30.skyc"]
+
+
+def test_an_import_loads_no_simulation(tmp_path: Path) -> None:
+    """The API imports for requests: what it does not need costs most of its time."""
+    target = str(tmp_path / "night.yaml")
+    script = (
+        "import sys; from gcs.cli.main import main; code = main(sys.argv[1:]);"
+        "sys.exit(code or any(name.startswith('gcs.simulation.rehearsal') for name in sys.modules))"
+    )
+    command = [sys.executable, "-c", script, "show", "import", str(SHIPPED), "-o", target]
+    assert subprocess.run(command, check=False, capture_output=True).returncode == 0
 
 
 def test_an_import_never_replaces_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

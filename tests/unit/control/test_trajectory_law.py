@@ -20,7 +20,7 @@ def velocity_m_s(position_m: Array, goal_m: Array, goal_m_s: Array) -> Array:
         goal_m,
         goal_m_s,
         rate_per_s=RATE_PER_S,
-        correction_max_m_s=CORRECTION_M_S,
+        correction_max_m_s=np.full(len(position_m), CORRECTION_M_S),
         limits_m_s=LIMITS_M_S,
     )
 

@@ -24,7 +24,8 @@ NAMES = ("a", "b", "c", "d")
 
 def led(position: Array, place: Array) -> Array:
     direction, distance_m = directions_from(position, CENTER)
-    return slot_velocity(direction, distance_m, place, 10.0, LAW.slot_rate_per_s, LAW.speed_m_s)
+    fastest_m_s = np.full(len(position), LAW.speed_m_s)
+    return slot_velocity(direction, distance_m, place, 10.0, LAW.slot_rate_per_s, fastest_m_s)
 
 
 def test_at_its_slot_no_vehicle_moves_relative_to_the_centre() -> None:

@@ -169,9 +169,9 @@ def test_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
         np.array([[2.0, 0.0, 1.0]]),
         np.array([[1.0, 0.0, 0.5]]),
         np.array([[0.4, 0.0, 0.0]]),
-        1.5,
-        0.2,
-        0.5,
+        np.array([1.5]),
+        np.array([0.2]),
+        np.array([0.5]),
     )
     assert setpoint == pytest.approx(np.array([[3.7, 0.0, 1.1]]))
 
@@ -179,7 +179,7 @@ def test_inner_loop_asks_for_more_where_the_vehicle_lags() -> None:
 def test_desired_velocity_keeps_the_acceleration_limit() -> None:
     before = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     desired = np.array([[3.0, 4.0, 0.0], [1.05, 0.0, 0.0]])
-    followed = limit_change(desired, before, before, 2.0, 0.1)
+    followed = limit_change(desired, before, before, np.full(2, 2.0), 0.1)
     assert followed == pytest.approx(np.array([[0.12, 0.16, 0.0], [1.05, 0.0, 0.0]]))
 
 
@@ -189,7 +189,7 @@ def test_newly_commanded_vehicle_starts_at_its_velocity() -> None:
         np.full((1, 3), np.nan),
         np.array([[0.0, 1.0, 0.0]]),
     )
-    followed = limit_change(desired, unknown, measured, 2.0, 0.1)
+    followed = limit_change(desired, unknown, measured, np.full(1, 2.0), 0.1)
     assert followed == pytest.approx(measured + 0.2 * np.array([[1.0, 1.0, 0.0]]) / sqrt(2.0))
 
 
@@ -232,8 +232,8 @@ def trimmed(
             np.array([[at_limit, not at_limit]]),
             0.05,
             0.4,
-            1.0,
-            0.5,
+            np.array([1.0]),
+            np.array([0.5]),
             4.0,
         )
     return trim_m_s
@@ -272,8 +272,8 @@ def test_trim_of_an_uncommanded_vehicle_is_forgotten() -> None:
         np.zeros((1, 2), dtype=bool),
         0.05,
         0.4,
-        1.0,
-        0.5,
+        np.array([1.0]),
+        np.array([0.5]),
         4.0,
     )
     assert (trim == 0.0).all()

@@ -13,7 +13,9 @@ from gcs.links.stream_requests import desired_rates
 from gcs.links.telemetry import FleetTelemetry, VehicleReport
 from gcs.mavlink import codec
 from gcs.mavlink.framing import EKF_STATUS_REPORT, PARAM_VALUE
+from gcs.model.response import FleetResponse, Response
 from gcs.model.state import Landed, Mode, Telemetry
+from gcs.safety.constraints import Braking
 from tests.support.tlog_files import frames, read
 
 PX4, ARDUPILOT = DEFAULT, AUTOPILOTS["ardupilot"]
@@ -221,3 +223,31 @@ def test_other_autopilot_than_configured_is_named() -> None:
     assert VehicleReport(fleet, 0).mode is Mode.OTHER
     assert not fleet.telemetry().ready[0]
     assert not story("ardupilot/session.tlog.xz", ARDUPILOT, lambda *_: None).is_foreign[0]
+
+
+@pytest.mark.parametrize(
+    ("accel_cm_s2", "stops_m"),
+    [
+        (100.0, {2: 2.6, 4: 8.6, 5: 13.0, 8: 32.6, 10: 50.7}),
+        (250.0, {2: 1.5, 4: 4.5, 5: 6.6, 8: 14.6, 10: 21.5}),
+    ],
+)
+def test_every_recorded_stop_is_within_what_the_filter_counts_on(
+    accel_cm_s2: float, stops_m: dict[int, float]
+) -> None:
+    """The farthest points of recorded stops, from these speeds."""
+    response = ARDUPILOT.response({"WPNAV_ACCEL": accel_cm_s2, "PILOT_ACCEL_Z": 250.0})
+    assert response.acceleration_m_s2 == pytest.approx(0.8 * accel_cm_s2 / 100.0)
+    braking = Braking().of_slowest(FleetResponse.of([response]))
+    for speed_m_s, farthest_m in stops_m.items():
+        assert float(braking.speed_m_s(np.array([farthest_m]))[0]) <= speed_m_s
+
+
+def test_gentler_axis_counts_and_none_is_trusted_unread() -> None:
+    assert ARDUPILOT.response({"WPNAV_ACCEL": 500.0, "PILOT_ACCEL_Z": 200}).acceleration_m_s2 == 1.6
+    assert ARDUPILOT.response({}).acceleration_m_s2 == 0.8
+    assert ARDUPILOT.response({"WPNAV_ACCEL": 0.0}).acceleration_m_s2 == 0.4
+
+
+def test_control_is_set_for_px4() -> None:
+    assert PX4.response({"MPC_ACC_HOR": 1.0}) == Response()

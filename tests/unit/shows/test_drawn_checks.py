@@ -4,10 +4,12 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gcs.shows import Flaw, load
-from gcs.shows.drawn import Claims, DrawnShow
+from gcs.shows.drawn import Claims, DrawnShow, YawPrograms
+from gcs.shows.drawn.yaw_programs import YawProgram
 from gcs.shows.drawn_checks import DrawnFigures, examine
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
@@ -40,6 +42,15 @@ def test_spacing_below_the_floor_is_refused_with_pairs_and_times(tmp_path: Path)
     assert figures.pairs_below_floor > 0
     assert {flaw.loc[0] for flaw in flaws} == {"timeline"}
     assert "are drawn closer than the floor of 2 m: drone 1 and drone 5 1.53 m at 7.5 s" in flaws[0].text
+
+
+def test_a_yaw_that_turns_too_fast_is_refused_where_flown(tmp_path: Path) -> None:
+    show = drawn_show(8, 40.0, 3.0, ("rings",))
+    whirl = YawProgram(np.array([0.0, 20.0, 22.0]), np.radians([0.0, 90.0, 270.0]))
+    show = replace(show, yaw=YawPrograms.joined([whirl] * 8))
+    assert checked(tmp_path, show)[1] == []
+    _, flaws = checked(tmp_path, show, (".skyc, sha256", ".skyc, yaw: drawn, sha256"))
+    assert "90.00 deg/s of yaw, at most 45 deg/s: vehicle" in flaws[0].text
 
 
 def test_a_claim_that_does_not_hold_is_reported(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from gcs.config.sections import OperationSettings
 from gcs.config.yaml_files import shipped_folder
 from gcs.model.errors import ConfigError, ShowError
 from gcs.model.frames import ShowFrame
@@ -16,6 +17,7 @@ from gcs.shows import LoadedShow, load, parse
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.formats import parse_drawing, read_drawing
 from gcs.shows.importing import flown_s, pads_of, show_text
+from gcs.shows.loading import service_flaws
 from tests.support.drawing_files import flight, skyc, zipped
 from tests.support.show_files import BEGIN, SOUND
 
@@ -174,6 +176,57 @@ def test_kind_and_drawing_go_together(written: Callable[..., LoadedShow], tmp_pa
 def test_another_number_of_vehicles_is_refused(written: Callable[..., LoadedShow]) -> None:
     fleet = {"vehicles": 29, "pads": {"columns": 6, "spacing_m": 4.25}, "endurance_s": 900.0}
     assert "vehicles = 29: the drawing has 30 vehicles" in _problems(written, fleet=fleet)[0][1]
+
+
+def test_pads_are_exchanged_where_vehicles_end_low_over_others(written: Callable[..., LoadedShow]) -> None:
+    """The shipped drawing leads its vehicles back to 5 m above the pads, not each to its own."""
+    drawing = written().show.drawing
+    assert drawing is not None
+    assert drawing.lands == "nearest"
+
+
+def test_pads_are_kept_where_a_drawing_ends_over_them(tmp_path: Path) -> None:
+    up, over = [0, 0, 6], [9, 0, 6]
+    data = zipped(skyc(flight([0, up], [9, up]), flight([0, over], [9, over])))
+    (tmp_path / "b.skyc").write_bytes(data)
+    drawing = parse_drawing(data, "b.skyc")
+    text = show_text(drawing, "b.skyc", sha256(data).hexdigest(), origin=ShowFrame(47.0, 8.0, 400.0, 0.0))
+    found = parse(text, str(tmp_path / "b.yaml")).show.drawing
+    assert found is not None
+    assert found.lands == "own"
+
+
+def test_exchanged_pads_need_vehicles_that_wait_for_commands(
+    written: Callable[..., LoadedShow],
+) -> None:
+    show, frame = written().show, written().show.origin.frame
+    for action, refused in (("return", True), ("hold", False)):
+        operation = OperationSettings.model_validate({"setpoint_loss_action": action})
+        found = service_flaws(show, frame, show.control, operation, 30)
+        assert (
+            any("the service's operation.setpoint_loss_action is 'return'" in one.text for one in found)
+            == refused
+        )
+
+
+def test_spares_are_for_a_cue_of_the_show(written: Callable[..., LoadedShow]) -> None:
+    drawing = written().show.drawing
+    assert drawing is not None
+    named = drawing.model_dump(exclude_none=True)
+    spares = {"count": 2, "before_cue": "2 rings"}
+    assert written(drawing=named | {"spares": spares}).show.drawing is not None
+    wrong = named | {"spares": spares | {"before_cue": "nowhere"}}
+    assert "before_cue = nowhere: the name of a cue" in _problems(written, drawing=wrong)[0][1]
+
+
+def test_the_drawings_yaw_is_flown_where_the_show_asks_for_it(written: Callable[..., LoadedShow]) -> None:
+    drawing = written().show.drawing
+    assert drawing is not None
+    named = drawing.model_dump(exclude_none=True)
+    assert written().timeline.yaw_at(10.0) is None
+    yaw_rad = written(drawing=named | {"yaw": "drawn"}).timeline.yaw_at(10.0)
+    assert yaw_rad is not None
+    assert yaw_rad.tolist() == pytest.approx([np.pi * 10.0 / 70.0] * 30)
 
 
 def test_the_hash_covers_the_drawing(written: Callable[..., LoadedShow]) -> None:

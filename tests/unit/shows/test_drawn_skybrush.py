@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gcs.model.errors import DrawingError
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.formats import parse_drawing
 from tests.support.drawing_files import HOVER, flight, light, skyc, zipped
@@ -116,6 +117,17 @@ def test_what_is_not_used_is_noted() -> None:
     assert any("pyrotechnics" in note for note in show.notes)
     assert any("yaw along the motion" in note for note in show.notes)
     assert any("music" in note for note in show.notes)
+
+
+@pytest.mark.parametrize(("lands_at", "notes"), [([0.5, 0, 0], 0), ([4, -3, 0], 1)])
+def test_another_place_to_land_is_noted(lands_at: list[float], notes: int) -> None:
+    show = _read({**HOVER, "home": [0, 0, 0], "landAt": lands_at})
+    assert sum("landAt is not flown to" in note for note in show.notes) == notes
+
+
+def test_a_broken_place_to_land_is_refused() -> None:
+    with pytest.raises(DrawingError, match=r"settings\.landAt"):
+        _read({**HOVER, "landAt": ["a", 0, 0]})
 
 
 def test_light_code_of_every_command() -> None:

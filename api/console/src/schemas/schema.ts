@@ -1338,7 +1338,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "slow-answers" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
@@ -2758,6 +2758,12 @@ export interface components {
              * @description Whether the show's clock runs; false before the show begins and while it is paused.
              */
             runs: boolean;
+            /**
+             * Spares
+             * @description Vehicles on the ground that take the places of lost ones; empty without any.
+             * @default []
+             */
+            spares: string[];
             /**
              * Target Is Live
              * @description Whether PUT target moves the target now.
