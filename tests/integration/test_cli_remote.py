@@ -36,6 +36,7 @@ from tests.support.api_background import in_background
 from tests.support.api_fake_service import FakeService
 from tests.support.replays import FakeRecord
 from tests.support.show_files import FIGURES
+from tests.support.timecode import VIEW
 
 pytestmark = pytest.mark.usefixtures("patient_api", "prompt_checks")
 
@@ -68,6 +69,10 @@ EVERYTHING = [
     "good",
     "shows select lighthouse HASH",
     "shows seek lamp",
+    "shows begin 9000000000",
+    "shows cancel-begin",
+    "timecode",
+    "shows follow-timecode no",
     "shows deselect",
     "shows remove lighthouse",
     "exclude d1 --reason cracked",
@@ -165,8 +170,10 @@ def station(
 
 
 def become(service: FakeService, word: str, names: list[str]) -> None:
-    """Have the service be of a site, or one of its stations lost."""
-    if word == "!":
+    """Have the service be of a site, or one of its stations lost, or have a timecode."""
+    if word == "timecode":
+        service.timecode = VIEW
+    elif word == "!":
         service.join_site(names)
         service.fly()
     else:
@@ -177,7 +184,7 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
     """Carry out a line of EVERYTHING."""
     service.tick()
     word, *names = line.split()
-    if word in {"!", "silent"}:
+    if word in {"!", "silent", "timecode"}:
         become(service, word, names)
         return 0
     if word == "pilot":
@@ -237,7 +244,7 @@ def test_with_json_every_command_prints_exactly_one_document(
     reported: dict[str, object] = {}
     with station(service, monkeypatch):
         for line in EVERYTHING:
-            if line.split()[0] in {"!", "silent", "pilot", "lost", "cut-off", "recorded", "good"}:
+            if line.split()[0] in {"!", "silent", "timecode", "pilot", "lost", "cut-off", "recorded", "good"}:
                 asked_of(service, line)
                 continue
             assert asked_of(service, line, "--json") == 0

@@ -3,11 +3,13 @@
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
 
 from gcs.model.state import Array
+from gcs.service import TimecodeView
 from gcs.shows.timecode.ltc import frame_bits
 from gcs.shows.timecode.midi import PIECES, quarter_frames
 from gcs.shows.timecode.smpte import Label, Rate, label_at
@@ -81,3 +83,21 @@ def rtp(messages: Sequence[bytes], sequence: int = 1, sender: int = 1234) -> byt
     size = len(commands)
     head = bytes((size,)) if size < 16 else struct.pack(">H", 0x8000 | size)
     return struct.pack(">BBHII", 0x80, 0x61, sequence, 0, sender) + head + bytes(commands)
+
+
+VIEW = TimecodeView(
+    source="udp-midi://127.0.0.1:5006",
+    followed=True,
+    state="running",
+    label="01:00:02:12",
+    frame_rate="25",
+    age_s=nan,
+    behind_s=0.012,
+    slope=1.0,
+    tempo=1.001,
+    problem="",
+    readings=80,
+    garbage=1,
+    dropped=0,
+)
+"""A timecode that a show follows, as the service reports it."""

@@ -14,7 +14,7 @@ const FOUND: Corrections = {
   source: "ntrip://192.0.2.7:2101/BASE", age_s: 0.84, problem: "", base_latitude_deg: 47.4, base_longitude_deg: 8.5, base_height_m: 510.2,
   messages: 1200, received_bytes: 90_000, sent: 2400, dropped: 3,
 };
-const vehicle = { id: "d1", system_id: 1, link: "a", station: null, reason: "", limited_by: "", home: null };
+const vehicle = { id: "d1", system_id: 1, link: "a", autopilot: "px4", station: null, reason: "", limited_by: "", home: null };
 
 function state(change: Partial<State> = {}): State {
   return {

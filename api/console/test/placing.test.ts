@@ -33,7 +33,7 @@ const PLACED: PlacedShow = {
   ],
 };
 const BEST: PlacedShow = { ...PLACED, x_m: 10.75, turn_deg: 20.5, pads_m: [[10.7, -2], [10.8, 2]], max_m: 0.7 };
-const vehicle = { system_id: 1, link: "a", station: null, reason: "", limited_by: "", home: null, fix_type: 3 };
+const vehicle = { system_id: 1, link: "a", autopilot: "px4", station: null, reason: "", limited_by: "", home: null, fix_type: 3 };
 const ON_GROUND = status({
   counts: GROUNDED, show: { ...status().show, phase: "idle", possible: ["start"] }, vehicles: ["d1", "d2", "d3"].map((id) => ({ ...vehicle, id })),
 });

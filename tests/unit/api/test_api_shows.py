@@ -1,38 +1,22 @@
 """Show files and their checks over REST: what is kept, what is refused, and what that changes."""
 
 import asyncio
-from math import nan
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
-from gcs.service import TimecodeView
 from gcs.shows import load, shipped
 from gcs.shows.library import FILES_MAX, SIZE_MAX_BYTES
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
 from tests.support.show_files import FIGURES
+from tests.support.timecode import VIEW
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse").read_text()
 SHOW = load(next(path for path in shipped() if path.stem == "lighthouse")).show
 PATH = "/api/v1/shows/lighthouse"
-TIMECODE = TimecodeView(
-    source="udp-midi://127.0.0.1:5006",
-    followed=True,
-    state="running",
-    label="01:00:02:12",
-    frame_rate="25",
-    age_s=nan,
-    behind_s=0.012,
-    slope=1.0,
-    tempo=1.001,
-    problem="",
-    readings=80,
-    garbage=1,
-    dropped=0,
-)
 
 
 @pytest.fixture
@@ -198,7 +182,7 @@ def test_timecode_is_shown_and_let_go(api: Api) -> None:
     follow = "/api/v1/show/timecode"
     assert "no timecode is configured" in detail(api("POST", follow, json={"follow": False}), 409)
     assert api("GET", "/api/v1/fleet").json()["timecode"] is None
-    api.service.timecode = TIMECODE
+    api.service.timecode = VIEW
     api.service.tick()
     shown = api("GET", "/api/v1/fleet").json()["timecode"]
     assert (shown["label"], shown["behind_s"], shown["age_s"]) == ("01:00:02:12", 0.012, None)
