@@ -179,7 +179,7 @@ class ShowRun:
                 self.errors = errors.noted(tracked_m, dt_s)
             self.pace = self.pace.step(motion.of(part[rows]), off_m, dt_s, named)
             if self.clock.runs:
-                self.clock = self.clock.later((1.0 - self.rate) * dt_s)
+                self.clock = self.clock.later((1.0 - self.pace.rate * self.tempo.rate) * dt_s)
         show_s = self._within(now_s)
         motion, yaw_rad = self.timeline.motion_at(show_s) or motion, self.timeline.yaw_at(show_s)
         yaw_rad = None if yaw_rad is None else yaw_rad[part[rows]]
