@@ -28,6 +28,7 @@ from gcs.service.check_process import answered
 from gcs.service.snapshots import ShowFigures
 from gcs.shows import Flaw, Show, Timeline, stored_drawings
 from gcs.shows.drawn import DrawnShow
+from gcs.shows.following import load_assignment
 from gcs.shows.format import Drawing
 from gcs.shows.formats import read_drawing
 from gcs.shows.loading import parse, placed
@@ -241,6 +242,7 @@ class ShowLibrary:
         if checked.show is None or checked.show.drawing is None or not checked.reported.good:
             return checked
         drawing = _drawing(checked.show.drawing, self._place(name).parent)
+        load_assignment()  # here, in a thread: control assigns when the show starts
         return replace(checked, drawing=placed(drawing, checked.show))
 
     def cleared(self, name: str, show_hash: str) -> Timeline:
