@@ -121,7 +121,6 @@ def along_tangent(
 def first_contact(
     place: Array,
     velocity: Array,
-    concerned: Mask,
     reach_m: Array,
     center_m: Array,
     semi_m: Array,
@@ -131,7 +130,7 @@ def first_contact(
     """Relative distance to the first ellipse met within its reach, and its index; infinity, -1 for none."""
     least_m, first = inf, -1
     for j in range(len(center_m)):
-        if j != left_out and concerned[j]:
+        if j != left_out:
             ahead_m = contact_m(
                 place[0] - center_m[j, 0],
                 place[1] - center_m[j, 1],
@@ -154,12 +153,10 @@ def turns(before: Array, after: Array, moving: Array) -> float:
 
 
 @kernel
-def breaks_side(
-    place: Array, velocity: Array, concerned: Mask, center_m: Array, moving_m_s: Array, side: Array
-) -> bool:
+def breaks_side(place: Array, velocity: Array, center_m: Array, moving_m_s: Array, side: Array) -> bool:
     """Whether that velocity (2,) passes an obstacle ahead on the side not chosen for it."""
     for j in range(len(center_m)):
-        if concerned[j] and side[j] != 0.0:
+        if side[j] != 0.0:
             vx, vy = velocity[0] - moving_m_s[j, 0], velocity[1] - moving_m_s[j, 1]
             dx, dy = center_m[j, 0] - place[0], center_m[j, 1] - place[1]
             if vx * dx + vy * dy > 0.0 and (vx * dy - vy * dx) * side[j] > 0.0:
@@ -172,7 +169,6 @@ def best_tangent(
     place: Array,
     desired: Array,
     keep_m_s: float,
-    concerned: Mask,
     reach_m: Array,
     center_m: Array,
     semi_m: Array,
@@ -188,19 +184,16 @@ def best_tangent(
     least, best, velocity = inf, desired.copy(), np.empty(2)
     for j in range(len(center_m)):
         x_m, y_m = place[0] - center_m[j, 0], place[1] - center_m[j, 1]
-        far = np.hypot(x_m, y_m) - max(semi_m[j, 0], semi_m[j, 1]) > reach_m[j]
-        if far or not concerned[j]:
+        if np.hypot(x_m, y_m) - max(semi_m[j, 0], semi_m[j, 1]) > reach_m[j]:
             continue
         for way in (LEFT, RIGHT):
             tx, ty = tangent(x_m, y_m, semi_m[j, 0], semi_m[j, 1], way)
             velocity[0], velocity[1] = along_tangent(desired, tx, ty, moving_m_s[j], keep_m_s)
             cost = np.hypot(velocity[0] - desired[0], velocity[1] - desired[1])
             cost += WRONG_SIDE_M_S * (turns(desired, velocity, moving_m_s[first]) * side[first] < 0.0)
-            cost += WRONG_SIDE_M_S * breaks_side(place, velocity, concerned, center_m, moving_m_s, side)
+            cost += WRONG_SIDE_M_S * breaks_side(place, velocity, center_m, moving_m_s, side)
             if cost < least:
-                ahead_m, other = first_contact(
-                    place, velocity, concerned, reach_m, center_m, semi_m, moving_m_s, j
-                )
+                ahead_m, other = first_contact(place, velocity, reach_m, center_m, semi_m, moving_m_s, j)
                 cost += BLOCKED_M_S / (1.0 + ahead_m) if other >= 0 else 0.0
             if cost < least:
                 least = cost
@@ -242,16 +235,13 @@ def steer(
     turned_m_s = desired_m_s.copy()
     met_m, met = np.full(len(position_m), inf), np.full(len(position_m), -1)
     for i in range(len(position_m)):
-        place, desired = position_m[i], desired_m_s[i]
-        met_m[i], first = first_contact(
-            place, desired, concerned[i], reach_m, center_m, semi_m, moving_m_s, -1
-        )
-        met[i] = first
+        place, desired, its = position_m[i], desired_m_s[i], concerned[i].nonzero()[0]
+        ellipses = reach_m[its], center_m[its], semi_m[its], moving_m_s[its]
+        met_m[i], first = first_contact(place, desired, *ellipses, -1)
         if first < 0:
             continue
-        turned_m_s[i] = best_tangent(
-            place, desired, keep_m_s[i], concerned[i], reach_m, center_m, semi_m, moving_m_s, side, first
-        )
+        met[i] = its[first]
+        turned_m_s[i] = best_tangent(place, desired, keep_m_s[i], *ellipses, side[its], first)
     return turned_m_s, met_m, met
 
 
@@ -330,13 +320,26 @@ are as many as lost vehicles, and half of a large fleet may be lost at once.
 """
 
 
-def _nearest(outlines: Outlines, place_m: Array) -> Mask:
-    """(n, m) the STEERED_MOST ellipses that are nearest to each place (n, 2)."""
-    chosen = np.ones((len(place_m), len(outlines)), np.bool_)
-    if len(outlines) > STEERED_MOST:
-        off_m = np.linalg.norm(place_m[:, None] - outlines.center_m, axis=2) - outlines.semi_m.max(axis=1)
-        farther = np.argpartition(off_m, STEERED_MOST, axis=1)[:, STEERED_MOST:]
-        np.put_along_axis(chosen, farther, values=False, axis=1)
+@kernel
+def _nearest(place_m: Array, center_m: Array, semi_m: Array) -> Mask:
+    """(n, m) the STEERED_MOST of m ellipses that are nearest to each place (n, 2)."""
+    n, m = len(place_m), len(center_m)
+    chosen = np.ones((n, m), np.bool_)
+    if m <= STEERED_MOST:
+        return chosen
+    off_m, least_m = np.empty(m), np.empty(STEERED_MOST)
+    for i in range(n):
+        least_m[:] = inf  # the smallest, in order
+        for j in range(m):
+            x_m, y_m = place_m[i, 0] - center_m[j, 0], place_m[i, 1] - center_m[j, 1]
+            off_m[j] = np.sqrt(x_m * x_m + y_m * y_m) - max(semi_m[j, 0], semi_m[j, 1])
+            if off_m[j] < least_m[-1]:
+                k = STEERED_MOST - 1
+                while k > 0 and least_m[k - 1] > off_m[j]:
+                    least_m[k] = least_m[k - 1]
+                    k -= 1
+                least_m[k] = off_m[j]
+        chosen[i] = off_m <= least_m[-1]
     return chosen
 
 
@@ -369,7 +372,9 @@ def avoid_all(
         return velocity_m_s
     outlines = outlines.only(near)
     place_m, desired_m_s = level(position_m), level(velocity_m_s)
-    concerned = (-position_m[:, 2:] < outlines.top_height_m) & _nearest(outlines, place_m)
+    concerned = (-position_m[:, 2:] < outlines.top_height_m) & _nearest(
+        place_m, outlines.center_m, outlines.semi_m
+    )
     reach_m = np.full(len(outlines), settings.lookahead_m)
     turned_m_s, met_m, _ = steer_past(outlines, sides, place_m, desired_m_s, sliding_m_s, concerned, reach_m)
     blend_m = max(settings.lookahead_m - settings.near_m, 1e-9)

@@ -7,19 +7,20 @@ compile, are not counted. With names as arguments only the rows that contain one
 import gc
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pyrvo
 from numpy.typing import NDArray
 
-from gcs.control import ControlSettings, Memory, Task, Tasks, tick, warm_up
+from gcs.control import ControlSettings, Memory, Tasks, tick, warm_up
 from gcs.formation.article import ArticleParameters, formation_force
 from gcs.formation.law import goal_velocity
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
+from gcs.planning.lost_space import swept_segments_m
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.dynamics import PointMasses, Response
@@ -67,18 +68,21 @@ def on_sphere(count: int, radius_m: float) -> FleetState:
     return FleetState(0.05, ids, position_m, velocity_m_s, nothing, nothing.copy())
 
 
-def flying_on(count: int, radius_m: float, plan: Plan) -> Callable[[], object]:
-    """The whole tick of a formation whose vehicles fly what they are commanded, call after call."""
+def flying_on(
+    count: int, radius_m: float, plan: Plan, lost: Sequence[int] = (), *, center_moves: bool = True
+) -> Callable[[], object]:
+    """The whole tick of a formation whose vehicles fly what they are commanded, call after call.
+
+    `lost` are rows of vehicles that hold where they are, without their station.
+    """
     fleet = on_sphere(count, radius_m)
-    airborne = np.ones(count, dtype=bool)
-    tasks = Tasks(
-        np.full(count, Task.FORMATION, dtype=np.int8),
-        np.full((count, 3), np.nan),
-        airborne,
-        ~airborne,
-        np.zeros((0, 2, 3)),
-        center_moves=True,
-    )
+    tasks = Tasks.of_formation(count, center_moves=center_moves)
+    if lost:
+        paths_m = [_held_m(fleet.position_m[row]) for row in lost]
+        of = np.repeat(np.array(lost), [len(own_m) for own_m in paths_m])
+        airborne = np.ones(count, dtype=bool)
+        tasks.task[list(lost)], airborne[list(lost)] = 0, False
+        tasks = replace(tasks, segments_m=np.concatenate(paths_m), segments_of=of, airborne=airborne)
     fence = Fence(height_max_m=4.0 * radius_m + 100.0, distance_max_m=4.0 * radius_m)
     traits, settings = Traits.alike(count), ControlSettings(safety=SafetySettings(fence=fence))
     memory = [Memory.fresh(count, 0.0)]
@@ -126,6 +130,19 @@ def shut_in_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
     plan = Plan(Formation(radius_m, radius_m + 10.0), target=Target(3.0 * ring_m, 5.0))
     shut_in = replace(plan, obstacles=tuple(boxes))
     return flying_on(count, radius_m, shut_in), flying_on(count, radius_m, plan)
+
+
+def lost_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The whole tick with a quarter of the vehicles lost, as of one station of four; beside it with none."""
+    radius_m = max(10.0, 1.4 * count**0.5)
+    plan, lost = Plan(Formation(radius_m, radius_m + 10.0)), range(0, count, 4)
+    some, none = (flying_on(count, radius_m, plan, each, center_moves=False) for each in (lost, ()))
+    return some, none
+
+
+def _held_m(position_m: Array) -> Array:
+    """(k, 2, 3) paths of a lost vehicle that holds, and lands when its battery is low."""
+    return swept_segments_m(position_m, np.zeros(3), position_m * (1.0, 1.0, 0.0), "hold", 30.0)
 
 
 def _broadcast_force(
@@ -225,6 +242,7 @@ ROWS: tuple[tuple[str, str, Callable[[int], tuple[Callable[[], object], Callable
         for count in (8, 100, 1_000, 10_000)
     ),
     *(("tick, 32 boxes, no way", "the tick without boxes", shut_in_tick, count) for count in (8, 1_000)),
+    *(("tick, a quarter lost", "the tick with none lost", lost_tick, count) for count in (100, 1_200)),
     *(("filter, flat ring", "pyrvo (ORCA, 2D only)", flat_filter, count) for count in (20, 100)),
     ("assembly, 30 s", "the article's law and dynamics, 20 Hz, numpy", simulated_assembly, 100),
     ("point masses, a step", "one vehicle at a time", simulation_step, 100),
