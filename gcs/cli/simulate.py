@@ -17,8 +17,9 @@ from gcs.shows.drawn_checks import examine
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import Run, judged_runs, passed, run_all, run_once, summary
 from gcs.simulation.flight import fly
-from gcs.simulation.rehearsal import judge, rehearse, table
+from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.scenario import Adversity
+from gcs.simulation.verdict import judge, table
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:

@@ -22,8 +22,9 @@ from gcs.model.state import Array
 from gcs.simulation.article import TETRAHEDRON_EDGE
 from gcs.simulation.metrics import SETTLED_ENERGY, report, shape_over_time
 from gcs.simulation.record import Record
-from gcs.simulation.rehearsal import Rehearsal, Verdict, judge
+from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import ArticleFlight
+from gcs.simulation.verdict import Verdict, judge
 
 SHOWN_PATHS = 60
 ALL = slice(None)

@@ -7,8 +7,9 @@ import numpy as np
 from gcs.shows import find, load
 from gcs.simulation.metrics import rounded, separation, ticks_ms
 from gcs.simulation.record import penetrations_and_clearance_m
-from gcs.simulation.rehearsal import LAG_REPORTED_M, Rehearsal, lags
+from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import Scenario, ShowFlight
+from gcs.simulation.verdict import LAG_REPORTED_M, lags
 
 
 def flown_show(scenario: Scenario, flight: ShowFlight, seed: int) -> dict[str, object]:

@@ -22,7 +22,8 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction
 from gcs.shows import parse
-from gcs.simulation.rehearsal import judge, rehearse
+from gcs.simulation.rehearsal import rehearse
+from gcs.simulation.verdict import judge
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, proper, until, vehicles
 from tests.support.views import vehicles_of

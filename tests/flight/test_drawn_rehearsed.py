@@ -11,8 +11,9 @@ import yaml
 from gcs.shows import LoadedShow, load
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
-from gcs.simulation.rehearsal import Rehearsal, judge, rehearse, table
+from gcs.simulation.rehearsal import Rehearsal, rehearse
 from gcs.simulation.scenario import Adversity, Box, Loss, World
+from gcs.simulation.verdict import judge, table
 from tests.support.drawn_shows import drawn_show
 
 QUIET = World()

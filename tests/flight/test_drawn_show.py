@@ -16,7 +16,8 @@ from gcs.service import SelectedShow, ShowAction
 from gcs.shows import parse
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
-from gcs.simulation.rehearsal import judge, rehearse
+from gcs.simulation.rehearsal import rehearse
+from gcs.simulation.verdict import judge
 from tests.support.drawn_shows import ORIGIN, drawn_show
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 

@@ -15,7 +15,8 @@ from gcs.shows import load, parse
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
 from gcs.shows.placement import fence_m, fitted, place_of, placed_text, placement
-from gcs.simulation.rehearsal import judge, rehearse
+from gcs.simulation.rehearsal import rehearse
+from gcs.simulation.verdict import judge
 from tests.support.drawn_shows import ORIGIN, drawn_show
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 

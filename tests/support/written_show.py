@@ -9,7 +9,8 @@ from typing import Any, Final
 from gcs.config.schema import Config
 from gcs.recording.session import Record
 from gcs.shows import parse
-from gcs.simulation.rehearsal import judge, rehearse
+from gcs.simulation.rehearsal import rehearse
+from gcs.simulation.verdict import judge
 from tests.support.virtual_show import HEADING_DEG, Show, Story, T, show_config
 from tests.support.virtual_show import fly as fly_anywhere
 
