@@ -299,8 +299,8 @@ class TickInputs:
     def approach_max_m_s(self, rows: NDArray[np.intp], distance_m: Array) -> Array:
         """Greatest speeds (k,) towards places that the vehicles of `rows` (k,) can still stop at.
 
-        Vehicles whose autopilots limit no acceleration may be as fast as the law has them: it is proportional
-        near the place. The others would swing round it.
+        The law is proportional near the place: an autopilot that limits its acceleration would swing round
+        it. For the other vehicles there is no limit.
 
         Args:
             rows: (k,).

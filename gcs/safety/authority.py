@@ -42,7 +42,7 @@ LOWEST_M_S = 0.5
 """Least speed limit that is learned."""
 
 RAMPS_M_S = 2.0
-"""A vehicle whose autopilot limits its acceleration answers later by the time of such a change."""
+"""Where an autopilot limits its acceleration, a vehicle responds later by the time of such a change."""
 
 WALL_SHARE = 0.2
 """Cosine between a wall's normal and a lack from which the wall counts as one that demands the lack."""

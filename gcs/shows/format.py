@@ -172,7 +172,7 @@ class SpareVehicles(Settings):
     """Vehicles of a start that stay on the ground, to take the places of lost ones."""
 
     count: Annotated[StrictInt, Field(ge=1, le=20)]  # at most; they come last in the fleet's order
-    before_cue: Name  # who is lost later is not replaced
+    before_cue: Name  # vehicles that are lost later are not replaced
 
 
 class Placement(Settings):

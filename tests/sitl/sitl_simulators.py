@@ -25,7 +25,7 @@ from tests.support.processes import AT_ONCE, READY_AT_ONCE
 PX4_PORT, PX4_SIMULATOR_PORT = 14540, 19410
 PX4_MODEL = "sihsim_quadx"
 STATION_PORT, TRUTH_PORT = PX4_PORT, PX4_SIMULATOR_PORT
-"""ArduCopter sends where it is told to: to the same ports."""
+"""Addresses that are given to ArduCopter: the same ports."""
 
 DELIVERED = Path("Tools/autotest/default_params/copter.parm")
 CALIBRATION = re.compile(

@@ -1,6 +1,6 @@
 """MIDI over RTP (RFC 6295), with sessions as macOS and rtpMIDI make them. Bytes only.
 
-Source of the session's commands: Apple, "MIDI Network Driver Protocol". We are the one who is invited.
+Source of the session's commands: Apple, "MIDI Network Driver Protocol". The other side invites.
 """
 
 import struct

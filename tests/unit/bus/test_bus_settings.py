@@ -43,7 +43,7 @@ def test_zenoh_searches_for_no_station_and_lets_none_search() -> None:
 
 
 def test_of_each_pair_of_stations_one_connects() -> None:
-    """When both did, a station that had stopped for longer than its lease was sometimes never heard again."""
+    """When both did, messages of a station that had stopped for long sometimes never arrived again."""
     endpoints = {name: Endpoint(host="127.0.0.1", port=7400 + k) for k, name in enumerate("dbca")}
     listens, connects = [], []
     for name in endpoints:

@@ -1,4 +1,4 @@
-"""Spares of a drawn show: until when a lost vehicle is replaced, and whose part goes to whom."""
+"""Spares of a drawn show: until when a lost vehicle is replaced, and which spare gets its part."""
 
 from hashlib import sha256
 from pathlib import Path
