@@ -1,6 +1,7 @@
 """The bus over Zenoh, on loopback: newest wins, what is gone is noticed, and strangers are refused."""
 
 import asyncio
+import json
 import os
 import signal
 import time
@@ -262,6 +263,9 @@ async def refused_beside_others(
 ) -> None:
     """A rogue in place of west publishes as `forged`: north and south receive only each other."""
     north, south = (bus_of(name, endpoints, keys) for name in ("north", "south"))
+    tls = json.loads(config.get_json("transport/link/protocols")) == ["tls"]
+    theirs = [endpoints[name].url(tls=tls) for name in ("north", "south")]
+    config.insert_json5("connect/endpoints", json.dumps(theirs))  # the last by name connects to none
     async with opened(north, south):
         await all_present(north, south)
         with zenoh.open(config) as session:
