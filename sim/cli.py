@@ -223,7 +223,7 @@ def fly(given: argparse.Namespace, greeting: str) -> None:
     ports = _checked_ports(given)
     with contextlib.ExitStack() as stack:
         try:
-            file = None if given.truth is None else stack.enter_context(open(given.truth, "w"))  # noqa: PTH123
+            file = None if given.truth is None else stack.enter_context(open(given.truth, "wb"))  # noqa: PTH123
         except OSError as error:
             raise FleetError(1, f"--truth {given.truth}: {error.strerror}") from error
         truth = None if file is None else GroundTruthFile(file)

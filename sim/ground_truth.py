@@ -1,10 +1,10 @@
 """True states of the vehicles, for reports and tests. No autopilot reads them."""
 
-import json
 import socket
-from typing import TextIO
+from typing import BinaryIO
 
 import numpy as np
+from pydantic_core import to_json
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.mixed import AnyFleet
@@ -30,7 +30,7 @@ class Period:
 class GroundTruthFile:
     """Writes one line per sample, and flushes it: killed at any moment, at most one line is lost."""
 
-    def __init__(self, file: TextIO) -> None:
+    def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self._due = Period(PERIOD_S)
 
@@ -38,18 +38,20 @@ class GroundTruthFile:
         """Write a line if one is due at time_s (CLOCK_MONOTONIC)."""
         if not self._due.is_due(time_s):
             return
-        self._file.write(json.dumps(sample(fleet, time_s), separators=(",", ":")) + "\n")
+        self._file.write(to_json(sample(fleet, time_s)) + b"\n")
         self._file.flush()
 
 
 def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
     """The true state of every vehicle; north, east, down from the fleet's origin."""
+    position_m, velocity_m_s = fleet.position_m, fleet.velocity_m_s
+    geodetic = np.round(fleet.geodetic(position_m), 9)
     rows = zip(
         fleet.settings.indices,
         fleet.autopilots,
-        fleet.position_m.tolist(),
-        fleet.velocity_m_s.tolist(),
-        fleet.geodetic(fleet.position_m).tolist(),
+        np.round(position_m, 4).tolist(),
+        np.round(velocity_m_s, 4).tolist(),
+        geodetic.tolist(),
         ((part.state, own) for part, own in map(fleet.part_of, range(fleet.settings.count))),
         strict=True,
     )
@@ -59,23 +61,30 @@ def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
             {
                 "vehicle": index + 1,
                 "system_id": autopilot.system_id,
-                "north_m": round(north_m, 4),
-                "east_m": round(east_m, 4),
-                "down_m": round(down_m, 4),
-                "velocity_north_m_s": round(velocity[0], 4),
-                "velocity_east_m_s": round(velocity[1], 4),
-                "velocity_down_m_s": round(velocity[2], 4),
-                "latitude_deg": round(place[0], 9),
-                "longitude_deg": round(place[1], 9),
-                "altitude_amsl_m": round(place[2], 4),
+                "north_m": north_m,
+                "east_m": east_m,
+                "down_m": down_m,
+                "velocity_north_m_s": north_m_s,
+                "velocity_east_m_s": east_m_s,
+                "velocity_down_m_s": down_m_s,
+                "latitude_deg": latitude_deg,
+                "longitude_deg": longitude_deg,
+                "altitude_amsl_m": round(altitude_amsl_m, 4),
                 "armed": autopilot.commander.armed,
                 "landed": autopilot.commander.landed,
                 "mode": autopilot.commander.mode.name,
-                "light": "#" + bytes(state.light[own]).hex(),
+                "light": "#" + state.light[own].tobytes().hex(),
                 "corrections_received": int(state.correction_count[own]),
                 "lights_received": int(state.light_count[own]),
             }
-            for index, autopilot, (north_m, east_m, down_m), velocity, place, (state, own) in rows
+            for (
+                index,
+                autopilot,
+                (north_m, east_m, down_m),
+                (north_m_s, east_m_s, down_m_s),
+                (latitude_deg, longitude_deg, altitude_amsl_m),
+                (state, own),
+            ) in rows
         ],
     }
 

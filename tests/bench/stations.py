@@ -1,7 +1,7 @@
 """Several stations, real: 1,200 fake vehicles on 4 stations as processes, beside 300 on one station alone.
 
-`make bench` prints it; `python tests/bench/stations.py --vehicles 80 --seconds 20` is a small try. Both
-formations fly at the same time, over UDP, MAVLink and Zenoh: assembly, orbit, home. Times and CPU are those
+`make bench` prints it; `python tests/bench/stations.py --vehicles 80 --seconds 20` is a small try. The one
+alone flies first, then the four: over UDP, MAVLink and Zenoh, assembly, orbit, home. Times and CPU are those
 of the steady orbit, while nothing asks the stations. Violations are counted in the true states.
 """
 
@@ -63,6 +63,7 @@ class Fleet:
     config: Config
     folder: Path
     names: Sequence[str]
+    vehicles: Started = field(init=False)
     stations: dict[str, Started] = field(default_factory=dict)
     clients: dict[str, Client] = field(default_factory=dict)
     refused: str = ""  # why the newest start was
@@ -117,8 +118,8 @@ def flying(config: Config, folder: Path) -> Iterator[Fleet]:
     base = config.links[0].listen[0].rpartition(":")[2]
     words = (*fleet_words(config, 0, len(config.ids)), "--port-base", base, "--truth", str(fleet.truth))
     with ExitStack() as stack:
-        vehicles = Started("gcs", "sim", *words, stdout=DEVNULL)
-        stack.callback(vehicles.end)
+        fleet.vehicles = Started("gcs", "sim", *words, stdout=DEVNULL)
+        stack.callback(fleet.vehicles.end)
         for name in fleet.names:
             station = ("--station", name) if config.stations else ()
             command = (str(fleet.probe(name)), "serve", "--config", str(file), "--quiet", *station)
@@ -133,20 +134,15 @@ def flying(config: Config, folder: Path) -> Iterator[Fleet]:
         yield fleet
 
 
-def wait(
-    what: str, fleets: Sequence[Fleet], reached: Callable[[Fleet], bool], limit_s: float = LONG_S
-) -> None:
-    """Until it holds of all, which is then not asked again. Raises: TimeoutError."""
-    left, began_s = list(fleets), time.monotonic()
-    while left:
-        left = [fleet for fleet in left if not reached(fleet)]
+def wait(what: str, fleet: Fleet, reached: Callable[[Fleet], bool], limit_s: float = LONG_S) -> None:
+    """Until it holds of the fleet. Raises: TimeoutError."""
+    began_s = time.monotonic()
+    while not reached(fleet):
         if time.monotonic() > began_s + limit_s:
-            shows = [fleet.clients[fleet.names[0]].show() for fleet in left]
-            reasons = [
-                f"{show.phase}: {show.reason}; {fleet.refused}"
-                for show, fleet in zip(shows, left, strict=True)
-            ]
-            raise TimeoutError(f"{what}: not within {limit_s:g} s: {reasons}")
+            show = fleet.clients[fleet.names[0]].show()
+            raise TimeoutError(
+                f"{what}: not within {limit_s:g} s: {show.phase}: {show.reason}; {fleet.refused}"
+            )
         time.sleep(0.5)
     print(f"  {what} after {time.monotonic() - began_s:.0f} s, load {os.getloadavg()[0]:.1f}", flush=True)
 
@@ -179,24 +175,29 @@ def percentile(values: Array, share: float) -> float:
     return float(np.percentile(values, share)) if len(values) else nan
 
 
-def measure(fleets: Sequence[Fleet], seconds: float) -> dict[str, Measured]:
-    """Measure all stations of all fleets at the same time; nothing asks them meanwhile."""
-    stations = [(fleet, name) for fleet in fleets for name in fleet.names]
-    before = {name: metrics(fleet.clients[name]) for fleet, name in stations}
+def measure(fleet: Fleet, seconds: float) -> dict[str, Measured]:
+    """Measure all stations at the same time; nothing asks them meanwhile."""
+    before = {name: metrics(fleet.clients[name]) for name in fleet.names}
     time.sleep(2.0)
     began = {}
-    for fleet, name in stations:
+    for name in fleet.names:
         process = fleet.stations[name]
         process.send_signal(signal.SIGUSR1)
         began[name] = time.monotonic(), busy_s(process.pid)
+    vehicles_s = busy_s(fleet.vehicles.pid)
     time.sleep(seconds)
     percent = {}
-    for fleet, name in stations:
+    for name in fleet.names:
         process, (from_s, used_s) = fleet.stations[name], began[name]
         percent[name] = 100.0 * (busy_s(process.pid) - used_s) / (time.monotonic() - from_s)
         process.send_signal(signal.SIGUSR2)
+    vehicles = 100.0 * (busy_s(fleet.vehicles.pid) - vehicles_s) / seconds
+    print(
+        f"  measured for {seconds:g} s, load {os.getloadavg()[0]:.1f}, vehicles {vehicles:.0f} % of a core",
+        flush=True,
+    )
     found = {}
-    for fleet, name in stations:
+    for name in fleet.names:
         after = metrics(fleet.clients[name])
         change = {key: after.get(key, 0.0) - value for key, value in before[name].items()}
         noted = read_probe(fleet.probe(name))
@@ -268,20 +269,19 @@ def across_ms(measured: dict[str, Measured]) -> Array:
     return 1e3 * np.array(took_s)
 
 
-def fly(fleets: Sequence[Fleet], seconds: float) -> dict[str, Measured]:
+def fly(config: Config, folder: Path, seconds: float) -> tuple[dict[str, Measured], Verdict]:
     """Assembly, orbit, home. Raises: TimeoutError."""
-    wait("started", fleets, Fleet.starts, START_S)
-    wait("running", fleets, lambda fleet: fleet.all_show("running"))
-    for fleet in fleets:
+    with flying(config, folder) as fleet:
+        wait("started", fleet, Fleet.starts, START_S)
+        wait("running", fleet, lambda fleet: fleet.all_show("running"))
         client = fleet.clients[fleet.names[0]]
         client.change_orbit(radius_m=USUAL_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
-    time.sleep(SETTLE_S)
-    measured = measure(fleets, seconds)
-    print(f"  measured for {seconds:g} s, load {os.getloadavg()[0]:.1f}", flush=True)
-    for fleet in fleets:
-        fleet.clients[fleet.names[0]].stop()
-    wait("landed", fleets, lambda fleet: fleet.all_show("landed"))
-    return measured
+        time.sleep(SETTLE_S)
+        measured = measure(fleet, seconds)
+        client.stop()
+        wait("landed", fleet, lambda fleet: fleet.all_show("landed"))
+        time.sleep(1.0)  # the last true states
+    return measured, judge(fleet.truth, config.control.safety.floor)
 
 
 def tell(
@@ -343,25 +343,19 @@ def main() -> int:
     load = os.getloadavg()[0]
     title = f"{each * STATIONS} vehicles on {STATIONS} stations beside {each} on one alone"
     print(f"{title}, {arguments.rate:g} Hz, {os.cpu_count()} cores, load before {load:.1f}", flush=True)
+    together = site_of(STATIONS, each, arguments.rate)
+    measured: dict[str, Measured] = {}
+    verdicts: dict[str, Verdict] = {}
     with tempfile.TemporaryDirectory(prefix="gcs-bench-") as folder:
-        configs = {
-            "together": site_of(STATIONS, each, arguments.rate),
-            ALONE: site_of(1, each, arguments.rate),
-        }
-        with ExitStack() as stack:
-            fleets = [
-                stack.enter_context(flying(config, Path(folder) / name)) for name, config in configs.items()
-            ]
+        for name, config in ((ALONE, site_of(1, each, arguments.rate)), ("together", together)):
+            print(name, flush=True)
             try:
-                measured = fly(fleets, arguments.seconds)
+                found, verdicts[name] = fly(config, Path(folder) / name, arguments.seconds)
             except TimeoutError as error:
                 print(f"not flown: {error}")
                 return NOT_FLOWN
-            time.sleep(1.0)  # the last true states
-        verdicts = {
-            fleet.folder.name: judge(fleet.truth, fleet.config.control.safety.floor) for fleet in fleets
-        }
-    tell(configs["together"], measured, verdicts, was_idle=load < 0.5)
+            measured |= found
+    tell(together, measured, verdicts, was_idle=load < 0.5)
     return 0
 
 
