@@ -112,6 +112,10 @@ def _to_slots(
     """Each vehicle flies to its own slot; the slots are moved on for the next tick."""
     law, radius_m = now.settings.law, lead.radius_m
     slots = laid(now, memory, formed, radius_m, None if shared is None else shared.place)
+    place = now.for_sphere(slots.place, np.nan)
+    if shared is not None:  # those of others, for the time when this station leads
+        place = shared.place.copy()
+        place[now.sphere] = slots.place
     offset_m = formed.distance_m[:, None] * formed.direction - radius_m * slots.place
     fastest_m_s = now.approach_max_m_s(now.sphere, np.linalg.norm(offset_m, axis=1))
     own_m_s = slot_velocity(
@@ -129,7 +133,7 @@ def _to_slots(
 
     return Spread(
         _flown(now, formed, own_m_s),
-        now.for_sphere(slots.place, np.nan),
+        place,
         now.for_sphere(slots.change, 0.0),
         slots.unfollowed_s,
         spin_rad_s=formed.spin_rad_s,
@@ -257,16 +261,17 @@ def _stopping_inside(now: TickInputs, desired_m_s: Array) -> Array:
     The fence is a circle, and the safety filter bounds the speed towards it. A vehicle that flies along it,
     and turns later than the circle does, would leave it.
     """
-    safety, place_m, level_m_s = now.settings.safety, now.position_m[:, :2], desired_m_s[:, :2]
+    safety, own = now.settings.safety, now.own
+    place_m, level_m_s = now.position_m[own, :2], desired_m_s[own, :2]
     speed_m_s = np.hypot(level_m_s[:, 0], level_m_s[:, 1])
     along_m = (place_m * level_m_s).sum(axis=1) / np.maximum(speed_m_s, TINY)
     room_m2 = safety.fence.distance_max_m**2 - (place_m**2).sum(axis=1)
     ahead_m = np.maximum(np.sqrt(np.maximum(along_m**2 + room_m2, 0.0)) - along_m, 0.0)
-    delay_s, response = safety.link_delay_s, now.traits.response
+    delay_s, response = safety.link_delay_s, now.traits.response.rows(own)
     each = safety.braking.over_link(delay_s).of_each(len(speed_m_s), response.over_link(delay_s))
     most_m_s = stopping_speed_m_s(ahead_m, each)
-    fast = speed_m_s > most_m_s
-    if not np.count_nonzero(fast):
+    fast = np.flatnonzero(speed_m_s > most_m_s)
+    if len(fast) == 0:
         return desired_m_s
     slower_m_s = desired_m_s.copy()
     slower_m_s[fast, :2] *= (most_m_s[fast] / speed_m_s[fast])[:, None]

@@ -263,9 +263,10 @@ class TickInputs:
     to_goal: Mask  # (n,) commanded and on the way to a goal of its own
     rows: NDArray[np.intp]  # (m,) of the vehicles in formation
     goers: NDArray[np.intp]  # (k,) of those on the way to a goal
-    sphere: NDArray[np.intp]  # (s,) of all vehicles on the sphere: `rows`, and those of other stations
+    sphere: NDArray[np.intp]  # (s,) on the sphere that the law needs: `rows`, and those of other stations
     descending: Mask  # (n,) descending to land, and above its place
     ellipses: dict[str, Ellipse]  # the plan's obstacles at this time
+    own: slice  # the rows that this station flies; after them come those of other stations
     pace: float = 1.0  # share of the orbit's speed with which other stations' vehicles keep up
 
     @property
@@ -351,12 +352,19 @@ class TickInputs:
         settings: ControlSettings,
         *,
         before_s: float,
+        own: int,
+        follows: bool = False,
         pace: float = 1.0,
     ) -> "TickInputs":
-        """Inputs at `fleet.time_s`, when the previous tick was at `before_s`."""
+        """Inputs at `fleet.time_s`, when the previous tick was at `before_s`.
+
+        The first `own` rows are those of this station, which `follows` where another lays all the slots.
+        """
         position_m, velocity_m_s = np.array(fleet.position_m), np.array(fleet.velocity_m_s)
         task, age_s = np.array(tasks.task), np.array(fleet.age_s)
         roles = _roles(task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s)
+        if follows:
+            roles = (*roles[:-1], roles[3])
         descending = tasks.descending
         if np.count_nonzero(descending):
             off_m = tasks.goal_m[:, :2] - position_m[:, :2]
@@ -374,6 +382,7 @@ class TickInputs:
             *roles,
             descending,
             ellipses_of(plan, settings, fleet.time_s),
+            slice(own),
             pace,
         )
 

@@ -1,6 +1,7 @@
 """Vehicles that other stations fly, as further rows of a tick: avoided, and never commanded."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -92,7 +93,7 @@ class Others:
                 np.concatenate([traits.charge, self.charge]),
                 np.concatenate([traits.speed_max_m_s, np.full(k, np.inf)]),
                 np.concatenate([traits.uncertainty_m, self.uncertainty_m]),
-                traits.response.joined(FleetResponse.alike(k)),
+                _response(traits.response, k),
             ),
             replace(memory, unfollowed_s=unfollowed_s),
         )
@@ -104,3 +105,9 @@ class Others:
         first = own or (np.full((count, 3), np.nan), np.full((count, 3), np.nan))
         second = self.drift or (np.full((len(self.ids), 3), np.nan), np.full((len(self.ids), 3), np.nan))
         return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
+
+
+@lru_cache(maxsize=4)  # the own one stays the same from tick to tick
+def _response(own: FleetResponse, count: int) -> FleetResponse:
+    """Of the own vehicles and `count` of others, which are taken for such as `control` is set for."""
+    return own.joined(FleetResponse.alike(count))

@@ -59,6 +59,12 @@ class Tick:
         """Smallest estimated separation of the pairs that count; computed on demand, never in the tick."""
         return minimum_separation(self.position_m, self.airborne, self.floor)[0]
 
+    @cached_property
+    def own_separation_m(self) -> float:
+        """The same of those pairs of which one vehicle at least is the station's own."""
+        own = len(self.position_m) - len(self.elsewhere)
+        return minimum_separation(self.position_m, self.airborne, self.floor, own)[0]
+
 
 def tick(
     fleet: FleetState,
@@ -86,11 +92,21 @@ def tick(
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
-    pace = 1.0
+    own, pace = len(fleet.ids), 1.0
     if others is not None:
         pace = others.pace
         fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
-    now = TickInputs.of(fleet, tasks, plan, traits, settings, before_s=memory.time_s, pace=pace)
+    now = TickInputs.of(
+        fleet,
+        tasks,
+        plan,
+        traits,
+        settings,
+        before_s=memory.time_s,
+        own=own,
+        follows=shared is not None and plan.formation.law is LawName.SLOTS,
+        pace=pace,
+    )
     authority = _authority(now, memory)
     answers = _answers(now, memory, authority)
     limited_traits = authority.limit(traits)
@@ -258,25 +274,30 @@ def _surroundings(now: TickInputs, authority: Authority, routes: GoalRoutes | No
 
 def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
     """Commanded yaw and yaw at engagement, (n,) each; NaN where not commanded."""
-    so_far_rad, held_rad = begun_yaw(
-        now.commanded, memory.yaw_rad, memory.held_yaw_rad, np.array(now.fleet.yaw_rad)
+    own, yaw_rad, held_rad = now.own, np.full(len(now.commanded), np.nan), np.full(len(now.commanded), np.nan)
+    so_far_rad, held_rad[own] = begun_yaw(
+        now.commanded[own], memory.yaw_rad[own], memory.held_yaw_rad[own], np.array(now.fleet.yaw_rad[own])
     )
     target_m = np.array(now.plan.target.position_m(now.fleet.time_s))
-    desired_rad = desired_yaw_rad(now.plan.yaw, held_rad, now.position_m, target_m)
+    desired_rad = desired_yaw_rad(now.plan.yaw, held_rad[own], now.position_m[own], target_m)
     if now.tasks.drawn is not None and now.tasks.drawn.yaw_rad is not None:
         drawn = now.drawn_rows
         drawn_rad = now.tasks.drawn.yaw_rad[drawn]
         desired_rad[drawn] = np.where(np.isfinite(drawn_rad), drawn_rad, desired_rad[drawn])
     rate_rad_s = radians(now.settings.yaw_rate_max_deg_s)
-    return turn_towards(so_far_rad, desired_rad, rate_rad_s, now.dt_s), held_rad
+    yaw_rad[own] = turn_towards(so_far_rad, desired_rad, rate_rad_s, now.dt_s)
+    return yaw_rad, held_rad
 
 
 def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
     """Setpoints of the rows (n, 3) that are commanded and have a yaw."""
     fleet = now.fleet
-    rows = (now.commanded & np.isfinite(yaw_rad)).nonzero()[0]
-    if len(rows) == len(fleet.ids):
-        return Setpoints(fleet.time_s, fleet.ids, setpoint_m_s, yaw_rad.copy())  # frozen
+    own = now.own
+    rows = (now.commanded[own] & np.isfinite(yaw_rad[own])).nonzero()[0]
+    if len(rows) == own.stop:
+        return Setpoints(
+            fleet.time_s, fleet.ids[own], setpoint_m_s[own].copy(), yaw_rad[own].copy()
+        )  # frozen
     ids = tuple(fleet.ids[row] for row in rows.tolist())
     return Setpoints(fleet.time_s, ids, setpoint_m_s[rows], yaw_rad[rows])
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
-from functools import partial
+from functools import cache, partial
 from typing import Any, Protocol
 
 from gcs.bus import keep_bus_open
@@ -30,7 +30,7 @@ from gcs.flight.site_commander import SiteCommander
 from gcs.flight.site_member import Membership, SiteMember
 from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_shows import SiteShowPlayer
-from gcs.flight.site_view import whole_view
+from gcs.flight.site_view import recorded, whole_view
 from gcs.flight.snapshots import Estimating, fleet_view
 from gcs.flight.standby import Standby
 from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
@@ -101,7 +101,6 @@ class Orchestrator:
         if member is not None:
             flight.site = member
             flight.memory = Memory.fresh(len(flight.vehicles) + member.site.count, loop.time())
-        self._own_view: FleetView | None = None  # of several stations: without the others' vehicles
         self._record = record
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
@@ -199,13 +198,14 @@ class Orchestrator:
             if self._heart is not None and self._control_alive:
                 self._heart.beat()
             self._estimating.refresh(len(self._maneuvers.waiting), self.commands.home_left_s)
-            self.view.promise(self._promised_view(result))
+            own = cache(self._promised_view(result))
+            self.view.promise(partial(self._whole_view, own, result))
             if self._record is not None:
-                run, view = self._flight.show_run, self.view.value
+                run, member = self._flight.show_run, self._member
                 parts = {} if run is None else run.parts
-                own = view if self._own_view is None else self._own_view
-                sample, whole = (Sample(each, parts, self._flight.control) for each in (own, view))
-                self._record.note(sample, self._flight.links, whole)
+                theirs = None if member is None else recorded(member)
+                sample = Sample(own(), parts, self._flight.control, elsewhere=theirs)
+                self._record.note(sample, self._flight.links)
             self._flight.wake()
             collect_garbage(now_s)
 
@@ -270,7 +270,7 @@ class Orchestrator:
         """Return a function that builds the view of this tick: expensive for large fleets, rarely needed."""
         countdown = self.commands.starting.countdown
         return partial(
-            self._view_of,
+            fleet_view,
             copy(self._flight),  # what commands change later does not belong to this tick
             result,
             timing=self._clock.summary(),
@@ -285,9 +285,6 @@ class Orchestrator:
             alarms=self.alarms.alarms,
         )
 
-    def _view_of(self, flight: Fleet, result: Tick, **fields: Any) -> FleetView:
-        own = fleet_view(flight, result, **fields)
-        if self._member is None:
-            return own
-        self._own_view = own
-        return whole_view(own, self._member)
+    def _whole_view(self, own: Callable[[], FleetView], result: Tick) -> FleetView:
+        """The view of all stations' vehicles; `own` returns that of those on this station's links."""
+        return own() if self._member is None else whole_view(own(), self._member, result)

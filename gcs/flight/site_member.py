@@ -220,6 +220,8 @@ class SiteMember:
         self._ready_when_checked: tuple[bool, ...] = ()
         self._checked_s = -inf
         self.offers: tuple[Offer, ...] = ()  # of this station's interrupted flight
+        self._reasons: list[str] = []  # of the vehicles of other stations
+        self._reasons_of: tuple[object, ...] = ()  # what decided them
         self._others: Others | None = None  # of this tick, as the next; None: not computed yet
         self._landing_m: Array | None = None
 
@@ -732,9 +734,17 @@ class SiteMember:
         shows = [self.show_of(name) for name in self.present()]
         return next((show for show in shows if show not in ON_THE_GROUND), own)
 
-    def columns(self) -> dict[str, list[Any]]:
-        """Per vehicle of the other stations: names, links, phases and reasons, for displays."""
-        site, here = self.site, set(self.present())
+    def reasons(self) -> list[str]:
+        """(k,) why each vehicle of the other stations has its phase; the same list until that changes."""
+        site, here = self.site, self.present()
+        infos = tuple(self._info.values())  # replaced, never changed
+        state = (site.phases.tobytes(), site.owner.tobytes(), tuple(here), infos)
+        if state != self._reasons_of:
+            self._reasons_of, self._reasons = state, self._reasons_now(frozenset(here))
+        return self._reasons
+
+    def _reasons_now(self, here: frozenset[str]) -> list[str]:
+        site = self.site
         usual = [
             (f"flown by station {name}", "on the ground")
             if name in here or name == site.own
@@ -743,18 +753,22 @@ class SiteMember:
         ]
         usual.append(("not received yet",) * 2)
         grounded, explained = _GROUNDED[site.phases], _EXPLAINED[site.phases]
-        reasons = np.array(usual, object)[site.owner, grounded.astype(np.intp)].tolist()
+        reasons: list[str] = np.array(usual, object)[site.owner, grounded.astype(np.intp)].tolist()
         owners = site.owners
         for row in np.flatnonzero(explained).tolist():
             info = self._info.get(owners[row])
             if info is not None and info.reasons is not None:
                 reasons[row] = info.reasons.get(site.ids[row]) or reasons[row]
+        return reasons
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Per vehicle of the other stations: names, links, phases and reasons, for displays."""
         return {
-            "ids": list(site.ids),
+            "ids": list(self.site.ids),
             "system_ids": self._system_ids,
             "links": self._links,
             "autopilots": self._autopilots,
-            "stations": owners,
-            "phases": _PHASES[site.phases].tolist(),
-            "reasons": reasons,
+            "stations": self.site.owners,
+            "phases": _PHASES[self.site.phases].tolist(),
+            "reasons": self.reasons(),
         }

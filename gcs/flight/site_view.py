@@ -4,15 +4,20 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gcs.control import Tick
 from gcs.flight.site_member import SiteMember
+from gcs.flight.snapshots import finite
 from gcs.model.state import Landed
+from gcs.recording.mcap_layout import packed_state
+from gcs.recording.sample import Elsewhere
 from gcs.service import FleetView
 from gcs.service.vehicle_table import VehicleTable
 from gcs.stations.messages import MODES
 
 
-def whole_view(own: FleetView, member: SiteMember) -> FleetView:
+def whole_view(own: FleetView, member: SiteMember, result: Tick) -> FleetView:
     """The same view with the vehicles of all stations. Those of silent stations keep their last values."""
     site, others = member.site, member.others
     rows = own.rows
@@ -57,7 +62,28 @@ def whole_view(own: FleetView, member: SiteMember) -> FleetView:
     unknown = np.full(len(shown) - n, np.nan)
     changed: dict[str, Any] = {"rows": table, "stations": member.views(), "show": member.show}
     changed["bus"] = member.bus_view()
+    changed["minimum_separation_m"] = finite(result.minimum_separation_m)
     if (found := own.estimates) is not None:  # of the own vehicles only
         low_s, empty_s = np.append(found.low_s, unknown), np.append(found.empty_s, unknown)
         changed["estimates"] = replace(found, low_s=low_s, empty_s=empty_s)
     return replace(own, **changed)
+
+
+def recorded(member: SiteMember) -> Elsewhere:
+    """The vehicles of the other stations for the flight data: a fraction of what their view costs."""
+    site, others = member.site, member.others
+    reported = site.reported(member.flight.fleet.time_s)
+    columns: dict[str, NDArray[Any]] = {
+        "yaw_rad": reported.yaw_rad,
+        "position_age_s": reported.age_s,
+        "position_uncertainty_m": others.uncertainty_m,
+        "heartbeat_age_s": reported.age_s,
+        "battery_remaining": reported.battery_remaining,
+        "phase": site.phases,
+        "mode": reported.modes,
+        "landed": np.where(others.airborne, Landed.IN_AIR, Landed.ON_GROUND),
+        "armed": reported.armed,
+        "ready": reported.ready,
+    }
+    rows = packed_state(others.position_m, others.velocity_m_s, reported.setpoint_m_s, columns)
+    return Elsewhere(site.ids, rows, member.reasons(), site.shown, member.show)

@@ -56,7 +56,7 @@ def fleet_view(
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,
         target_m=flight.plan.target.position_m(fleet.time_s),
-        minimum_separation_m=finite(tick.minimum_separation_m),
+        minimum_separation_m=finite(tick.own_separation_m),
         tick=timing,
         histograms=histograms,
         control_alive=control_alive,

@@ -59,7 +59,7 @@ class FleetResponse:
         """`count` vehicles for which `control` is set."""
         return FleetResponse(*(np.full(count, getattr(Response(), field.name)) for field in fields(Response)))
 
-    def rows(self, rows: NDArray[np.intp]) -> "FleetResponse":
+    def rows(self, rows: NDArray[np.intp] | slice) -> "FleetResponse":
         """Those in rows (m,)."""
         return FleetResponse(*(getattr(self, field.name)[rows] for field in fields(self)))
 

@@ -21,7 +21,7 @@ from pydantic_core import to_json
 
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Plan
-from gcs.model.state import Mask, Mode, VehicleId
+from gcs.model.state import Array, Mask, Mode, VehicleId
 from gcs.recording.sample import Sample
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm
@@ -191,24 +191,74 @@ def stamp(unix_s: float) -> dict[str, int]:
 def packed(rows: VehicleTable) -> NDArray[np.void]:
     """(n,) Rows of VEHICLE."""
     count = len(rows.ids)
-    table = np.zeros(count, _BLOCKS)
-    table["position"], table["velocity"] = rows.position_m, rows.velocity_m_s
-    table["setpoint"] = rows.setpoint_m_s
-    table["yaw_rad"], table["position_age_s"] = rows.yaw_rad, rows.position_age_s
-    table["position_uncertainty_m"] = rows.uncertainty_m
-    table["heartbeat_age_s"], table["battery_remaining"] = rows.heartbeat_age_s, rows.battery_remaining
-    table["phase"] = np.fromiter(map(_PHASE_NUMBER.__getitem__, rows.phases), np.uint8, count)
-    table["mode"] = np.fromiter(map(_MODE_NUMBER.__getitem__, rows.modes), np.uint8, count)
-    table["landed"] = np.fromiter(rows.landed, np.uint8, count)
-    table["armed"] = np.fromiter(rows.armed, np.bool_, count)
-    table["ready"] = np.fromiter(rows.ready, np.bool_, count)
-    table["light"], table["alpha"] = rows.colour, np.where(rows.lit, 255, 0)
+    return packed_state(
+        rows.position_m,
+        rows.velocity_m_s,
+        rows.setpoint_m_s,
+        {
+            "yaw_rad": rows.yaw_rad,
+            "position_age_s": rows.position_age_s,
+            "position_uncertainty_m": rows.uncertainty_m,
+            "heartbeat_age_s": rows.heartbeat_age_s,
+            "battery_remaining": rows.battery_remaining,
+            "phase": np.fromiter(map(_PHASE_NUMBER.__getitem__, rows.phases), np.uint8, count),
+            "mode": np.fromiter(map(_MODE_NUMBER.__getitem__, rows.modes), np.uint8, count),
+            "landed": np.fromiter(rows.landed, np.uint8, count),
+            "armed": np.fromiter(rows.armed, np.bool_, count),
+            "ready": np.fromiter(rows.ready, np.bool_, count),
+            "light": rows.colour,
+            "alpha": np.where(rows.lit, 255, 0),
+        },
+    )
+
+
+def packed_state(
+    position_m: Array, velocity_m_s: Array, setpoint_m_s: Array, columns: Mapping[str, NDArray[Any]]
+) -> NDArray[np.void]:
+    """(n,) Rows of VEHICLE: of vectors (n, 3) in the show frame, and further columns (n,) by their names.
+
+    `light` is a column (n, 3); a column that is not given is 0.
+    """
+    table = np.zeros(len(position_m), _BLOCKS)
+    table["position"], table["velocity"], table["setpoint"] = position_m, velocity_m_s, setpoint_m_s
+    for name, values in columns.items():
+        table[name] = values
     return table.view(VEHICLE)
+
+
+def recorded_rows(sample: Sample) -> NDArray[np.void]:
+    """Rows of VEHICLE of all vehicles that the sample knows."""
+    rows, elsewhere = packed(sample.view.rows), sample.elsewhere
+    return rows if elsewhere is None else np.concatenate([rows, elsewhere.rows])[elsewhere.shown]
+
+
+def _of_all(sample: Sample, own: Sequence[str], theirs: Sequence[str]) -> list[str]:
+    """A column of text, in the order of `recorded_rows`."""
+    if sample.elsewhere is None:
+        return list(own)
+    both = [*own, *theirs]
+    return [both[row] for row in sample.elsewhere.shown.tolist()]
+
+
+def recorded_ids(sample: Sample) -> list[VehicleId]:
+    """Names in the order of `recorded_rows`."""
+    return _of_all(sample, sample.view.rows.ids, () if sample.elsewhere is None else sample.elsewhere.ids)
+
+
+def recorded_reasons(sample: Sample) -> list[str]:
+    """Reasons in the order of `recorded_rows`."""
+    theirs = () if sample.elsewhere is None else sample.elsewhere.reasons
+    return _of_all(sample, sample.view.rows.reasons, theirs)
+
+
+def recorded_show(sample: Sample) -> ShowPhase:
+    """Phase of the whole show."""
+    return sample.view.show if sample.elsewhere is None else sample.elsewhere.show
 
 
 def vehicles_message(sample: Sample) -> bytes:
     when = stamp(sample.view.unix_time_s)
-    data = b64encode(packed(sample.view.rows).tobytes())
+    data = b64encode(recorded_rows(sample).tobytes())
     times = when["sec"], when["nsec"]
     return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (*times, _CLOUD, data)
 
@@ -240,12 +290,12 @@ def status_message(sample: Sample) -> bytes:
         limits = Limits(control.safety.model_dump(mode="json"), control.acceleration_max_m_s2)
     return to_json(
         StatusMessage(
-            view.show,
+            recorded_show(sample),
             view.reason,
             view.plan,
             view.selected,
             view.start_unix_time_s,
-            list(view.rows.reasons),
+            recorded_reasons(sample),
             view.alarms,
             limits,
         )

@@ -108,16 +108,17 @@ class _OpenFile:
             self._add("/log", what.unix_s, layout.log_message(*what))
             return
         view = what.view
-        unix_s, time_s, reasons = view.unix_time_s, view.time_s, view.rows.reasons
+        unix_s, time_s = view.unix_time_s, view.time_s
+        reasons = view.rows.reasons, None if what.elsewhere is None else what.elsewhere.reasons
         desired = what.reported, view.start_unix_time_s, what.control
-        status = (view.show, view.reason, *desired, reasons, view.alarms)
+        status = (layout.recorded_show(what), view.reason, *desired, *reasons, view.alarms)
         if time_s >= self._status_due_s or status != self._status:
             again_s = STATUS_S if view.selected is None else LED_S
             self._status, self._status_due_s = status, time_s + again_s
             self._add("/fleet/status", unix_s, layout.status_message(what))
         if time_s >= self._scene_due_s:
             self._scene_due_s = time_s + SCENE_S
-            self._add("/fleet/scene", unix_s, scene_message(view))
+            self._add("/fleet/scene", unix_s, scene_message(what))
             self._add("/tf", unix_s, layout.transform_message(unix_s))
         self._add("/fleet/vehicles", unix_s, layout.vehicles_message(what))
         self._add("/fleet/tick", unix_s, layout.tick_message(what, number))
@@ -169,8 +170,9 @@ _WHITE: Final = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}
 _PRIMITIVES: Final = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 
 
-def scene_message(view: FleetView) -> bytes:
+def scene_message(sample: Sample) -> bytes:
     """Message of `/fleet/scene`. An entity disappears when it is not sent again."""
+    view = sample.view
     plan, time_s = view.plan, view.time_s
     post = {
         "pose": _pose(*plan.target.position_m(time_s), -TARGET_HEIGHT_M / 2.0),
@@ -190,8 +192,10 @@ def scene_message(view: FleetView) -> bytes:
         size = _xyz(2.0 * box.half_length_x_m, 2.0 * box.half_length_y_m, box.height_m)
         cube = {"pose": _pose(x_m, y_m, -box.height_m / 2.0), "size": size, "color": _GREY}
         entities.append(_entity(view, f"obstacle {box.id}", cubes=[cube]))
-    if len(view.rows.ids) <= LABELS_MAX:
-        entities.append(_entity(view, "names", texts=_names(view)))
+    names = layout.recorded_ids(sample)
+    if len(names) <= LABELS_MAX:
+        places_m = layout.vectors(layout.recorded_rows(sample), layout.POSITION).tolist()
+        entities.append(_entity(view, "names", texts=_names(names, places_m)))
     return as_json({"deletions": [], "entities": entities})
 
 
@@ -201,12 +205,11 @@ def _entity(view: FleetView, name: str, **primitives: object) -> dict[str, Any]:
     return {**named, **kept, **{kind: [] for kind in _PRIMITIVES}, **primitives}
 
 
-def _names(view: FleetView) -> list[dict[str, Any]]:
+def _names(ids: Sequence[str], places_m: Sequence[Sequence[float]]) -> list[dict[str, Any]]:
     drawn = {"billboard": True, "font_size": 14.0, "scale_invariant": True, "color": _WHITE}
-    places = zip(view.rows.ids, view.rows.position_m.tolist(), strict=True)
     return [
         {"pose": _pose(*place_m), **drawn, "text": name}
-        for name, place_m in places
+        for name, place_m in zip(ids, places_m, strict=True)
         if all(map(isfinite, place_m))
     ]
 

@@ -1,16 +1,31 @@
 """One tick's sample for the record: what the service estimated, desired and sent."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs.control import ControlSettings
+from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Obstacle, Plan, Yaw
 from gcs.model.state import VehicleId
 from gcs.service import FleetView
 
 Reported: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
 """A plan, or name, hash and cue of the show that decides it, with the values that the show leaves open."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elsewhere:
+    """The k vehicles of other stations in the same tick. Owns its arrays."""
+
+    ids: Sequence[VehicleId]
+    rows: NDArray[np.void]  # (k,) of `mcap_layout.VEHICLE`
+    reasons: Sequence[str]  # of their phases
+    shown: NDArray[np.intp]  # each vehicle once: rows of the n own, and of these k after them
+    show: ShowPhase  # of the whole site
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,6 +36,7 @@ class Sample:
     parts: Mapping[VehicleId, int] = field(default_factory=dict)  # row of each vehicle's part in the show
     control: ControlSettings | None = None  # limits that applied: the service's, or the selected show's
     number: int = 0  # of the samples passed to the record, from 1; counted by the record
+    elsewhere: Elsewhere | None = None  # None: the view has all vehicles
 
     @property
     def reported(self) -> Reported:

@@ -92,17 +92,11 @@ class Record:
         """Whether less than half of the flight data queue is used: virtual-time runs wait for it."""
         return self._flight is None or self._flight.waiting < WAITING_MAX // 2
 
-    def note(self, sample: Sample, links: Sequence[Link], whole: Sample | None = None) -> None:
-        """Record one tick, and the addresses of the links' vehicles.
-
-        Args:
-            sample: of the vehicles that this station flies.
-            links: theirs.
-            whole: of the vehicles of all stations, for the flight data; None: the same.
-        """
+    def note(self, sample: Sample, links: Sequence[Link]) -> None:
+        """Record one tick, and the addresses of the links' vehicles."""
         self.audit.watch(sample)
         if self._flight is not None:
-            self._flight.add(whole or sample)
+            self._flight.add(sample)
         if sample.view.time_s >= self._whereabouts_due_s:
             self._whereabouts_due_s = sample.view.time_s + WHEREABOUTS_S
             for link in links:

@@ -136,18 +136,23 @@ def scaled_distance_m(position_m: Array, first: Rows, second: Rows, floor: Floor
     return distance
 
 
-def minimum_separation(position_m: Array, airborne: Mask, floor: Floor) -> tuple[float, int]:
-    """Smallest true distance of the pairs that count (inf without any), and the number inside the floor."""
+def minimum_separation(
+    position_m: Array, airborne: Mask, floor: Floor, own: int | None = None
+) -> tuple[float, int]:
+    """Smallest true distance of the pairs that count (inf without any), and the number inside the floor.
+
+    Where `own` is given, one of both vehicles at least is among the first `own` rows.
+    """
     # numba compiles frozen arrays as another type
     position_m, airborne = np.array(position_m), np.array(airborne)
     semi_axes = floor.horizontal_m, floor.vertical_m, floor.pad_height_m
-    least_m, inside = _closest(position_m, airborne, *semi_axes)
+    least_m, inside = _closest(position_m, airborne, len(position_m) if own is None else own, *semi_axes)
     return least_m, inside
 
 
 @kernel
 def _closest(
-    position_m: Array, airborne: Mask, horizontal_m: float, vertical_m: float, pad_height_m: float
+    position_m: Array, airborne: Mask, own: int, horizontal_m: float, vertical_m: float, pad_height_m: float
 ) -> tuple[float, int]:
     """As `minimum_separation`: of the near pairs; the search radius doubles until one of them counts.
 
@@ -165,6 +170,8 @@ def _closest(
     some = flying if flying.sum() <= above.sum() else above
     if not some.any():
         return np.inf, 0
+    if own < len(known):
+        some = known & (np.arange(len(known)) < own)
     look_m = 2.0 * max(
         horizontal_m, vertical_m
     )  # vehicles of a formation are hardly farther apart: mostly one search is enough

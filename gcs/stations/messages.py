@@ -36,9 +36,6 @@ MODES: Final = tuple(Mode)
 PHASE_CODE: Final = {phase: number for number, phase in enumerate(PHASES)}
 MODE_CODE: Final = {mode: number for number, mode in enumerate(MODES)}
 
-AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY, OWNED, COMMANDED = 1, 2, 4, 8, 16, 32, 64
-"""Flags of a row."""
-
 ALL_UP = 1
 """Flag of a station."""
 
@@ -52,12 +49,11 @@ SHARES: Final = np.where(np.arange(256) == UNKNOWN_PERCENT, np.nan, np.arange(25
 ROW: Final = np.dtype(
     [
         ("position_m", "<f4", 3),  # NaN: never received
-        ("velocity_cm_s", "<i2", 3),
-        ("desired_cm_s", "<i2", 3),  # flown to by the newest setpoint
-        ("setpoint_cm_s", "<i2", 3),  # that setpoint, without the trim
+        # velocity; the desired one, flown to by the newest setpoint; that setpoint, without the trim
+        ("motion_cm_s", "<i2", 9),
         ("epoch", "u1"),  # of its ownership: a station that takes vehicles over counts on
         ("phase", "u1"),
-        ("flags", "u1"),
+        ("flags", "u1"),  # from bit 0: airborne, formed, slot stays, armed, ready, owned, commanded
         ("mode", "u1"),
         ("uncertainty_cm", "<u2"),
         ("age_ms", "<u2"),  # of the position when the batch was made
@@ -129,14 +125,11 @@ class StateBatch:
         n = len(self.position_m)
         rows = np.zeros(n, ROW)
         rows["position_m"] = self.position_m
-        rows["velocity_cm_s"] = _cm_s(self.velocity_m_s)
-        rows["desired_cm_s"] = _cm_s(self.desired_m_s)
-        rows["setpoint_cm_s"] = _cm_s(self.setpoint_m_s)
+        rows["motion_cm_s"] = _cm_s(self.velocity_m_s, self.desired_m_s, self.setpoint_m_s)
         rows["phase"], rows["mode"], rows["epoch"] = self.phases, self.modes, self.epochs
         commanded = np.isfinite(self.desired_m_s[:, 0])
         masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned, commanded)
-        flags = zip((AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY, OWNED, COMMANDED), masks, strict=True)
-        rows["flags"] = sum(flag * mask.astype(np.uint8) for flag, mask in flags)
+        rows["flags"] = np.packbits(np.stack(masks), axis=0, bitorder="little")[0]
         rows["uncertainty_cm"] = _bounded(100.0 * self.uncertainty_m)
         rows["age_ms"] = _bounded(1000.0 * self.age_s)
         rows["yaw"] = np.round(1e4 * np.nan_to_num(self.yaw_rad))
@@ -169,6 +162,7 @@ class StateBatch:
         bits = np.unpackbits(rows["flags"][None], axis=0, bitorder="little").view(np.bool_)
         airborne, formed, slot_stays, armed, ready, owned, commanded, _ = bits
         known = rows["age_ms"] != UNKNOWN
+        motion_m_s = rows["motion_cm_s"] / 100.0
         return StateBatch(
             sequence,
             site,
@@ -180,9 +174,9 @@ class StateBatch:
             return_s,
             echoes,
             _only(known, rows["position_m"].astype(np.float64)),
-            rows["velocity_cm_s"] / 100.0,
-            _only(commanded, rows["desired_cm_s"] / 100.0),
-            _only(commanded, rows["setpoint_cm_s"] / 100.0),
+            motion_m_s[:, :3],
+            _only(commanded, motion_m_s[:, 3:6]),
+            _only(commanded, motion_m_s[:, 6:]),
             rows["uncertainty_cm"] / 100.0,
             np.where(known, rows["age_ms"] / 1000.0, np.inf),
             rows["phase"].copy(),
@@ -292,8 +286,12 @@ def _check(version: int, kind: int, expected: int) -> None:
         raise LinkError(f"message {kind} of version {version}, where {expected} of {VERSION} is expected")
 
 
-def _cm_s(velocity_m_s: Array) -> NDArray[np.int16]:
-    return np.clip(np.round(100.0 * np.nan_to_num(velocity_m_s)), -32767, 32767).astype(np.int16)
+def _cm_s(*velocities_m_s: Array) -> NDArray[np.int16]:
+    """(n, 3 times as many) beside each other; 0: not known."""
+    beside = np.concatenate(velocities_m_s, axis=1)
+    beside *= 100.0
+    beside[np.isnan(beside)] = 0.0
+    return np.clip(np.rint(beside), -32767, 32767).astype(np.int16)
 
 
 def _bounded(values: Array) -> NDArray[np.uint16]:

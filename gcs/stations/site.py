@@ -37,6 +37,9 @@ KILLED: Final = PHASE_CODE[Phase.KILLED]
 WITHOUT_LINK: Final = (PHASE_CODE[Phase.LOST], KILLED)
 """Phases of vehicles that their own station does not command, and whose space others keep clear."""
 
+_WITHOUT_LINK: Final = np.isin(np.arange(256), WITHOUT_LINK)
+"""By the number of a phase."""
+
 RETURN_HEIGHT_M: Final = 30.0
 
 NO_STATION: Final = -1
@@ -81,6 +84,7 @@ class Station:
     batch: StateBatch | None = None
     arrived_s: float = -np.inf
     made_s: float = -np.inf  # of the batch, as far as the delay is known
+    homes: tuple[bytes, bytes] = (b"", b"")  # the newest message of homes, and whose vehicles they were then
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,6 +159,8 @@ class Site:
         shared = [(row, row_of[one]) for row, one in enumerate(mine.ids) if one in row_of]
         self._own_rows = np.array([row for row, _ in shared], dtype=np.intp)  # that others know as well
         self._their_rows = np.array([row for _, row in shared], dtype=np.intp)  # the same vehicles
+        self._all_rows = np.arange(n + k)
+        self._only_elsewhere = n + np.setdiff1d(np.arange(k), self._their_rows)
         self._owner = np.full(k, NO_STATION)  # number of the station that flies each
         self._epochs = np.zeros(k, np.uint8)
         self._position_m, self._velocity_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
@@ -201,13 +207,7 @@ class Site:
                 self.delays.echoed(station.number, echo.sequence, echo.held_s, arrived_s)
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
-        owner, epochs = self._owner[rows], self._epochs[rows]
-        free_or_theirs = (owner == NO_STATION) | (owner == station.number)
-        claims = (batch.epochs > epochs) | ((batch.epochs == epochs) & free_or_theirs)
-        taken = batch.owned & claims
-        self._owner[rows[taken]], self._epochs[rows[taken]] = station.number, batch.epochs[taken]
-        given = ~batch.owned & (self._owner[rows] == station.number)
-        self._owner[rows[given]] = NO_STATION
+        taken = self._claimed(station, batch)
         if len(self._own_rows):
             lost = self._epochs[self._their_rows] > self.epochs[self._own_rows]
             self.owned[self._own_rows[lost]] = False
@@ -230,6 +230,20 @@ class Site:
             if arrived_s - self._measured_s[row] <= self._without_control.telemetry_age_max_s:
                 del self._swept[row]
 
+    def _claimed(self, station: Station, batch: StateBatch) -> Mask:
+        """(m,) those of its vehicles that the station flies from now on; the others of them it gives up."""
+        rows = station.rows
+        owner, epochs = self._owner[rows], self._epochs[rows]
+        theirs: Mask = np.asarray(owner == station.number)
+        if theirs.all() and batch.owned.all() and np.array_equal(batch.epochs, epochs):
+            return theirs  # as in nearly every batch
+        claims = (batch.epochs > epochs) | ((batch.epochs == epochs) & (theirs | (owner == NO_STATION)))
+        taken: Mask = np.asarray(batch.owned & claims)
+        self._owner[rows[taken]], self._epochs[rows[taken]] = station.number, batch.epochs[taken]
+        given = ~batch.owned & (self._owner[rows] == station.number)
+        self._owner[rows[given]] = NO_STATION
+        return taken
+
     def _take_back(self) -> None:
         """Own again the vehicles of this station that a standby has given back."""
         back = ~self.owned[self._own_rows] & (self._own_rows < self._home_count)
@@ -242,8 +256,12 @@ class Site:
         home_m = decode_homes(payload)
         if len(home_m) != len(station.rows):
             raise LinkError(f"homes of {len(home_m)} vehicles")
-        theirs = np.isin(self._owner[station.rows], (NO_STATION, station.number)) & np.isfinite(home_m[:, 0])
-        theirs &= (self.home_m[station.rows] != home_m).any(axis=1)  # they come again each second
+        owner = self._owner[station.rows]
+        if station.homes == (newest := (payload, owner.tobytes())):
+            return  # they come again and again
+        station.homes = newest
+        theirs = np.isin(owner, (NO_STATION, station.number)) & np.isfinite(home_m[:, 0])
+        theirs &= (self.home_m[station.rows] != home_m).any(axis=1)
         rows = station.rows[theirs]
         self.home_m[rows] = home_m[theirs]
         for row, one_m in zip(rows.tolist(), home_m[theirs], strict=True):
@@ -330,13 +348,13 @@ class Site:
     def _without(self, age_s: Array) -> Mask:
         """(k,) those without control, with positions of this age (k,)."""
         silent = self._airborne & (age_s > self._without_control.telemetry_age_max_s)
-        without = (silent | np.isin(self.phases, WITHOUT_LINK)) & ~self._mine
+        without = (silent | _WITHOUT_LINK[self.phases]) & ~self._mine
         return np.asarray(without & np.isfinite(self._position_m[:, 0]))
 
     def lost_rows(self, now_s: float) -> Rows:
         """Those without control that are lost, and not only silent: with their station at once."""
         age_s = now_s - self._measured_s
-        lost = np.isin(self.phases, WITHOUT_LINK) | (age_s >= self._without_control.silence_s)
+        lost = _WITHOUT_LINK[self.phases] | (age_s >= self._without_control.silence_s)
         lost |= np.isin(self._owner, [self.stations[name].number for name in self.lost(now_s)])
         return np.flatnonzero(self._without(age_s) & lost)
 
@@ -394,7 +412,8 @@ class Site:
             name = self.names[number]
             rows = np.arange(n) if name == self.own else self.stations[name].rows + n
             known = np.isfinite(slots[:, 0])
-            place[rows[known]] = turned(slots[known], message.spin_rad_s * max(now_s - made_s, 0.0))
+            turn_rad = message.spin_rad_s * max(now_s - made_s, 0.0)
+            place[rows[known]] = turned(slots[known], turn_rad) if turn_rad else slots[known]
         age_s = max(now_s - led.made_s, 0.0)
         center = None if message.center is None else message.center.later(age_s)
         return FormationState(center, message.radius_m, message.spin_rad_s, message.sides, place)
@@ -411,7 +430,7 @@ class Site:
             return np.zeros((0, 2, 3)), np.zeros(0, np.intp), None
         alone = self._without_control
         near = np.array([row not in self._swept for row in rows.tolist()])
-        near &= (age_s[rows] < alone.silence_s) & ~np.isin(self.phases[rows], [*WITHOUT_LINK])
+        near &= (age_s[rows] < alone.silence_s) & ~_WITHOUT_LINK[self.phases[rows]]
         silent_m, silent_of = self._near(rows[near], age_s)
         swept = {row: self._swept_m(row) for row in rows[~near].tolist()}
         segments_m = np.concatenate([*swept.values(), silent_m])
@@ -487,11 +506,13 @@ class Site:
     @property
     def shown(self) -> Rows:
         """Rows of a display, each vehicle once: of the n own rows and the k others' after them."""
+        if len(self._own_rows) == 0:
+            return self._all_rows
         n = len(self.own_ids)
-        rows = np.arange(n)
+        rows = self._all_rows[:n].copy()
         elsewhere = ~self.owned[self._own_rows]
         rows[self._own_rows[elsewhere]] = n + self._their_rows[elsewhere]
-        return np.concatenate([rows, n + np.setdiff1d(np.arange(self.count), self._their_rows)])
+        return np.concatenate([rows, self._only_elsewhere])
 
     def known_home_m(self, row: int) -> Array | None:
         """(3,) where the vehicle of an own row took off, as its station reported it."""

@@ -15,8 +15,11 @@ import pyrvo
 from numpy.typing import NDArray
 
 from gcs.control import ControlSettings, Memory, Tasks, tick, warm_up
+from gcs.control.inputs import FormationState
+from gcs.control.others import Others
 from gcs.formation.article import ArticleParameters, formation_force
-from gcs.formation.law import goal_velocity
+from gcs.formation.law import directions_from, goal_velocity
+from gcs.formation.orbit import Center
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
@@ -69,13 +72,22 @@ def on_sphere(count: int, radius_m: float) -> FleetState:
 
 
 def flying_on(
-    count: int, radius_m: float, plan: Plan, lost: Sequence[int] = (), *, center_moves: bool = True
+    count: int,
+    radius_m: float,
+    plan: Plan,
+    lost: Sequence[int] = (),
+    *,
+    center_moves: bool = True,
+    among: tuple[Others, FormationState] | None = None,
 ) -> Callable[[], object]:
     """The whole tick of a formation whose vehicles fly what they are commanded, call after call.
 
-    `lost` are rows of vehicles that hold where they are, without their station.
+    `lost` are rows of vehicles that hold where they are, without their station. `among` are the vehicles of
+    other stations, the rest of one sphere, and the formation that another station computes.
     """
-    fleet = on_sphere(count, radius_m)
+    others, shared = among or (None, None)
+    whole = count if others is None else count + len(others.ids)
+    fleet = on_sphere(whole, radius_m)
     tasks = Tasks.of_formation(count, center_moves=center_moves)
     if lost:
         paths_m = [_held_m(fleet.position_m[row]) for row in lost]
@@ -85,17 +97,19 @@ def flying_on(
         tasks = replace(tasks, segments_m=np.concatenate(paths_m), segments_of=of, airborne=airborne)
     fence = Fence(height_max_m=4.0 * radius_m + 100.0, distance_max_m=4.0 * radius_m)
     traits, settings = Traits.alike(count), ControlSettings(safety=SafetySettings(fence=fence))
-    memory = [Memory.fresh(count, 0.0)]
+    memory = [Memory.fresh(whole, 0.0)]
     rng = np.random.default_rng(1)
     shaking_m_s = [rng.normal(0.0, 0.1, (count, 3)) for _ in range(8)]
-    shaken = [on_sphere(count, radius_m).position_m + rng.normal(0.0, 0.1, (count, 3)) for _ in range(8)]
+    shaken = [fleet.position_m[:count] + rng.normal(0.0, 0.1, (count, 3)) for _ in range(8)]
+    ids, yaw_rad, age_s = fleet.ids[:count], fleet.yaw_rad[:count].copy(), fleet.age_s[:count].copy()
 
     def once() -> None:
         now_s = memory[0].time_s + 0.05
         place_m = shaken[round(now_s / 0.05) % len(shaken)].copy()
-        flown_m_s = np.nan_to_num(memory[0].desired_m_s) + shaking_m_s[round(now_s / 0.05) % len(shaking_m_s)]
-        here = FleetState(now_s, fleet.ids, place_m, flown_m_s, fleet.yaw_rad, fleet.age_s)
-        memory[0] = tick(here, tasks, plan, traits, memory[0], settings).memory
+        flown_m_s = np.nan_to_num(memory[0].desired_m_s[:count])
+        flown_m_s += shaking_m_s[round(now_s / 0.05) % len(shaking_m_s)]
+        here = FleetState(now_s, ids, place_m, flown_m_s, yaw_rad, age_s)
+        memory[0] = tick(here, tasks, plan, traits, memory[0], settings, None, others, shared).memory
 
     return once
 
@@ -138,6 +152,30 @@ def lost_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
     plan, lost = Plan(Formation(radius_m, radius_m + 10.0)), range(0, count, 4)
     some, none = (flying_on(count, radius_m, plan, each, center_moves=False) for each in (lost, ()))
     return some, none
+
+
+def station_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The whole tick of a station that follows, with a quarter of the vehicles; beside it those alone."""
+    radius_m = max(10.0, 1.4 * count**0.5)
+    fleet, own = on_sphere(count, radius_m), count // 4
+    plan, elsewhere = Plan(Formation(radius_m, radius_m + 10.0)), count - own
+    center = Center(np.array([0.0, 0.0, -radius_m - 10.0]), np.zeros(3), np.zeros(3))
+    place = directions_from(fleet.position_m, center.position_m)[0]
+    shared = FormationState(center, radius_m, 0.0, {}, place)
+    everyone = np.ones(elsewhere, dtype=np.bool_)
+    theirs = Others(
+        fleet.ids[own:],
+        fleet.position_m[own:].copy(),
+        fleet.velocity_m_s[own:].copy(),
+        np.zeros(elsewhere),
+        np.ones(elsewhere),
+        everyone,
+        everyone,
+        ~everyone,
+        np.zeros((0, 2, 3)),
+        np.zeros(0, np.intp),
+    )
+    return flying_on(own, radius_m, plan, among=(theirs, shared)), flying_on(own, radius_m, plan)
 
 
 def _held_m(position_m: Array) -> Array:
@@ -243,6 +281,7 @@ ROWS: tuple[tuple[str, str, Callable[[int], tuple[Callable[[], object], Callable
     ),
     *(("tick, 32 boxes, no way", "the tick without boxes", shut_in_tick, count) for count in (8, 1_000)),
     *(("tick, a quarter lost", "the tick with none lost", lost_tick, count) for count in (100, 1_200)),
+    ("tick, 3/4 elsewhere", "the tick of a quarter alone", station_tick, 1_200),
     *(("filter, flat ring", "pyrvo (ORCA, 2D only)", flat_filter, count) for count in (20, 100)),
     ("assembly, 30 s", "the article's law and dynamics, 20 Hz, numpy", simulated_assembly, 100),
     ("point masses, a step", "one vehicle at a time", simulation_step, 100),

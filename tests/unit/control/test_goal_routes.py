@@ -106,7 +106,9 @@ def test_stalled_vehicle_searches_past_one_that_stands() -> None:
     none, lost_m = np.zeros(2, dtype=bool), np.array([column(8.0, 40.0)])
     tasks = Tasks(np.full(2, Task.GOAL, dtype=np.int8), goal_m, ~none, none, lost_m)
     fleet = FleetState(20.0, ("a", "b"), place_m, np.zeros((2, 3)), np.zeros(2), np.zeros(2))
-    now = TickInputs.of(fleet, tasks, Plan(Formation(10.0, 20.0)), Traits.alike(2), SETTINGS, before_s=19.9)
+    now = TickInputs.of(
+        fleet, tasks, Plan(Formation(10.0, 20.0)), Traits.alike(2), SETTINGS, before_s=19.9, own=2
+    )
     begun = GoalRoutes.none(2)
     calm = replace(begun, goal_m=goal_m.copy(), place_m=place_m.copy(), since_s=np.full(2, 19.0))
     slot_m = np.empty((0, 3))

@@ -60,10 +60,12 @@ def test_the_minimum_separation_is_that_of_the_pairs_that_count(seed: int) -> No
         position = rng.uniform(-6.0, 6.0, (count, 3)) * (1.0, 1.0, 0.5) - (0.0, 0.0, 3.0)
         position[rng.random(count) < 0.2, rng.integers(3)] = np.nan
         airborne = rng.random(count) < 0.5
-        first, second = pairs_that_count(position, airborne, FLOOR)
-        least = np.linalg.norm(position[first] - position[second], axis=1).min(initial=np.inf)
-        inside = int((scaled_distance_m(position, first, second, FLOOR) < FLOOR.horizontal_m).sum())
-        assert minimum_separation(position, airborne, FLOOR) == pytest.approx((least, inside))
+        pairs = pairs_that_count(position, airborne, FLOOR)
+        for own in range(1, count + 1):  # the others belong to other stations
+            first, second = (rows[pairs[0] < own] for rows in pairs)
+            least = np.linalg.norm(position[first] - position[second], axis=1).min(initial=np.inf)
+            inside = int((scaled_distance_m(position, first, second, FLOOR) < FLOOR.horizontal_m).sum())
+            assert minimum_separation(position, airborne, FLOOR, own) == pytest.approx((least, inside))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
