@@ -1,8 +1,9 @@
-"""Several stations, real: 1,200 fake vehicles on 4 stations as processes, beside 300 on one station alone.
+"""Several stations, real: 1,200 fake vehicles on 4 stations as processes, beside 4 stations each alone.
 
-`make bench` prints it; `python tests/bench/stations.py --vehicles 80 --seconds 20` is a small try. The one
-alone flies first, then the four: over UDP, MAVLink and Zenoh, assembly, orbit, home. Times and CPU are those
-of the steady orbit, while nothing asks the stations. Violations are counted in the true states.
+`make bench` prints it; `python tests/bench/stations.py --vehicles 80 --seconds 20` is a small try. First four
+stations fly 300 each alone, at the same time, so that the machine is as busy; then the four together: over
+UDP, MAVLink and Zenoh, assembly, orbit, home. Times and CPU are those of the steady orbit, while nothing asks
+the stations. Violations are counted in the true states.
 """
 
 import argparse
@@ -12,7 +13,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from math import nan
@@ -40,7 +41,7 @@ from tests.support.site_processes import NAMES, fleet_words, ports_of, site_conf
 from tests.support.started import DEVNULL, Started
 
 STATIONS: Final = len(NAMES)
-ALONE: Final = "alone"
+ALONE: Final = tuple(f"alone {number}" for number in range(1, STATIONS + 1))
 STAGGER_S: Final = 0.02
 SETTLE_S: Final = 10.0
 LONG_S: Final = 600.0
@@ -111,7 +112,7 @@ def site_of(stations: int, each: int, rate_hz: float) -> Config:
 def flying(config: Config, folder: Path) -> Iterator[Fleet]:
     """Run vehicles and stations until the block ends, which kills them all."""
     folder.mkdir()
-    fleet = Fleet(config, folder, tuple(one.name for one in config.stations) or (ALONE,))
+    fleet = Fleet(config, folder, tuple(one.name for one in config.stations) or (folder.name,))
     file = folder / "config.yaml"
     raw = config.model_dump(mode="json") | {"record": {"folder": str(folder / "runs"), "frames": False}}
     file.write_text(yaml.safe_dump(raw), encoding="utf-8")
@@ -134,15 +135,16 @@ def flying(config: Config, folder: Path) -> Iterator[Fleet]:
         yield fleet
 
 
-def wait(what: str, fleet: Fleet, reached: Callable[[Fleet], bool], limit_s: float = LONG_S) -> None:
-    """Until it holds of the fleet. Raises: TimeoutError."""
-    began_s = time.monotonic()
-    while not reached(fleet):
+def wait(
+    what: str, fleets: Sequence[Fleet], reached: Callable[[Fleet], bool], limit_s: float = LONG_S
+) -> None:
+    """Until it holds of all, which is then not asked again. Raises: TimeoutError."""
+    left, began_s = list(fleets), time.monotonic()
+    while left := [fleet for fleet in left if not reached(fleet)]:
         if time.monotonic() > began_s + limit_s:
-            show = fleet.clients[fleet.names[0]].show()
-            raise TimeoutError(
-                f"{what}: not within {limit_s:g} s: {show.phase}: {show.reason}; {fleet.refused}"
-            )
+            shows = [(fleet.clients[fleet.names[0]].show(), fleet.refused) for fleet in left]
+            reasons = [f"{show.phase}: {show.reason}; {refused}" for show, refused in shows]
+            raise TimeoutError(f"{what}: not within {limit_s:g} s: {reasons}")
         time.sleep(0.5)
     print(f"  {what} after {time.monotonic() - began_s:.0f} s, load {os.getloadavg()[0]:.1f}", flush=True)
 
@@ -175,29 +177,28 @@ def percentile(values: Array, share: float) -> float:
     return float(np.percentile(values, share)) if len(values) else nan
 
 
-def measure(fleet: Fleet, seconds: float) -> dict[str, Measured]:
-    """Measure all stations at the same time; nothing asks them meanwhile."""
-    before = {name: metrics(fleet.clients[name]) for name in fleet.names}
+def measure(fleets: Sequence[Fleet], seconds: float) -> dict[str, Measured]:
+    """Measure all stations of all fleets at the same time; nothing asks them meanwhile."""
+    stations = [(fleet, name) for fleet in fleets for name in fleet.names]
+    before = {name: metrics(fleet.clients[name]) for fleet, name in stations}
     time.sleep(2.0)
     began = {}
-    for name in fleet.names:
+    for fleet, name in stations:
         process = fleet.stations[name]
         process.send_signal(signal.SIGUSR1)
         began[name] = time.monotonic(), busy_s(process.pid)
-    vehicles_s = busy_s(fleet.vehicles.pid)
+    vehicles_s = sum(busy_s(fleet.vehicles.pid) for fleet in fleets)
     time.sleep(seconds)
     percent = {}
-    for name in fleet.names:
+    for fleet, name in stations:
         process, (from_s, used_s) = fleet.stations[name], began[name]
         percent[name] = 100.0 * (busy_s(process.pid) - used_s) / (time.monotonic() - from_s)
         process.send_signal(signal.SIGUSR2)
-    vehicles = 100.0 * (busy_s(fleet.vehicles.pid) - vehicles_s) / seconds
-    print(
-        f"  measured for {seconds:g} s, load {os.getloadavg()[0]:.1f}, vehicles {vehicles:.0f} % of a core",
-        flush=True,
-    )
+    vehicles = 100.0 * (sum(busy_s(fleet.vehicles.pid) for fleet in fleets) - vehicles_s) / seconds
+    load = os.getloadavg()[0]
+    print(f"  measured for {seconds:g} s, load {load:.1f}; vehicles {vehicles:.0f} % of a core", flush=True)
     found = {}
-    for name in fleet.names:
+    for fleet, name in stations:
         after = metrics(fleet.clients[name])
         change = {key: after.get(key, 0.0) - value for key, value in before[name].items()}
         noted = read_probe(fleet.probe(name))
@@ -269,27 +270,34 @@ def across_ms(measured: dict[str, Measured]) -> Array:
     return 1e3 * np.array(took_s)
 
 
-def fly(config: Config, folder: Path, seconds: float) -> tuple[dict[str, Measured], Verdict]:
-    """Assembly, orbit, home. Raises: TimeoutError."""
-    with flying(config, folder) as fleet:
-        wait("started", fleet, Fleet.starts, START_S)
-        wait("running", fleet, lambda fleet: fleet.all_show("running"))
-        client = fleet.clients[fleet.names[0]]
-        client.change_orbit(radius_m=USUAL_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
+def fly(
+    configs: Mapping[str, Config], folder: Path, seconds: float
+) -> tuple[dict[str, Measured], dict[str, Verdict]]:
+    """Assembly, orbit, home, of fleets by their names, at the same time. Raises: TimeoutError."""
+    with ExitStack() as stack:
+        fleets = [stack.enter_context(flying(config, folder / name)) for name, config in configs.items()]
+        wait("started", fleets, Fleet.starts, START_S)
+        wait("running", fleets, lambda fleet: fleet.all_show("running"))
+        for fleet in fleets:
+            client = fleet.clients[fleet.names[0]]
+            client.change_orbit(radius_m=USUAL_RADIUS_M, speed_m_s=ORBIT_SPEED_M_S)
         time.sleep(SETTLE_S)
-        measured = measure(fleet, seconds)
-        client.stop()
-        wait("landed", fleet, lambda fleet: fleet.all_show("landed"))
+        measured = measure(fleets, seconds)
+        for fleet in fleets:
+            fleet.clients[fleet.names[0]].stop()
+        wait("landed", fleets, lambda fleet: fleet.all_show("landed"))
         time.sleep(1.0)  # the last true states
-    return measured, judge(fleet.truth, config.control.safety.floor)
+    floors = {fleet.folder.name: fleet.config.control.safety.floor for fleet in fleets}
+    return measured, {fleet.folder.name: judge(fleet.truth, floors[fleet.folder.name]) for fleet in fleets}
 
 
 def tell(
     site: Config, measured: dict[str, Measured], verdicts: dict[str, Verdict], *, was_idle: bool
 ) -> None:
     """Print the rows, and what is asked."""
-    alone, count = measured[ALONE], len(site.ids)
-    of_site = {name: one for name, one in measured.items() if name != ALONE}
+    count = len(site.ids)
+    alone_percent = float(np.mean([measured[name].core_percent for name in ALONE]))
+    of_site = {name: one for name, one in measured.items() if name not in ALONE}
     period_ms = 1e3 / site.tick_rate_hz
     print("scale")
     for name, verdict in verdicts.items():
@@ -298,9 +306,9 @@ def tell(
         print(f"  {name:<10}{landed}, violations {verdict.violations}, {near}")
     for name, one in measured.items():
         ticks = f"{one.ticks:.0f} ticks, {one.missed:.0f} missed"
-        ratio = one.core_percent / alone.core_percent
+        ratio = one.core_percent / alone_percent
         print(f"  {name:<10}{one.core_percent:5.1f} % of a core, {ratio:.2f} x that alone, {ticks}")
-    worst = max(one.core_percent for one in of_site.values()) / alone.core_percent
+    worst = max(one.core_percent for one in of_site.values()) / alone_percent
     took_ms = across_ms(of_site)
     bytes_each = sum(one.sent_bytes / max(one.ticks, 1.0) for one in of_site.values()) / count
     print("delay")
@@ -310,7 +318,7 @@ def tell(
     print(f"  bus traffic                {bytes_each:.1f} bytes a vehicle and tick")
     for name, one in measured.items():
         waits = f"p50 {percentile(one.waits_ms, 50):.1f}  p99 {percentile(one.waits_ms, 99):.1f} ms"
-        print(f"  sample to setpoint, {name:<7}{waits}")
+        print(f"  sample to setpoint, {name:<8}{waits}")
     missing = sum(verdict.count - verdict.landed for verdict in verdicts.values())
     violations = sum(verdict.violations for verdict in verdicts.values())
     required = [
@@ -341,20 +349,22 @@ def main() -> int:
         parser.error(f"--vehicles {arguments.vehicles}: a multiple of {2 * STATIONS}")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends all processes as Ctrl-C does
     load = os.getloadavg()[0]
-    title = f"{each * STATIONS} vehicles on {STATIONS} stations beside {each} on one alone"
+    title = f"{each * STATIONS} vehicles on {STATIONS} stations beside {each} on each of {STATIONS} alone"
     print(f"{title}, {arguments.rate:g} Hz, {os.cpu_count()} cores, load before {load:.1f}", flush=True)
     together = site_of(STATIONS, each, arguments.rate)
+    flights = {name: site_of(1, each, arguments.rate) for name in ALONE}, {"together": together}
     measured: dict[str, Measured] = {}
     verdicts: dict[str, Verdict] = {}
     with tempfile.TemporaryDirectory(prefix="gcs-bench-") as folder:
-        for name, config in ((ALONE, site_of(1, each, arguments.rate)), ("together", together)):
-            print(name, flush=True)
+        for configs in flights:
+            print(", ".join(configs), flush=True)
             try:
-                found, verdicts[name] = fly(config, Path(folder) / name, arguments.seconds)
+                found, judged = fly(configs, Path(folder), arguments.seconds)
             except TimeoutError as error:
                 print(f"not flown: {error}")
                 return NOT_FLOWN
             measured |= found
+            verdicts |= judged
     tell(together, measured, verdicts, was_idle=load < 0.5)
     return 0
 
