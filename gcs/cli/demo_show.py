@@ -28,8 +28,11 @@ def loaded_for(arguments: argparse.Namespace) -> LoadedShow | None:
         return None
     loaded = load(find(arguments.show))
     needed = loaded.show.fleet.vehicles
-    if arguments.vehicles != needed or arguments.stations != 1:
-        raise ConfigError(f"--show {arguments.show}: it is for {needed} vehicles at one station")
+    if arguments.vehicles != needed:
+        raise ConfigError(f"--show {arguments.show}: it is for {needed} vehicles")
+    named = loaded.show.drawing
+    if arguments.stations != 1 and named is not None and named.spares is not None:
+        raise ConfigError(f"--show {arguments.show}: spare vehicles fly with one station alone")
     return loaded
 
 

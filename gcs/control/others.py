@@ -66,7 +66,8 @@ class Others:
         lost = len(tasks.segments_m) - tasks.silent_segments
         own_of = np.zeros(0, np.intp) if tasks.segments_of is None else tasks.segments_of
         follows = tasks.follows_planned_path
-        theirs = np.where(self.formed, Task.ELSEWHERE, Task.NONE).astype(np.int8)
+        on_sphere = self.formed & (tasks.drawn is None)  # while a drawing leads there is no formation
+        theirs = np.where(on_sphere, Task.ELSEWHERE, Task.NONE).astype(np.int8)
         with_theirs = replace(
             tasks,
             task=np.concatenate([tasks.task, theirs]),

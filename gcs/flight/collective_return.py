@@ -6,7 +6,7 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 
-from gcs.flight.fleet import Fleet
+from gcs.flight.fleet import Fleet, Returning
 from gcs.flight.landing_places import closed_to, homes_of
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import cut
@@ -121,6 +121,9 @@ class CollectiveReturn:
             paths, rows, home_m = received
             self._places = rows.tolist()
             self._rows = {self._flight.fleet.ids[row]: at for at, row in enumerate(self._places)}
+            if self._exchanges_pads:
+                for row, place_m in zip(self._places, home_m, strict=True):
+                    self._flight.at_row(row).home_m = place_m.copy()
             self._planned = Future()
             self._planned.set_result((paths, home_m))
         return True
@@ -199,11 +202,12 @@ class CollectiveReturn:
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
         homing = [vehicle for vehicle in known if vehicle.home_m is not None]
-        self._exchange_pads(homing)
+        theirs = self._site.returning() if self._site is not None and self._site.plans_returns else None
+        if self._exchanges_pads:
+            theirs = self._exchange_pads(homing, theirs)
         self._places = rows = [vehicle.row for vehicle in homing]
         operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
         start_m, own_m = flight.fleet.position_m[rows], uncertainty_m[rows]
-        theirs = self._site.returning() if self._site is not None and self._site.plans_returns else None
         places_m = homes_of(flight, homing, theirs)
         if theirs is not None:
             self._elsewhere = theirs.rows
@@ -226,18 +230,29 @@ class CollectiveReturn:
         except RuntimeError as error:  # no thread can be started
             self._fail(error)
 
-    def _exchange_pads(self, homing: Sequence[Vehicle]) -> None:
-        """Assign the pads of these vehicles anew, if the show says so; from then on they are their own."""
-        flight = self._flight
-        if flight.show_run is None or not flight.show_run.exchanges_pads or not homing:
-            return
-        home_m = np.array([vehicle.home_m for vehicle in homing])
-        start_m = np.array([flight.position_m(vehicle) for vehicle in homing])
+    @property
+    def _exchanges_pads(self) -> bool:
+        return self._flight.show_run is not None and self._flight.show_run.exchanges_pads
+
+    def _exchange_pads(self, homing: Sequence[Vehicle], theirs: Returning | None) -> Returning | None:
+        """Assign the pads of all returning vehicles anew; from then on they are their own.
+
+        Returns: `theirs` with their new pads.
+        """
+        count, flight = len(homing), self._flight
+        home_m = np.array([vehicle.home_m for vehicle in homing]).reshape(-1, 3)
+        start_m = np.array([flight.position_m(vehicle) for vehicle in homing]).reshape(-1, 3)
+        if theirs is not None:
+            home_m = np.concatenate([home_m, theirs.home_m])
+            start_m = np.concatenate([start_m, theirs.position_m])
+        if not len(home_m):
+            return theirs
         pads = assigned(start_m, home_m)
-        for vehicle, pad in zip(homing, pads.tolist(), strict=True):
+        for vehicle, pad in zip(homing, pads[:count].tolist(), strict=True):
             vehicle.home_m = home_m[pad].copy()
-        moved = int(np.count_nonzero(pads != np.arange(len(homing))))
+        moved = int(np.count_nonzero(pads != np.arange(len(pads))))
         log.info("pads_exchanged", extra={"count": moved})
+        return None if theirs is None else theirs._replace(home_m=home_m[pads[count:]])
 
     def _plan(
         self, places_m: Callable[[], Array], planner_for: Callable[[Array], Planner]

@@ -123,7 +123,7 @@ class Orchestrator:
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
-        player = None if member is None else SiteShowPlayer(flight, self.shows, member)
+        player = None if member is None else SiteShowPlayer(flight, self.shows, member, self._planning)
         self.player = player or ShowPlayer(flight, self.shows)
         self._gate = PreflightGate(flight, parameter_reader, self.player)
         found = None if record is None else record.found

@@ -292,7 +292,12 @@ class PreflightGate:
         plans = [plan for _, plan in self.show_player.plans()]
         plan = min(plans, key=lambda each: each.formation.radius_m, default=None)  # None: drawn all along
         pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
-        rehearsed = [f"{chosen[one.upper - 1]} above {chosen[one.lower - 1]} at '{one.cue}'" for one in pairs]
+        ids = self.show_player.starting(chosen)
+        rehearsed = [
+            f"{ids[one.upper - 1]} above {ids[one.lower - 1]} at '{one.cue}'"
+            for one in pairs
+            if max(one.upper, one.lower) <= len(ids)  # fewer may be named than were rehearsed
+        ]
         words = ""
         if plan is not None and len(chosen) <= PREDICTED_MAX:
             formed_m = formation_m(tuple(chosen), flight.fleet.position_m[rows], plan, flight.control)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,9 @@ from gcs.model.plan import Obstacle, Plan, Target
 from gcs.model.state import Array, VehicleId
 from gcs.service import BeginView, CueMark, SelectedShow, ShowFigures
 from gcs.shows import ShowClock, Timeline
+from gcs.shows.drawn import Motion
 from gcs.shows.following import DrawnPace, TrackErrors, assigned
+from gcs.shows.format import Drawing
 from gcs.shows.tempo import Tempo
 from gcs.shows.timeline import Live
 
@@ -23,6 +26,15 @@ SLOWEST_M_S = 1e-3
 """An orbit has a speed, also of a show that stands still."""
 
 OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
+
+
+class Seen(NamedTuple):
+    """n vehicles among which a show is played: first those of FleetState, then other stations'."""
+
+    ids: Sequence[VehicleId]  # n
+    position_m: Array  # (n, 3), show frame, NaN where not known
+    formed: NDArray[np.bool_]  # (n,) flies with the show
+    own: int  # number of the first ones, for which goals are made
 
 
 @dataclass(slots=True, eq=False)
@@ -40,7 +52,9 @@ class ShowRun:
     pace: DrawnPace = DrawnPace()  # of the clock in a drawn part
     goals: DrawnGoals | None = None  # of this tick, rows as in FleetState; None: the law leads
     off_m: Array = field(default_factory=lambda: np.zeros(0))  # (n,) from them; NaN: takes no part, not known
-    errors: TrackErrors | None = None  # of the vehicles by row, since the start; None: of no drawn part
+    errors: TrackErrors | None = (
+        None  # of the vehicles by row of `Seen`, since the start; None: no drawn part
+    )
     lags_reported: bool = False
     spares: tuple[VehicleId, ...] = ()  # on the ground, in the fleet's order
     _arriving: set[VehicleId] = field(default_factory=set)  # spares that are not at their trajectories yet
@@ -137,56 +151,60 @@ class ShowRun:
         flown = [row for row in np.argsort(-max_m).tolist() if self.errors.time_s[row] > 0.0]
         return ", ".join(f"{vehicle_ids[row]} {rms_m[row]:.2f} ({max_m[row]:.2f})" for row in flown)
 
-    def follow_drawing(
-        self,
-        vehicle_ids: Sequence[VehicleId],
-        position_m: Array,
-        formed: NDArray[np.bool_],
-        now_s: float,
-        *,
-        assembling: bool,
-    ) -> None:
+    def follow_drawing(self, seen: Seen, now_s: float, *, assembling: bool, leads: bool = True) -> None:
         """Make the goals of this tick, and have the clock wait for late vehicles. Call once a tick.
 
         Args:
-            vehicle_ids: n, by row.
-            position_m: (n, 3), show frame, NaN where not known.
-            formed: (n,) flies with the show.
+            seen: the vehicles, the same in every tick.
             now_s: the tick's time.
             assembling: the vehicles are on the way to where the show begins, or goes on.
+            leads: False: clock, pace and tempo are those of another station.
         """
-        named, show_s = self.timeline.show.drawing, self._within(now_s)
-        motion = self.timeline.motion_at(show_s)
+        named, motion = self.timeline.show.drawing, self.timeline.motion_at(self._within(now_s))
         before_s, self._followed_s = self._followed_s, now_s
         dt_s = 0.0 if before_s is None else min(now_s - before_s, LONGEST_STEP_S)
         if named is None or motion is None:
-            self.pace, self.goals = DrawnPace(), None
-            if self.clock.runs:
-                self.clock = self.clock.later((1.0 - self.tempo.rate) * dt_s)
+            self.goals = None
+            if leads:
+                self.pace = DrawnPace()
+                self._hold_back(1.0 - self.tempo.rate, dt_s)
             return
-        part = np.array([self.parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
+        part = np.array([self.parts.get(name, -1) for name in seen.ids], dtype=np.intp)
         rows = np.flatnonzero(part >= 0)
-        off_m = np.full(len(vehicle_ids), np.nan)
-        off_m[rows] = np.linalg.norm(position_m[rows] - motion.position_m[part[rows]], axis=1)
-        off_m[~formed] = np.nan
+        off_m = np.full(len(seen.ids), np.nan)
+        off_m[rows] = np.linalg.norm(seen.position_m[rows] - motion.position_m[part[rows]], axis=1)
+        off_m[~seen.formed] = np.nan
         self.off_m = off_m
-        tracked_m = self._tracked_m(vehicle_ids, off_m, named.waits_from_m)
+        tracked_m = self._tracked_m(seen.ids, off_m, named.waits_from_m)
+        if self.clock.runs and not self.pace.approaches and dt_s > 0.0:
+            errors = self.errors or TrackErrors.none(len(seen.ids))
+            self.errors = errors.noted(tracked_m, dt_s)
+        if leads:
+            self._step_pace(motion.of(part[rows]), named, dt_s, assembling=assembling)
+        self._make_goals(part[: seen.own], motion, now_s)
+
+    def _step_pace(self, motion: Motion, named: Drawing, dt_s: float, *, assembling: bool) -> None:
+        """Let the clock run, wait, or slow down for vehicles that are late."""
         if not (self.clock.runs or assembling):
             self.pace = DrawnPace()
         elif dt_s > 0.0 and (self.clock.runs or self.pace.approaches):  # else it waits for its beginning
-            if self.clock.runs and not self.pace.approaches:
-                errors = self.errors or TrackErrors.none(len(vehicle_ids))
-                self.errors = errors.noted(tracked_m, dt_s)
-            self.pace = self.pace.step(motion.of(part[rows]), off_m, dt_s, named)
-            if self.clock.runs:
-                self.clock = self.clock.later((1.0 - self.pace.rate * self.tempo.rate) * dt_s)
-        show_s = self._within(now_s)
+            self.pace = self.pace.step(motion, self.off_m, dt_s, named)
+            self._hold_back(1.0 - self.pace.rate * self.tempo.rate, dt_s)
+
+    def _hold_back(self, share: float, dt_s: float) -> None:
+        """Have a clock that runs lose this share of the time; negative: it runs faster."""
+        if self.clock.runs:
+            self.clock = self.clock.later(share * dt_s)
+
+    def _make_goals(self, part: NDArray[np.intp], motion: Motion, now_s: float) -> None:
+        """Make the goals of vehicles with these parts (n,), -1: none; `motion` holds outside the drawing."""
+        rows, show_s = np.flatnonzero(part >= 0), self._within(now_s)
         motion, yaw_rad = self.timeline.motion_at(show_s) or motion, self.timeline.yaw_at(show_s)
         yaw_rad = None if yaw_rad is None else yaw_rad[part[rows]]
         pace, tempo = self.pace, self.tempo
         change_per_s = pace.rate_per_s * tempo.rate + pace.rate * tempo.rate_per_s
         pace = replace(pace, rate=pace.rate * tempo.rate, rate_per_s=change_per_s)
-        self.goals = pace.goals(motion.of(part[rows]), rows, len(vehicle_ids), yaw_rad)
+        self.goals = pace.goals(motion.of(part[rows]), rows, len(part), yaw_rad)
 
     def _tracked_m(self, vehicle_ids: Sequence[VehicleId], off_m: Array, there_m: float) -> Array:
         """(n,) Distances that count as track errors: not those of spares on their way."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.refusals import with_alternative
-from gcs.flight.running_show import ShowRun
+from gcs.flight.running_show import Seen, ShowRun
 from gcs.flight.show_begin import ShowBegin
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
@@ -206,6 +206,10 @@ class ShowPlayer:
         """Number of vehicles that start with this station's, of a start of all or of named vehicles."""
         return 0
 
+    def starting(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
+        """Return the vehicles of all stations that start with these, in the show's order."""
+        return chosen
+
     def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
         """Start the selected show, if there is one. Returns: those that take off; the others are spares."""
         show_run = self.flight.show_run
@@ -229,16 +233,20 @@ class ShowPlayer:
         if show_run is None:
             return {}
         show = show_run.timeline.show
-        pads_m = show.start_places_m[:, :2]
-        if show.drawing is not None and show.drawing.pads == "nearest":
-            rows = [vehicle.row for vehicle in self.flight.vehicles.values()]
-            stands = standing_on(
-                pads_m, self.flight.fleet.position_m[rows, :2], ON_PAD * show.fleet.pads.spacing_m
-            )
-            on = {name: pad for name, pad in zip(vehicles, stands.tolist(), strict=True) if pad >= 0}
-            if 2 * len(on) > min(len(vehicles), len(pads_m)):
-                return on
-        return {name: row for row, name in enumerate(vehicles[: len(pads_m)])}
+        return self._stood_on(show) or {
+            name: row for row, name in enumerate(vehicles[: len(show.start_places_m)])
+        }
+
+    def _stood_on(self, show: Show) -> dict[VehicleId, int]:
+        """Row of the pad on which each vehicle stands; empty: the fleet's order decides."""
+        if show.drawing is None or show.drawing.pads != "nearest":
+            return {}
+        vehicles, pads_m = self.flight.vehicles, show.start_places_m[:, :2]
+        rows = [vehicle.row for vehicle in vehicles.values()]
+        near_m = ON_PAD * show.fleet.pads.spacing_m
+        stands = standing_on(pads_m, self.flight.fleet.position_m[rows, :2], near_m)
+        on = {name: pad for name, pad in zip(vehicles, stands.tolist(), strict=True) if pad >= 0}
+        return on if 2 * len(on) > min(len(vehicles), len(pads_m)) else {}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """Plans to be flown in order, with the names of their cues."""
@@ -264,11 +272,9 @@ class ShowPlayer:
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None:
             return
-        formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
-        assembling = flight.show is ShowPhase.ASSEMBLING
-        now_s, ids, position_m = flight.fleet.time_s, flight.fleet.ids, flight.fleet.position_m
-        show_run.follow_drawing(ids, position_m, formed, now_s, assembling=assembling)
-        desired = show_run.desired(flight.fleet.time_s)
+        seen, now_s = self._seen(), flight.fleet.time_s
+        show_run.follow_drawing(seen, now_s, assembling=flight.show is ShowPhase.ASSEMBLING)
+        desired = show_run.desired(now_s)
         standing = {box.id for box in flight.plan.obstacles}
         own = self._own_obstacles(show_run)
         admitted, waits = [], []
@@ -279,10 +285,16 @@ class ShowPlayer:
             else:
                 admitted.append(box)
         self.waits = tuple(waits)
-        self._report_lags(show_run)
+        self._report_lags(show_run, seen.ids)
         flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
 
-    def _report_lags(self, show_run: ShowRun) -> None:
+    def _seen(self) -> Seen:
+        """The vehicles among which the show is played, at this tick."""
+        flight = self.flight
+        formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
+        return Seen(flight.fleet.ids, flight.fleet.position_m, formed, len(formed))
+
+    def _report_lags(self, show_run: ShowRun, vehicle_ids: Sequence[VehicleId]) -> None:
         """Log once, when a show with drawn parts has ended, how well each vehicle followed its trajectory."""
         over = self.flight.show not in {ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.ASSEMBLING}
         if not over or show_run.lags_reported or show_run.errors is None:
@@ -292,7 +304,7 @@ class ShowPlayer:
             "show_tracked",
             extra={
                 "show": show_run.name,
-                "reason": f"off the trajectories, m rms (max): {show_run.lags(self.flight.fleet.ids)}",
+                "reason": f"off the trajectories, m rms (max): {show_run.lags(vehicle_ids)}",
                 "rms_m": round(show_run.errors.fleet_rms_m, 3),
                 "max_m": round(float(show_run.errors.max_m.max()), 3),
             },

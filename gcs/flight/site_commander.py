@@ -102,12 +102,12 @@ class SiteCommander(Commander):
         here, away = self._split(vehicles)
         if action is ShowAction.START and (why := self._member.why_not_start()):
             raise RefusedError(f"a start needs every station: {why}")
-        if (show_run := self.flight.show_run) is not None and vehicles is not None:
-            needed = show_run.timeline.show.fleet.vehicles
-            if len(set(vehicles)) > needed:
-                raise RefusedError(
-                    f"show {show_run.name!r} is for {needed} vehicles, {len(vehicles)} would start"
-                )
+        lead = self._member.site.lead
+        if vehicles is not None and action is ShowAction.START:
+            self._shows.check_named(vehicles, here if lead.leads else away.get(lead.name, ()))
+        named = None if vehicles is None or self.flight.show_run is None else (*vehicles,)
+        if action is ShowAction.START:
+            self._shows.named = None if named is None else frozenset(named)
         own_here = None if vehicles is None else here
         local = partial(
             super().command_show, action, own_here, show_hash=show_hash, at_unix_time_s=at_unix_time_s
@@ -127,6 +127,7 @@ class SiteCommander(Commander):
                 None if vehicles is None else tuple(away.get(name, ())),
                 at_unix_time_s,
                 show_hash,
+                named=named,
             )
             if expected or action is not ShowAction.START:
                 record = self._routing.ask(record, name, request, expected)
@@ -351,6 +352,8 @@ class SiteCommander(Commander):
         if request.reason:
             return partial(super().execute_show_failsafe, request.action, request.reason)
         self._waits_for = ""
+        if request.action is ShowAction.START:
+            self._shows.named = None if request.named is None else frozenset(request.named)
         return partial(
             super().command_show,
             request.action,

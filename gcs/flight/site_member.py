@@ -2,10 +2,10 @@
 
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from gcs.control import Tick
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
 from gcs.flight.fleet import Fleet, Returning
-from gcs.flight.running_show import ShowRun
+from gcs.flight.led_show import PARTS, SHOW, ShowTraffic
 from gcs.flight.site_requests import REQUEST, Refusal
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
@@ -29,7 +29,6 @@ from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import Placed
 from gcs.service import BusView, StationView
-from gcs.shows import ShowClock
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
 from gcs.stations.publishing import STATES, Reported, batch, formation_messages
@@ -77,15 +76,6 @@ class Membership:
     session: int  # a number that no earlier process of this station had
 
 
-@dataclass(frozen=True, slots=True)
-class LeadShow:
-    """The show that the lead has selected, and its clock in time of the own loop."""
-
-    hash: str = ""  # empty: none
-    clock: ShowClock = ShowClock()
-    started: bool = False
-
-
 @dataclass(slots=True)
 class _Info:
     """The newest texts of another station."""
@@ -93,29 +83,6 @@ class _Info:
     why_not_ready: str = NOT_CHECKED
     reasons: Mapping[VehicleId, str] | None = None
     offers: tuple[Offer, ...] = ()  # of its interrupted flight
-
-
-def _shown(show_run: ShowRun | None, now_s: float) -> dict[str, Any] | None:
-    if show_run is None:
-        return None
-    clock = show_run.clock
-    return {
-        "hash": show_run.hash,
-        "clock_s": clock.show_s(now_s),
-        "runs": clock.runs,
-        "started": show_run.started,
-    }
-
-
-def _lead_show(read: Mapping[str, Any] | None, made_s: float) -> LeadShow:
-    """The lead's show. Raises: KeyError, TypeError or ValueError when it cannot be read."""
-    if read is None:
-        return LeadShow()
-    clock_s = float(read["clock_s"])
-    if not isfinite(clock_s):
-        raise ValueError("clock_s is not finite")
-    clock = ShowClock(clock_s, made_s if read["runs"] else None)
-    return LeadShow(str(read["hash"])[:64], clock, bool(read["started"]))
 
 
 def station_fleets(site: Config) -> dict[str, StationFleet]:
@@ -212,7 +179,7 @@ class SiteMember:
         self._plan_version = 0
         self._sent_plan: Plan | None = None
         self._plan_due_s = self._slow_due_s = self._return_due_s = 0.0
-        self.lead_show: LeadShow | None = None  # None: not known
+        self.shows = ShowTraffic(flight, site, self.all_ids)
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._applied: dict[str, int] = {}  # newest change of each station that this lead has applied
         self._changes = 0  # of the plan, that this station asked of the lead
@@ -242,6 +209,8 @@ class SiteMember:
                     self.received += [(sender, one) for one in self.letters[sender].take(payload, now_s)]
                 elif topic == "plan":
                     self._take_plan(sender, payload, message.time_s)
+                elif topic in {SHOW, PARTS}:
+                    self.shows.take(sender, topic, payload, message.time_s)
                 elif topic == "info":
                     self._take_info(sender, payload)
                 elif topic.startswith(f"return.{site.own}.") and sender == site.lead.name:
@@ -260,9 +229,7 @@ class SiteMember:
             applied = {str(name): int(number) for name, number in read["applied"].items()}
             if not site.lead.obeys(term, site.names.index(sender)) or site.lead.leads:
                 return
-            delay_s = site.delays.one_way_s(site.names.index(sender))
-            plan = plan_of(read["plan"], arrived_s - delay_s)
-            self.lead_show = _lead_show(read["show"], arrived_s - delay_s)
+            plan = plan_of(read["plan"], arrived_s - site.delays.one_way_s(site.names.index(sender)))
         except (AttributeError, GcsError, KeyError, OverflowError, TypeError, ValueError):
             raise LinkError("a plan that cannot be read") from None
         self._plan_version = version
@@ -400,6 +367,10 @@ class SiteMember:
         owners = self.site.owners
         return [self.site.ids[row] for row in np.flatnonzero(found).tolist() if owners[row] == station]
 
+    def excluded(self, station: str) -> Collection[VehicleId]:
+        """Vehicles on the ground that operators of another station have taken out of the show."""
+        return self._info[station].reasons or ()
+
     def configured_ids(self, station: str) -> tuple[VehicleId, ...]:
         """Vehicles of a station's own links, whichever station flies them now."""
         return self._configured[station]
@@ -431,7 +402,8 @@ class SiteMember:
         """Whether this station plans a return for all; False: another does; None: each for its own."""
         return self.site.lead.leads if self.lead_is_here else None
 
-    def _flown_by_others(self, *phases: Phase) -> Rows:
+    def flown_by_others(self, *phases: Phase) -> Rows:
+        """(j,) rows of the vehicles of received stations in one of these phases."""
         in_phase = np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases])
         return np.flatnonzero(self._received & in_phase)
 
@@ -449,14 +421,14 @@ class SiteMember:
 
     def stands(self, below_m_s: float) -> bool:
         """Whether all of them that return have stopped."""
-        if len(self._flown_by_others(Phase.FORMATION, Phase.HOLD)):
+        if len(self.flown_by_others(Phase.FORMATION, Phase.HOLD)):
             return False
-        rows = self._flown_by_others(Phase.RETURN)
+        rows = self.flown_by_others(Phase.RETURN)
         return bool((np.linalg.norm(self.others.velocity_m_s[rows], axis=1) < below_m_s).all())
 
     def returning(self) -> Returning:
         """Those that wait for a plan of the return."""
-        rows = self._flown_by_others(Phase.RETURN)
+        rows = self.flown_by_others(Phase.RETURN)
         known = np.isfinite(self.site.home_m[rows]) & np.isfinite(self.others.position_m[rows])
         rows = rows[known.all(axis=1)]
         others = self.others
@@ -464,7 +436,7 @@ class SiteMember:
 
     def under_way(self, rows: Rows) -> tuple[Array, Mask]:
         """(j, 3) positions of these, and (j,) whether they follow a plan."""
-        follows = np.isin(rows, self._flown_by_others(Phase.RETURN))
+        follows = np.isin(rows, self.flown_by_others(Phase.RETURN))
         return self.others.position_m[rows], follows
 
     def publish_paths(self, paths: ReturnPaths, rows: Rows, home_m: Array) -> None:
@@ -636,6 +608,8 @@ class SiteMember:
             for topic, payload in formation_messages(site, memory, reported):
                 self._send(topic, payload)
             self._publish_plan(now_s)
+            for topic, payload in self.shows.messages(now_s):
+                self._send(topic, payload)
         for name, letters in self.letters.items():
             if (due := letters.payload(now_s)) is not None:
                 self._send(f"letters.{name}", due)
@@ -661,7 +635,6 @@ class SiteMember:
                 "term": self.site.lead.term,
                 "version": self._plan_version,
                 "applied": self._applied,
-                "show": _shown(self.flight.show_run, now_s),
             }
             text = f'{json.dumps(about)[:-1]},"plan":{plan_json(plan.moved(-now_s))}}}'
             self._send("plan", text.encode())

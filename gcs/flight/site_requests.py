@@ -29,6 +29,7 @@ class ShowRequest:
     at_unix_time_s: float | None = None
     show_hash: Text | None = None  # START only: of the selected show
     reason: Text = ""  # of a failsafe; empty: an operator's command
+    named: Named | None = None  # START of a show: the vehicles of all stations; None: all that are online
     kind: Literal["show"] = "show"
 
 
@@ -105,7 +106,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True)
 class ShowPart:
-    """A part of a written show, see `gcs.flight.site_shows`."""
+    """A part of a show, see `gcs.flight.site_arrivals`."""
 
     hash: Text
     part: Annotated[int, Field(ge=0, lt=PARTS_MAX)]

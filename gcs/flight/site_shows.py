@@ -1,66 +1,39 @@
-"""Written shows of a site: any station selects one, the lead plays it, every station has it.
+"""Shows of a site: any station selects one, the lead plays it, every station has it.
 
-The lead alone decides the plan. The other stations have the show for its limits, its fence, its hash and its
-lights, and its clock from the lead: one of them that takes the lead goes on with it.
+The lead alone decides the plan. The other stations have the show for its limits, its fence, its hash, its
+lights and, where it is drawn, for their own vehicles' goals. Its clock and the vehicles' parts come from the
+lead: a station that takes the lead goes on with it.
 """
 
-import json
 import logging
-import zlib
-from base64 import b64decode, b64encode
-from binascii import Error as Base64Error
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from pydantic import TypeAdapter
+import numpy as np
 
-from gcs.flight.running_show import ShowRun
+from gcs.flight.led_show import LedShow, keep_clock
+from gcs.flight.running_show import Seen, ShowRun
 from gcs.flight.show_player import ShowPlayer
+from gcs.flight.site_arrivals import ShowArrivals, packed
 from gcs.flight.site_member import SiteMember
-from gcs.flight.site_requests import PART_MAX, PARTS_MAX, REQUEST, Refusal, ShowChange, ShowMissing, ShowPart
+from gcs.flight.site_requests import PARTS_MAX, REQUEST, Refusal, ShowChange, ShowMissing, ShowPart
 from gcs.model.errors import GcsError, LinkError, RefusedError
-from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.service import CALLER, SelectedShow, ShowFigures
-from gcs.shows import Flaw, Show, Timeline
+from gcs.service import CALLER, SelectedShow
+from gcs.shows import Flaw, Show
+from gcs.shows.following import DrawnPace
 
 log = logging.getLogger(__name__)
 
 AGAIN_S: Final = 1.0
 """Interval between two requests for a show that has not arrived."""
 
-UNPACKED_MAX_BYTES: Final = 2_000_000
-"""Of a show as JSON; its file has at most 64 KiB."""
-
-_FIGURES: Final[TypeAdapter[ShowFigures | None]] = TypeAdapter(ShowFigures | None)
-
-
-def packed(show_run: ShowRun) -> list[str]:
-    """A show as text, in parts that fit into a request."""
-    about = {
-        "name": show_run.name,
-        "show": show_run.timeline.show.model_dump(mode="json"),
-        "figures": _FIGURES.dump_python(show_run.figures, mode="json"),
-    }
-    text = b64encode(zlib.compress(json.dumps(about, separators=(",", ":")).encode())).decode()
-    return [text[at : at + PART_MAX] for at in range(0, len(text), PART_MAX)]
-
-
-def unpacked(parts: Sequence[str], show_hash: str) -> ShowRun:
-    """The show of these parts. Raises: RefusedError when they are not the show of this hash."""
-    try:
-        reader = zlib.decompressobj()
-        text = reader.decompress(b64decode("".join(parts), validate=True), UNPACKED_MAX_BYTES)
-        read = json.loads(text)
-        show = Show.model_validate_json(json.dumps(read["show"]))
-        figures = _FIGURES.validate_python(read["figures"])
-        if show.digest != show_hash:
-            raise RefusedError(f"the show that arrived has the hash {show.digest}, not {show_hash[:64]}")
-        return ShowRun(str(read["name"])[:60], Timeline.of(show), figures=figures, received=True)
-    except (Base64Error, zlib.error, ValueError, LookupError, TypeError) as error:
-        raise RefusedError(f"the show that arrived cannot be read: {error!r}"[:300]) from None
+SELECTED_WITHIN_S: Final = 30.0
+"""A show that another station selects is refused when its drawing has not been read by then."""
 
 
 @dataclass(eq=False)
@@ -68,14 +41,17 @@ class SiteShowPlayer(ShowPlayer):
     """Plays the show at the lead, and keeps with the lead elsewhere. Implements `gcs.service.Player`."""
 
     member: SiteMember
+    reading: Executor  # of drawings
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._arriving: tuple[str, dict[int, str]] = ("", {})  # parts of a show, by its hash
-        self._arrived: ShowRun | None = None  # the newest complete one
+        self._arrivals = ShowArrivals(self.show_library, self.reading)
         self._packed: tuple[str, list[str]] = ("", [])  # the newest that was sent, by its hash
+        self._selecting: tuple[str, ShowChange, float] | None = None  # by which station, and until when
         self._ask_due_s = 0.0
         self._followed = False  # at the last tick
+        self._why_not_here = ""  # why the lead's show, which has arrived, cannot be flown here
+        self.named: frozenset[VehicleId] | None = None  # those of all stations that start; None: all
 
     @property
     def leads(self) -> bool:
@@ -136,7 +112,8 @@ class SiteShowPlayer(ShowPlayer):
             if not self.leads:
                 raise RefusedError(f"station {self.member.site.own} does not lead")
             if request.action == "select":
-                self._select_arrived(request.value)
+                self._selecting = station, request, self.flight.fleet.time_s + SELECTED_WITHIN_S
+                self._select_arrived()
             elif request.action == "deselect":
                 super().deselect()
             else:
@@ -144,37 +121,38 @@ class SiteShowPlayer(ShowPlayer):
         except GcsError as refused:
             self.member.refuse(station, Refusal(f"to {request.action}", request.by, str(refused)[:500]))
 
-    def _select_arrived(self, show_hash: str) -> None:
-        self.flight.need_no_countdown()
-        self.need_ground("select a show")
-        show_run = self._arrived
-        if show_run is None or show_run.hash != show_hash:
-            raise RefusedError("the show has not arrived")
-        self._fitting(show_run.name, show_run.timeline)
-        self._take(replace(show_run))
+    def _select_arrived(self) -> None:
+        """Select the show that another station asks for, once its drawing is read."""
+        if self._selecting is None:
+            return
+        (station, request, until_s), now_s = self._selecting, self.flight.fleet.time_s
+        try:
+            show_run = self._arrivals.find(request.value, now_s)
+            if show_run is None and self._arrivals.has(request.value) and now_s < until_s:
+                return
+            self._selecting = None
+            if show_run is None:
+                raise RefusedError("the show has not arrived")
+            self.flight.need_no_countdown()
+            self.need_ground("select a show")
+            self._fitting(show_run.name, show_run.timeline)
+            self._take(replace(show_run))
+        except GcsError as refused:
+            self._selecting = None
+            self.member.refuse(station, Refusal("to select", request.by, str(refused)[:500]))
 
     def _own_misfits(self, show: Show) -> list[Flaw]:
         found = super()._own_misfits(show)
-        if show.drawing is not None:
-            text = "drawing: stations do not hand drawings to each other: fly it with one station alone"
-            found.insert(0, Flaw(("drawing",), text))
+        if show.drawing is not None and show.drawing.spares is not None:
+            text = "drawing.spares: spare vehicles fly with one station alone: take them out of the show file"
+            found.insert(0, Flaw(("drawing", "spares"), text))
         return found
 
     # between stations
 
     def take_part(self, part: ShowPart) -> None:
         """Note a part of a show; an unreadable show is logged."""
-        if self._arriving[0] != part.hash:
-            self._arriving = part.hash, {}
-        parts = self._arriving[1]
-        parts[part.part] = part.text
-        if len(parts) < min(part.parts, PARTS_MAX):
-            return
-        self._arriving = "", {}
-        try:
-            self._arrived = unpacked([parts[at] for at in sorted(parts)], part.hash)
-        except GcsError as refused:
-            log.warning("show_unreadable", extra={"reason": str(refused)})
+        self._arrivals.take(part)
 
     def send_to(self, station: str, request: ShowMissing) -> None:
         """Send the selected show to a station that has not got it; it asks again if it does not arrive."""
@@ -205,28 +183,52 @@ class SiteShowPlayer(ShowPlayer):
             self._keep_with_lead()
             return
         now_s = flight.fleet.time_s
-        if self._followed and show_run is not None and show_run.is_live(now_s) and show_run.live is None:
-            show_run.live = flight.plan.target
-        self._followed = False
+        if self._followed and show_run is not None:
+            if show_run.is_live(now_s) and show_run.live is None:
+                show_run.live = flight.plan.target
+            show_run.follow(flight.show, now_s)
+        self._followed, self._why_not_here = False, ""
+        self._select_arrived()
         super().lead()
 
     def _keep_with_lead(self) -> None:
-        if not self.member.lead_is_here:
-            self.member.lead_show = None  # a lead that comes back may not fly the show yet
-        flight, led, now_s = self.flight, self.member.lead_show, self.flight.fleet.time_s
-        if led is None:
-            return
+        member, flight, now_s = self.member, self.flight, self.flight.fleet.time_s
+        if not member.lead_is_here:
+            member.shows.led = None  # a lead that comes back may not fly the show yet
+        led = member.shows.led
+        if led is not None:
+            self._adopt(led)
         show_run = flight.show_run
-        if not led.hash:
-            if show_run is not None:
+        if show_run is None:
+            return
+        if led is not None and led.hash == show_run.hash and now_s - led.made_s <= member.lead_silent_s:
+            keep_clock(show_run, led, now_s)
+            show_run.parts = member.shows.parts_of(led.hash) or show_run.parts
+        else:
+            show_run.clock, show_run.pace = show_run.clock.stop(now_s), DrawnPace()
+        assembling = flight.show is ShowPhase.ASSEMBLING
+        show_run.follow_drawing(self._seen(), now_s, assembling=assembling, leads=False)
+
+    def _adopt(self, led: LedShow) -> None:
+        """Have the show that the lead has, or none."""
+        flight, show_run, now_s = self.flight, self.flight.show_run, self.flight.fleet.time_s
+        if not led.hash or (show_run is not None and show_run.hash == led.hash):
+            self._why_not_here = ""
+            if show_run is not None and not led.hash:
                 flight.show_run, flight.control = None, flight.config.control
-        elif show_run is not None and show_run.hash == led.hash:
-            show_run.clock, show_run.started = led.clock, led.started
-        elif self._arrived is not None and self._arrived.hash == led.hash:
+            return
+        try:
+            arrived = self._arrivals.find(led.hash, now_s)
+            self._why_not_here = "" if arrived is None else self._why_not_here
+        except RefusedError as refused:
+            if self._why_not_here != str(refused):
+                log.warning("show_not_here", extra={"reason": str(refused)})
+            arrived, self._why_not_here = None, str(refused)
+        if arrived is not None:
             if show_run is None:
                 self._reported = flight.plan
-            self._control(replace(self._arrived, clock=led.clock, started=led.started))
-        elif now_s >= self._ask_due_s:
+            self._control(replace(arrived))
+        elif not self._arrivals.has(led.hash) and now_s >= self._ask_due_s:
             self._ask_due_s = now_s + AGAIN_S
             missing = REQUEST.dump_python(ShowMissing(led.hash), mode="json")
             with suppress(LinkError):  # as many wait as may: the lead is hardly received
@@ -235,11 +237,11 @@ class SiteShowPlayer(ShowPlayer):
     @property
     def why_not_here(self) -> str:
         """Why this station cannot start the lead's show; empty when it can, or there is none."""
-        led, show_run = self.member.lead_show, self.flight.show_run
+        led, show_run = self.member.shows.led, self.flight.show_run
         here = "" if show_run is None else show_run.hash
         if self.leads or led is None or led.hash == here:
             return ""
-        return "the selected show has not arrived from the lead"
+        return self._why_not_here or "the selected show has not arrived from the lead"
 
     # vehicles of all stations
 
@@ -247,30 +249,72 @@ class SiteShowPlayer(ShowPlayer):
     def _count(self) -> int:
         return len(self.member.site.shown)
 
+    def _seen(self) -> Seen:
+        own, their, here = super()._seen(), self.member.others, self.member.flown_by_others(Phase.FORMATION)
+        formed = np.zeros(len(their.ids), np.bool_)
+        formed[here] = True
+        return Seen(
+            (*own.ids, *their.ids),
+            np.concatenate([own.position_m, their.position_m]),
+            np.concatenate([own.formed, formed]),
+            own.own,
+        )
+
     def _others_start(self, *, named: bool) -> int:
-        if named:
-            return 0
-        return sum(len(self.member.ids_of(name, Phase.STANDBY)) for name in self.member.present())
+        return 0 if named else sum(len(self._starting(name)) for name in self.member.present())
+
+    def _starting(self, station: str) -> list[VehicleId]:
+        """Vehicles of another station on the ground that its operators have not taken out of the show."""
+        out = self.member.excluded(station)
+        return [one for one in self.member.ids_of(station, Phase.STANDBY) if one not in out]
+
+    def check_named(self, vehicles: Sequence[VehicleId], led: Sequence[VehicleId]) -> None:
+        """Check whether the selected show starts with these vehicles of all stations.
+
+        Args:
+            vehicles: all that are named.
+            led: of these, the leading station's. Raises: RefusedError.
+        """
+        show_run = self.flight.show_run
+        if show_run is None:
+            return
+        needed, count = show_run.timeline.show.fleet.vehicles, len(set(vehicles))
+        if count > needed:
+            raise RefusedError(f"show {show_run.name!r} is for {needed} vehicles, {count} would start")
+        if not led:
+            lead = self.member.site.lead.name
+            raise RefusedError(f"a show starts with a vehicle of the leading station {lead}, which plays it")
+
+    def starting(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
+        member, flying = self.member, set(chosen)
+        for name in member.present():
+            theirs = {*self._starting(name), *member.ids_of(name, *AIRBORNE)}
+            flying |= theirs if self.named is None else theirs & self.named
+        return [name for name in member.all_ids if name in flying]
 
     def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
-        flies = super().give_parts(chosen)
-        show_run, member = self.flight.show_run, self.member
+        """Start the selected show, if there is one: the lead assigns the parts of all stations' vehicles."""
+        show_run = self.flight.show_run
         if show_run is None:
-            return flies
-        flying = set(chosen)
-        for name in member.present():
-            flying.update(member.ids_of(name, Phase.STANDBY, *AIRBORNE))
-        ordered = [one for one in member.all_ids if one in flying]
-        most = show_run.timeline.show.fleet.vehicles
-        show_run.parts = {name: part for part, name in enumerate(ordered[:most])}
-        return flies
+            return chosen
+        show_run.started, show_run.parts = True, {}
+        if not self.leads:
+            return chosen
+        seen = self._seen()
+        known = np.asarray(np.isfinite(seen.position_m).all(axis=1))
+        at_m = {name: seen.position_m[row] for row, name in enumerate(seen.ids) if known[row]}
+        ordered = [name for name in self.starting(chosen) if name in at_m]
+        ordered = ordered[: show_run.timeline.show.fleet.vehicles]
+        show_run.assign(ordered, np.array([at_m[name] for name in ordered]).reshape(-1, 3))
+        return chosen
 
     def pads(self) -> dict[VehicleId, int]:
-        rows = {name: row for row, name in enumerate(self.member.all_ids)}
-        numbered = {name: rows[name] for name in self.flight.vehicles}
         show_run = self.flight.show_run
-        most = 0 if show_run is None else len(show_run.timeline.show.pads_m)
-        return {name: row for name, row in numbered.items() if row < most}
+        if show_run is None:
+            return {}
+        show, rows = show_run.timeline.show, {name: row for row, name in enumerate(self.member.all_ids)}
+        in_order = {name: rows[name] for name in self.flight.vehicles if rows[name] < len(show.pads_m)}
+        return self._stood_on(show) or in_order
 
     @property
     def target_age_s(self) -> float:

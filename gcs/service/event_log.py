@@ -60,6 +60,7 @@ WORDS: Final[Mapping[str, str]] = {
     "return_planner_failed": "the vehicles return without a common plan: {reason}",
     "send_failed": "link {link} could not send[ to {address}]: {cause}",
     "show_check_failed": "the check of show {show} failed: {reason}",
+    "show_not_here": "the selected show cannot be flown by this station: {reason}",
     "show_phase": "show {phase}[: {reason}]",
     "show_selected": "show {show} selected",
     "signature_refused": "signature refused of system id {system_id} at {address} on link {link}: {cause}",

@@ -279,6 +279,19 @@ class ShowLibrary:
             raise RefusedError(f"show {name!r} has changed since it was flown")
         return loaded.timeline
 
+    def drawing_of(self, show: Show) -> DrawnShow | None:
+        """Read the drawing, in this folder, of a show that another service checked: up to some seconds.
+
+        Raises: RefusedError when it is missing, or another one; ConfigError when it cannot be read.
+        """
+        if show.drawing is None:
+            return None
+        if self._folder is None:
+            raise RefusedError(NOT_KEPT)
+        drawing = stored_drawings.read(self._folder, show.drawing.source, show.drawing.sha256)
+        load_assignment()
+        return placed(drawing, show)
+
 
 def _check_name(name: str) -> None:
     if not NAME.fullmatch(name):

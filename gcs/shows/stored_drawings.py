@@ -9,11 +9,15 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
 from gcs.model.errors import RefusedError
 from gcs.service import DRAWING_MAX_BYTES
+from gcs.shows.drawn import DrawnShow
+from gcs.shows.formats import parse_drawing
+from gcs.shows.formats.archive import ARCHIVE_MAX_BYTES
 from gcs.shows.formats.files import IMPORTED
 
 ALL_MAX_BYTES: Final = 512 * 1024**2
@@ -62,6 +66,27 @@ def keep(folder: Path, source: str, given: Path) -> None:
         beside.replace(folder / source)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def read(folder: Path, source: str, digest: str) -> DrawnShow:
+    """Read a drawing whose bytes have that SHA-256.
+
+    Raises: RefusedError when the folder has no such file, or another; ConfigError when it cannot be read.
+    """
+    try:
+        with (folder / source).open("rb") as file:
+            data = file.read(ARCHIVE_MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise RefusedError(
+            f"the drawing {source} is not in its folder of shows: upload it there as well"
+        ) from None
+    except OSError as error:
+        raise RefusedError(f"the drawing {source} cannot be read: {error.strerror}") from None
+    found = sha256(data).hexdigest()
+    if found != digest:
+        text = f"SHA-256 {found[:12]}..., not {digest[:12]}..."
+        raise RefusedError(f"the drawing {source} in its folder of shows is another: {text}")
+    return parse_drawing(data, source)
 
 
 def drop_unnamed(folder: Path, source: str | None) -> None:

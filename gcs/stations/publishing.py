@@ -6,7 +6,7 @@ from math import nan
 
 import numpy as np
 
-from gcs.control.inputs import Memory, Tasks
+from gcs.control.inputs import Memory, Task, Tasks
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array, FleetState, Mask
 from gcs.stations.messages import Codes, FormationMessage, SlotsMessage, StateBatch
@@ -67,7 +67,7 @@ def batch(
         phases=reported.phases,
         modes=reported.modes,
         airborne=tasks.airborne,
-        formed=np.isfinite(memory.engaged_time_s[:n]),
+        formed=np.isfinite(memory.engaged_time_s[:n]) | (tasks.task == Task.DRAWN),
         slot_stays=unfollowed_s < 0.0,
         armed=reported.armed,
         ready=reported.ready,

@@ -15,7 +15,7 @@ _KINDS: Final = {"states": STATES, "formation": FORMATION, "homes": HOMES, "slot
 _SITE_AT: Final = {STATES: 8, FORMATION: 2, SLOTS: 2}
 """Place of the site's number in a message."""
 
-_WRITTEN: Final = frozenset({"plan", "info", "letters"})
+_WRITTEN: Final = frozenset({"plan", "show", "parts", "info", "letters"})
 """Topics of JSON objects."""
 
 

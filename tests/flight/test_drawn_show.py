@@ -1,63 +1,32 @@
 """A drawn show, flown by the service: approach, trajectories, lost and late vehicles, landing."""
 
-from dataclasses import asdict
-from functools import cache
-from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-import yaml
 
 from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import SelectedShow, ShowAction
-from gcs.shows import parse
-from gcs.shows.formats import read_drawing, write_drawing
-from gcs.shows.importing import show_text
-from gcs.simulation.rehearsal import rehearse
-from gcs.simulation.verdict import judge
-from tests.support.drawn_shows import ORIGIN, drawn_show
+from gcs.shows.formats import read_drawing
+from tests.support.drawn_flight import COUNT, FRAME, NAME, checked, on_pads, write_show
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
-
-COUNT, SPACING_M = 8, 6.0
-NAME = "drawn"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the service keeps shows: a show file, and its drawing beside it."""
     folder = tmp_path_factory.mktemp("shows")
-    path = folder / "rings.skyc"
-    write_drawing(drawn_show(COUNT, 30.0, SPACING_M, ("rings",)), path)
-    drawing, data = read_drawing(path)
-    (folder / f"{NAME}.yaml").write_text(show_text(drawing, path.name, sha256(data).hexdigest()))
+    write_show(folder)
     return folder
 
 
 SPARE = "{late: catch-up, spares: {count: 1, before_cue: 2 back}}"
 
 
-@cache
-def checked(path: Path, drawing: str) -> tuple[str, dict[str, Any]]:
-    """The show with these keys of its drawing, and what `gcs show check --json --model` prints for it."""
-    raw = yaml.safe_load(path.read_text())
-    raw["drawing"] |= {"late": "catch-up", "spares": None, "yaw": "plan"} | yaml.safe_load(drawing)
-    text = yaml.safe_dump(raw, sort_keys=False)
-    loaded = parse(text, str(path))
-    verdict = judge(rehearse(loaded))
-    return text, asdict(verdict) | {"model": loaded.show.model_dump(mode="json")}
-
-
 def config(folder: Path, count: int = COUNT) -> Config:
-    frame = {
-        "latitude_deg": ORIGIN.latitude_deg,
-        "longitude_deg": ORIGIN.longitude_deg,
-        "altitude_amsl_m": ORIGIN.altitude_amsl_m,
-        "heading_deg": ORIGIN.heading_deg,
-    }
-    return show_config(count, shows={"folder": folder}, show_frame=frame, operation=HOLDS_WHEN_LOST)
+    return show_config(count, shows={"folder": folder}, show_frame=FRAME, operation=HOLDS_WHEN_LOST)
 
 
 def select(show: Show, folder: Path, drawing: str = "{}") -> SelectedShow:
@@ -74,21 +43,6 @@ def selected(show: Show) -> SelectedShow:
     found = show.view.selected
     assert found is not None
     return found
-
-
-def on_pads(folder: Path) -> dict[str, Any]:
-    """Settings of a fake fleet on the show's pads."""
-    show = parse((folder / f"{NAME}.yaml").read_text(), str(folder / f"{NAME}.yaml")).show
-    assert show.fleet.pads.columns == 3
-    corner_m = show.pads_m[0, :2]
-    c, s = np.cos(np.radians(ORIGIN.heading_deg)), np.sin(np.radians(ORIGIN.heading_deg))
-    north_m, east_m = c * corner_m[0] - s * corner_m[1], s * corner_m[0] + c * corner_m[1]
-    return {
-        "spacing_m": show.fleet.pads.spacing_m,
-        "grid_columns": show.fleet.pads.columns,
-        "grid_heading_deg": ORIGIN.heading_deg,
-        "grid_at_m": (float(north_m), float(east_m)),
-    }
 
 
 async def start(show: Show, folder: Path, drawing: str = "{}") -> None:

@@ -1,12 +1,10 @@
 """Written shows of a site: selected at any station, played by the lead, gone on with by the next lead."""
 
-from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
 from gcs.config.schema import Config
-from gcs.config.yaml_files import shipped_folder
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow, ShowAction
@@ -105,20 +103,29 @@ def test_next_lead_goes_on_with_the_show(tmp_path: Path) -> None:
     fly_site(story, config(tmp_path, 4, 1), **BUS)
 
 
-def test_a_drawn_show_is_refused_at_a_site(tmp_path: Path) -> None:
-    async def story(show: SiteShow) -> None:
-        await show.wait(4.0)
-        checked(show, "south")
-        data = (shipped_folder() / "shows" / "drawn-30.skyc").read_bytes()
-        (tmp_path / "a.skyc").write_bytes(data)
-        named = {"source": "a.skyc", "sha256": sha256(data).hexdigest()}
-        drawn = {"kind": "trajectories", "drawing": named}
-        found = dict(answer(TEXT))
-        service = show["south"].service
-        reported = service.shows.found(NAME, TEXT.encode(), found | {"model": found["model"] | drawn})
-        assert not reported.good
-        assert any("stations do not hand drawings" in each.text for each in reported.problems)
-        with pytest.raises(RefusedError, match="fly it with one station alone"):
-            service.player.select(NAME, reported.hash or "")
+def test_named_vehicles_of_all_stations_have_parts_of_their_own(tmp_path: Path) -> None:
+    """Every station has the same parts: the lead gives them, whichever station is asked."""
 
-    fly_site(story, config(tmp_path, 2, 1), **BUS)
+    async def story(show: SiteShow) -> None:
+        await show.until(lambda: all(all(each.view.rows.ready) for each in show.stations.values()), 20.0)
+        show_hash = checked(show, "south")
+        show["south"].service.player.select(NAME, show_hash)
+        show["east"].service.preflight.exclude("e1", "a broken propeller")
+        await show.wait(4.0)
+        command = show["south"].service.commands.command_show
+        with pytest.raises(RefusedError, match="is for 4 vehicles, 7 would start"):
+            command(ShowAction.START, show_hash=show_hash)
+        with pytest.raises(RefusedError, match="with a vehicle of the leading station north"):
+            command(ShowAction.START, ["s1", "w2"], show_hash=show_hash)
+        named = ["s1", "w2", "n2", "e2"]
+        command(ShowAction.START, named, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        await show.wait(1.0)
+        expected = {"n2": 0, "s1": 1, "w2": 2, "e2": 3}
+        for each in show.stations.values():
+            run = each.service.player.flight.show_run
+            assert run is not None
+            assert run.parts == expected
+        assert show.violations == 0
+
+    fly_site(story, config(tmp_path, 4, 2), **BUS)

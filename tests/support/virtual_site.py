@@ -108,23 +108,35 @@ class MirrorPorts(VirtualPorts):
         first.mirrors.append(self)
 
 
+def own_config(site: Config, name: str) -> Config:
+    """A station's configuration, with a folder of shows of its own where one of its name exists."""
+    config = station_config(site, name)
+    if config.shows is None or not (config.shows.folder / name).is_dir():
+        return config
+    shows = config.shows.model_copy(update={"folder": config.shows.folder / name})
+    return config.model_copy(update={"shows": shows})
+
+
 class Station:
     """One running station with its fake fleet."""
 
-    def __init__(self, name: str, site: Config, first: int, columns: int) -> None:
+    def __init__(
+        self, name: str, site: Config, first: int, columns: int, pads: Mapping[str, Any] | None = None
+    ) -> None:
         self.name, self._site = name, site
-        self.config = station_config(site, name)
+        self.config = own_config(site, name)
         self.unix, self.planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
         count = len(self.config.ids) - self.standby
+        placed: dict[str, Any] = {"grid_columns": columns, **(pads or {})}
         settings = Settings(
             count=count,
             first=first,
             namespace_size=count,
-            grid_columns=columns,
             seed=7,
             rates_hz=STREAMS_HZ,
             quirks=READY_AT_ONCE,
             parameters={**SOON_DISARMED, **settings_of(site)},
+            **placed,
         )
         self.radios: list[tuple[Fleet, MirroredPorts, VirtualLink]] = []  # none of a pure standby
         if count:
@@ -189,13 +201,13 @@ class Station:
 class SiteShow:
     """Several running stations, as a story gets them."""
 
-    def __init__(self, site: Config, network_: MemoryNetwork) -> None:
+    def __init__(self, site: Config, network_: MemoryNetwork, pads: Mapping[str, Any] | None = None) -> None:
         self.config, self.network = site, network_
         links = {link.name: len(link.fleet) for link in site.links}
         counts = [sum(links[name] for name in station.links) for station in site.stations]
         columns = int(np.ceil(np.sqrt(sum(counts))))
         self.stations = {
-            station.name: Station(station.name, site, sum(counts[:at]), columns)
+            station.name: Station(station.name, site, sum(counts[:at]), columns, pads)
             for at, station in enumerate(site.stations)
         }
         for name, each in self.stations.items():
@@ -279,11 +291,17 @@ Story = Callable[[SiteShow], Awaitable[T]]
 
 
 def fly_site(story: Story[T], site: Config, **bus: float) -> T:
+    """Play `story` with running stations, their vehicles on a grid; as `fly_on_pads`."""
+    return fly_on_pads(story, site, {}, **bus)
+
+
+def fly_on_pads(story: Story[T], site: Config, pads: Mapping[str, Any], **bus: float) -> T:
     """Play `story` with running stations; an error of one that was not killed ends it.
 
     Args:
         story: the events of the flight, in virtual time.
         site: all stations.
+        pads: of the fake fleets' settings: how the vehicles stand.
         bus: of `memory_bus.network`: delay_s, spread_s, loss, seed.
     """
     load_machine_code()
@@ -291,7 +309,7 @@ def fly_site(story: Story[T], site: Config, **bus: float) -> T:
     async def play() -> T:
         now_s = asyncio.get_running_loop().time
         names = [station.name for station in site.stations]
-        show = SiteShow(site, network(names, now_s, **bus))  # type: ignore[arg-type]
+        show = SiteShow(site, network(names, now_s, **bus), pads)  # type: ignore[arg-type]
         reported = asyncio.ensure_future(story(show))
         tasks = {each.task for each in show.stations.values()}
         while not reported.done():

@@ -1,0 +1,172 @@
+"""The lead's show at the other stations of a site: its clock, and which vehicle flies which part.
+
+The lead sends its clock with every tick while the show flies, as an age: the receiver adds the time since the
+message was made. Written shows and drawn ones, clock, pace and tempo go the same way.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any, Final
+
+from pydantic_core import from_json
+
+from gcs.flight.fleet import Fleet
+from gcs.flight.running_show import ShowRun
+from gcs.model.errors import LinkError
+from gcs.model.lifecycle import ON_THE_GROUND
+from gcs.model.state import VehicleId
+from gcs.shows import ShowClock
+from gcs.shows.following import DrawnPace
+from gcs.shows.tempo import Tempo
+from gcs.stations.site import Site
+
+SHOW, PARTS = "show", "parts"
+"""Topics."""
+
+SLOWLY_S: Final = 0.5
+"""Interval between two messages on the ground, and between two of the parts."""
+
+JUMPS_S: Final = 0.2
+"""A clock that is off by more is set; one that is off by less gets there slowly."""
+
+SHARE: Final = 0.1
+"""Of the clock's error that is made up for at each tick: arrival times jitter by a tick."""
+
+RATE_MAX: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class LedShow:
+    """The lead's show as of one message. Times are those of the own loop."""
+
+    made_s: float  # when
+    hash: str = ""  # empty: none is selected
+    clock_s: float = 0.0  # the show's time then
+    runs: bool = False
+    started: bool = False
+    pace: DrawnPace = DrawnPace()
+    tempo: Tempo = Tempo()
+
+    @property
+    def rate(self) -> float:
+        """How fast its clock runs, while it runs."""
+        return self.tempo.rate * self.pace.rate
+
+    def show_s(self, now_s: float) -> float:
+        """The show's time now."""
+        return self.clock_s + (self.rate * max(now_s - self.made_s, 0.0) if self.runs else 0.0)
+
+
+class ShowTraffic:
+    """What of the show crosses the bus: the lead sends it, the others take it."""
+
+    def __init__(self, flight: Fleet, site: Site, ids: tuple[VehicleId, ...]) -> None:
+        """`ids`: all vehicles of the site, in the order of its file."""
+        self._flight, self._site, self._ids = flight, site, ids
+        self._row_of = {name: row for row, name in enumerate(ids)}
+        self.led: LedShow | None = None  # None: not known
+        self._parts: tuple[str, dict[VehicleId, int]] = ("", {})  # of the show with this hash
+        self._sent_parts: Mapping[VehicleId, int] | None = None
+        self._due_s = self._parts_due_s = -inf
+
+    def parts_of(self, show_hash: str) -> dict[VehicleId, int]:
+        """Which vehicle flies which part of this show; empty: not known yet."""
+        return self._parts[1] if self._parts[0] == show_hash else {}
+
+    def take(self, sender: str, topic: str, payload: bytes, arrived_s: float) -> None:
+        """Note a message of the lead; those of other stations are ignored. Raises: LinkError."""
+        lead, number = self._site.lead, self._site.names.index(sender)
+        try:
+            read = from_json(payload)
+            if lead.leads or not lead.obeys(int(read["term"]), number):
+                return
+            if topic == PARTS:
+                self._take_parts(read)
+            else:
+                self.led = _led_show(read["show"], arrived_s - self._site.delays.one_way_s(number))
+        except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError):
+            raise LinkError("a show that cannot be read") from None
+        if self.led is not None and not self.led.started:
+            self._parts = "", {}
+
+    def _take_parts(self, read: Mapping[str, Any]) -> None:
+        rows, parts = [int(row) for row in read["rows"]], [int(part) for part in read["parts"]]
+        if min(rows, default=0) < 0 or min(parts, default=0) < 0:
+            raise ValueError("a row or a part below 0")
+        found = {self._ids[row]: part for row, part in zip(rows, parts, strict=True)}
+        self._parts = str(read["hash"])[:64], found
+
+    def messages(self, now_s: float) -> Iterator[tuple[str, bytes]]:
+        """Topics and payloads that the lead sends after its tick."""
+        show_run, term = self._flight.show_run, self._site.lead.term
+        if now_s >= self._due_s or self._flight.show not in ON_THE_GROUND:
+            self._due_s = now_s + SLOWLY_S
+            yield SHOW, json.dumps({"term": term, "show": _shown(show_run, now_s)}).encode()
+        if show_run is None or not show_run.started:
+            self._sent_parts = None
+        elif now_s >= self._parts_due_s or show_run.parts is not self._sent_parts:
+            self._sent_parts, self._parts_due_s = show_run.parts, now_s + SLOWLY_S
+            rows = [self._row_of[name] for name in show_run.parts]
+            parts = {"rows": rows, "parts": list(show_run.parts.values())}
+            yield PARTS, json.dumps({"term": term, "hash": show_run.hash, **parts}).encode()
+
+
+def _shown(show_run: ShowRun | None, now_s: float) -> dict[str, Any] | None:
+    if show_run is None:
+        return None
+    clock, pace, tempo = show_run.clock, show_run.pace, show_run.tempo
+    drawn = show_run.goals is not None
+    return {
+        "hash": show_run.hash,
+        "clock_s": clock.show_s(now_s),
+        "runs": clock.runs,
+        "started": show_run.started,
+        "pace": [pace.approaches, pace.rate, pace.rate_per_s] if drawn else [False, 1.0, 0.0],
+        "tempo": [tempo.rate, tempo.rate_per_s],
+    }
+
+
+def _led_show(read: Mapping[str, Any] | None, made_s: float) -> LedShow:
+    """Read the lead's show. Raises: KeyError, TypeError or ValueError."""
+    if read is None:
+        return LedShow(made_s)
+    approaches, *pace = read["pace"]
+    tempo = read["tempo"]
+    (pace_rate, pace_change), (rate, change) = map(_rates, (pace, tempo))
+    clock_s = float(read["clock_s"])
+    if not isfinite(clock_s):
+        raise ValueError("clock_s is not finite")
+    return LedShow(
+        made_s,
+        str(read["hash"])[:64],
+        clock_s,
+        bool(read["runs"]),
+        bool(read["started"]),
+        DrawnPace(bool(approaches), pace_rate, pace_change),
+        Tempo(rate, change),
+    )
+
+
+def _rates(read: Any) -> tuple[float, float]:
+    """A rate and its change per s. Raises: ValueError, TypeError."""
+    rate, change_per_s = map(float, read)
+    if not (0.0 <= rate <= RATE_MAX and abs(change_per_s) <= RATE_MAX):
+        raise ValueError("a rate beyond its limits")
+    return rate, change_per_s
+
+
+def keep_clock(show_run: ShowRun, led: LedShow, now_s: float) -> None:
+    """Have clock, pace and tempo of a station's show be those of the lead's; once a tick."""
+    show_run.started, show_run.pace, show_run.tempo = led.started, led.pace, led.tempo
+    if not led.runs:
+        show_run.clock = ShowClock(led.clock_s)
+        return
+    since_s, led_s = show_run.clock.since_s, led.show_s(now_s)
+    own_s = led_s
+    if since_s is not None:
+        own_s = show_run.clock.begins_s + led.rate * (now_s - since_s)
+    off_s = led_s - own_s
+    own_s += off_s if abs(off_s) > JUMPS_S else SHARE * off_s
+    show_run.clock = ShowClock(own_s, now_s)
