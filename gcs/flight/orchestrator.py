@@ -27,10 +27,10 @@ from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
 from gcs.flight.site_commander import SiteCommander
+from gcs.flight.site_display import SiteDisplay
 from gcs.flight.site_member import Membership, SiteMember
 from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_shows import SiteShowPlayer
-from gcs.flight.site_view import recorded, whole_view
 from gcs.flight.snapshots import Estimating, fleet_view
 from gcs.flight.standby import Standby
 from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
@@ -98,6 +98,9 @@ class Orchestrator:
         clocks: dict[str, Any] = {"unix_s": unix_s, "clock_problem": clock_problem}
         self._flight = flight = Fleet(config, links, loop.time(), book=self.command_log, **clocks)
         self._member = member = None if membership is None else SiteMember(flight, membership)
+        self._display: SiteDisplay | None = None
+        if member is not None and membership is not None:
+            self._display = SiteDisplay(member, membership.site)
         if member is not None:
             flight.site = member
             flight.memory = Memory.fresh(len(flight.vehicles) + member.site.count, loop.time())
@@ -136,7 +139,8 @@ class Orchestrator:
         self._progress = ShowProgress(
             flight, maneuvers, self.commands, parameter_reader, self.player, self._clock
         )
-        self.view = Latest(self._promised_view(self._decide())())
+        first = self._decide()
+        self.view = Latest(self._whole_view(self._promised_view(first), first))
 
     def _roles(
         self,
@@ -146,15 +150,15 @@ class Orchestrator:
         player: SiteShowPlayer | None,
     ) -> tuple[PlanEditor, Commander, SiteCommander | None]:
         """What changes the plan, and what executes commands: for this station, or for a whole site."""
-        flight, member = self._flight, self._member
+        flight, member, display = self._flight, self._member, self._display
         editing = flight, self.player, maneuvers, asyncio.get_running_loop().time
         commanding = self._gate, self._planning, found
-        if member is None or membership is None or player is None:
+        if member is None or membership is None or player is None or display is None:
             return PlanEditor(*editing), Commander(flight, maneuvers, self.player, *commanding), None
         bus = membership.site.bus
         standby = Standby(flight, maneuvers, member, bus.lease_s, bus.standby_rejoins)
         plan = SitePlanEditor(*editing, member)
-        commander = SiteCommander(flight, maneuvers, player, *commanding, member, standby, plan)
+        commander = SiteCommander(flight, maneuvers, player, *commanding, member, display, standby, plan)
         return plan, commander, commander
 
     async def run(self) -> None:
@@ -201,9 +205,9 @@ class Orchestrator:
             own = cache(self._promised_view(result))
             self.view.promise(partial(self._whole_view, own, result))
             if self._record is not None:
-                run, member = self._flight.show_run, self._member
+                run, display = self._flight.show_run, self._display
                 parts = {} if run is None else run.parts
-                theirs = None if member is None else recorded(member)
+                theirs = None if display is None else display.recorded()
                 sample = Sample(own(), parts, self._flight.control, elsewhere=theirs)
                 self._record.note(sample, self._flight.links)
             self._flight.wake()
@@ -287,4 +291,4 @@ class Orchestrator:
 
     def _whole_view(self, own: Callable[[], FleetView], result: Tick) -> FleetView:
         """The view of all stations' vehicles; `own` returns that of those on this station's links."""
-        return own() if self._member is None else whole_view(own(), self._member, result)
+        return own() if self._display is None else self._display.whole(own(), result)

@@ -12,6 +12,7 @@ from gcs.flight.commander import Commander
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import REASON_MAX, PreflightGate
+from gcs.flight.site_display import SiteDisplay
 from gcs.flight.site_member import SiteMember
 from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_requests import (
@@ -77,11 +78,12 @@ class SiteCommander(Commander):
         planning: Executor,
         found: Interruption | None,
         member: SiteMember,
+        display: SiteDisplay,
         standby: Standby,
         plan: SitePlanEditor,
     ) -> None:
         super().__init__(flight, maneuvers, show_player, preflight_gate, planning, found)
-        self._member, self._standby, self._plan = member, standby, plan
+        self._member, self._standby, self._plan, self._display = member, standby, plan, display
         self._gate, self._shows = preflight_gate, show_player
         self._routing = SiteRouting(member, flight.book)
         self._waits_for = ""  # the station for which this one holds, by itself
@@ -190,7 +192,7 @@ class SiteCommander(Commander):
             before = lead.name
             term = lead.take()
             log.warning("lead_taken", extra={"term": term, "of": before, "by": CALLER.get()})
-        return self._member.views()
+        return self._display.stations()
 
     def take_over(self, station: str) -> CommandRecord:
         """Fly on with the vehicles of a lost station, at its standby. Raises: RefusedError, UnknownError."""

@@ -21,14 +21,13 @@ from gcs.flight.led_show import PARTS, SHOW, ShowTraffic
 from gcs.flight.site_requests import REQUEST, Refusal
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
-from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import Plan, plan_json, plan_of
 from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import Placed
-from gcs.service import BusView, StationView
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
 from gcs.stations.publishing import STATES, Reported, batch, formation_messages
@@ -60,11 +59,6 @@ NOT_CHECKED: Final = "it has not reported yet whether its vehicles are ready"
 
 EXPLAINED: Final = frozenset({Phase.LOST, Phase.PILOT, Phase.KILLED, Phase.OFFLINE})
 
-_PHASES: Final = np.array([*PHASES], object)
-_GROUNDED: Final = np.array([phase in GROUNDED for phase in PHASES])
-_EXPLAINED: Final = np.array([phase in EXPLAINED | {Phase.STANDBY} for phase in PHASES])  # or excluded
-"""By the number of a phase on the wire."""
-
 
 @dataclass(frozen=True, slots=True)
 class Membership:
@@ -77,7 +71,7 @@ class Membership:
 
 
 @dataclass(slots=True)
-class _Info:
+class StationTexts:
     """The newest texts of another station."""
 
     why_not_ready: str = NOT_CHECKED
@@ -130,12 +124,6 @@ class SiteMember:
         self.bus.accepts = lambda topic, payload: may_be_valid(topic, payload, site.site)
         self.lead_silent_s = site_config.bus.lead_silent_s
         self.all_ids = site_config.ids
-        system_ids = {one.id: one.system_id for one in site_config.fleet}
-        link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
-        self._system_ids = [system_ids[name] for name in self.site.ids]  # (k,) of the others' vehicles
-        self._links = [link_of[name] for name in self.site.ids]
-        autopilots = site_config.autopilots
-        self._autopilots = [autopilots[name] for name in self.site.ids]
         owner_of = {link: station.name for station in site_config.stations for link in station.links}
         own = next(one for one in site_config.stations if one.name == membership.station)
         self.standbys_of = {
@@ -175,7 +163,7 @@ class SiteMember:
         self._return_s = nan  # time in the plan of the present return, as flown
         self._return_parts: list[tuple[str, bytes]] = []
         self._return_until_s = 0.0
-        self._info: dict[str, _Info] = {name: _Info() for name in self.site.stations}
+        self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
         self._plan_version = 0
         self._sent_plan: Plan | None = None
         self._plan_due_s = self._slow_due_s = self._return_due_s = 0.0
@@ -187,8 +175,6 @@ class SiteMember:
         self._ready_when_checked: tuple[bool, ...] = ()
         self._checked_s = -inf
         self.offers: tuple[Offer, ...] = ()  # of this station's interrupted flight
-        self._reasons: list[str] = []  # of the vehicles of other stations
-        self._reasons_of: tuple[object, ...] = ()  # what decided them
         self._others: Others | None = None  # of this tick, as the next; None: not computed yet
         self._landing_m: Array | None = None
 
@@ -244,7 +230,7 @@ class SiteMember:
             read = from_json(payload)
             reasons = {str(name)[:64]: str(text)[:300] for name, text in read["reasons"].items()}
             offers = tuple(Offer(offer) for offer in read["offers"])
-            self._info[sender] = _Info(str(read["why_not_ready"])[:WHY_LENGTH], reasons, offers)
+            self.texts[sender] = StationTexts(str(read["why_not_ready"])[:WHY_LENGTH], reasons, offers)
         except (AttributeError, KeyError, TypeError, ValueError):
             raise LinkError("texts that cannot be read") from None
 
@@ -338,6 +324,15 @@ class SiteMember:
         found = self.site.formation(self.flight.fleet.time_s, self.lead_silent_s)
         return None if found is None or found.center is None else found
 
+    @property
+    def show(self) -> ShowPhase:
+        """Phase of the whole show: that of a received station, where this one's vehicles are down already."""
+        own = self.flight.show
+        if own not in ON_THE_GROUND:
+            return own
+        shows = [self.show_of(name) for name in self.present()]
+        return next((show for show in shows if show not in ON_THE_GROUND), own)
+
     def show_of(self, station: str) -> ShowPhase:
         """Phase of that station's show, as last received."""
         found = self.site.stations[station].batch
@@ -356,8 +351,8 @@ class SiteMember:
                 return f"station {name} is not received"
             if self.show_of(name) not in ON_THE_GROUND:
                 return f"at station {name} the show is {self.show_of(name)}"
-            if self._info[name].why_not_ready:
-                return f"station {name}: {self._info[name].why_not_ready}"
+            if self.texts[name].why_not_ready:
+                return f"station {name}: {self.texts[name].why_not_ready}"
         return ""
 
     def ids_of(self, station: str, *phases: Phase) -> list[VehicleId]:
@@ -369,7 +364,7 @@ class SiteMember:
 
     def excluded(self, station: str) -> Collection[VehicleId]:
         """Vehicles on the ground that operators of another station have taken out of the show."""
-        return self._info[station].reasons or ()
+        return self.texts[station].reasons or ()
 
     def configured_ids(self, station: str) -> tuple[VehicleId, ...]:
         """Vehicles of a station's own links, whichever station flies them now."""
@@ -377,7 +372,7 @@ class SiteMember:
 
     def offering(self, offer: Offer) -> list[str]:
         """Other stations that offer this for an interrupted flight of theirs."""
-        return [name for name in self.present() if offer in self._info[name].offers]
+        return [name for name in self.present() if offer in self.texts[name].offers]
 
     @property
     def taking_part(self) -> Mask:
@@ -663,85 +658,3 @@ class SiteMember:
             self._plan_version,
             self._return_s,
         )
-
-    # displays
-
-    def views(self) -> tuple[StationView, ...]:
-        """Every station of the site, in its order."""
-        site, now_s = self.site, self.flight.fleet.time_s
-        here = set(self.present())
-        owners = site.owners
-        found = []
-        for number, name in enumerate(site.names):
-            own = name == site.own
-            station = None if own else site.stations[name]
-            silent_s = 0.0 if station is None else now_s - station.arrived_s
-            found.append(
-                StationView(
-                    name,
-                    own=own,
-                    leads=name == site.lead.name,
-                    received=own or name in here,
-                    silent_s=silent_s if np.isfinite(silent_s) else None,
-                    show=self.flight.show if own else self.show_of(name),
-                    vehicles=int(site.owned.sum()) if own else owners.count(name),
-                    delay_s=0.0 if own else site.delays.one_way_s(number),
-                    term=site.lead.term,
-                    offers=self.offers if own else self._info[name].offers,
-                )
-            )
-        return tuple(found)
-
-    def bus_view(self) -> BusView:
-        """Totals of this station's bus."""
-        counters = self.bus.counters
-        refused = counters.refused + self.site.refused
-        return BusView(counters.sent, counters.sent_bytes, counters.received, refused)
-
-    @property
-    def show(self) -> ShowPhase:
-        """Phase of the whole show: that of a received station, where this one's vehicles are down already."""
-        own = self.flight.show
-        if own not in ON_THE_GROUND:
-            return own
-        shows = [self.show_of(name) for name in self.present()]
-        return next((show for show in shows if show not in ON_THE_GROUND), own)
-
-    def reasons(self) -> list[str]:
-        """(k,) why each vehicle of the other stations has its phase; the same list until that changes."""
-        site, here = self.site, self.present()
-        infos = tuple(self._info.values())  # replaced, never changed
-        state = (site.phases.tobytes(), site.owner.tobytes(), tuple(here), infos)
-        if state != self._reasons_of:
-            self._reasons_of, self._reasons = state, self._reasons_now(frozenset(here))
-        return self._reasons
-
-    def _reasons_now(self, here: frozenset[str]) -> list[str]:
-        site = self.site
-        usual = [
-            (f"flown by station {name}", "on the ground")
-            if name in here or name == site.own
-            else (f"station {name} is not received",) * 2
-            for name in site.names
-        ]
-        usual.append(("not received yet",) * 2)
-        grounded, explained = _GROUNDED[site.phases], _EXPLAINED[site.phases]
-        reasons: list[str] = np.array(usual, object)[site.owner, grounded.astype(np.intp)].tolist()
-        owners = site.owners
-        for row in np.flatnonzero(explained).tolist():
-            info = self._info.get(owners[row])
-            if info is not None and info.reasons is not None:
-                reasons[row] = info.reasons.get(site.ids[row]) or reasons[row]
-        return reasons
-
-    def columns(self) -> dict[str, list[Any]]:
-        """Per vehicle of the other stations: names, links, phases and reasons, for displays."""
-        return {
-            "ids": list(self.site.ids),
-            "system_ids": self._system_ids,
-            "links": self._links,
-            "autopilots": self._autopilots,
-            "stations": self.site.owners,
-            "phases": _PHASES[self.site.phases].tolist(),
-            "reasons": self.reasons(),
-        }

@@ -1,0 +1,171 @@
+"""What displays and the record get of a whole site: the own vehicles, then those of the other stations."""
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.config.schema import Config
+from gcs.control import Tick
+from gcs.flight.site_member import EXPLAINED, SiteMember
+from gcs.flight.snapshots import finite
+from gcs.model.lifecycle import GROUNDED, Phase
+from gcs.model.state import Landed
+from gcs.recording.mcap_layout import packed_state
+from gcs.recording.sample import Elsewhere
+from gcs.service import BusView, FleetView, StationView
+from gcs.service.vehicle_table import VehicleTable
+from gcs.stations.messages import MODES, PHASES
+
+_PHASES: Final = np.array([*PHASES], object)
+_GROUNDED: Final = np.array([phase in GROUNDED for phase in PHASES])
+_EXPLAINED: Final = np.array([phase in EXPLAINED | {Phase.STANDBY} for phase in PHASES])  # or excluded
+"""By the number of a phase on the wire."""
+
+
+class SiteDisplay:
+    """Shows one station's knowledge of the site. Used on the event loop only."""
+
+    def __init__(self, member: SiteMember, site_config: Config) -> None:
+        self._member, ids = member, member.site.ids
+        system_ids = {one.id: one.system_id for one in site_config.fleet}
+        link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
+        autopilots = site_config.autopilots
+        self._system_ids = [system_ids[name] for name in ids]  # (k,) of the others' vehicles
+        self._links = [link_of[name] for name in ids]
+        self._autopilots = [autopilots[name] for name in ids]
+        self._reasons: list[str] = []  # of the others' vehicles
+        self._reasons_of: tuple[object, ...] = ()  # what decided them
+
+    def stations(self) -> tuple[StationView, ...]:
+        """Every station of the site, in its order."""
+        member = self._member
+        site, now_s = member.site, member.flight.fleet.time_s
+        here = set(member.present())
+        owners = site.owners
+        found = []
+        for number, name in enumerate(site.names):
+            own = name == site.own
+            station = None if own else site.stations[name]
+            silent_s = 0.0 if station is None else now_s - station.arrived_s
+            found.append(
+                StationView(
+                    name,
+                    own=own,
+                    leads=name == site.lead.name,
+                    received=own or name in here,
+                    silent_s=silent_s if np.isfinite(silent_s) else None,
+                    show=member.flight.show if own else member.show_of(name),
+                    vehicles=int(site.owned.sum()) if own else owners.count(name),
+                    delay_s=0.0 if own else site.delays.one_way_s(number),
+                    term=site.lead.term,
+                    offers=member.offers if own else member.texts[name].offers,
+                )
+            )
+        return tuple(found)
+
+    def whole(self, own: FleetView, result: Tick) -> FleetView:
+        """The same view with the vehicles of all stations; those of silent ones keep their last values."""
+        member = self._member
+        site, others = member.site, member.others
+        rows = own.rows
+        n, k = len(rows.ids), site.count
+        now_s, unknown = own.time_s, np.full(k, np.nan)
+        reported = site.reported(now_s)
+        latitude_deg, longitude_deg, altitude_m = member.flight.config.frame.geodetic(others.position_m)
+        airborne = others.airborne
+        whole = VehicleTable(
+            ids=[*rows.ids, *site.ids],
+            system_ids=[*rows.system_ids, *self._system_ids],
+            links=[*rows.links, *self._links],
+            autopilots=[*rows.autopilots, *self._autopilots],
+            phases=[*rows.phases, *_PHASES[site.phases].tolist()],
+            reasons=[*rows.reasons, *self._reasons_newest()],
+            modes=[*rows.modes, *(MODES[code] for code in reported.modes.tolist())],
+            armed=[*rows.armed, *reported.armed.tolist()],
+            landed=[*rows.landed, *(Landed.IN_AIR if up else Landed.ON_GROUND for up in airborne.tolist())],
+            ready=[*rows.ready, *reported.ready.tolist()],
+            position_m=np.concatenate([rows.position_m, others.position_m]),
+            velocity_m_s=np.concatenate([rows.velocity_m_s, others.velocity_m_s]),
+            setpoint_m_s=np.concatenate([rows.setpoint_m_s, reported.setpoint_m_s]),
+            yaw_rad=np.concatenate([rows.yaw_rad, reported.yaw_rad]),
+            latitude_deg=np.concatenate([rows.latitude_deg, latitude_deg]),
+            longitude_deg=np.concatenate([rows.longitude_deg, longitude_deg]),
+            altitude_amsl_m=np.concatenate([rows.altitude_amsl_m, altitude_m]),
+            battery_remaining=np.concatenate([rows.battery_remaining, reported.battery_remaining]),
+            position_age_s=np.concatenate([rows.position_age_s, reported.age_s]),
+            uncertainty_m=np.concatenate([rows.uncertainty_m, others.uncertainty_m]),
+            heartbeat_age_s=np.concatenate([rows.heartbeat_age_s, reported.age_s]),
+            link_quality=np.concatenate([rows.link_quality, reported.link_quality]),
+            fix_type=np.concatenate([rows.fix_type, unknown]),
+            limited_by=[*rows.limited_by, *[""] * k],
+            colour=np.concatenate([rows.colour, np.zeros((k, 3), np.uint8)]),
+            lit=np.concatenate([rows.lit, np.zeros(k, np.bool_)]),
+            homes_m=[*rows.homes_m, *site.homes_m],
+            stations=[*[site.own] * n, *site.owners],
+        )
+        shown = site.shown
+        table = whole if len(shown) == n + k else whole.of(shown)
+        unknown = np.full(len(shown) - n, np.nan)
+        changed: dict[str, Any] = {"rows": table, "stations": self.stations(), "show": member.show}
+        changed["bus"] = self._bus()
+        changed["minimum_separation_m"] = finite(result.minimum_separation_m)
+        if (found := own.estimates) is not None:  # of the own vehicles only
+            low_s, empty_s = np.append(found.low_s, unknown), np.append(found.empty_s, unknown)
+            changed["estimates"] = replace(found, low_s=low_s, empty_s=empty_s)
+        return replace(own, **changed)
+
+    def recorded(self) -> Elsewhere:
+        """The vehicles of the other stations for the flight data: a fraction of what their view costs."""
+        member = self._member
+        site, others = member.site, member.others
+        reported = site.reported(member.flight.fleet.time_s)
+        columns: dict[str, NDArray[Any]] = {
+            "yaw_rad": reported.yaw_rad,
+            "position_age_s": reported.age_s,
+            "position_uncertainty_m": others.uncertainty_m,
+            "heartbeat_age_s": reported.age_s,
+            "battery_remaining": reported.battery_remaining,
+            "phase": site.phases,
+            "mode": reported.modes,
+            "landed": np.where(others.airborne, Landed.IN_AIR, Landed.ON_GROUND),
+            "armed": reported.armed,
+            "ready": reported.ready,
+        }
+        rows = packed_state(others.position_m, others.velocity_m_s, reported.setpoint_m_s, columns)
+        return Elsewhere(site.ids, rows, self._reasons_newest(), site.shown, member.show)
+
+    def _bus(self) -> BusView:
+        """Totals of this station's bus."""
+        counters = self._member.bus.counters
+        refused = counters.refused + self._member.site.refused
+        return BusView(counters.sent, counters.sent_bytes, counters.received, refused)
+
+    def _reasons_newest(self) -> list[str]:
+        """(k,) why each vehicle of the other stations has its phase; the same list until that changes."""
+        member = self._member
+        site, here = member.site, member.present()
+        infos = tuple(member.texts.values())  # replaced, never changed
+        state = (site.phases.tobytes(), site.owner.tobytes(), tuple(here), infos)
+        if state != self._reasons_of:
+            self._reasons_of, self._reasons = state, self._reasons_now(frozenset(here))
+        return self._reasons
+
+    def _reasons_now(self, here: frozenset[str]) -> list[str]:
+        site, texts = self._member.site, self._member.texts
+        usual = [
+            (f"flown by station {name}", "on the ground")
+            if name in here or name == site.own
+            else (f"station {name} is not received",) * 2
+            for name in site.names
+        ]
+        usual.append(("not received yet",) * 2)
+        grounded, explained = _GROUNDED[site.phases], _EXPLAINED[site.phases]
+        reasons: list[str] = np.array(usual, object)[site.owner, grounded.astype(np.intp)].tolist()
+        owners = site.owners
+        for row in np.flatnonzero(explained).tolist():
+            info = texts.get(owners[row])
+            if info is not None and info.reasons is not None:
+                reasons[row] = info.reasons.get(site.ids[row]) or reasons[row]
+        return reasons
