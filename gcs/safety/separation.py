@@ -50,6 +50,15 @@ class Floor(Settings):
         reserved_m: Array = self.deviations * np.hypot(first_m, second_m)
         return reserved_m
 
+    def standoff_m(self, uncertainty_m: Array) -> Array:
+        """(n,) how far inside the fence vehicles are kept: their part of the margin, and one deviation.
+
+        Args:
+            uncertainty_m: (n,) standard deviations of the positions, sideways.
+        """
+        kept_m: Array = self.margin_m / 2.0 + uncertainty_m
+        return kept_m
+
     def worst_reserve_m(self, uncertainty_m: Array | None = None) -> float:
         """`reserve_m` of the least certain two of (n,); without them, of two that report nothing."""
         if uncertainty_m is None or len(uncertainty_m) == 0:

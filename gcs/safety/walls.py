@@ -12,11 +12,13 @@ from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import (
     DECELERATION,
     ESCAPE,
+    LEAD,
     NO_ROW,
     REACTION,
     Braking,
     Constraints,
     allowed_speed_m_s,
+    along_m_s,
     stopping_speed_m_s,
 )
 from gcs.safety.neighbours import Rows
@@ -38,10 +40,15 @@ def fence_constraints(
     fence: Fence,
     braking: Braking,
     *,
+    velocity_m_s: Array | None = None,
+    standoff_m: Array | None = None,
     response: FleetResponse | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
     """Bound the speed towards the fence to the speed that can still be braked.
+
+    Vehicles follow a bound that falls late, and would swing beyond the fence by a fifth of a metre: the speed
+    towards it that is measured now continues for `braking.lead_s`, as between vehicles.
 
     Args:
         position_m: (n, 3), show frame.
@@ -49,16 +56,23 @@ def fence_constraints(
         descending: (n,) True where a vehicle descends to land and may go below the least height.
         fence: its limits.
         braking: how vehicles stop.
+        velocity_m_s: (n, 3) measured; NaN, and None: at rest.
+        standoff_m: (n,) how far inside the fence each is kept; None: 0.
         response: (n,) in what they differ from that; None: in nothing.
         fastest_m_s: greatest speed of any vehicle, in any direction. Where twice this speed could still be
             braked, there is no constraint: no velocity within the limits breaks it.
     """
+    n = len(position_m)
+    measured_m_s = (
+        np.zeros((n, 3)) if velocity_m_s is None else np.nan_to_num(velocity_m_s, posinf=0.0, neginf=0.0)
+    )
     rows, sides, normal, bound_m_s = _fence_rows(
-        np.array(position_m),
+        (np.array(position_m), measured_m_s),
         np.array(commanded),
         np.array(descending),
         (fence.height_min_m, fence.height_max_m, fence.distance_max_m),
-        braking.of_each(len(position_m), response),
+        np.zeros(n) if standoff_m is None else np.array(standoff_m),
+        braking.of_each(n, response),
         2.0 * fastest_m_s,
     )
     if len(rows) == 0:
@@ -71,21 +85,23 @@ FENCE_REASONS = np.array(["least height", "greatest height", "greatest distance"
 
 @kernel
 def _fence_rows(
-    position_m: Array,
+    motion: tuple[Array, Array],
     commanded: Mask,
     descending: Mask,
     fence: tuple[float, float, float],
+    standoff_m: Array,
     each: Array,
     possible_m_s: float,
 ) -> tuple[Rows, Rows, Array, Array]:
     """Rows (k,), sides of the fence (k,), inward normals (k, 3), bounds (k,) of all that could bind.
 
-    `each` (4, n) is that of `Braking.of_each`.
+    `motion` are positions and velocities (n, 3), `each` (4, n) is that of `Braking.of_each`.
     """
+    position_m, velocity_m_s = motion
     height_min_m, height_max_m, distance_max_m = fence
     most = 3 * len(position_m)
     rows, sides = np.empty(most, np.intp), np.empty(most, np.intp)
-    normal, bound_m_s = np.empty((most, 3)), np.empty(most)
+    normal, bound_m_s = np.zeros((most, 3)), np.empty(most)
     kept = 0
     for i in range(len(position_m)):
         if not commanded[i]:
@@ -95,22 +111,23 @@ def _fence_rows(
         for side in range(3):
             if side == 0 and descending[i]:
                 continue
+            normal[kept, :] = 0.0
             if side == 0:
                 gap_m = height_m - height_min_m
+                normal[kept, 2] = -1.0
             elif side == 1:
                 gap_m = height_max_m - height_m
+                normal[kept, 2] = 1.0
             else:
                 gap_m = distance_max_m - distance_m
+                normal[kept, 0] = -x_m / max(distance_m, 1e-9)
+                normal[kept, 1] = -y_m / max(distance_m, 1e-9)
+            closing_m_s = max(-along_m_s(velocity_m_s, i, normal, kept), 0.0)
+            gap_m -= standoff_m[i] + each[LEAD, i] * closing_m_s
             allowed_m_s = allowed_speed_m_s(gap_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i])
             if not allowed_m_s <= possible_m_s:
                 continue
             rows[kept], sides[kept], bound_m_s[kept] = i, side, -allowed_m_s
-            normal[kept, :] = 0.0
-            if side == 2:
-                normal[kept, 0] = -x_m / max(distance_m, 1e-9)
-                normal[kept, 1] = -y_m / max(distance_m, 1e-9)
-            else:
-                normal[kept, 2] = -1.0 if side == 0 else 1.0
             kept += 1
     return rows[:kept], sides[:kept], normal[:kept], bound_m_s[:kept]
 

@@ -5,8 +5,6 @@ import pytest
 from tests.support.braking_worlds import flown
 
 USUAL, WORLDS = 4, 200
-TOLERANCE_M = 0.25
-"""Beyond a wall by no more than this: what is measured and flown late, in wind, with lost messages."""
 
 
 @pytest.mark.parametrize(
@@ -15,5 +13,5 @@ TOLERANCE_M = 0.25
     ids=["some", "all"],
 )
 def test_nothing_is_passed_in_random_worlds(seeds: range) -> None:
-    passed = {seed: found for seed in seeds if (found := flown(seed)).worst_m > TOLERANCE_M}
+    passed = {seed: found for seed in seeds if (found := flown(seed)).worst_m > 0.0}
     assert passed == {}

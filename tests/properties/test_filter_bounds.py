@@ -206,13 +206,27 @@ def test_path_is_omitted_only_beyond_twice_the_speed(
 
 
 @CALM
-@given(vectors(3, 350.0), masks(3), masks(3), within(1.0, 9.0))
+@given(vectors(3, 350.0), vectors(3, 8.0), masks(3), masks(3), within(1.0, 9.0), within(0.0, 2.0))
 def test_vehicles_are_kept_off_every_reachable_fence_side(
-    spread: Array, commanded: Mask, descending: Mask, fastest_m_s: float
+    spread: Array,
+    velocity: Array,
+    commanded: Mask,
+    descending: Mask,
+    fastest_m_s: float,
+    standoff_m: float,
 ) -> None:
     position = spread * (1.0, 1.0, 0.2) - (0.0, 0.0, 50.0)
     fence = SAFETY.fence
-    found = fence_constraints(position, commanded, descending, fence, BRAKING, fastest_m_s=fastest_m_s)
+    found = fence_constraints(
+        position,
+        commanded,
+        descending,
+        fence,
+        BRAKING,
+        velocity_m_s=velocity,
+        standoff_m=np.full(3, standoff_m),
+        fastest_m_s=fastest_m_s,
+    )
     reported = []
     for row in np.flatnonzero(commanded).tolist():
         x_m, y_m, height_m = position[row] * (1.0, 1.0, -1.0)
@@ -224,7 +238,9 @@ def test_vehicles_are_kept_off_every_reachable_fence_side(
             ("greatest distance", fence.distance_max_m - away_m, (-x_m / away_m, -y_m / away_m, 0.0)),
         ]
         for reason, gap_m, inward in sides[1:] if descending[row] else sides:
-            if (allowed_m_s := stopping_speed_m_s(gap_m)) <= 2.0 * fastest_m_s:
+            goes_on_m = BRAKING.lead_s * max(0.0, -float(velocity[row] @ inward))
+            allowed_m_s = stopping_speed_m_s(gap_m - standoff_m - goes_on_m)
+            if allowed_m_s <= 2.0 * fastest_m_s:
                 reported.append((row, reason, *inward, -allowed_m_s))
     assert found.first.tolist() == [one[0] for one in reported]
     assert list(found.reason) == [one[1] for one in reported]

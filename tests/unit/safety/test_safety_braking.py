@@ -6,7 +6,7 @@ import pytest
 from gcs.model.errors import ShapeError
 from gcs.safety.constraints import NO_ROW, Constraints
 from gcs.safety.filter import filter_velocities
-from tests.support.safety_world import BRAKING, SETTINGS, half_space, surroundings
+from tests.support.safety_world import BRAKING, FLOOR, SETTINGS, half_space, surroundings
 
 
 def test_the_braking_speed_stops_within_the_gap() -> None:
@@ -69,7 +69,8 @@ def test_vehicle_zero_of_a_pair_counts_like_any_other() -> None:
 
 def test_over_a_slow_link_a_climb_continues() -> None:
     settings = SETTINGS.model_copy(update={"link_delay_s": 0.5})
-    climbing = surroundings(np.array([[0.0, 0.0, -98.0]]), velocity=np.array([[0.0, 0.0, -2.0]]))
+    climbing = surroundings(np.array([[0.0, 0.0, -94.0]]), velocity=np.array([[0.0, 0.0, -2.0]]))
     allowed, _ = filter_velocities(np.array([[0.0, 0.0, -2.5]]), climbing, settings)
     late = BRAKING.over_link(0.5)
-    assert allowed[0, 2] == pytest.approx(-float(late.speed_m_s(np.array([1.0]))[0]), abs=2e-3)
+    gap_m = 5.0 - FLOOR.margin_m / 2.0 - 2.0 * late.lead_s  # at -95 m when the setpoint arrives
+    assert allowed[0, 2] == pytest.approx(-float(late.speed_m_s(np.array([gap_m]))[0]), abs=2e-3)

@@ -57,9 +57,9 @@ def test_nothing_within_limits_exceeds_the_fastest_they_allow() -> None:
 
 @pytest.mark.parametrize(("desired_m_s", "reported"), [(0.1, "least height"), (0.04, "")])
 def test_only_a_noticeable_change_is_reported(desired_m_s: float, reported: str) -> None:
-    # at the least height nothing down is allowed
+    # half of the margin above the least height nothing down is allowed
     _, reasons = filter_velocities(
-        np.array([[0.0, 0.0, desired_m_s]]), surroundings(np.array([[0.0, 0.0, -3.0]])), SETTINGS
+        np.array([[0.0, 0.0, desired_m_s]]), surroundings(np.array([[0.0, 0.0, -3.5]])), SETTINGS
     )
     assert reasons == (reported,)
 

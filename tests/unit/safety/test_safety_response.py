@@ -27,7 +27,7 @@ def allowed(
 
 
 def test_gentle_vehicle_brakes_earlier_at_the_fence() -> None:
-    position = np.array([[294.0, 0.0, -20.0], [0.0, 294.0, -20.0]])
+    position = np.array([[293.5, 0.0, -20.0], [0.0, 293.5, -20.0]])
     outward = FAST_M_S * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     flown = allowed(surroundings(position), outward, [Response(), GENTLE])
     assert flown[0, 0] == pytest.approx(speed_m_s(BRAKING, 6.0), abs=2e-3)
@@ -80,7 +80,7 @@ def test_gentle_pair_is_found_as_far_apart_as_it_needs() -> None:
 
 def test_over_a_late_link_its_stop_begins_a_round_trip_later() -> None:
     late = SETTINGS.model_copy(update={"link_delay_s": 0.2})
-    position = np.array([[294.0, 0.0, -20.0]])
+    position = np.array([[293.5, 0.0, -20.0]])
     flown = allowed(surroundings(position), np.array([[FAST_M_S, 0.0, 0.0]]), [GENTLE], late)
     later = SLOW.model_copy(update={"reaction_s": 1.1})
     assert flown[0, 0] == pytest.approx(speed_m_s(later, 6.0), abs=2e-3)
@@ -88,7 +88,7 @@ def test_over_a_late_link_its_stop_begins_a_round_trip_later() -> None:
 
 def test_braking_harder_than_configured_earns_nothing() -> None:
     hard = Response(acceleration_m_s2=5.0, swings_s=0.1)
-    position = np.array([[294.0, 0.0, -20.0]])
+    position = np.array([[293.5, 0.0, -20.0]])
     flown = allowed(surroundings(position), np.array([[FAST_M_S, 0.0, 0.0]]), [hard])
     assert flown[0, 0] == pytest.approx(speed_m_s(BRAKING, 6.0), abs=2e-3)
 

@@ -1,5 +1,6 @@
 """The fence and obstacles, against numbers computed by hand."""
 
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -12,7 +13,8 @@ from tests.support.safety_world import BOX, BRAKING, FENCE, SETTINGS, filtered, 
 
 
 def test_fence_brakes_descent_climb_and_departure() -> None:
-    position = np.array([[0.0, 0.0, -3.5], [0.0, 0.0, -99.0], [299.0, 0.0, -20.0]])
+    """Vehicles are kept half of the floor's margin inside, 0.5 m."""
+    position = np.array([[0.0, 0.0, -4.0], [0.0, 0.0, -98.5], [298.5, 0.0, -20.0]])
     desired = np.array([[0.0, 0.0, 1.4], [0.0, 0.0, -2.5], [5.0, 0.0, 0.0]])
     allowed = filtered(desired, surroundings(position))
     half, one = BRAKING.speed_m_s(np.array([0.5, 1.0])).tolist()
@@ -21,8 +23,29 @@ def test_fence_brakes_descent_climb_and_departure() -> None:
     assert allowed[2, 0] == pytest.approx(one, abs=2e-3)
 
 
+def test_speed_towards_the_fence_goes_on_at_first() -> None:
+    position = np.array([[0.0, 0.0, -7.0], [0.0, 0.0, -95.0], [290.0, 0.0, -50.0], [0.0, 290.0, -50.0]])
+    velocity = np.array([[0.5, 0.0, 1.0], [0.0, 0.5, -2.0], [3.0, 1.0, 0.0], [0.0, -3.0, np.nan]])
+    everyone = np.ones(4, bool)
+    braking = BRAKING.model_copy(update={"lead_s": 0.6})
+    found = fence_constraints(
+        position, everyone, ~everyone, FENCE, braking, velocity_m_s=velocity, fastest_m_s=3.5
+    )
+    assert found.first.tolist() == [0, 1, 2, 3]
+    gaps_m = np.array([4.0 - 0.6 * 1.0, 5.0 - 0.6 * 2.0, 10.0 - 0.6 * 3.0, 10.0])  # the last flies inwards
+    assert found.bound_m_s == pytest.approx(-BRAKING.speed_m_s(gaps_m))
+
+
+def test_the_fence_keeps_uncertain_vehicles_farther_inside() -> None:
+    position = np.array([[295.0, 0.0, -20.0], [-295.0, 0.0, -20.0]])
+    here = replace(surroundings(position), uncertainty_m=np.array([0.1, 1.5]))
+    allowed = filtered(np.array([[8.0, 0.0, 0.0], [-8.0, 0.0, 0.0]]), here)
+    certain, uncertain = BRAKING.speed_m_s(5.0 - 0.5 - np.array([0.1, 1.5])).tolist()
+    assert allowed[:, 0] == pytest.approx([certain, -uncertain], abs=2e-3)
+
+
 def test_below_least_height_it_climbs_unless_it_descends() -> None:
-    low = np.array([[0.0, 0.0, -2.0]])
+    low = np.array([[0.0, 0.0, -2.5]])
     sinking = np.array([[0.0, 0.0, 1.0]])
     assert filtered(sinking, surroundings(low))[0, 2] == pytest.approx(-0.5, abs=2e-3)
     assert filtered(sinking, surroundings(low, descending=True))[0, 2] == 1.0
@@ -93,7 +116,7 @@ def test_single_wall_is_applied() -> None:
         update={"fence": Fence(height_min_m=3.0, height_max_m=1e4, distance_max_m=1e4)}
     )
     allowed, _ = filter_velocities(
-        np.array([[0.0, 0.0, 1.4]]), surroundings(np.array([[0.0, 0.0, -3.2]])), wide
+        np.array([[0.0, 0.0, 1.4]]), surroundings(np.array([[0.0, 0.0, -3.7]])), wide
     )
     assert allowed[0, 2] == pytest.approx(float(BRAKING.speed_m_s(np.array([0.2]))[0]), abs=2e-3)
 
