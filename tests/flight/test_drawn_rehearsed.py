@@ -147,6 +147,27 @@ def test_a_vehicle_lost_after_the_cue_is_not_replaced(spared: LoadedShow) -> Non
     assert f"no spare takes the place of {verdict.lost[0]}" in table(verdict)
 
 
+def test_loss_of_the_station_is_predicted_as_it_would_be_flown(rings: LoadedShow) -> None:
+    """Seven of eight vehicles lose their links at a time for which one action is predicted to be unsafe."""
+    flight = Rehearsal(rings, QUIET, 3)
+    flight.fly()
+    hold, returns, land = judge(flight).station_loss
+    assert (hold.action, returns.action, land.action) == ("hold", "return", "land")
+    assert min(each.moments for each in (hold, returns, land)) >= 8
+    assert land.unsafe > 0, "one ring is above the other"
+    assert land.at_s is not None
+    at_s = land.at_s + (flight.began_s or 0.0)
+    assert min(lost_at(rings, at_s, 0.87, "land").record.closest_m) < flight.record.floor_m
+    text = table(judge(flight))
+    assert (
+        f"land or descend: {land.pairs} pairs below the floor, at {land.unsafe} of {land.moments} moments"
+        in text
+    )
+    assert hold.closest is None
+    assert "hold: all stay apart" in text
+    assert min(lost_at(rings, at_s, 0.87, "hold").record.closest_m) >= flight.record.floor_m
+
+
 def test_an_obstacle_on_a_vehicle_is_reported(rings: LoadedShow) -> None:
     x_m, y_m, _ = rings.show.pads_m[0].tolist()
     wall = Box(x_m=x_m, y_m=y_m, half_length_x_m=1.0, half_length_y_m=1.0, height_m=9.0)
