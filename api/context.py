@@ -117,7 +117,7 @@ class Context:
         self.ground, self.frame = ground, service.frame
         self.authorization = authorization
         self.kill_switch = KillSwitch()
-        self.drawings = Drawings(service.frame)
+        self.drawings = Drawings(service.frame, lambda: self.view.show)
         self.feed = Feed(service, authorization.text, self.health_problem, ground)
         self.emergency_port: int | None = None  # of the emergency listener, once it listens
         self._text = ""

@@ -1,13 +1,13 @@
 """Imports, samples and places drawings for requests.
 
-The work is done by `gcs show` in low-priority subprocesses of the API's, so that control parses no uploaded
-file, and sends no preview.
+The work is done by `gcs show` in subprocesses of the API's, so that control parses no uploaded file and sends
+no preview. They have a low priority while anything flies.
 """
 
 import asyncio
 import json
 import tempfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -20,9 +20,9 @@ from starlette.requests import ClientDisconnect, Request
 
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.frames import ShowFrame
-from gcs.model.lifecycle import Phase
+from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
 from gcs.service import DRAWING_MAX_BYTES, Shows
-from gcs.service.check_process import LOWER, EndedError, printed
+from gcs.service.check_process import LOWER, USUAL, EndedError, printed
 from gcs.service.vehicle_table import VehicleTable
 
 WAITING_MAX: Final = 4
@@ -60,10 +60,11 @@ class Place:
 class Drawings:
     """The drawings' work of one app. Use it only on the event loop."""
 
-    def __init__(self, frame: ShowFrame) -> None:
-        """`frame` is the service's, for drawings that name no place on Earth."""
+    def __init__(self, frame: ShowFrame, phase: Callable[[], ShowPhase]) -> None:
+        """`frame` is the service's, for drawings that name no place on Earth; `phase` is the show's now."""
         origin = frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg
         self._origin = ",".join(map(str, origin))
+        self._phase = phase
         self._turn = asyncio.Lock()
         self._waiting = 0
 
@@ -90,7 +91,7 @@ class Drawings:
         target = str(given.with_suffix(".yaml"))
         arguments = "show", "import", str(given), "-o", target, f"{option}={self._origin}", "--json"
         try:
-            found: dict[str, Any] = json.loads(await _printed(arguments))
+            found: dict[str, Any] = json.loads(await self._printed(arguments))
         except EndedError as ended:
             words = ended.words.replace(f"{given.parent}/", "")
             raise InvalidError("body", given.name, words) from None
@@ -102,7 +103,7 @@ class Drawings:
         arguments = "show", "sample", str(show), f"--from={from_s}", *until, f"--rate={rate_hz}", "--json"
         try:
             async with self._place(), self._turn:
-                return await _printed(arguments)
+                return await self._printed(arguments)
         except EndedError as ended:
             raise RefusedError(ended.words.replace(f"{show.parent}/", "")) from None
 
@@ -134,7 +135,7 @@ class Drawings:
             try:
                 async with self._place(), self._turn:
                     found: dict[str, Any] = json.loads(
-                        await _printed(("show", "place", str(place.show), *options))
+                        await self._printed(("show", "place", str(place.show), *options))
                     )
             except EndedError as ended:
                 raise RefusedError(ended.words.replace(f"{place.show.parent}/", "")) from None
@@ -152,6 +153,17 @@ class Drawings:
         finally:
             self._waiting -= 1
 
+    async def _printed(self, arguments: tuple[str, ...]) -> bytes:
+        """Raises: EndedError when the command fails; RefusedError for all other failures."""
+        priority = USUAL if self._phase() in ON_THE_GROUND else LOWER
+        try:
+            return await printed(arguments, WORK_S, priority, codes=(0,), answer_max_bytes=SAMPLES_MAX_BYTES)
+        except TimeoutError:
+            raise RefusedError(f"the drawing was not read within {WORK_S:g} s: try again") from None
+        except OSError as error:
+            words = f"no process could be started to read the drawing: {error.strerror}"
+            raise RefusedError(words) from None
+
 
 def _on_the_ground(rows: VehicleTable) -> dict[str, list[float] | None]:
     """Return where vehicles stand, by name, in the fleet's order; None: not on the ground, or not known."""
@@ -159,16 +171,6 @@ def _on_the_ground(rows: VehicleTable) -> dict[str, list[float] | None]:
         name: place_m if phase is Phase.STANDBY and all(map(isfinite, place_m)) else None
         for name, phase, place_m in zip(rows.ids, rows.phases, rows.position_m[:, :2].tolist(), strict=True)
     }
-
-
-async def _printed(arguments: tuple[str, ...]) -> bytes:
-    """Raises: EndedError when the command fails; RefusedError for all other failures."""
-    try:
-        return await printed(arguments, WORK_S, LOWER, codes=(0,), answer_max_bytes=SAMPLES_MAX_BYTES)
-    except TimeoutError:
-        raise RefusedError(f"the drawing was not read within {WORK_S:g} s: try again") from None
-    except OSError as error:
-        raise RefusedError(f"no process could be started to read the drawing: {error.strerror}") from None
 
 
 async def _received(request: Request, given: Path) -> None:

@@ -57,7 +57,7 @@ class ShowRun:
     )
     lags_reported: bool = False
     spares: tuple[VehicleId, ...] = ()  # on the ground, in the fleet's order
-    _arriving: set[VehicleId] = field(default_factory=set)  # spares that are not at their trajectories yet
+    arriving: set[VehicleId] = field(default_factory=set)  # spares that are not at their trajectories yet
     tempo: Tempo = Tempo()  # of the clock beside the pace: a timecode changes it
     begun: bool = False  # its clock has run since the start
     begins_s: float | None = None  # the tick's time from which the clock runs, once it runs; None: at once
@@ -80,6 +80,10 @@ class ShowRun:
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         return tuple({box: None for _, standing in self.timeline.obstacles for box in standing})
+
+    def show_s(self, now_s: float) -> float:
+        """The show's own time, within the show."""
+        return min(max(self.clock.show_s(now_s), 0.0), self.timeline.duration_s)
 
     @property
     def rate(self) -> float:
@@ -115,19 +119,19 @@ class ShowRun:
             return False
         cue = named.spares.before_cue
         begins_s = min(one.at_s for one in self.timeline.played if one.cue.cue == cue)
-        return self._within(now_s) < begins_s
+        return self.show_s(now_s) < begins_s
 
     def replace(self, lost: VehicleId, spare: VehicleId) -> None:
         """Give the part of a vehicle to a spare one."""
         self.spares = tuple(name for name in self.spares if name != spare)
         self.parts[spare] = self.parts.pop(lost)
-        self._arriving.add(spare)
+        self.arriving.add(spare)
 
     def give_back(self, spare: VehicleId, lost: VehicleId) -> None:
         """Take the part from a spare vehicle that did not take off; it is no spare any more."""
         if spare in self.parts:
             self.parts[lost] = self.parts.pop(spare)
-        self._arriving.discard(spare)
+        self.arriving.discard(spare)
 
     def assign(self, chosen: Sequence[VehicleId], start_m: Array) -> None:
         """Give each vehicle its part: its trajectory and its light.
@@ -160,7 +164,7 @@ class ShowRun:
             assembling: the vehicles are on the way to where the show begins, or goes on.
             leads: False: clock, pace and tempo are those of another station.
         """
-        named, motion = self.timeline.show.drawing, self.timeline.motion_at(self._within(now_s))
+        named, motion = self.timeline.show.drawing, self.timeline.motion_at(self.show_s(now_s))
         before_s, self._followed_s = self._followed_s, now_s
         dt_s = 0.0 if before_s is None else min(now_s - before_s, LONGEST_STEP_S)
         if named is None or motion is None:
@@ -198,7 +202,7 @@ class ShowRun:
 
     def _make_goals(self, part: NDArray[np.intp], motion: Motion, now_s: float) -> None:
         """Make the goals of vehicles with these parts (n,), -1: none; `motion` holds outside the drawing."""
-        rows, show_s = np.flatnonzero(part >= 0), self._within(now_s)
+        rows, show_s = np.flatnonzero(part >= 0), self.show_s(now_s)
         motion, yaw_rad = self.timeline.motion_at(show_s) or motion, self.timeline.yaw_at(show_s)
         yaw_rad = None if yaw_rad is None else yaw_rad[part[rows]]
         pace, tempo = self.pace, self.tempo
@@ -208,12 +212,12 @@ class ShowRun:
 
     def _tracked_m(self, vehicle_ids: Sequence[VehicleId], off_m: Array, there_m: float) -> Array:
         """(n,) Distances that count as track errors: not those of spares on their way."""
-        if not self._arriving:
+        if not self.arriving:
             return off_m
-        self._arriving -= {
+        self.arriving -= {
             name for name, off in zip(vehicle_ids, off_m.tolist(), strict=True) if off < there_m
         }
-        on_the_way = np.array([name in self._arriving for name in vehicle_ids], dtype=np.bool_)
+        on_the_way = np.array([name in self.arriving for name in vehicle_ids], dtype=np.bool_)
         return np.where(on_the_way, np.nan, off_m)
 
     def follow(self, phase: ShowPhase, now_s: float) -> None:
@@ -230,13 +234,13 @@ class ShowRun:
             self.tempo, self.begun, self.begin = Tempo(), False, None
 
     def is_live(self, now_s: float) -> bool:
-        return isinstance(self.timeline.leg_at(self._within(now_s)), Live)
+        return isinstance(self.timeline.leg_at(self.show_s(now_s)), Live)
 
     def is_over(self, now_s: float) -> bool:
         return self.clock.ended(self.timeline, now_s)
 
     def cue(self, now_s: float) -> str:
-        return self.timeline.cue_at(self._within(now_s)).cue.cue
+        return self.timeline.cue_at(self.show_s(now_s)).cue.cue
 
     def desired(self, now_s: float) -> Plan:
         """Return the show's plan at this time, with all its obstacles. Target times are the tick's."""
@@ -267,7 +271,7 @@ class ShowRun:
         part = np.array([self.parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
         lit = part >= 0
         colour = np.zeros((len(vehicle_ids), 3), np.uint8)
-        colour[lit] = self.timeline.colours_at(self._within(now_s))[part[lit]]
+        colour[lit] = self.timeline.colours_at(self.show_s(now_s))[part[lit]]
         return colour, lit
 
     def view(self, now_s: float) -> SelectedShow:
@@ -276,7 +280,7 @@ class ShowRun:
             hash=self.hash,
             cue=self.cue(now_s),
             cues=tuple(dict.fromkeys(one.cue.cue for one in self.timeline.played)),
-            clock_s=self._within(now_s),
+            clock_s=self.show_s(now_s),
             duration_s=self.timeline.duration_s,
             runs=self.clock.runs,
             target_is_live=self.is_live(now_s),
@@ -286,6 +290,3 @@ class ShowRun:
             spares=self.spares,
             begin=self.begin,
         )
-
-    def _within(self, now_s: float) -> float:
-        return min(max(self.clock.show_s(now_s), 0.0), self.timeline.duration_s)

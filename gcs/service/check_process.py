@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from gcs.model.errors import RefusedError
 
-LOWEST, LOWER = 19, 10
-"""Priorities beside a flight of what takes minutes, and of what takes seconds or where no vehicle flies."""
+LOWEST, LOWER, USUAL = 19, 10, 0
+"""Priorities beside a flight of what takes minutes and of what takes seconds, and where no vehicle flies."""
 
 WORDS: Final = 300
 

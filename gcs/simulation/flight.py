@@ -312,7 +312,9 @@ class SimulatedFlight:
         here_m = self.world.received_m
         if begin:
             self.record.changed_s = self.time_s
-            flying = self.present & ~self.losses.known & np.isnan(self._site_m[:, 0])
+            flying = self.present & self.world.in_air & ~self.losses.known & np.isnan(self._site_m[:, 0])
+            if not flying.any():
+                return
             self.task[flying] = Task.GOAL
             self._returning = rows = np.flatnonzero(flying)
             self.record.goal_m = self._return_places_m(rows, takeoff_height_m)

@@ -1,20 +1,23 @@
 """Flies a show in virtual time: hover, assembly, timeline, return."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import hypot
 
 import numpy as np
 
 from gcs.control import Task, Tasks
-from gcs.control.inputs import DrawnGoals
 from gcs.failsafe.policy import Action, Cause, FailsafePolicy
 from gcs.flight.fleet import stands
+from gcs.flight.maneuvers import UP_SHARE
+from gcs.flight.running_show import Seen, ShowRun
+from gcs.flight.spares import climb_is_free, replacements
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask, VehicleId
+from gcs.planning.return_paths.planner import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
-from gcs.shows.following import DrawnPace, TrackErrors, assigned
+from gcs.shows.following import TrackErrors, assigned
 from gcs.simulation.flight import SimulatedFlight
 from gcs.simulation.scenario import Adversity, Box, FormationFlight, Judged, Scenario, Wind, World
 
@@ -31,9 +34,24 @@ HOME_IN_S = 30.0
 REPORT_S = 1.0
 """Virtual time between two reports of progress."""
 
+TAKEOFF_M_S = 1.5
+"""MPC_TKO_SPEED."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replacement:
+    """A spare that takes off for a lost vehicle."""
+
+    lost: int  # rows
+    spare: int
+    tick: int  # in which it takes off
+
 
 class Rehearsal(SimulatedFlight):
-    """One flight of a show; `flaws` has the problems that occurred."""
+    """One flight of a show; `flaws` has the problems that occurred.
+
+    Where vehicles are lost, the show's spares stand on their places: rows after those of its vehicles.
+    """
 
     def __init__(
         self,
@@ -56,44 +74,32 @@ class Rehearsal(SimulatedFlight):
         self._on_progress, self._report_at_s = on_progress, 0.0
         show, timeline = loaded.show, loaded.timeline
         self.loaded, self.timeline = loaded, timeline
+        count = show.fleet.vehicles
+        places_m = show.start_places_m if adversity.loss.share else show.pads_m
         self.show_s: list[float] = []  # the show's time at every tick, below 0 before it began
-        self.errors = TrackErrors.none(show.fleet.vehicles)  # true ones, in drawn parts
+        self.errors = TrackErrors.none(len(places_m))  # true ones, in drawn parts
         self.off_m: list[Array] = []  # (n,) of each tick, likewise; NaN where no drawn part ran
-        self._pace, self._clock_s = DrawnPace(), 0.0
-        self._goals: DrawnGoals | None = None
         self.began_s: float | None = None  # when the sphere stood and the show's clock started
         self.ended_s: float | None = None  # when the return began
         self.flaws: list[Flaw] = []
         self._refused: set[str] = set()
         self._named = 0  # failsafes that acted, and are among the flaws
         first = timeline.plan_at(0.0)
-        flight = FormationFlight(
-            kind="formation",
-            radius_m=first.formation.radius_m,
-            height_m=first.formation.height_m,
-            law=first.formation.law,
-            takeoff_height_m=show.fleet.takeoff_height_m,
-            loss=adversity.loss,
-        )
-        scenario = Scenario(
-            name=loaded.name,
-            about=show.about,
-            duration_s=ASSEMBLED_BY_S + timeline.duration_s + HOME_BY_S,
-            flight=flight,
-            judged=Judged(vehicles=(show.fleet.vehicles,)),
-            world=world,
-            control=show.control,
-            failsafes=FailsafePolicy(),
-        )
-        start_m = show.pads_m - (0.0, 0.0, show.fleet.takeoff_height_m)
+        scenario = _scenario(loaded, world, adversity, first, spares=len(places_m) - count)
+        start_m = places_m.copy()
+        start_m[:count, 2] -= show.fleet.takeoff_height_m
         super().__init__(scenario, start_m, np.full_like(start_m, np.nan), first, seed)
-        self.task[:] = Task.FORMATION
+        self.stands_by = np.arange(len(start_m)) >= count  # (n,) spares on the ground
+        self.replaced: list[Replacement] = []
+        self.world.stand(self.stands_by)
+        self.task[~self.stands_by] = Task.FORMATION
         self._unknown: tuple[Obstacle, ...] = ()  # obstacles that are not the show's
         self._stand(adversity.boxes)
-        self.trajectory_of = np.arange(show.fleet.vehicles)  # (n,) row of each vehicle's trajectory
-        if loaded.drawing is not None and show.drawing is not None and show.drawing.pads == "nearest":
-            first_m = loaded.drawing.trajectories.at(timeline.parts[0].from_s).position_m
-            self.trajectory_of = assigned(start_m, first_m)
+        ids = self.world.ids
+        self.run = ShowRun(loaded.name, timeline, spares=ids[count:])
+        self.run.assign(ids[:count], start_m[:count])
+        self.trajectory_of = np.full(len(start_m), -1)  # (n,) row of each vehicle's trajectory, -1: none yet
+        self.trajectory_of[:count] = [self.run.parts[name] for name in ids[:count]]
 
     def _stand(self, boxes: Sequence[Box]) -> None:
         """Have obstacles stand that the show does not know of; one in the way of a vehicle is a flaw."""
@@ -119,15 +125,15 @@ class Rehearsal(SimulatedFlight):
             words = f"failsafe '{cause}' acts {when_s:.0f} s after the assembly began: {action}"
             self.flaws.append(Flaw(("timeline", 0), words))
         self._named = len(self.record.failsafes)
-        if self.began_s is None:
-            self._assemble()
-        elif self.ended_s is None and not self._follow(self._clock_s):
-            self._clock_s += self.world.tick_s
+        if self.ended_s is None:
+            self._replace_lost()
+            leads = self._follow()
+            if self.began_s is None:
+                self._assemble(leads)
         if self.began_s is not None and self.ended_s is None:
-            self._play(self._clock_s)
-        self.show_s.append(-1.0 if self.began_s is None else self._clock_s)
+            self._play()
+        self.show_s.append(-1.0 if self.began_s is None else self.run.show_s(self.time_s))
         if self.ended_s is not None:
-            self._goals = None
             begin = self.center_moves
             self.center_moves = False
             if begin:
@@ -135,9 +141,9 @@ class Rehearsal(SimulatedFlight):
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
 
     def led(self, tasks: Tasks) -> Tasks:
-        if self._goals is None:
+        if self.run.goals is None or self.ended_s is not None:
             return tasks
-        return tasks.led_by(self._goals, moves=not self._pace.approaches)
+        return tasks.led_by(self.run.goals, moves=not self.run.pace.approaches)
 
     def _exchange_pads(self) -> None:
         """Assign the pads anew, as in flight, if the show says so and lost vehicles do not fly to theirs."""
@@ -148,31 +154,48 @@ class Rehearsal(SimulatedFlight):
         self.pads_m = self.world.home_m.copy()
         self.pads_m[rows] = self.pads_m[rows][assigned(self.world.received_m[rows], self.pads_m[rows])]
 
-    def _follow(self, show_s: float) -> bool:
+    def _replace_lost(self) -> None:
+        """Have spares take off for lost vehicles, by the rules of the flight, and join once they are up."""
+        ids, row_of, fleet = self.world.ids, self.world.row_of, self.loaded.show.fleet
+        lost, in_air = [ids[row] for row in np.flatnonzero(self.losses.known)], self.world.in_air.copy()
+
+        def may_climb(name: VehicleId) -> bool:
+            return self._may_climb(row_of[name], in_air)
+
+        for gone, spare in replacements(self.run, self.time_s, lost, may_climb):
+            row = row_of[spare]
+            self.replaced.append(Replacement(row_of[gone], row, len(self.show_s)))
+            self.trajectory_of[row] = self.run.parts[spare]
+            self.world.take_off(np.arange(len(in_air)) == row, TAKEOFF_M_S)
+        up = -self.world.received_m[:, 2] >= UP_SHARE * fleet.takeoff_height_m
+        joins = self.stands_by & self.world.in_air & up
+        self.task[joins] = Task.FORMATION
+        self.stands_by = self.stands_by & ~joins
+
+    def _may_climb(self, row: int, in_air: Mask) -> bool:
+        here_m, height_m = self.world.received_m, self.loaded.show.fleet.takeoff_height_m
+        losses, uncertainty_m = self.losses, np.array(self.traits.uncertainty_m)
+        closed = losses.segments_m, uncertainty_m[losses.segments_of]
+        place_m, own_m = here_m[row : row + 1], uncertainty_m[row : row + 1]
+        free = climb_is_free(here_m[row], here_m[in_air], height_m)
+        return free and not bool(closed_places(place_m, height_m, self.floor, own_m, closed)[0])
+
+    def _follow(self) -> bool:
         """Have the drawing lead, and the clock run as vehicles keep up. Returns: False if the law leads."""
-        drawing, motion, dt_s = self.loaded.show.drawing, self.timeline.motion_at(show_s), self.world.tick_s
+        run, world = self.run, self.world
+        flies, assembling = (self.task == Task.FORMATION) & self.present, self.began_s is None
+        seen = Seen(world.ids, world.received_m, flies, len(flies))
+        run.follow_drawing(seen, self.time_s, assembling=assembling)
         off_m = np.full(len(self.task), np.nan)
-        if drawing is None or motion is None:
-            self._pace, self._goals = DrawnPace(), None
-            self.off_m.append(off_m)
-            return False
-        motion = motion.of(self.trajectory_of)
-        flies = (self.task == Task.FORMATION) & self.present
-        away_m = np.linalg.norm(self.world.received_m - motion.position_m, axis=1)
-        self._pace = self._pace.step(motion, np.where(flies, away_m, np.nan), dt_s, drawing)
-        self._clock_s += self._pace.rate * dt_s
-        moved = self.timeline.motion_at(self._clock_s)
-        motion = motion if moved is None else moved.of(self.trajectory_of)
-        yaw_rad = self.timeline.yaw_at(self._clock_s)
-        yaw_rad = None if yaw_rad is None else yaw_rad[self.trajectory_of]
-        self._goals = self._pace.goals(motion, np.arange(len(flies)), len(flies), yaw_rad)
-        if not self._pace.approaches:
-            true_m = np.linalg.norm(self.world.position_m - motion.position_m, axis=1)
+        if run.goals is not None and not run.pace.approaches:
+            true_m = np.linalg.norm(world.position_m - run.goals.position_m, axis=1)
             cut = self.losses.rows & (self.time_s >= self.losses.loss.at_s)
-            off_m[flies & ~cut] = true_m[flies & ~cut]
-        self.errors = self.errors.noted(off_m, dt_s)
+            counts = flies & ~cut & ~np.isin(world.ids, list(run.arriving))
+            off_m[counts] = true_m[counts]
+        if run.goals is not None:
+            self.errors = self.errors.noted(off_m, world.tick_s)
         self.off_m.append(off_m)
-        return True
+        return run.goals is not None
 
     def return_now(self) -> None:
         if self.ended_s is None:
@@ -185,7 +208,7 @@ class Rehearsal(SimulatedFlight):
         if self.began_s is None:
             done_s = min(self.time_s, ASSEMBLED_IN_S)
         elif self.ended_s is None:
-            done_s = ASSEMBLED_IN_S + self._clock_s
+            done_s = ASSEMBLED_IN_S + self.run.show_s(self.time_s)
         else:
             done_s = ASSEMBLED_IN_S + timeline_s + min(self.time_s - self.ended_s, HOME_IN_S)
         return done_s / (ASSEMBLED_IN_S + timeline_s + HOME_IN_S)
@@ -193,27 +216,30 @@ class Rehearsal(SimulatedFlight):
     def finished(self) -> bool:
         return self.ended_s is not None and not (self.record.in_air[-1] & ~self.losses.known).any()
 
-    def _assemble(self) -> None:
-        if self._follow(0.0):
-            self.began_s = None if self._pace.approaches else self.time_s
-            self.center_moves = self.began_s is not None
-            return
+    def _assemble(self, drawn: bool) -> None:
+        """Begin the show once its first shape, or the first place of its drawing, is reached."""
         center = self.memory.center
         charge = np.array(self.traits.charge)
-        if center is not None and stands(
+        if drawn:
+            begins = self.run.there
+        elif center is not None and stands(
             self.world.received_m - center.position_m, self.memory.radius_m, charge
         ):
-            self.began_s = self.time_s
-        elif self.time_s > ASSEMBLED_BY_S:
+            begins = True
+        elif begins := self.time_s > ASSEMBLED_BY_S:
             words = f"the sphere does not stand after {ASSEMBLED_BY_S:g} s"
             self.flaws.append(Flaw(("timeline", 0), words))
-            self.began_s = self.time_s
-        self.center_moves = self.began_s is not None
+        if begins:
+            self._begin()
 
-    def _play(self, show_s: float) -> None:
-        plan = self.timeline.plan_at(show_s, clock_s=self.time_s)
-        self.plan = self._with_possible_obstacles(plan, self.timeline.cue_at(show_s))
-        if show_s >= self.timeline.duration_s:
+    def _begin(self) -> None:
+        self.began_s, self.center_moves = self.time_s, True
+        self.run.clock = self.run.clock.run(self.time_s)
+
+    def _play(self) -> None:
+        plan = self.run.desired(self.time_s)
+        self.plan = self._with_possible_obstacles(plan, self.timeline.cue_at(self.run.show_s(self.time_s)))
+        if self.run.is_over(self.time_s):
             self.ended_s = self.time_s
 
     def _with_possible_obstacles(self, plan: Plan, one: Played) -> Plan:
@@ -231,6 +257,32 @@ class Rehearsal(SimulatedFlight):
                 possible.append(box)
         self._refused &= {box.id for box in plan.obstacles}
         return Plan(plan.formation, plan.orbit, plan.target, (*possible, *self._unknown), plan.yaw)
+
+
+def _scenario(
+    loaded: LoadedShow, world: World, adversity: Adversity, first: Plan, *, spares: int
+) -> Scenario:
+    """Return what a simulated flight needs to know of a show that begins with the plan `first`."""
+    show, formation = loaded.show, first.formation
+    flight = FormationFlight(
+        kind="formation",
+        radius_m=formation.radius_m,
+        height_m=formation.height_m,
+        law=formation.law,
+        takeoff_height_m=show.fleet.takeoff_height_m,
+        loss=adversity.loss,
+        join=spares,
+    )
+    return Scenario(
+        name=loaded.name,
+        about=show.about,
+        duration_s=ASSEMBLED_BY_S + loaded.timeline.duration_s + HOME_BY_S,
+        flight=flight,
+        judged=Judged(vehicles=(show.fleet.vehicles,)),
+        world=world,
+        control=show.control,
+        failsafes=FailsafePolicy(),
+    )
 
 
 def rehearse(

@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 
 from gcs.model.errors import Problem
 from gcs.model.plan import Plan
+from gcs.model.state import Array
 from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, examine
 from gcs.simulation.metrics import rounded
 from gcs.simulation.record import penetrations_and_clearance_m
-from gcs.simulation.rehearsal import Rehearsal
-
-TAKEOFF_M_S = 1.5
-"""MPC_TKO_SPEED."""
+from gcs.simulation.rehearsal import TAKEOFF_M_S, Rehearsal, Replacement
+from gcs.simulation.station_loss import StationLoss, described, station_loss
 
 REACHED_M = 1.0
 """Distance from its orbit, or from its place above the target, within which the centre has arrived."""
@@ -44,6 +43,9 @@ class Verdict(ShowFigures):
     track_max_m: float | None = None
     lags: tuple["Lag", ...] = ()  # of every vehicle, the largest first
     lost: tuple[int, ...] = ()  # vehicles of the show, from 1, that the rehearsal lost
+    station_loss: tuple[StationLoss, ...] = ()  # of drawn parts, for each action; a prediction
+    replaced: tuple["Replaced", ...] = ()  # by spares
+    not_replaced: tuple[int, ...] = ()  # lost, in a show that has spares
     penetrations: int | None = None  # vehicles inside an obstacle grown by 1 m; None: there was none
 
 
@@ -59,6 +61,19 @@ class Lag:
     cue: str
 
 
+@dataclass(frozen=True, slots=True)
+class Replaced:
+    """A spare that took the place of a lost vehicle. Vehicles count from 1, the spares after the show's."""
+
+    lost: int
+    spare: int
+    at_s: float  # time of the show when it took off
+    there_s: float | None  # when it was at its trajectory; None: never
+    separation_min_m: (
+        float | None
+    )  # from all others in the air until then, in the floor's metric; None: alone
+
+
 LAG_REPORTED_M, LAGS_NAMED = 0.5, 5
 
 
@@ -68,7 +83,8 @@ def lags(flight: Rehearsal) -> tuple[Lag, ...]:
     if drawing is None:
         return ()
     off_m, found = np.nan_to_num(np.stack(flight.off_m), nan=0.0), []
-    for row in np.argsort(-errors.max_m, kind="stable").tolist():
+    flown = flight.trajectory_of >= 0
+    for row in [row for row in np.argsort(-errors.max_m, kind="stable").tolist() if flown[row]]:
         at_s = flight.show_s[int(off_m[:, row].argmax())]
         name = drawing.vehicles[int(flight.trajectory_of[row])]
         sizes = _short(errors.rms_m[row]), _short(errors.max_m[row])
@@ -96,6 +112,7 @@ class _Judge:
         self._found = list(flight.flaws)
         self._show_s = np.array(flight.show_s)
         self._lost = np.array(flight.losses.rows)  # (n,) which the station cannot command
+        self._joined = np.logical_or.accumulate(np.array(record.formed), axis=0)  # (ticks, n), spares later
 
     def verdict(self) -> Verdict:
         show, timeline = self._loaded.show, self._loaded.timeline
@@ -132,6 +149,8 @@ class _Judge:
             columns=tuple(columns[:COLUMNS_REPORTED]),
             cues=cues,
             lost=tuple(row + 1 for row in np.flatnonzero(self._lost).tolist()),
+            replaced=tuple(map(self._replaced, self._flight.replaced)),
+            not_replaced=self._not_replaced(),
             penetrations=entered,
             **self._drawn(),
         )
@@ -146,7 +165,31 @@ class _Judge:
             "track_rms_m": round(errors.fleet_rms_m, 3),
             "track_max_m": _short(errors.max_m.max()),
             "lags": lags(self._flight),
+            "station_loss": station_loss(self._flight),
         }
+
+    def _replaced(self, one: Replacement) -> Replaced:
+        """Return how a spare took the place of a lost vehicle, and how close it came to the others."""
+        tracked = np.flatnonzero(np.isfinite(np.stack(self._flight.off_m)[:, one.spare]))
+        there = int(tracked[0]) if len(tracked) else None
+        floor, nearest_m = self._flight.floor, np.inf
+        for tick in range(one.tick, len(self._time_s) if there is None else there + 1):
+            others = np.array(self._record.in_air[tick])
+            others[one.spare] = False
+            away_m = (self._position_m[tick, others] - self._position_m[tick, one.spare]) * floor.scale
+            nearest_m = min(nearest_m, float(np.linalg.norm(away_m, axis=1).min(initial=np.inf)))
+        return Replaced(
+            one.lost + 1,
+            one.spare + 1,
+            _short(max(self._show_s[one.tick], 0.0)),
+            None if there is None else _short(self._show_s[there]),
+            _short(nearest_m) if np.isfinite(nearest_m) else None,
+        )
+
+    def _not_replaced(self) -> tuple[int, ...]:
+        replaced = {one.lost for one in self._flight.replaced}
+        rows = np.flatnonzero(self._lost).tolist() if self._flight.run.spares_most else []
+        return tuple(row + 1 for row in rows if row not in replaced)
 
     def _entered(self) -> int | None:
         """Return how many vehicles came inside an obstacle; None: there was none."""
@@ -176,7 +219,7 @@ class _Judge:
             line=self._loaded.source.line("timeline", one.index),
             at_s=_short(one.at_s),
             radius_m=0.0 if drawn else _short(plan.formation.radius_m),
-            height_m=_short(-self._position_m[ticks[-1], :, 2].mean() if drawn else plan.formation.height_m),
+            height_m=_short(-self._flown_m(ticks[-1])[:, 2].mean() if drawn else plan.formation.height_m),
             separation_m=_short(float(self._closest_m[ticks].min())),
             speed_m_s=_short(float(speed_m_s.max())),
             radius_error_m=None if drawn else self._median_radius_error_m(ticks),
@@ -188,8 +231,12 @@ class _Judge:
         return _short(float(np.median([self._radius_error_m(tick) for tick in ticks[::5].tolist()])))
 
     def _radius_error_m(self, tick: int) -> float:
-        offset_m = self._position_m[tick] - self._record.center_m[tick]
+        offset_m = self._flown_m(tick) - self._record.center_m[tick]
         return float(np.abs(np.linalg.norm(offset_m, axis=1) - self._record.radius_m[tick]).max())
+
+    def _flown_m(self, tick: int) -> Array:
+        """(k, 3) True positions of the vehicles that fly with the show, or did."""
+        return np.asarray(self._position_m[tick, self._joined[tick]])
 
     def _off_m(self, tick: int, plan: Plan) -> float:
         """Distance of the centre from its orbit, or from its place above the target."""
@@ -203,7 +250,8 @@ class _Judge:
         ours_m = self._position_m[:, ~self._lost]
         margin_m = fence.distance_max_m - np.hypot(*ours_m[:, :, :2].transpose(2, 0, 1)).max(axis=1)
         height_m = -ours_m[:, :, 2]
-        up_m = np.minimum(fence.height_max_m - height_m, height_m - fence.height_min_m).min(axis=1)
+        up_m = np.minimum(fence.height_max_m - height_m, height_m - fence.height_min_m)
+        up_m = np.where(self._joined[:, ~self._lost], up_m, np.inf).min(axis=1)
         for what, least_m in (("distance", margin_m), ("height", np.where(inside, up_m, np.inf))):
             worst = int(least_m.argmin())
             if least_m[worst] < 0.0:
@@ -235,8 +283,9 @@ class _Judge:
         width_m = column_m(self._flight.settings.safety.floor)
         nearest: dict[tuple[int, int], tuple[float, int]] = {}
         for tick in self._ticks(0.0, self._loaded.timeline.duration_s)[::LOOKED_AT].tolist():
-            pairs, apart_m = overlapping(self._position_m[tick], width_m)
-            for (upper, lower), sideways_m in zip(pairs.tolist(), apart_m.tolist(), strict=True):
+            in_air = np.flatnonzero(self._record.in_air[tick])
+            pairs, apart_m = overlapping(self._position_m[tick, in_air], width_m)
+            for (upper, lower), sideways_m in zip(in_air[pairs].tolist(), apart_m.tolist(), strict=True):
                 if sideways_m < nearest.get((upper, lower), (width_m, 0))[0]:
                     nearest[upper, lower] = sideways_m, tick
         return [
@@ -304,6 +353,13 @@ def _adverse_lines(verdict: Verdict) -> list[str]:
     lines = []
     if verdict.lost:
         lines.append(f"  lost on purpose: {', '.join(map(str, verdict.lost))}")
+    for one in verdict.replaced:
+        there = "is never there" if one.there_s is None else f"is there at {one.there_s:.0f} s"
+        words = f"  {one.spare} takes the place of {one.lost}: takes off at {one.at_s:.0f} s, {there}"
+        near = one.separation_min_m
+        lines.append(words if near is None else f"{words}, {near:.2f} m from the nearest on its way")
+    if verdict.not_replaced:
+        lines.append(f"  no spare takes the place of {', '.join(map(str, verdict.not_replaced))}")
     if verdict.penetrations is not None:
         lines.append(f"  {verdict.penetrations} vehicles came within 1 m of an obstacle")
     return lines
@@ -327,7 +383,7 @@ def _drawn_lines(verdict: Verdict) -> list[str]:
     for claim in drawn.claims:
         kept = "holds" if claim.holds else "does not hold"
         lines.append(f"  the file claims {claim.name} {claim.claimed:g}: {kept}, {claim.measured:g}")
-    return lines
+    return lines + described(verdict.station_loss)
 
 
 def table(verdict: Verdict) -> str:

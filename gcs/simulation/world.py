@@ -26,6 +26,9 @@ LONGEST_STEP_S = 1.0 / 60.0
 TOUCHDOWN_M_S = 0.7
 """Descent in PX4's LAND (MPC_LAND_SPEED)."""
 
+LIFTED_M = 0.5
+"""From this height on, a vehicle that took off has landed where it touches the ground."""
+
 ALONE_IN = {"descend": Mode.POSITION, "hold": Mode.HOLD, "land": Mode.LAND, "return": Mode.RETURN}
 """PX4's mode for each action of `operation.setpoint_loss_action`; without a pilot POSITION descends."""
 
@@ -111,6 +114,7 @@ class TrueWorld:
         self._rest_m = np.full((n, 3), np.nan)  # positions of landed vehicles
         self._held_m = np.full((n, 3), np.nan)  # positions of vehicles that something holds
         self._some_rest = False  # whether one of these has been set
+        self._lifts: Mask = np.zeros(n, dtype=bool)  # take off, and may touch the ground still
         self._command_m_s = np.zeros((n, 3))
         self.received_m, self.received_m_s = self.estimate()  # (n, 3) as last received
         self._received_s = np.zeros(n)
@@ -175,6 +179,19 @@ class TrueWorld:
         self._command_m_s[rows, 2] = sinking_m_s
         for _, sent_m_s in self._setpoints:
             sent_m_s[rows] = np.nan
+
+    def stand(self, rows: Mask) -> None:
+        """Have the vehicles in `rows` (n,) stand where they are, with their motors off."""
+        self.in_air = self.in_air & ~rows
+        self._rest_m[rows] = self.bodies.position_m[rows]
+        self.ground_m[rows] = self.bodies.position_m[rows, 2]
+        self._some_rest = True
+
+    def take_off(self, rows: Mask, climb_m_s: float) -> None:
+        """Let vehicles that stand climb straight up at that speed, until they are commanded."""
+        self.in_air, self._lifts = self.in_air | rows, self._lifts | rows
+        self._rest_m[rows] = np.nan
+        self.leave_to_themselves(rows, -climb_m_s)
 
     def cut_links(self, rows: Mask) -> None:
         """End telemetry and setpoints of the vehicles in `rows` (n,); they keep their last setpoint."""
@@ -245,7 +262,8 @@ class TrueWorld:
         return flown_m_s
 
     def _touch_ground(self) -> None:
-        touching = (self.bodies.position_m[:, 2] >= self.ground_m) & self.in_air
+        self._lifts = self._lifts & (self.bodies.position_m[:, 2] > self.ground_m - LIFTED_M)
+        touching = (self.bodies.position_m[:, 2] >= self.ground_m) & self.in_air & ~self._lifts
         if np.count_nonzero(touching):
             self._rest_m[touching, :2] = self.bodies.position_m[touching, :2]
             self._rest_m[touching, 2] = self.ground_m[touching]

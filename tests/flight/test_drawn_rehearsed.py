@@ -104,6 +104,70 @@ def test_losses_wind_and_an_unknown_crane_are_rehearsed(rings: LoadedShow) -> No
     assert "0 vehicles came within 1 m of an obstacle" in text
 
 
+@pytest.fixture(scope="module")
+def spared(rings: LoadedShow) -> LoadedShow:
+    """The same with one spare on the ground, which takes off for a vehicle lost before the way back."""
+    raw = yaml.safe_load(Path(rings.file).read_text())
+    raw["drawing"] |= {"spares": {"count": 1, "before_cue": "2 back"}}
+    path = Path(rings.file).with_name("spared.yaml")
+    path.write_text(yaml.safe_dump(raw, sort_keys=False))
+    return load(path)
+
+
+def lost_at(show: LoadedShow, at_s: float, share: float = 0.125, action: str = "hold") -> Rehearsal:
+    """Rehearse with vehicles lost so long after the assembly began."""
+    loss = Loss.model_validate({"share": share, "at_s": at_s, "action": action})
+    flight = Rehearsal(show, QUIET, 3, adversity=Adversity(loss=loss))
+    flight.fly()
+    return flight
+
+
+def test_a_spare_takes_the_place_of_a_lost_vehicle(spared: LoadedShow) -> None:
+    flight = lost_at(spared, 12.0)
+    verdict = judge(flight)
+    assert verdict.good, verdict.problems
+    ((lost,), (one,)) = verdict.lost, verdict.replaced
+    assert (one.lost, one.spare, verdict.not_replaced) == (lost, 9, ())
+    assert one.there_s is not None
+    assert one.at_s < one.there_s < verdict.show_s
+    assert one.separation_min_m is not None
+    assert one.separation_min_m >= verdict.floor_m
+    assert flight.trajectory_of[8] == flight.trajectory_of[lost - 1]
+    away_m = np.linalg.norm(flight.record.path_m[-1, 8, :2] - spared.show.start_places_m[8, :2])
+    assert away_m < 1.5, "it lands on its own place"
+    assert f"9 takes the place of {lost}" in table(verdict)
+
+
+def test_a_vehicle_lost_after_the_cue_is_not_replaced(spared: LoadedShow) -> None:
+    (cue_s,) = [one.at_s for one in spared.timeline.played if one.cue.cue == "2 back"]
+    flight = lost_at(spared, cue_s + 10.0)
+    verdict = judge(flight)
+    assert (verdict.replaced, verdict.not_replaced) == ((), verdict.lost)
+    assert not np.array(flight.record.in_air)[:, 8].any()
+    assert f"no spare takes the place of {verdict.lost[0]}" in table(verdict)
+
+
+def test_loss_of_the_station_is_predicted_as_it_would_be_flown(rings: LoadedShow) -> None:
+    """Seven of eight vehicles lose their links at a time for which one action is predicted to be unsafe."""
+    flight = Rehearsal(rings, QUIET, 3)
+    flight.fly()
+    hold, returns, land = judge(flight).station_loss
+    assert (hold.action, returns.action, land.action) == ("hold", "return", "land")
+    assert min(each.moments for each in (hold, returns, land)) >= 8
+    assert land.unsafe > 0, "one ring is above the other"
+    assert land.at_s is not None
+    at_s = land.at_s + (flight.began_s or 0.0)
+    assert min(lost_at(rings, at_s, 0.87, "land").record.closest_m) < flight.record.floor_m
+    text = table(judge(flight))
+    assert (
+        f"land or descend: {land.pairs} pairs below the floor, at {land.unsafe} of {land.moments} moments"
+        in text
+    )
+    assert hold.closest is None
+    assert "hold: all stay apart" in text
+    assert min(lost_at(rings, at_s, 0.87, "hold").record.closest_m) >= flight.record.floor_m
+
+
 def test_an_obstacle_on_a_vehicle_is_reported(rings: LoadedShow) -> None:
     x_m, y_m, _ = rings.show.pads_m[0].tolist()
     wall = Box(x_m=x_m, y_m=y_m, half_length_x_m=1.0, half_length_y_m=1.0, height_m=9.0)

@@ -1,13 +1,17 @@
 """Drawings over REST: upload as a show, refusals with the place in the file, samples for a preview."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 
 from gcs.api import drawings
 from gcs.config.yaml_files import shipped_folder
+from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
+from gcs.service import check_process
 from tests.support.api_fake_service import FRAME, FakeService
 from tests.support.api_harness import Api
 from tests.support.audit_rows import calls
@@ -97,6 +101,26 @@ def test_a_service_without_a_folder_takes_no_drawing() -> None:
 def test_only_some_drawings_are_read_at_once(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drawings, "WAITING_MAX", 0)
     assert "are being read" in detail(api("POST", IMPORT, content=SHIPPED), 409)
+
+
+@pytest.mark.parametrize(
+    ("phase", "lowered"), [(ShowPhase.IDLE, False), (ShowPhase.RUNNING, True), (ShowPhase.UNCONTROLLED, True)]
+)
+def test_a_drawing_is_read_at_low_priority_beside_a_flight_only(
+    api: Api, monkeypatch: pytest.MonkeyPatch, phase: ShowPhase, lowered: bool
+) -> None:
+    """At a low priority an upload takes many times as long on a busy machine."""
+    given: list[int] = []
+
+    async def noted(arguments: Sequence[str], within_s: float, priority: int, **more: Any) -> bytes:
+        given.append(priority)
+        return await check_process.printed(arguments, within_s, priority, **more)
+
+    monkeypatch.setattr(drawings, "printed", noted)
+    api.service.show = phase
+    api.service.tick()
+    assert api("POST", IMPORT, content=SHIPPED).status_code == 201
+    assert [priority > 0 for priority in given] == [lowered]
 
 
 def test_the_record_has_an_uploads_query_not_its_body(tmp_path: Path) -> None:

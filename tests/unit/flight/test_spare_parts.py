@@ -9,6 +9,7 @@ import yaml
 
 from gcs.config.yaml_files import shipped_folder
 from gcs.flight.running_show import ShowRun
+from gcs.flight.spares import climb_is_free, replacements
 from gcs.shows import ShowClock, parse
 from gcs.shows.formats import parse_drawing
 from gcs.shows.importing import show_text
@@ -49,3 +50,27 @@ def test_a_spare_that_stays_down_leaves_the_part_to_another(show_run: ShowRun) -
     show_run.give_back("d31", "d7")
     assert show_run.parts["d7"] == part
     assert "d31" not in (*show_run.parts, *show_run.spares)
+
+
+def test_each_lost_vehicle_gets_another_spare_that_may_climb(show_run: ShowRun) -> None:
+    def replaced(*ready: str) -> list[tuple[str, str]]:
+        return list(replacements(show_run, 0.0, ("d7", "d9", "d40"), lambda name: name in ready))
+
+    assert replaced("d32") == [("d7", "d32")]
+    assert replaced() == []
+    assert replaced("d31", "d32") == [("d9", "d31")]
+
+
+@pytest.mark.parametrize(
+    ("other_m", "free"),
+    [
+        ((5.9, 0.0, -8.0), False),
+        ((6.1, 0.0, -8.0), True),
+        ((0.0, 0.0, -10.9), False),  # 5 m of climb and 6 m above it
+        ((0.0, 0.0, -11.1), True),
+        ((np.nan, np.nan, np.nan), True),
+    ],
+)
+def test_a_spare_climbs_where_no_other_is_near(other_m: tuple[float, float, float], free: bool) -> None:
+    far_m = (40.0, 0.0, -8.0)
+    assert climb_is_free(np.zeros(3), np.array([far_m, other_m]), 5.0) is free
