@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
-from typing import Annotated, Final, cast
+from typing import Annotated, Any, Final, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
@@ -20,13 +20,27 @@ from gcs.api.schemas.fleet import Status
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Plan
 from gcs.model.state import VehicleId
-from gcs.service import FleetView, Service
+from gcs.service import FleetView, SelectedShow, Service
 
 STATUS_S: Final = 0.5
 """Least seconds between two status messages."""
 
 VIEWERS_MAX: Final = 32
 """Most viewers: each costs time of the event loop, and memory for what it has not read yet."""
+
+
+STILL: Final[dict[str, Any]] = {
+    **dict.fromkeys(("age_s", "behind_s", "slope", "tempo"), 0.0),
+    **dict.fromkeys(("readings", "garbage", "dropped"), 0),
+    "label": "",
+}
+"""What moves of a timecode: frames contain it, or nothing shows it."""
+
+
+def _slowly(selected: SelectedShow) -> SelectedShow:
+    """Return the show without what moves by itself."""
+    begin = None if selected.begin is None else replace(selected.begin, in_s=None)
+    return replace(selected, clock_s=0.0, begin=begin)
 
 
 class Feed:
@@ -94,7 +108,8 @@ class Feed:
         return (
             self._problem(),
             (view.show, view.reason, view.plan, view.flight_envelope, view.start_unix_time_s),
-            None if selected is None else replace(selected, clock_s=0.0),
+            None if selected is None else _slowly(selected),
+            None if view.timecode is None else replace(view.timecode, **STILL),
             None if playback is None else replace(playback, position_s=0.0),
             (view.interrupted, view.alarms),
             events[-1].number if events else 0,

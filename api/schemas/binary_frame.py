@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.service import Estimates, FleetView
+from gcs.service import Estimates, FleetView, TimecodeView
 from gcs.service.vehicle_table import VehicleTable
 
-VERSION: Final = 2
+VERSION: Final = 3
 
 HEADER: Final = np.dtype(
     {
@@ -27,9 +27,14 @@ HEADER: Final = np.dtype(
             *("minimum_separation_m", "rate_hz", "p50_ms", "p99_ms", "lateness_p99_ms"),
             *("clock_s", "countdown_s"),
             *("battery_least", "battery_median", "assembled_s", "home_s", "battery_least_row"),
+            *("timecode", "behind_s", "tempo"),
         ],
-        "formats": ["u1"] * 4 + ["<u4"] * 3 + ["<f8"] * 2 + ["<u4"] * 3 + ["<f4"] * 17 + ["<u4"],
-        "offsets": [0, 1, 2, 3, 4, 8, 12, 16, 24, 32, 36, 40, *range(48, 120, 4)],
+        "formats": [
+            *("u1", "u1", "u1", "u1", "<u4", "<u4", "<u4", "<f8", "<f8", "<u4", "<u4", "<u4"),
+            *(["<f4"] * 17),
+            *("<u4", "(4,)u1", "<f4", "<f4"),
+        ],
+        "offsets": [0, 1, 2, 3, 4, 8, 12, 16, 24, 32, 36, 40, *range(48, 120, 4), 44, 120, 124],
         "itemsize": 128,
     }
 )
@@ -47,6 +52,9 @@ BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
 
 ARMED, READY, LIMITED, COMMANDED, LIT = (1 << bit for bit in range(5))
 """Bits of `flags`."""
+
+NO_TIMECODE: Final = (255, 255, 255, 255)
+"""Hours, minutes, seconds and frames of no timecode."""
 
 NO_ROW: Final = 2**32 - 1
 """Row number for no row."""
@@ -97,7 +105,16 @@ def _fill_header(header: NDArray[np.void], view: FleetView, *, revision: int, al
         _or_nan(view.countdown_s),
         *map(_or_nan, times),
         NO_ROW if least_row is None else least_row,
+        *_timecode(view.timecode),
     )
+
+
+def _timecode(found: TimecodeView | None) -> tuple[tuple[int, ...], float, float]:
+    """Return hours, minutes, seconds and frames; by how much the show is behind; its tempo."""
+    if found is None:
+        return NO_TIMECODE, np.nan, np.nan
+    label = tuple(map(int, found.label.split(":"))) if found.label else NO_TIMECODE
+    return label, _or_nan(found.behind_s), _or_nan(found.tempo)
 
 
 def _or_nan(value: float | None) -> float:

@@ -171,7 +171,6 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         filter_interventions=view.interventions,
         tick=view.tick,
         corrections=view.corrections,
-        timecode=view.timecode,
         lights=view.lights,
         vehicles=vehicles(view, frame),
     )
@@ -197,6 +196,7 @@ def summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dic
         "severity": overall(alarms),
         "alarms": list(alarms),
         "estimates": estimates(view),
+        "timecode": view.timecode,
         "access": access,
     }
 

@@ -217,6 +217,9 @@ class FleetSummary(Outward):
         description="Most severe first, newest first within a severity; alarms that have ended come last."
     )
     estimates: Estimates | None = Field(description="Estimates at `time_s`; null in a replay.")
+    timecode: TimecodeView | None = Field(
+        description="That shows follow, with the values at `time_s`; null: none is configured."
+    )
     access: str = Field(description="Whether the service demands tokens, in words.")
 
 
@@ -232,7 +235,6 @@ class Fleet(FleetSummary):
     )
     tick: TickView
     corrections: CorrectionsView | None = Field(description="For RTK; null: none are configured.")
-    timecode: TimecodeView | None = Field(description="That shows follow; null: none is configured.")
     lights: LightsView | None = Field(description="Of the vehicles; null: a replay.")
     vehicles: list[Vehicle]
 

@@ -41,7 +41,7 @@ from gcs.model.errors import ConfigError, FileError, GcsError, Problem, RefusedE
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.recording.audit_reader import exclusions, interruption
+from gcs.recording.audit_reader import exclusions, interruption, lost_begin
 from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import ACCESS_OFF, is_loopback
@@ -202,18 +202,20 @@ def make_record(config: Config, site: Config | None = None) -> Record | None:
     if config.record is None:
         return None
     vehicles = {each.id: (each.system_id, link.name) for link in config.links for each in link.fleet}
+    folder = config.record.folder
     try:
-        found, excluded = interruption(config.record.folder), exclusions(config.record.folder)
+        found, excluded, begin = interruption(folder), exclusions(folder), lost_begin(folder)
     except GcsError as error:  # a damaged record must not prevent a flight
         log.error("record_unread", extra={"cause": str(error)})
-        found, excluded = None, {}
+        found, excluded, begin = None, {}, None
     return Record(
-        config.record.folder,
+        folder,
         config.model_dump_json(),
         vehicles,
         flight=config.record.flight,
         found=found,
         excluded=excluded,
+        lost_begin=begin,
         elsewhere={} if site is None else _elsewhere(config, site),
         site_json=None if site is None else site.model_dump_json(),
         autopilots=(site or config).autopilots,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime
 from math import hypot, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -26,7 +27,7 @@ from gcs.model.lifecycle import Phase
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
     from gcs.model.preflight_report import PreflightReport
-    from gcs.service import CorrectionsView, StationView, TimecodeView
+    from gcs.service import BeginView, CorrectionsView, StationView, TimecodeView
 
 
 OLD_S: Final = 1.0
@@ -241,10 +242,17 @@ def _show_lines(show: schemas.Show) -> Iterator[Text]:
         at = f"{number(selected.clock_s)} of {number(selected.duration_s)} s"
         yield Text(f"{selected.name}: {selected.cue}  {at}")
         if (begin := selected.begin) is not None:
-            when = "no time" if begin.in_s is None else f"in {number(begin.in_s)} s"
-            yield Text(f"{begin.state}: begins {when}")
+            yield Text(_begins(begin))
     if show.countdown_s is not None:
         yield Text(f"countdown {number(show.countdown_s)} s")
+
+
+def _begins(begin: BeginView) -> str:
+    """How a show waits for its clock time, which is printed as this machine's."""
+    if begin.at_unix_time_s is None or begin.in_s is None:
+        return f"{begin.state}: no time to begin is given"
+    at = datetime.fromtimestamp(begin.at_unix_time_s).astimezone().strftime("%H:%M:%S %Z")
+    return f"{begin.state}: begins at {at}, in {number(begin.in_s)} s"
 
 
 def _summary(fleet: schemas.Fleet) -> Text:
@@ -265,17 +273,19 @@ def _equipment(fleet: schemas.Fleet) -> Iterator[tuple[str, Text]]:
     if fleet.corrections is not None:
         yield "rtk", _corrections(fleet.corrections)
     if fleet.timecode is not None:
-        yield "timecode", _timecode(fleet.timecode)
+        yield "timecode", _timecode(fleet.timecode, fleet.unix_time_s)
     if fleet.lights is not None and fleet.lights.driver != "none":
         left = f"{fleet.lights.sent} colours sent, {fleet.lights.dropped} dropped by the rate"
         yield "lights", Text(f"{fleet.lights.driver}  {left}")
 
 
-def _timecode(found: TimecodeView) -> Text:
+def _timecode(found: TimecodeView, unix_time_s: float) -> Text:
     """Where the timecode is, and how the show stands to it."""
+    text = Text(f"{found.label or 'none yet'} {found.frame_rate} {found.state}, {found.source}")
     if not found.followed:
-        return Text("not followed: shows run by this station's clock")
-    text = Text(f"{found.label or 'none yet'} {found.frame_rate} {found.state}")
+        return text.append(", not followed: shows run by this station's clock")
+    if found.frozen_since_unix_time_s is not None:
+        text.append(f", SHOW FROZEN for {unix_time_s - found.frozen_since_unix_time_s:.0f} s", URGENT)
     if found.behind_s is not None:
         text.append(f", show {1e3 * found.behind_s:+.0f} ms behind, tempo {found.tempo or 0.0:.3f}")
     if found.problem:

@@ -76,6 +76,8 @@ SENDS_NOTHING: Final = "The service sends nothing to [it|them]."
 
 FLOWN_ON: Final = "[It is|They are] flown on."
 
+SHOW_STANDS: Final = "The show stands still, and its vehicles hover."
+
 SHOW_FOLLOWS: Final = {
     Action.RE_FORM: "Formation closes the gap.",
     Action.HOLD_TARGET: "The target stays where it was.",
@@ -297,7 +299,9 @@ class AlarmMonitor:
         if show_run is None or flight.show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
             return
         if why := flight.timecode.why_apart(show_run, flight.fleet.time_s):
-            yield Condition(AlarmCause.TIMECODE, why)
+            consequence = "" if flight.timecode.frozen_since_unix_s is None else SHOW_STANDS
+            severity = AlarmSeverity.WARNING if flight.timecode.is_missing(flight.fleet.time_s) else None
+            yield Condition(AlarmCause.TIMECODE, why, consequence=consequence, severity=severity)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
         flight = self.flight

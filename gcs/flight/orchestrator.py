@@ -166,6 +166,8 @@ class Orchestrator:
             with attached(self.events), garbage_between_ticks() as collect:
                 async with self._group as group:
                     self._recovery.log_found()
+                    if self._record is not None and self._record.lost_begin is not None:
+                        self.player.begin.log_lost(self._record.lost_begin)
                     for link in self._flight.links:
                         group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
                     if self._member is not None:

@@ -289,4 +289,5 @@ class ShowRun:
             track_max_m=None if self.errors is None else round(float(self.errors.max_m.max()), 2),
             spares=self.spares,
             begin=self.begin,
+            begun=self.begun,
         )

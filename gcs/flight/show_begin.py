@@ -6,6 +6,7 @@ with each tick, until a tick falls on the time of the beginning: then the first 
 
 import logging
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from math import inf, isnan, nan
 from typing import Final
 
@@ -13,6 +14,7 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import LONGEST_STEP_S, ShowRun
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND, ShowEvent, ShowPhase
+from gcs.recording.audit_reader import LostBegin
 from gcs.service import BeginState, BeginView
 from gcs.shows.tempo import Tempo, desired_rate
 
@@ -28,12 +30,18 @@ EARLY_S: Final = 5e-4
 """A tick that comes earlier by so much is the one at which the show begins: timers are not exact."""
 
 
+def utc(unix_s: float) -> str:
+    """A clock time for the log."""
+    return datetime.fromtimestamp(unix_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
 @dataclass(eq=False)
 class ShowBegin:
     """Lets the selected show begin. Called on the event loop only."""
 
     flight: Fleet
     _at_unix_s: float | None = None  # None: no time was given
+    _given_to: str = ""  # name of the show that it was given to
     _held: bool = False
     _ready: bool = False  # all vehicles have been where it begins
     _before_s: float | None = None  # the tick before
@@ -51,10 +59,11 @@ class ShowBegin:
         if not 0.0 < ahead_s <= AHEAD_MAX_S:
             allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.flight.unix_s():.1f} now"
             raise InvalidError("at_unix_time_s", at_unix_s, allowed)
-        self._at_unix_s, self._held = at_unix_s, False
+        self._at_unix_s, self._held, self._given_to = at_unix_s, False, show_run.name
         self._show(show_run)
         doubt = self.flight.clock_problem()
-        log.info("show_begins_at", extra={"show": show_run.name, "in_s": round(ahead_s, 3), "reason": doubt})
+        reported = {"show": show_run.name, "at": utc(at_unix_s), "at_unix_s": at_unix_s, "reason": doubt}
+        log.info("show_begins_at", extra=reported)
 
     def cancel(self) -> None:
         """Forget the time. Raises: RefusedError."""
@@ -73,12 +82,20 @@ class ShowBegin:
             raise RefusedError("no timecode is configured")
         timecode.followed = follow
         if follow:
-            self.forget()
+            self.forget("it follows the timecode")
         log.info("timecode_followed", extra={"followed": follow})
 
-    def forget(self) -> None:
-        """Forget the time: another show is selected, or none."""
+    def forget(self, why: str) -> None:
+        """Forget the time, and log it if there was one."""
+        if self._at_unix_s is not None:
+            reported = {"show": self._given_to, "at": utc(self._at_unix_s), "reason": why}
+            log.warning("show_begin_forgotten", extra=reported)
         self._at_unix_s, self._held, self._ready = None, False, False
+
+    def log_lost(self, lost: LostBegin) -> None:
+        """Log that a show waited for its time when the session before ended: it does no longer."""
+        reason = "the service was restarted, give it again"
+        log.warning("show_begin_forgotten", extra={"show": lost.show, "at": lost.at, "reason": reason})
 
     def _unbegun(self, what: str) -> ShowRun:
         show_run = self.flight.show_run
@@ -122,7 +139,7 @@ class ShowBegin:
         flew, self._flew = self._flew, flight.show not in ON_THE_GROUND
         over = flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING} or (flew and not self._flew)
         if show_run is None or over:
-            self.forget()
+            self.forget("the show is over, or none is selected")
         if show_run is None:
             return
         if flight.timecode.settings is not None:
@@ -182,15 +199,15 @@ class ShowBegin:
         timecode, settings = self.flight.timecode, self.flight.timecode.settings
         clock_s = show_run.clock.show_s(now_s) - (1.0 - show_run.rate) * min(dt_s, LONGEST_STEP_S)
         timecode.note_show(clock_s if show_run.begun else nan)
-        if not show_run.clock.runs or settings is None:
-            return
-        desired = 1.0
-        if timecode.followed:
+        stands, desired = False, 1.0
+        if show_run.clock.runs and timecode.followed and settings is not None:
             behind_s = timecode.show_s(now_s) - clock_s
             timecode.problem = timecode.why_not(now_s)
             stands = bool(timecode.problem) or isnan(behind_s)
             desired = 0.0 if stands else desired_rate(behind_s, timecode.slope, settings.catch_up)
-        show_run.tempo = show_run.tempo.step(desired, min(dt_s, LONGEST_STEP_S))
+        timecode.note_frozen(stands, self.flight.unix_s())
+        if show_run.clock.runs:
+            show_run.tempo = show_run.tempo.step(desired, min(dt_s, LONGEST_STEP_S))
 
     def _show(self, show_run: ShowRun) -> None:
         """Write how it waits, for displays."""

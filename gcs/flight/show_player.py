@@ -119,7 +119,7 @@ class ShowPlayer:
         if flight.show_run is None:
             self._reported = flight.plan
         self._control(show_run)
-        self.begin.forget()
+        self.begin.forget("another show is selected")
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})

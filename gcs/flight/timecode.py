@@ -12,6 +12,7 @@ from gcs.shows.timecode.smpte import label_at, parse_label
 WHY = {
     State.NONE: "no timecode has arrived",
     State.STOPPED: "the timecode has stopped",
+    State.LOST: "no timecode arrives any more: its source has stopped, or is cut off",
     State.REFUSED: "the timecode has jumped by {jump_s:+.1f} s, more than {most_s:g} s",
 }
 
@@ -30,6 +31,7 @@ class Timecode:
         self.settings = settings
         self.followed = settings is not None
         self.problem = ""  # why the show waits or stands still
+        self.frozen_since_unix_s: float | None = None  # a running show stands still, or comes to rest
         self.expected = False  # it waits as it should: the timecode comes to where the show is
         freewheel_s, jump_max_s = (
             (1.0, 1.0) if settings is None else (settings.freewheel_s, settings.jump_max_s)
@@ -86,6 +88,18 @@ class Timecode:
         )
         return f"{text} ({self._failed})" if text and self._failed else text
 
+    def note_frozen(self, frozen: bool, unix_s: float) -> None:
+        """Note whether the running show stands still for want of timecode, or comes to rest."""
+        if not frozen:
+            self.frozen_since_unix_s = None
+        elif self.frozen_since_unix_s is None:
+            self.frozen_since_unix_s = unix_s
+
+    def is_missing(self, now_s: float) -> bool:
+        """Whether the show stands still, and no source has said that it shall."""
+        silent = self._chase.state(now_s) in {State.NONE, State.LOST}
+        return silent and self.frozen_since_unix_s is not None
+
     def why_apart(self, show_run: ShowRun, now_s: float) -> str:
         """Why the show is not where its timecode is, in words; empty where it is, or as it should be."""
         if not self.followed or self.expected:
@@ -113,6 +127,7 @@ class Timecode:
             slope=chase.slope() if chase.runs(now_s) else nan,
             tempo=show_run.tempo.rate if follows and show_run else nan,
             problem=self.problem,
+            frozen_since_unix_time_s=self.frozen_since_unix_s if follows else None,
             readings=self._readings,
             garbage=self._garbage,
             dropped=self._dropped,

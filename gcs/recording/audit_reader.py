@@ -20,6 +20,8 @@ AUDIT: Final = "audit.sqlite"
 
 EXCLUDED, INCLUDED, PAD, PHASE = "excluded", "included", "pad", "vehicle_phase"  # events
 FOUND, OVER = "interrupted", "interruption_over"
+BEGINS: Final = "show_begins_at"
+BEGINS_NO_MORE: Final = ("show_began", "show_begin_cancelled", "show_begin_forgotten")
 
 IN_THE_AIR: Final = AIRBORNE | {Phase.LOST}
 ABOUT_TO_FLY: Final = frozenset({ShowPhase.PREFLIGHT, ShowPhase.ARMING})
@@ -52,6 +54,14 @@ class KnownVehicle:
     mode: str | None
     armed: bool | None
     home_m: tuple[float, float, float] | None  # show frame of its session's configuration
+
+
+@dataclass(frozen=True, slots=True)
+class LostBegin:
+    """A show that still waited for its clock time when its session ended."""
+
+    show: str
+    at: str  # date and time, UTC
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +144,26 @@ def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
                 reason = f"the exclusion of {row['vehicle']} cannot be read: {error!r}"
                 raise GcsError(f"{root}: {reason}") from None
     return out
+
+
+def lost_begin(root: Path) -> LostBegin | None:
+    """The show that waited when the newest session ended. To be called before a new session begins.
+
+    Raises: GcsError when there is a record, and it cannot be read.
+    """
+    if not audit_file(root).is_file():
+        return None
+    names = ", ".join(f"'{name}'" for name in (BEGINS, *BEGINS_NO_MORE))
+    newest = "SELECT id FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1"
+    where = f"session = ({newest}) AND event IN ({names})"
+    found = rows(root, f"SELECT event, detail FROM events WHERE {where} ORDER BY rowid DESC")  # noqa: S608
+    if not found or found[0]["event"] != BEGINS:
+        return None
+    try:
+        detail = json.loads(found[0]["detail"])
+        return LostBegin(detail["show"], detail["at"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise GcsError(f"{root}: a show's time to begin cannot be read: {error!r}") from None
 
 
 def interruption(root: Path) -> Interruption | None:

@@ -15,7 +15,7 @@ from gcs.model.state import VehicleId
 from gcs.recording import mcap_layout as layout
 from gcs.recording.audit import Audit
 from gcs.recording.audit_database import Journal
-from gcs.recording.audit_reader import AUDIT
+from gcs.recording.audit_reader import AUDIT, LostBegin
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
 from gcs.recording.sample import Sample
 from gcs.service.event_log import attached, details, plain, vehicle_of
@@ -35,6 +35,7 @@ class Record:
         flight: bool = True,
         found: Interruption | None = None,
         excluded: Mapping[VehicleId, Exclusion] = MappingProxyType({}),
+        lost_begin: LostBegin | None = None,
         elsewhere: Mapping[VehicleId, tuple[int, str]] = MappingProxyType({}),
         site_json: str | None = None,
         autopilots: Mapping[VehicleId, str] = MappingProxyType({}),
@@ -48,6 +49,7 @@ class Record:
             flight: whether flight data are recorded.
             found: the flight that was interrupted before, if any.
             excluded: vehicles excluded from the show before.
+            lost_begin: the show that still waited for its clock time before, if any.
             elsewhere: the same of other stations' vehicles, which follow in the flight data.
             site_json: the configuration of all stations, for the flight data; None: there is one station.
             autopilots: name of each vehicle's, for the flight data; empty: the usual one.
@@ -55,7 +57,7 @@ class Record:
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
         self.found = found
-        self.excluded = excluded
+        self.excluded, self.lost_begin = excluded, lost_begin
         self._journal = Journal(root / AUDIT)
         self.audit = Audit(self._journal, self.session, vehicles)
         everything = {**vehicles, **elsewhere}

@@ -222,6 +222,10 @@ class SelectedShow:
         BeginView | None,
         Field(description="null: it begins as soon as all vehicles are there, or has begun."),
     ] = None
+    begun: Annotated[
+        bool,
+        Field(description="Its clock has run since the start: no time to begin is accepted any more."),
+    ] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +295,7 @@ class CorrectionsView:
     dropped: Annotated[int, Field(description="Too old, too many, or longer than MAVLink can carry.")]
 
 
-TimecodeState: TypeAlias = Literal["none", "running", "dropped-out", "stopped", "refused"]
+TimecodeState: TypeAlias = Literal["none", "running", "dropped-out", "stopped", "lost", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,7 +308,10 @@ class TimecodeView:
     followed: Annotated[bool, Field(description="false: an operator has shows run by this station's clock.")]
     state: Annotated[
         TimecodeState,
-        Field(description="refused: it has jumped to where the show does not follow."),
+        Field(
+            description="stopped: its source says so. lost: nothing arrives any more."
+            " refused: it has jumped to where the show does not follow."
+        ),
     ]
     label: Annotated[
         str, Field(description="Where it is, or stands; empty: nowhere yet.", examples=["01:00:02:12"])
@@ -320,6 +327,13 @@ class TimecodeView:
     readings: Annotated[int, Field(description="That arrived.")]
     garbage: Annotated[int, Field(description="Messages that make no sense.")]
     dropped: Annotated[int, Field(description="Dropped unread: too many, or too long.")]
+    frozen_since_unix_time_s: Annotated[
+        float | None,
+        Field(
+            description="Since when a running show stands still, or comes to rest, because the timecode does;"
+            " null: it does not. `state` and `problem` say why."
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

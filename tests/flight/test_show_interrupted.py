@@ -1,6 +1,7 @@
 """The service is cut off in flight; the next one knows from the record what was, and goes on when ordered."""
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -155,6 +156,32 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
 
     configs = four(shows={"folder": str(shows)})
     sessions(root, (configs, into_the_walk), (configs, changed), (configs, flies_on))
+
+
+def test_a_time_to_begin_that_a_restart_forgets_is_reported_once(tmp_path: Path) -> None:
+    shows, root = tmp_path / "shows", tmp_path / "runs"
+    shows.mkdir()
+    given: list[str] = []
+
+    def forgotten(show: Show) -> list[str]:
+        return [event.text for event in show.service.events.newest() if "does not begin" in event.text]
+
+    async def waits(show: Show) -> None:
+        show.service.player.select(NAME, check(show))
+        at_s = show.unix() + 600.0
+        show.service.player.begin_at(at_s)
+        given.append(f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%d %H:%M:%S} UTC")
+        await show.wait(0.5)
+
+    async def look(show: Show) -> list[str]:
+        await show.wait(0.5)
+        return forgotten(show)
+
+    configs = four(shows={"folder": str(shows)})
+    _, after, later = sessions(root, (configs, waits), (configs, look), (configs, look))
+    why = "the service was restarted, give it again"
+    assert after == [f"show {NAME} does not begin at {given[0]} any more: {why}"]
+    assert later == []
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array
 from gcs.service import SelectedShow, ShowAction, TimecodeView
-from gcs.service.alarms import AlarmCause
+from gcs.service.alarms import AlarmCause, AlarmSeverity
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
@@ -137,7 +137,11 @@ def test_a_show_freezes_with_its_timecode_and_goes_on(tmp_path: Path) -> None:
             await show.until(lambda: selected(show).clock_s > 10.0, 20.0)  # the target walks
         stopped_s = show.now_s
         await show.until(lambda: timecode(show).tempo == 0.0, 5.0)
-        assert timecode(show).state == "stopped"
+        assert timecode(show).state == "lost"
+        frozen_since_s = timecode(show).frozen_since_unix_time_s
+        assert frozen_since_s is not None
+        after_s = frozen_since_s - (show.unix() - show.now_s) - stopped_s
+        assert 0.9 <= after_s <= 1.2  # once it could be no drop-out any more
         frozen_s = selected(show).clock_s
         await show.wait(5.0)
         before_m = show.true_m
@@ -145,11 +149,15 @@ def test_a_show_freezes_with_its_timecode_and_goes_on(tmp_path: Path) -> None:
         assert selected(show).clock_s == pytest.approx(frozen_s, abs=1e-6)
         assert np.abs(show.true_m - before_m).max() < 0.5
         assert show.view.show is ShowPhase.RUNNING
-        assert alarms(show) == [text for text in alarms(show) if "the timecode has stopped" in text] != []
+        (alarm,) = [one for one in show.view.alarms if one.cause is AlarmCause.TIMECODE and one.lasts]
+        assert alarm.severity is AlarmSeverity.WARNING
+        assert "no timecode arrives any more" in alarm.text
+        assert "The show stands still" in alarm.text
         async with source.runs(from_s=10.0):
             await show.wait(12.0)
             assert selected(show).clock_s == pytest.approx(source.true_s(show.view.time_s), abs=ALLOWED_S)
             assert not alarms(show)
+            assert timecode(show).frozen_since_unix_time_s is None
         assert show.track.between(stopped_s).hardest_change_m_s() <= JUMP_M_S
         assert show.floor_violations() == 0
 

@@ -59,7 +59,9 @@ AXE: Final = ROOT / "api" / "console" / "node_modules" / "axe-core" / "axe.min.j
 
 SEEN: Final = """
 // When messages and alarms came, what the page announced and showed when, and how long it could not draw.
-window.seen = { message_ms: 0, stated: [], counted: [], stalled: [], reported: {}, shown: {}, tones: 0 };
+window.seen = {
+  message_ms: 0, stated: [], counted: [], waited: [], stalled: [], reported: {}, shown: {}, tones: 0,
+};
 window.WebSocket = class extends WebSocket {
   constructor(...given) {
     super(...given);
@@ -79,6 +81,7 @@ const note = (where, list) => {
 const look = () => {
   note("[data-testid=connection] strong", window.seen.stated);
   note("[data-testid=countdown] .gauge-value", window.seen.counted);
+  note("[data-testid=begins-in]", window.seen.waited);
   for (const { dataset } of document.querySelectorAll("[data-alarm]")) {
     window.seen.shown[dataset.alarm] ??= performance.now();
   }
@@ -242,11 +245,19 @@ class Console:
 
 @contextmanager
 def console(
-    chrome: Browser, url: str, *, width: int = 1280, height: int = 720, touch: bool = False
+    chrome: Browser,
+    url: str,
+    *,
+    width: int = 1280,
+    height: int = 720,
+    touch: bool = False,
+    time_zone: str | None = None,
 ) -> Iterator[Console]:
-    """Open `url` in a new tab with empty storage."""
+    """Open `url` in a new tab with empty storage; `time_zone` None: this machine's."""
     size: ViewportSize = {"width": width, "height": height}
-    context = chrome.new_context(viewport=size, reduced_motion="reduce", has_touch=touch)
+    context = chrome.new_context(
+        viewport=size, reduced_motion="reduce", has_touch=touch, timezone_id=time_zone
+    )
     try:
         page = context.new_page()
         wrong: list[str] = []

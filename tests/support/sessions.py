@@ -16,7 +16,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.state import VehicleId
 from gcs.preflight.parameters import settings_of
-from gcs.recording.audit_reader import exclusions, interruption
+from gcs.recording.audit_reader import exclusions, interruption, lost_begin
 from gcs.recording.session import Record
 from gcs.sim.fleet import Fleet
 from gcs.sim.settings import Settings
@@ -98,6 +98,7 @@ class Vehicles:
             flight=False,
             found=interruption(root),
             excluded=exclusions(root),
+            lost_begin=lost_begin(root),
         )
         with record:
             planning = AtOnce()

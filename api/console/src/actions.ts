@@ -2,6 +2,7 @@
 
 import type { Corrections, Preview, Command, DrawnSamples, ImportedShow, PlacedShow, Placement, ShowCheck, State, Station, StoredShow } from "./state";
 import { decoded } from "./drawn/model";
+import { clockTime } from "./panels/format";
 import { texts } from "./texts";
 import type { Message } from "./messages";
 import { outcome, type Api, type Outcome } from "./schemas/rest";
@@ -20,6 +21,10 @@ export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_leng
 export interface Actions {
   /** Start the selected show, or the formation under manual control; null: all online vehicles, at once. */
   start(vehicles: readonly string[] | null, at_unix_time_s: number | null): Promise<boolean>;
+  /** When the selected show begins to move. */
+  begin(at_unix_time_s: number): Promise<boolean>;
+  cancelBegin(): Promise<boolean>;
+  followTimecode(follow: boolean): Promise<boolean>;
   show(command: ShowCommand): Promise<boolean>;
   vehicle(id: string, command: VehicleCommand): Promise<boolean>;
   /** One command for all of these. */
@@ -153,6 +158,11 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       };
       return commanded(texts.flight.start, api.POST("/api/v1/show/start", { body }));
     },
+    begin: (at_unix_time_s) =>
+      done(texts.begin.title, api.POST("/api/v1/show/begin", { body: { at_unix_time_s } }), texts.begin.given(clockTime(at_unix_time_s))),
+    cancelBegin: () => done(texts.begin.cancel, api.DELETE("/api/v1/show/begin"), texts.begin.cancelled),
+    followTimecode: (follow) =>
+      done(texts.timecode.title, api.POST("/api/v1/show/timecode", { body: { follow } }), follow ? texts.timecode.follows : texts.timecode.letGo),
     show: (command) => commanded(texts.commands.show[command], api.POST(`/api/v1/show/${command}`)),
     vehicle: (id, command) =>
       commanded(texts.commands.vehicle(texts.vehicle.actions[command], id), api.POST(`/api/v1/vehicles/{vehicle_id}/${command}`, ofVehicle(id))),

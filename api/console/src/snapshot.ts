@@ -18,6 +18,8 @@ export type PlacedShow = Schemas["PlacedShow"];
 export type Placement = Schemas["Placement"];
 /** Corrections for RTK, from a base to all vehicles. */
 export type Corrections = Schemas["CorrectionsView"];
+/** The timecode that shows follow. */
+export type Timecode = NonNullable<Status["timecode"]>;
 export type ImportedShow = Schemas["ImportedShow"];
 export type ShowCheck = Schemas["ShowCheck"];
 export type ReplayMarks = Schemas["ReplayMarks"];
@@ -88,6 +90,12 @@ export interface Frame {
   assembled_s: number;
   /** Until all have landed at their pads, if the return began now. */
   home_s: number;
+  /** Hours, minutes, seconds and frames; "": none. */
+  timecode: string;
+  /** By how much the show is behind its timecode; NaN: it follows none. */
+  behind_s: number;
+  /** How fast the show runs by its timecode. */
+  tempo: number;
   /** Row of the vehicle with the least battery; beyond all rows: none. */
   batteryLeastRow: number;
   x_m: Float32Array;

@@ -28,6 +28,8 @@ export interface Written {
   assembled_s?: number;
   home_s?: number;
   batteryLeastRow?: number;
+  timecode?: readonly [number, number, number, number];
+  behind_s?: number;
   vehicles?: readonly Vehicle[];
 }
 
@@ -36,7 +38,7 @@ export function bytes(written: Written): ArrayBuffer {
   const n = vehicles.length;
   const buffer = new ArrayBuffer(size(n));
   const view = new DataView(buffer);
-  view.setUint8(0, written.version ?? 2);
+  view.setUint8(0, written.version ?? 3);
   view.setUint8(1, written.controlAlive === false ? 0 : 1);
   view.setUint8(2, written.center_m === undefined ? 0 : 1);
   view.setUint8(3, written.showPhase ?? 5);
@@ -55,6 +57,9 @@ export function bytes(written: Written): ArrayBuffer {
   const { batteryLeast, batteryMedian, assembled_s, home_s, batteryLeastRow } = written;
   [batteryLeast, batteryMedian, assembled_s, home_s].forEach((value, k) => view.setFloat32(100 + 4 * k, value ?? NaN, true));
   view.setUint32(116, batteryLeastRow ?? 0xffffffff, true);
+  (written.timecode ?? [255, 255, 255, 255]).forEach((value, k) => view.setUint8(44 + k, value));
+  view.setFloat32(120, written.behind_s ?? NaN, true);
+  view.setFloat32(124, 1, true);
   vehicles.forEach((each, i) => {
     const floats: Record<number, number | undefined> = { 0: each.x_m, 1: each.y_m, 2: each.height_m, 10: each.battery, 15: each.low_s, 16: each.empty_s };
     for (let k = 0; k < 17; k++) view.setFloat32(HEADER_BYTES + 4 * (n * k + i), floats[k] ?? NaN, true);

@@ -81,7 +81,7 @@ describe("who may press what", () => {
 
   it("leaves to a selected show what it decides, also while it is paused; a live cue takes the target", () => {
     const selected = {
-      name: "parade", hash: "ab", cue: "stand", cues: ["stand"], clock_s: 1, duration_s: 9, runs: false, spares: [], target_is_live: false,
+      name: "parade", hash: "ab", cue: "stand", cues: ["stand"], clock_s: 1, duration_s: 9, runs: false, spares: [], begun: true, target_is_live: false,
     };
     const led = (change: object): State => flying(undefined, { show: { ...status().show, selected: { ...selected, ...change } } });
     for (const change of [{}, { runs: true }]) {

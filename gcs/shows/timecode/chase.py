@@ -47,7 +47,8 @@ class State(StrEnum):
     NONE = "none"  # nothing has arrived yet
     RUNNING = "running"
     DROPPED_OUT = "dropped-out"  # nothing arrives for a moment, and the show goes on
-    STOPPED = "stopped"
+    STOPPED = "stopped"  # its source says where it stands, or repeats it
+    LOST = "lost"  # nothing arrives any more: its source stands without saying so, or is cut off
     REFUSED = "refused"  # it runs where the show does not follow
 
 
@@ -69,6 +70,8 @@ class Chase:
     _line: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS_MAX))
     _strays: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS_MAX))
     _newest_s: float = -inf  # when the newest reading of the line was true
+    _stands: bool = False  # the source has said so since the timecode ran last
+    _arrived_s: float = -inf  # when a reading arrived last, followed or not
     _stood_s: float = nan  # the timecode at the newest reading of a line that ended, or where it was brought
     _refused_s: float = -inf  # when readings were refused last
     _jump_s: float = nan  # by how much these were off
@@ -76,10 +79,11 @@ class Chase:
 
     def take(self, reading: Reading, now_s: float) -> None:
         """Take a reading that has just arrived."""
-        self.rate = reading.rate
+        self.rate, self._arrived_s = reading.rate, now_s
         if not reading.runs:
             self._end_line()
             self._strays.clear()
+            self._stands = True
             self._stood_s = reading.time_s if self._near(reading.time_s) else self._stood_s
             return
         at_s = now_s - min(max(reading.age_s, 0.0), AGE_MAX_S)
@@ -115,6 +119,7 @@ class Chase:
         self._line.extend(strays)
         strays.clear()
         self._newest_s, self._fit, self._refused_s = at_s, None, -inf
+        self._stands = False
 
     def _near(self, time_s: float) -> bool:
         """Whether the show follows to there."""
@@ -150,7 +155,9 @@ class Chase:
             return State.RUNNING if silent_s <= SILENT_S else State.DROPPED_OUT
         if now_s - self._refused_s <= self.freewheel_s:
             return State.REFUSED
-        return State.NONE if self.rate is None else State.STOPPED
+        if self._stands or now_s - self._arrived_s <= self.freewheel_s:
+            return State.STOPPED
+        return State.NONE if self.rate is None else State.LOST
 
     def runs(self, now_s: float) -> bool:
         """Whether the show has a timecode to follow."""

@@ -16,6 +16,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import SelectedShow
 from tests.support.api_fake_service import FRAME, FakeService
+from tests.support.timecode import VIEW
 from tests.support.views import vehicles_of
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "stream.md").read_text(encoding="utf-8")
@@ -43,7 +44,7 @@ def test_frame_encodes_the_snapshot() -> None:
     service.tick()
     header, columns = encoded(service, countdown_s=3.5)
     view = service.view.value
-    assert (header["version"], header["control_alive"], header["n"], header["revision"]) == (2, 1, 3, 7)
+    assert (header["version"], header["control_alive"], header["n"], header["revision"]) == (3, 1, 3, 7)
     assert list(ShowPhase)[header["show"]] is ShowPhase.RUNNING
     assert (header["time_s"], header["unix_time_s"]) == (view.time_s, view.unix_time_s)
     assert (header["center_x_m"], header["center_y_m"], header["center_height_m"]) == (1.0, 2.0, 20.0)
@@ -80,6 +81,16 @@ def test_unknown_values_are_absent_from_the_frame() -> None:
     for name in ("center_x_m", "center_height_m", "radius_m", "minimum_separation_m", "countdown_s"):
         assert np.isnan(header[name]), name
     assert columns["red"].tolist() == [0, 0, 0]
+
+
+def test_timecode_is_in_the_header() -> None:
+    header, _ = encoded(FakeService(), timecode=VIEW)
+    assert header["timecode"].tolist() == [1, 0, 2, 12]
+    assert (header["behind_s"], header["tempo"]) == pytest.approx((0.012, 1.001))
+    for nowhere in (None, replace(VIEW, label="", behind_s=np.nan, tempo=np.nan)):
+        header, _ = encoded(FakeService(), timecode=nowhere)
+        assert tuple(header["timecode"].tolist()) == frames.NO_TIMECODE
+        assert np.isnan([header["behind_s"], header["tempo"]]).all()
 
 
 def test_counters_wrap_and_headings_stay_below_360() -> None:

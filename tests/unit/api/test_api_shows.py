@@ -1,12 +1,14 @@
 """Show files and their checks over REST: what is kept, what is refused, and what that changes."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from gcs.api.context import Feed
 from gcs.shows import load, shipped
 from gcs.shows.library import FILES_MAX, SIZE_MAX_BYTES
 from tests.support.api_fake_service import FakeService
@@ -194,6 +196,30 @@ def test_timecode_is_shown_and_let_go(api: Api) -> None:
     assert "gcs_timecode_behind_seconds 0.012" in text
     assert "gcs_show_tempo 1.001" in text
     assert "gcs_timecode_age_seconds NaN" in text
+
+
+def test_a_running_timecode_causes_no_new_status(api: Api) -> None:
+    """Nor does a show that waits for its time: frames have what moves. That it freezes is in the status."""
+    api("PUT", PATH, content=LIGHTHOUSE.encode())
+    api("POST", f"{PATH}/select", json={"hash": pass_check(api)})
+    api("POST", "/api/v1/show/begin", json={"at_unix_time_s": 9e9})
+    feed, service = Feed(api.service, "off", str), api.service
+    service.timecode = VIEW
+    service.tick()
+    first, text = feed.status(0.0)
+    assert '"label":"01:00:02:12"' in text
+    assert '"at_unix_time_s":9000000000.0' in text
+    moved = replace(
+        VIEW, label="01:00:09:00", age_s=0.02, behind_s=-0.01, slope=0.999, tempo=1.0, readings=99
+    )
+    service.timecode = moved
+    service.tick()
+    assert feed.status(1.0)[0] == first
+    service.timecode = replace(moved, state="lost", problem="gone", frozen_since_unix_time_s=1.8e9)
+    service.tick()
+    revision, text = feed.status(2.0)
+    assert revision == first + 1
+    assert '"frozen_since_unix_time_s":1800000000.0' in text
 
 
 def test_unknown_check_is_404_and_missing_file_fails_its_check(api: Api) -> None:

@@ -2,13 +2,14 @@
 
 import re
 from dataclasses import replace
+from datetime import datetime
 
 import pytest
 from rich.console import Console
 
 from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import COLUMNS, SORTED, _columns, board, station_board
-from gcs.service import TimecodeView
+from gcs.service import BeginState, BeginView, SelectedShow, TimecodeView
 from tests.support.api_fake_service import FakeService
 from tests.support.status_example import NOT_ORDINARY, PILOT, example_fleet
 
@@ -191,8 +192,27 @@ def test_status_has_the_timecode_and_how_the_show_stands(fleet: schemas.Fleet) -
         dropped=0,
     )
     shown = "\n".join(lines(fleet.model_copy(update={"timecode": timecode}), 160))
-    assert "01:00:02:12 25 stopped, show -1200 ms behind, tempo 0.000, the timecode has stopped" in shown
+    where = "01:00:02:12 25 stopped, udp-midi://127.0.0.1:5006"
+    assert f"{where}, show -1200 ms behind, tempo 0.000, the timecode has stopped" in shown
+    since_s = fleet.unix_time_s - 12.0
+    frozen = replace(timecode, frozen_since_unix_time_s=since_s)
+    shown = "\n".join(lines(fleet.model_copy(update={"timecode": frozen}), 160))
+    assert f"{where}, SHOW FROZEN for 12 s, show" in shown
     let_go = replace(timecode, followed=False)
     assert "shows run by this station's clock" in "\n".join(
         lines(fleet.model_copy(update={"timecode": let_go}), 160)
     )
+
+
+def test_status_says_when_a_waiting_show_begins(fleet: schemas.Fleet) -> None:
+    at_s = 1.8e9
+    selected = SelectedShow("tour", "ab", "stand", ("stand",), 0.0, 60.0, runs=False, target_is_live=False)
+
+    def shown(begin: BeginView) -> str:
+        show = fleet.show.model_copy(update={"selected": replace(selected, begin=begin)})
+        return "\n".join(lines(fleet.model_copy(update={"show": show}), 160))
+
+    local = f"{datetime.fromtimestamp(at_s).astimezone():%H:%M:%S %Z}"
+    waiting = shown(BeginView(BeginState.WAITING, at_s, 12.34))
+    assert f"waiting: begins at {local}, in 12.3 s" in waiting
+    assert "held: no time to begin is given" in shown(BeginView(BeginState.HELD, None, None))

@@ -18,7 +18,7 @@ from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Mode
 from gcs.recording.audit_database import VERSION, Journal, Row
-from gcs.recording.audit_reader import AUDIT, exclusions, last_known
+from gcs.recording.audit_reader import AUDIT, LostBegin, exclusions, last_known, lost_begin
 from gcs.recording.session import Record
 from gcs.service import CALLER, Call, Outcome, SelectedShow
 from gcs.service.commands import CommandLog
@@ -173,6 +173,30 @@ def test_invalid_exclusion_is_refused_by_name(tmp_path: Path) -> None:
         record.audit.event(1.8e9, "warning", "excluded", "d2", {"by": "anna"})
     with pytest.raises(GcsError, match="the exclusion of d2 cannot be read"):
         exclusions(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("events_then", "expected"),
+    [
+        (["show_begins_at"], LostBegin("tour", "2026-11-26 20:30:00 UTC")),
+        (["show_begins_at", "show_phase"], LostBegin("tour", "2026-11-26 20:30:00 UTC")),
+        (["show_begins_at", "show_began"], None),
+        (["show_begins_at", "show_begin_cancelled"], None),
+        (["show_begins_at", "show_begin_forgotten"], None),
+        ([], None),
+    ],
+)
+def test_a_show_that_waited_is_known_to_the_next_session(
+    tmp_path: Path, events_then: list[str], expected: LostBegin | None
+) -> None:
+    assert lost_begin(tmp_path) is None, "no record yet"
+    with Record(tmp_path, CONFIG, VEHICLES) as record:
+        for event in events_then:
+            record.audit.event(1.8e9, "info", event, None, {"show": "tour", "at": "2026-11-26 20:30:00 UTC"})
+    assert lost_begin(tmp_path) == expected
+    with Record(tmp_path, CONFIG, VEHICLES):
+        pass
+    assert lost_begin(tmp_path) is None, "the session after it has said so"
 
 
 def test_an_audit_is_read_while_the_service_writes(tmp_path: Path) -> None:

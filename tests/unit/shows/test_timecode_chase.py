@@ -166,6 +166,22 @@ def test_a_source_that_repeats_one_frame_stands() -> None:
     assert chase.time_s(12.0) == pytest.approx(104.0, abs=0.15)
 
 
+def test_a_silent_source_is_lost_another_says_that_it_stopped() -> None:
+    midi, chase = MidiTimecode(), Chase(freewheel_s=1.0, jump_max_s=5.0)
+    assert chase.state(0.0) is State.NONE
+    for at_s, message in arriving(3.0, Rate.FPS_25, 1.0, late(0.002, 1)):
+        for reading in midi.take(message):
+            chase.take(reading, at_s)
+    assert [chase.state(at_s) for at_s in (3.0, 3.5, 5.0)] == [State.RUNNING, State.DROPPED_OUT, State.LOST]
+    for reading in midi.take(full_frame(Label(1, 0, 3, 0), Rate.FPS_25)):
+        chase.take(reading, 6.0)
+    assert [chase.state(at_s) for at_s in (6.0, 600.0)] == [State.STOPPED] * 2
+    for at_s, message in arriving(3.0, Rate.FPS_25, 1.0, late(0.002, 1)):
+        for reading in midi.take(message):
+            chase.take(reading, 700.0 + at_s)
+    assert [chase.state(at_s) for at_s in (703.0, 705.0)] == [State.RUNNING, State.LOST]
+
+
 def test_a_full_frame_counts_before_the_show_only() -> None:
     midi, chase = MidiTimecode(), Chase(freewheel_s=1.0, jump_max_s=5.0)
     for place in (Label(10, 0, 0, 0), Label(1, 0, 0, 0)):

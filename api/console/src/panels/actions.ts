@@ -38,6 +38,10 @@ export interface PanelActions
 
   show(command: ShowCommand): void;
   start(): void;
+  /** At the typed time. */
+  begin(): void;
+  cancelBegin(): void;
+  followTimecode(follow: boolean): void;
   vehicle(id: string, command: VehicleCommand): void;
   /** To every selected vehicle, as one command. */
   fleet(command: FleetCommand): void;

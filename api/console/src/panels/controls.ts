@@ -43,6 +43,16 @@ export function button(actions: PanelActions, b: Button): TemplateResult {
   </button>`;
 }
 
+/** A button with an effect that is named before it is had: it takes a second press. `about` tells it from others. */
+export function twice(state: State, actions: PanelActions, b: Omit<Button, "kind"> & { sure: string; about: string }): TemplateResult {
+  const isSure = state.panels.sure === b.about;
+  const press = (): void => {
+    actions.set({ sure: isSure ? "" : b.about });
+    if (isSure) b.press();
+  };
+  return button(actions, { ...b, label: isSure ? b.sure : b.label, kind: isSure ? "danger" : "normal", press });
+}
+
 export interface NumberField {
   field: string; // draft, and data-testid
   label: string;

@@ -11,6 +11,7 @@ import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type PanelState, type LeftPanel, type RightPanel } from "./state";
 import { whyNotApply, whyNotPlacing } from "../placing/panel";
 import { whyNotOnGround } from "./rights";
+import { beginOrder, beginTime } from "./begin";
 import { startOrder } from "./start";
 import { isSite } from "./stations";
 import type { PanelActions, PanelName } from "./actions";
@@ -212,11 +213,26 @@ export function createDeskActions(
     async start() {
       const command = startOrder(state());
       if (typeof command === "string") return refuse(texts.start.title, command);
+      const begins = beginOrder(state());
+      if (typeof begins === "string") return refuse(texts.begin.title, begins);
+      if (begins !== null && !(await service.begin(begins))) return; // it would begin at once
       if (await service.start(command.vehicles, command.at_unix_time_s)) {
-        set({ sheet: null, startAt: false, startNamed: false });
+        set({ sheet: null, startAt: false, startNamed: false, beginAt: false });
         undo("start-");
+        undo("begin-");
       }
     },
+    async begin() {
+      const { panels, frame } = state();
+      const at_s = beginTime(panels.drafts["begin-time"] ?? "", frame?.unix_time_s ?? NaN);
+      if (typeof at_s === "string") return refuse(texts.begin.title, at_s);
+      if (await service.begin(at_s)) {
+        set({ sheet: null });
+        undo("begin-");
+      }
+    },
+    cancelBegin: () => void service.cancelBegin(),
+    followTimecode: (follow) => void service.followTimecode(follow),
     vehicle: (id, command) => void service.vehicle(id, command),
     fleet: (command) => void service.fleet(command, state().view.selection),
     exclude: (id) => void excluded(id),

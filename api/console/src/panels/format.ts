@@ -59,6 +59,11 @@ export function clockTime(unix_time_s: Maybe): string {
   return new Date(unix_time_s * 1000).toLocaleTimeString("en-GB");
 }
 
+/** The same in UTC. */
+export function utcTime(unix_time_s: number): string {
+  return new Date(unix_time_s * 1000).toISOString().slice(11, 19);
+}
+
 /** Typed text as a number; a comma is a point. null: no number. */
 export function parsed(text: string): number | null {
   const trimmed = text.trim().replace(",", ".").replace("−", "-");

@@ -11,6 +11,7 @@ import type { PanelActions } from "./actions";
 import { alarmsOf } from "../alarms/model";
 import { alarms, announcer } from "../alarms/panel";
 import { offers, recovery } from "../alarms/recovery";
+import { begin, beginStrip } from "./begin";
 import { banner, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
@@ -34,6 +35,7 @@ import { shows } from "./shows";
 import { start } from "./start";
 import type { LeftPanel, RightPanel, Sheet } from "./state";
 import { isSite, missing, stations } from "./stations";
+import { timecodeStrip } from "./timecode";
 import { timeline } from "./timeline";
 import { life, topbar } from "./topbar";
 import { vehicle } from "./vehicle";
@@ -63,6 +65,7 @@ const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
 
 const SHEETS: Record<Sheet, { view: View; title: string }> = {
   start: { view: start, title: texts.start.title },
+  begin: { view: begin, title: texts.begin.title },
   kill: { view: kill, title: texts.kill.title },
   help: { view: help, title: texts.help.title },
 };
@@ -167,7 +170,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
   ];
   return html`<div class=${names.filter(Boolean).join(" ")} data-testid="panels" data-life=${now} data-layout=${layout}>
     ${topbar(state, actions)}
-    ${banner(state)}
+    <div class="banners">${banner(state)} ${timecodeStrip(state, actions)} ${beginStrip(state, actions)}</div>
     ${isSmall(layout) ? nothing : recovery(state)}
     <div class="alarms" data-region="alarms">${isSmall(layout) ? recovery(state) : nothing} ${alarms(state, actions)}</div>
     <div class="rails">

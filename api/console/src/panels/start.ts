@@ -4,6 +4,7 @@ import { html, nothing, type TemplateResult } from "lit-html";
 import type { State } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
+import { beginOrder, beginRow } from "./begin";
 import { button, choices, textField } from "./controls";
 import { clockTime, nextClockTime } from "./format";
 import { icon } from "./icons";
@@ -37,12 +38,20 @@ export function names(text: string): string[] {
 /** Why pressing "Take off" would do nothing; "" where it may be pressed. A start by the clock is checked when it is due. Pure. */
 export function whyNotStart(state: State): string {
   const command = startOrder(state);
-  const why = whyNotShow(state, "start") || (typeof command === "string" ? command : "");
+  const why = whyNotShow(state, "start") || (typeof command === "string" ? command : "") || whyNotBegun(state, command);
   if (why !== "" || typeof command === "string" || command.at_unix_time_s !== null) return why;
   const report = preflightOf(state, command.vehicles);
   if (report === null) return state.panels.preflightProblem || t.unknown;
   if (!report.vehicles.some((each) => each.flies)) return t.noVehicles;
   return report.passes ? "" : t.fails(failures(report));
+}
+
+/** Why the time at which the show shall begin does not go with the start. */
+function whyNotBegun(state: State, command: StartOrder | string): string {
+  const begins = beginOrder(state);
+  if (typeof begins === "string") return begins;
+  const at_s = typeof command === "string" ? null : command.at_unix_time_s;
+  return begins !== null && at_s !== null && begins <= at_s ? texts.begin.beforeTakeOff : "";
 }
 
 /** Vehicles with one reason together: "d1, d2: offline", in their order. Pure. */
@@ -89,6 +98,7 @@ export function start(state: State, actions: PanelActions): TemplateResult {
   const { drafts, startAt, startNamed } = state.panels;
   const selected = state.status?.show.selected;
   const command = startOrder(state);
+  const begins = beginOrder(state);
   const wrong = typeof command === "string" ? command : "";
   const at_s = typeof command === "string" ? null : command.at_unix_time_s;
   const now_s = state.frame?.unix_time_s ?? 0;
@@ -110,6 +120,7 @@ export function start(state: State, actions: PanelActions): TemplateResult {
       ? textField(state, actions, { field: "start-time", label: t.atLabel, placeholder: "21:30", focus: true, problem: drafts["start-time"] && wrong === t.badTime ? wrong : "" })
       : nothing}
     ${isTomorrow ? html`<p class="problem">${t.tomorrow}</p>` : nothing}
+    ${beginRow(state, actions)}
     <div class="rowed">
       <b>${t.who}</b>
       ${choices("start-who", t.who, [{ value: "all", label: t.all }, { value: "named", label: t.named }], startNamed ? "named" : "all", (value) =>
@@ -123,7 +134,7 @@ export function start(state: State, actions: PanelActions): TemplateResult {
     <div class="buttons">
       ${button(actions, {
         id: "start-go",
-        label: at_s === null ? t.go : t.goAt(clockTime(at_s)),
+        label: t.goes(at_s === null ? "" : clockTime(at_s), typeof begins === "number" ? clockTime(begins) : ""),
         kind: "primary",
         icon: "takeoff",
         focus: true,

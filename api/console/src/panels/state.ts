@@ -14,7 +14,7 @@ export type PanelSide = "left" | "right";
 export type Group = "formation" | "orbit" | "target" | "yaw";
 export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
 export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "stations" | "report";
-export type Sheet = "start" | "kill" | "help";
+export type Sheet = "start" | "begin" | "kill" | "help";
 
 /** Something that the service, or the page, refused. */
 export interface Refusal {
@@ -57,10 +57,11 @@ export interface PanelState {
   preflightFor: string; // the vehicles it was requested for, with spaces between; empty: all that are online
   preflightProblem: string;
   allChecks: boolean; // also those that pass
-  sure: string; // what waits for a second press: "obstacle:tower", "show:parade", "lead"
+  sure: string; // what waits for a second press: "obstacle:tower", "show:parade", "lead", "begin:1795000000"
   excluding: string | null;
   editing: string | null; // an obstacle's id; "": a new one
   startAt: boolean; // at a clock time
+  beginAt: boolean; // the show, at a clock time
   startNamed: boolean; // those named only
   killNamed: ReadonlySet<string> | null; // as chosen in the sheet; null: all that are not offline
   holding_ms: number | null; // since when the kill is held
@@ -106,6 +107,7 @@ export function initialDesk(): PanelState {
     excluding: null,
     editing: null,
     startAt: false,
+    beginAt: false,
     startNamed: false,
     killNamed: new Set(),
     holding_ms: null,

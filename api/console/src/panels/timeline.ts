@@ -8,6 +8,7 @@ import { minutes } from "./format";
 import { icon } from "./icons";
 import { place } from "./place";
 import { whyNot, whyNotOnGround } from "./rights";
+import { isFrozen } from "./timecode";
 
 export interface Segment {
   cue: string;
@@ -33,6 +34,7 @@ export function timeline(state: State, actions: PanelActions): TemplateResult {
     </section>`;
   }
   const clock_s = state.frame && Number.isFinite(state.frame.clock_s) ? state.frame.clock_s : show.clock_s;
+  const runs = show.runs && !isFrozen(state.status);
   const all = segments(state.status.timeline, show.duration_s);
   const now = playing(all, clock_s);
   const why = whyNot(state, "seek") || whyNotOnGround(state);
@@ -41,7 +43,7 @@ export function timeline(state: State, actions: PanelActions): TemplateResult {
     <header>
       <strong data-testid="timeline-show">${show.name}</strong>
       <span data-testid="timeline-cue">${show.cue}</span>
-      <span class="tag">${icon(show.runs && fresh(state) ? "start" : "pause")}${show.runs ? texts.timeline.runs : texts.timeline.stands}</span>
+      <span class="tag">${icon(runs && fresh(state) ? "start" : "pause")}${runs ? texts.timeline.runs : texts.timeline.stands}</span>
       ${show.target_is_live ? html`<span class="tag accent">${texts.timeline.live}</span>` : nothing}
       <span class="spring"></span>
       <span class="clock value" data-testid="show-clock">${minutes(clock_s)} / ${minutes(show.duration_s)}</span>

@@ -10,6 +10,7 @@ import { button } from "./controls";
 import { clockTime, minutes, withUnit } from "./format";
 import { icon, type IconName } from "./icons";
 import { isSmall } from "./layout";
+import { isFrozen } from "./timecode";
 
 type Life = keyof typeof texts.bar.states;
 
@@ -58,9 +59,10 @@ function gauge(name: string, value: string, id: string, more: string = ""): Temp
 function showState(state: State): TemplateResult {
   const show = state.status?.show;
   const phase = show?.phase ?? "idle";
-  const known = show ? texts.phases[phase] : "–";
-  return html`<div class="show-state phase-${phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
-    ${icon(SHOW_ICON[phase])}
+  const frozen = phase === "running" && isFrozen(state.status);
+  const known = show === undefined ? "–" : frozen ? texts.timecode.phase : texts.phases[phase];
+  return html`<div class="show-state phase-${frozen ? "paused" : phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
+    ${icon(frozen ? "pause" : SHOW_ICON[phase])}
     <span class="show-words">
       <strong data-testid="show-phase">${known}</strong>
       <small data-testid="show-reason">${showReason(state)}</small>

@@ -2,10 +2,12 @@
 
 import { SHOW_PHASES, type Frame } from "../state";
 
-export const VERSION = 2;
+export const VERSION = 3;
 export const HEADER_BYTES = 128;
 const FLOATS = 17;
 const BYTES = 7;
+/** Of each number of a timecode that there is none. */
+const NO_TIMECODE = 255;
 
 /** Bytes of a frame of n vehicles. */
 export const size = (n: number): number => HEADER_BYTES + n * (4 * FLOATS + BYTES);
@@ -34,6 +36,7 @@ export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
   const float = (at: number): number => header.getFloat32(at, true);
   const column = (k: number): Float32Array => new Float32Array(buffer, HEADER_BYTES + 4 * n * k, n);
   const bytes = (k: number): Uint8Array => new Uint8Array(buffer, HEADER_BYTES + n * (4 * FLOATS + k), n);
+  const label = [44, 45, 46, 47].map((at) => header.getUint8(at));
   return {
     revision: header.getUint32(8, true),
     time_s: header.getFloat64(16, true),
@@ -63,6 +66,9 @@ export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
     assembled_s: float(108),
     home_s: float(112),
     batteryLeastRow: header.getUint32(116, true),
+    timecode: label.includes(NO_TIMECODE) ? "" : label.map((part) => String(part).padStart(2, "0")).join(":"),
+    behind_s: float(120),
+    tempo: float(124),
     x_m: column(0),
     y_m: column(1),
     height_m: column(2),

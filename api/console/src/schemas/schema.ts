@@ -1913,7 +1913,7 @@ export interface components {
              * @description The service's monotonic clock.
              */
             time_s: number;
-            /** @description That shows follow; null: none is configured. */
+            /** @description That shows follow, with the values at `time_s`; null: none is configured. */
             timecode: components["schemas"]["TimecodeView"] | null;
             /** Unix Time S */
             unix_time_s: number;
@@ -2913,6 +2913,12 @@ export interface components {
             /** @description null: it begins as soon as all vehicles are there, or has begun. */
             begin?: components["schemas"]["BeginView"] | null;
             /**
+             * Begun
+             * @description Its clock has run since the start: no time to begin is accepted any more.
+             * @default false
+             */
+            begun: boolean;
+            /**
              * Clock S
              * @description The show's own time; 0 when the first sphere stands.
              */
@@ -3318,6 +3324,8 @@ export interface components {
              * @description The service's monotonic clock.
              */
             time_s: number;
+            /** @description That shows follow, with the values at `time_s`; null: none is configured. */
+            timecode: components["schemas"]["TimecodeView"] | null;
             /**
              * Timeline
              * @description Cues of the selected show, loops written out.
@@ -3441,6 +3449,11 @@ export interface components {
              */
             frame_rate: string;
             /**
+             * Frozen Since Unix Time S
+             * @description Since when a running show stands still, or comes to rest, because the timecode does; null: it does not. `state` and `problem` say why.
+             */
+            frozen_since_unix_time_s: number | null;
+            /**
              * Garbage
              * @description Messages that make no sense.
              */
@@ -3473,10 +3486,10 @@ export interface components {
             source: string;
             /**
              * State
-             * @description refused: it has jumped to where the show does not follow.
+             * @description stopped: its source says so. lost: nothing arrives any more. refused: it has jumped to where the show does not follow.
              * @enum {string}
              */
-            state: "none" | "running" | "dropped-out" | "stopped" | "refused";
+            state: "none" | "running" | "dropped-out" | "stopped" | "lost" | "refused";
             /**
              * Tempo
              * @description How fast the show runs; 0: it stands still; null: none.
