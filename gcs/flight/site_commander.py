@@ -390,9 +390,11 @@ class SiteCommander(Commander):
             return ""
         if why := self._shows.why_not_here:
             return why
-        show_run = self.flight.show_run
-        try:
-            self._gate.need(None if show_run is None else show_run.hash, None)
+        flight, show_run = self.flight, self.flight.show_run
+        names = [name for name in flight.vehicles if name not in flight.excluded]
+        meant = [name for name in names if flight.vehicles[name].phase is not Phase.OFFLINE]
+        try:  # how many fly a show is for the start to say, which may name them
+            self._gate.need(*((None, None) if show_run is None else (show_run.hash, meant)))
         except GcsError as refused:
             return str(refused)
         return ""
