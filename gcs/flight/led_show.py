@@ -5,7 +5,7 @@ message was made. Written shows and drawn ones, clock, pace and tempo go the sam
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any, Final
@@ -17,6 +17,7 @@ from gcs.flight.running_show import ShowRun
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.state import VehicleId
+from gcs.service import BeginState, BeginView
 from gcs.shows import ShowClock
 from gcs.shows.following import DrawnPace
 from gcs.shows.tempo import Tempo
@@ -34,6 +35,9 @@ JUMPS_S: Final = 0.2
 SHARE: Final = 0.1
 """Of the clock's error that is made up for at each tick: arrival times jitter by a tick."""
 
+BEGUN_S: Final = 0.06
+"""A message that the lead made less than this after a show began here may be of the tick before."""
+
 RATE_MAX: Final = 2.0
 
 
@@ -48,6 +52,9 @@ class LedShow:
     started: bool = False
     pace: DrawnPace = DrawnPace()
     tempo: Tempo = Tempo()
+    begun: bool = False
+    begin: BeginView | None = None  # how it waited then; None: it begins as soon as it can
+    begins_s: float | None = None  # when it will begin; None: not known
 
     @property
     def rate(self) -> float:
@@ -70,10 +77,12 @@ class ShowTraffic:
         self._parts: tuple[str, dict[VehicleId, int]] = ("", {})  # of the show with this hash
         self._sent_parts: Mapping[VehicleId, int] | None = None
         self._due_s = self._parts_due_s = -inf
+        self.begins_s: Callable[[float], float | None] = lambda _: None  # when the lead's show begins
 
-    def parts_of(self, show_hash: str) -> dict[VehicleId, int]:
-        """Which vehicle flies which part of this show; empty: not known yet."""
-        return self._parts[1] if self._parts[0] == show_hash else {}
+    def parts_of(self, show_hash: str, count: int) -> dict[VehicleId, int]:
+        """Which vehicle flies which of the `count` parts of this show; empty: not known yet."""
+        of_hash, parts = self._parts
+        return parts if of_hash == show_hash and max(parts.values(), default=0) < count else {}
 
     def take(self, sender: str, topic: str, payload: bytes, arrived_s: float) -> None:
         """Note a message of the lead; those of other stations are ignored. Raises: LinkError."""
@@ -103,7 +112,8 @@ class ShowTraffic:
         show_run, term = self._flight.show_run, self._site.lead.term
         if now_s >= self._due_s or self._flight.show not in ON_THE_GROUND:
             self._due_s = now_s + SLOWLY_S
-            yield SHOW, json.dumps({"term": term, "show": _shown(show_run, now_s)}).encode()
+            about = None if show_run is None else _shown(show_run, now_s, self.begins_s(now_s))
+            yield SHOW, json.dumps({"term": term, "show": about}).encode()
         if show_run is None or not show_run.started:
             self._sent_parts = None
         elif now_s >= self._parts_due_s or show_run.parts is not self._sent_parts:
@@ -113,10 +123,8 @@ class ShowTraffic:
             yield PARTS, json.dumps({"term": term, "hash": show_run.hash, **parts}).encode()
 
 
-def _shown(show_run: ShowRun | None, now_s: float) -> dict[str, Any] | None:
-    if show_run is None:
-        return None
-    clock, pace, tempo = show_run.clock, show_run.pace, show_run.tempo
+def _shown(show_run: ShowRun, now_s: float, begins_s: float | None) -> dict[str, Any]:
+    clock, pace, tempo, begin = show_run.clock, show_run.pace, show_run.tempo, show_run.begin
     drawn = show_run.goals is not None
     return {
         "hash": show_run.hash,
@@ -125,6 +133,9 @@ def _shown(show_run: ShowRun | None, now_s: float) -> dict[str, Any] | None:
         "started": show_run.started,
         "pace": [pace.approaches, pace.rate, pace.rate_per_s] if drawn else [False, 1.0, 0.0],
         "tempo": [tempo.rate, tempo.rate_per_s],
+        "begun": show_run.begun,
+        "begin": None if begin is None else [begin.state.value, begin.at_unix_time_s, begin.in_s],
+        "begins_in_s": None if begins_s is None else begins_s - now_s,
     }
 
 
@@ -135,18 +146,37 @@ def _led_show(read: Mapping[str, Any] | None, made_s: float) -> LedShow:
     approaches, *pace = read["pace"]
     tempo = read["tempo"]
     (pace_rate, pace_change), (rate, change) = map(_rates, (pace, tempo))
-    clock_s = float(read["clock_s"])
-    if not isfinite(clock_s):
-        raise ValueError("clock_s is not finite")
+    begins_in_s = _finite(read["begins_in_s"])
     return LedShow(
         made_s,
         str(read["hash"])[:64],
-        clock_s,
+        float(_finite(read["clock_s"]) or 0.0),
         bool(read["runs"]),
         bool(read["started"]),
         DrawnPace(bool(approaches), pace_rate, pace_change),
         Tempo(rate, change),
+        bool(read["begun"]),
+        _begin(read["begin"]),
+        None if begins_in_s is None else made_s + begins_in_s,
     )
+
+
+def _begin(read: Any) -> BeginView | None:
+    """How a show waits for its beginning. Raises: ValueError, TypeError."""
+    if read is None:
+        return None
+    state, at_unix_s, in_s = read
+    return BeginView(BeginState(state), _finite(at_unix_s), _finite(in_s))
+
+
+def _finite(read: Any) -> float | None:
+    """A number, or None. Raises: ValueError, TypeError."""
+    if read is None:
+        return None
+    number = float(read)
+    if not isfinite(number):
+        raise ValueError("a number that is not finite")
+    return number
 
 
 def _rates(read: Any) -> tuple[float, float]:
@@ -157,11 +187,15 @@ def _rates(read: Any) -> tuple[float, float]:
     return rate, change_per_s
 
 
-def keep_clock(show_run: ShowRun, led: LedShow, now_s: float) -> None:
-    """Have clock, pace and tempo of a station's show be those of the lead's; once a tick."""
+def keep_clock(show_run: ShowRun, led: LedShow, now_s: float, began_s: float = -inf) -> None:
+    """Have clock, pace and tempo of a station's show be those of the lead's; once a tick.
+
+    `began_s`: when the show began here, if it did together with the lead.
+    """
     show_run.started, show_run.pace, show_run.tempo = led.started, led.pace, led.tempo
     if not led.runs:
-        show_run.clock = ShowClock(led.clock_s)
+        if led.made_s > began_s + BEGUN_S:
+            show_run.clock = ShowClock(led.clock_s)
         return
     since_s, led_s = show_run.clock.since_s, led.show_s(now_s)
     own_s = led_s

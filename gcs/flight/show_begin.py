@@ -51,25 +51,39 @@ class ShowBegin:
 
     def begin_at(self, at_unix_s: float) -> None:
         """Set the time. Raises: InvalidError, RefusedError."""
-        show_run = self._unbegun("a time to begin")
-        timecode = self.flight.timecode
-        if timecode.followed:
-            raise RefusedError("shows follow the timecode, which says when they begin")
-        ahead_s = at_unix_s - self.flight.unix_s()
-        if not 0.0 < ahead_s <= AHEAD_MAX_S:
-            allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.flight.unix_s():.1f} now"
-            raise InvalidError("at_unix_time_s", at_unix_s, allowed)
+        show_run = self.check(at_unix_s)
         self._at_unix_s, self._held, self._given_to = at_unix_s, False, show_run.name
         self._show(show_run)
         doubt = self.flight.clock_problem()
         reported = {"show": show_run.name, "at": utc(at_unix_s), "at_unix_s": at_unix_s, "reason": doubt}
         log.info("show_begins_at", extra=reported)
 
-    def cancel(self) -> None:
-        """Forget the time. Raises: RefusedError."""
+    def check(self, at_unix_s: float) -> ShowRun:
+        """Check whether the selected show can begin then. Raises: InvalidError, RefusedError."""
+        show_run = self._unbegun("a time to begin")
+        if self.follows_timecode:
+            raise RefusedError("shows follow the timecode, which says when they begin")
+        ahead_s = at_unix_s - self.flight.unix_s()
+        if not 0.0 < ahead_s <= AHEAD_MAX_S:
+            allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.flight.unix_s():.1f} now"
+            raise InvalidError("at_unix_time_s", at_unix_s, allowed)
+        return show_run
+
+    def check_cancel(self) -> ShowRun:
+        """Check whether there is a time to cancel. Raises: RefusedError."""
         show_run = self._unbegun("no time to begin")
         if self._at_unix_s is None and not self._held:
             raise RefusedError("no time to begin was given")
+        return show_run
+
+    @property
+    def follows_timecode(self) -> bool:
+        """Whether a timecode says when the show begins."""
+        return self.flight.timecode.followed
+
+    def cancel(self) -> None:
+        """Forget the time. Raises: RefusedError."""
+        show_run = self.check_cancel()
         self._at_unix_s = None
         self._held = self.flight.show not in ON_THE_GROUND or bool(self.flight.airborne)
         self._show(show_run)

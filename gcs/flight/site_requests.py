@@ -125,11 +125,11 @@ class ShowMissing:
 
 @dataclass(frozen=True, slots=True)
 class ShowChange:
-    """Select the show that was sent before, by its hash, deselect it, or begin at a cue: at the lead."""
+    """Change the show at the lead."""
 
     by: Text
-    action: Literal["select", "deselect", "seek"]
-    value: Text
+    action: Literal["select", "deselect", "seek", "begin", "cancel-begin"]
+    value: Text = ""  # the hash of a show that was sent before, a cue, a Unix time
     kind: Literal["show-change"] = "show-change"
 
 

@@ -18,12 +18,13 @@ from gcs.flight.led_show import LedShow, keep_clock
 from gcs.flight.running_show import Seen, ShowRun
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.site_arrivals import ShowArrivals, packed
+from gcs.flight.site_begin import SiteShowBegin
 from gcs.flight.site_member import SiteMember
 from gcs.flight.site_requests import PARTS_MAX, REQUEST, Refusal, ShowChange, ShowMissing, ShowPart
 from gcs.model.errors import GcsError, LinkError, RefusedError
-from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import VehicleId
-from gcs.service import CALLER, SelectedShow
+from gcs.service import CALLER, BeginState, BeginView, SelectedShow
 from gcs.shows import Flaw, Show
 from gcs.shows.following import DrawnPace
 
@@ -45,6 +46,8 @@ class SiteShowPlayer(ShowPlayer):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self.begin = self._keeping = SiteShowBegin(self.flight, member=self.member)
+        self.member.shows.begins_s = self.begin.due_s
         self._arrivals = ShowArrivals(self.show_library, self.reading)
         self._packed: tuple[str, list[str]] = ("", [])  # the newest that was sent, by its hash
         self._selecting: tuple[str, ShowChange, float] | None = None  # by which station, and until when
@@ -87,12 +90,31 @@ class SiteShowPlayer(ShowPlayer):
         self._ask("seek", cue)
         return replace(show_run, clock=clock).view(now_s)
 
-    def begin_at(self, at_unix_time_s: float) -> SelectedShow:  # noqa: ARG002 (as the port names it)
-        raise RefusedError("several stations fly: a show begins at a clock time with one station alone")
+    def begin_at(self, at_unix_time_s: float) -> SelectedShow:
+        if self.leads:
+            return super().begin_at(at_unix_time_s)
+        self._need_lead_here()
+        self.begin.check(at_unix_time_s)
+        self._ask("begin", repr(at_unix_time_s))
+        in_s = at_unix_time_s - self.flight.unix_s()
+        return replace(self._selected(), begin=BeginView(BeginState.ARMED, at_unix_time_s, in_s))
+
+    def cancel_begin(self) -> SelectedShow:
+        if self.leads:
+            return super().cancel_begin()
+        self._need_lead_here()
+        self.begin.check_cancel()
+        self._ask("cancel-begin", "")
+        grounded = self.flight.show in ON_THE_GROUND
+        begin = None if grounded else BeginView(BeginState.HELD, None, None)
+        return replace(self._selected(), begin=begin)
 
     def _need_lead(self, what: str) -> None:
         self.flight.need_no_countdown()
         self.need_ground(what)
+        self._need_lead_here()
+
+    def _need_lead_here(self) -> None:
         if not self.member.lead_is_here:
             name = self.member.site.lead.name
             raise RefusedError(f"the leading station {name} is not received: gcs lead take")
@@ -114,12 +136,22 @@ class SiteShowPlayer(ShowPlayer):
             if request.action == "select":
                 self._selecting = station, request, self.flight.fleet.time_s + SELECTED_WITHIN_S
                 self._select_arrived()
-            elif request.action == "deselect":
-                super().deselect()
             else:
-                super().seek(request.value)
-        except GcsError as refused:
+                self._change(request)
+        except (GcsError, ValueError) as refused:
             self.member.refuse(station, Refusal(f"to {request.action}", request.by, str(refused)[:500]))
+
+    def _change(self, request: ShowChange) -> None:
+        """Raises: GcsError; ValueError for a time that is no number."""
+        match request.action:
+            case "deselect":
+                super().deselect()
+            case "seek":
+                super().seek(request.value)
+            case "begin":
+                super().begin_at(float(request.value))
+            case "cancel-begin":
+                super().cancel_begin()
 
     def _select_arrived(self) -> None:
         """Select the show that another station asks for, once its drawing is read."""
@@ -193,19 +225,22 @@ class SiteShowPlayer(ShowPlayer):
 
     def _keep_with_lead(self) -> None:
         member, flight, now_s = self.member, self.flight, self.flight.fleet.time_s
-        if not member.lead_is_here:
-            member.shows.led = None  # a lead that comes back may not fly the show yet
         led = member.shows.led
+        if led is not None and now_s - led.made_s > member.lead_silent_s:
+            led = member.shows.led = None  # a lead that comes back may not fly the show yet
         if led is not None:
             self._adopt(led)
         show_run = flight.show_run
         if show_run is None:
             return
-        if led is not None and led.hash == show_run.hash and now_s - led.made_s <= member.lead_silent_s:
-            keep_clock(show_run, led, now_s)
-            show_run.parts = member.shows.parts_of(led.hash) or show_run.parts
+        goes_on = member.lead_is_here or flight.show is ShowPhase.RUNNING
+        if led is not None and led.hash == show_run.hash and goes_on:
+            keep_clock(show_run, led, now_s, self._keeping.began_s)
+            count = show_run.timeline.show.fleet.vehicles
+            show_run.parts = member.shows.parts_of(led.hash, count) or show_run.parts
         else:
             show_run.clock, show_run.pace = show_run.clock.stop(now_s), DrawnPace()
+        self._keeping.follow()
         assembling = flight.show is ShowPhase.ASSEMBLING
         show_run.follow_drawing(self._seen(), now_s, assembling=assembling, leads=False)
 

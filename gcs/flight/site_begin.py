@@ -1,0 +1,87 @@
+"""When a site's show begins to move: the lead decides, and the other stations begin at the same moment.
+
+The lead sends how long it is until then. A station whose own clock agrees uses that, which is exact: how late
+a message arrives is known to half a tick only.
+"""
+
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import Final
+
+from gcs.flight.led_show import LedShow
+from gcs.flight.running_show import ShowRun
+from gcs.flight.show_begin import ALIGNS_S, EARLY_S, ShowBegin
+from gcs.flight.site_member import SiteMember
+from gcs.model.lifecycle import ShowPhase
+from gcs.service import BeginState
+
+AGREES_S: Final = 0.03
+"""Difference between the own clock and the lead's message up to which the own clock counts."""
+
+CENTRE_AFTER_S: Final = 0.015
+"""By then the lead's first message of motion has arrived, which a follower of the law moves with."""
+
+
+@dataclass(eq=False)
+class SiteShowBegin(ShowBegin):
+    """As `ShowBegin` at the lead; another station keeps with the lead."""
+
+    member: SiteMember = field(kw_only=True)
+    began_s: float = field(default=-inf, init=False)  # when a show began here, by the loop's clock
+
+    @property
+    def _leads(self) -> bool:
+        return self.member.site.lead.leads
+
+    def _led(self, show_run: ShowRun | None) -> LedShow | None:
+        """How the lead has this show; None: it is not received, or has another."""
+        led = self.member.shows.led
+        return None if led is None or show_run is None or led.hash != show_run.hash else led
+
+    @property
+    def waits(self) -> bool:
+        if self._leads:
+            return super().waits
+        show_run = self.flight.show_run
+        led = self._led(show_run)
+        return show_run is not None and (led is None or not led.runs)
+
+    def due_s(self, now_s: float) -> float | None:
+        if self._leads:
+            return super().due_s(now_s)
+        show_run = self.flight.show_run
+        begins_s = self._with_lead_s(show_run, now_s)
+        if show_run is None or begins_s is None or self.flight.show is not ShowPhase.ASSEMBLING:
+            return None
+        due_s = begins_s if show_run.goals is not None else begins_s + CENTRE_AFTER_S
+        return due_s if 0.0 < due_s - now_s < ALIGNS_S else None
+
+    def _with_lead_s(self, show_run: ShowRun | None, now_s: float) -> float | None:
+        """When the lead begins, by the loop's clock; None: not known."""
+        led = self._led(show_run)
+        if led is None or led.begins_s is None:
+            return None
+        at_unix_s = None if led.begin is None else led.begin.at_unix_time_s
+        if at_unix_s is not None:
+            own_s = now_s + at_unix_s - self.flight.unix_s()
+            if abs(own_s - led.begins_s) <= AGREES_S:
+                return own_s
+        return led.begins_s
+
+    def follow(self) -> None:
+        """Begin with the lead, and show how it waits. Call once a tick at a station that does not lead."""
+        flight, show_run = self.flight, self.flight.show_run
+        led, now_s = self._led(show_run), self.flight.fleet.time_s
+        if led is None or show_run is None:
+            return
+        show_run.begun, begin = led.begun, led.begin
+        # kept where this station leads next:
+        self._at_unix_s, self._given_to = None if begin is None else begin.at_unix_time_s, show_run.name
+        self._held = begin is not None and begin.state is BeginState.HELD
+        if begin is not None and begin.in_s is not None:
+            begin = replace(begin, in_s=begin.in_s - (now_s - led.made_s))
+        show_run.begin = begin
+        begins_s = self._with_lead_s(show_run, now_s)
+        if flight.show is ShowPhase.ASSEMBLING and begins_s is not None and now_s >= begins_s - EARLY_S:
+            self.began_s = now_s
+            self._begin(show_run, begins_s)
