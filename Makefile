@@ -87,6 +87,7 @@ bench: .venv/ready  ## speed, as ratios against a named alternative in the same 
 	$(BIN)/python -m tests.bench.page
 	$(BIN)/python -m tests.bench.drawings
 	$(BIN)/python -m tests.bench.stations
+	$(BIN)/python -m tests.bench.busy
 
 mutate: .venv/mutate  ## break gcs/safety on purpose, on copies; ARGS="gcs/safety/walls.py", ARGS=--again
 	$(BIN)/python -m tests.mutate.mutate $(ARGS)

@@ -461,9 +461,10 @@ TRIM_SHARE: Final = 0.2
 
 def fleet_delay_s(late_s: Array, flying: Mask) -> float:
     """One-way delay of the flying vehicles: 0 while links are on time, else a multiple of `STEP_S`."""
-    if not flying.any():
+    flying_s = late_s[flying]
+    if not (flying_s >= LATE_S).any():  # as nearly always: the quantile takes longer
         return 0.0
-    delay_s = float(np.quantile(late_s[flying], SHARE))
+    delay_s = float(np.quantile(flying_s, SHARE))
     if delay_s < LATE_S:
         return 0.0
     return min(MOST_S, STEP_S * float(np.ceil(delay_s / STEP_S)))
