@@ -90,15 +90,15 @@ def slots_m(now: TickInputs, lead: Lead, places: Spread) -> Array:
 
 
 def _flown(now: TickInputs, formed: Formed, own_m_s: Array) -> Array:
-    """(m, 3) velocities over the ground for the law's own (s, 3): with centre and spin, within the limits."""
+    """(m, 3) velocities over the ground for the law's own (m, 3): with centre and spin, within the limits."""
     limits, spin_rad_s = now.settings.safety.limits, formed.spin_rad_s
     if spin_rad_s:
-        offset_m = formed.distance_m[:, None] * formed.direction
+        offset_m = now.ours(formed.distance_m[:, None] * formed.direction)
         late_s = now.settings.response_s + 2.0 * now.settings.safety.link_delay_s
         own_m_s += spin_velocity(offset_m, spin_rad_s, late_s)
     return shrink_relative(
         formed.center.velocity_m_s,
-        now.ours(own_m_s),
+        own_m_s,
         limits.horizontal_m_s,
         limits.up_m_s,
         limits.down_m_s,
@@ -116,15 +116,11 @@ def _to_slots(
     if shared is not None:  # those of others, for the time when this station leads
         place = shared.place.copy()
         place[now.sphere] = slots.place
-    offset_m = formed.distance_m[:, None] * formed.direction - radius_m * slots.place
-    fastest_m_s = now.approach_max_m_s(now.sphere, np.linalg.norm(offset_m, axis=1))
+    direction, distance_m, goal = map(now.ours, (formed.direction, formed.distance_m, slots.place))
+    offset_m = distance_m[:, None] * direction - radius_m * goal
+    fastest_m_s = now.approach_max_m_s(now.rows, np.linalg.norm(offset_m, axis=1))
     own_m_s = slot_velocity(
-        formed.direction,
-        formed.distance_m,
-        slots.place,
-        radius_m,
-        law.slot_rate_per_s,
-        np.minimum(law.speed_m_s, fastest_m_s),
+        direction, distance_m, goal, radius_m, law.slot_rate_per_s, np.minimum(law.speed_m_s, fastest_m_s)
     )
 
     def move_on() -> tuple[Array, Array]:
@@ -164,7 +160,7 @@ def _by_forces(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> S
     )
     own_m_s += _off_symmetry(now, lead, formed, law.article)
     return Spread(
-        _flown(now, formed, own_m_s),
+        _flown(now, formed, now.ours(own_m_s)),
         np.full_like(now.position_m, np.nan),
         now.for_sphere(changes, 0.0),
         spin_rad_s=formed.spin_rad_s,
@@ -207,7 +203,7 @@ def _by_neighbours(
     kept = Belief(now.for_sphere(belief.center_m, np.nan), now.for_sphere(belief.velocity_m_s, np.nan))
     knows_center = sight is None or sight.belief is None
     return Spread(
-        _flown(now, formed, own_m_s),
+        _flown(now, formed, now.ours(own_m_s)),
         np.full_like(now.position_m, np.nan),
         now.for_sphere(changes, 0.0),
         belief=kept,
