@@ -158,7 +158,7 @@ def _by_forces(now: TickInputs, lead: Lead, memory: Memory, formed: Formed) -> S
         speed_max_m_s=law.speed_m_s,
         settings=law.article,
     )
-    own_m_s += _off_symmetry(now, lead, formed, law.article)
+    own_m_s = _stoppable(now, own_m_s + _off_symmetry(now, lead, formed, law.article), law.article)
     return Spread(
         _flown(now, formed, now.ours(own_m_s)),
         np.full_like(now.position_m, np.nan),
@@ -198,7 +198,7 @@ def _by_neighbours(
         speed_max_m_s=now.settings.law.speed_m_s,
         settings=settings,
     )
-    own_m_s += _off_symmetry(now, lead, formed, settings)
+    own_m_s = _stoppable(now, own_m_s + _off_symmetry(now, lead, formed, settings), settings)
     own_m_s += np.where(np.isfinite(belief.velocity_m_s), belief.velocity_m_s, 0.0) - center.velocity_m_s
     kept = Belief(now.for_sphere(belief.center_m, np.nan), now.for_sphere(belief.velocity_m_s, np.nan))
     knows_center = sight is None or sight.belief is None
@@ -210,6 +210,18 @@ def _by_neighbours(
         knows_center=knows_center,
         spin_rad_s=formed.spin_rad_s,
     )
+
+
+def _stoppable(now: TickInputs, own_m_s: Array, settings: ForceSettings) -> Array:
+    """(s, 3) velocities of a law of forces, none faster than its vehicle can stop from where it leads.
+
+    The forces are proportional near the place where they vanish: `own_m_s` (s, 3) says how far away that is.
+    """
+    rate_per_s = max(settings.sphere_rate_per_s, settings.spreading_rate_per_s)
+    speed_m_s = np.linalg.norm(own_m_s, axis=1)
+    fastest_m_s = now.approach_max_m_s(now.sphere, speed_m_s / rate_per_s)
+    slower: Array = own_m_s * np.minimum(1.0, fastest_m_s / np.maximum(speed_m_s, TINY))[:, None]
+    return slower
 
 
 def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:

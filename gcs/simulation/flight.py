@@ -16,7 +16,7 @@ from gcs.flight.commander import STOPS_WITHIN_S
 from gcs.flight.ticker import garbage_between_ticks
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import ConfigError, RefusedError
-from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.landing_sites import distinct_sites_m
@@ -87,6 +87,7 @@ class SimulatedFlight:
         self.losses = Losses(loss, n, seed, joining=joining)
         self.record.lost_rows = frozenset(np.flatnonzero(self.losses.rows).tolist())
         self.center_moves = False
+        self.stands = False  # a sphere that only assembles: each vehicle flies to its slot, and stays
         self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
         policy = scenario.failsafes
         self.failsafes = (
@@ -245,8 +246,9 @@ class SimulatedFlight:
 
     def _keep(self, decided: Decided) -> None:
         record, memory = self.record, decided.memory
-        if len(self.losses.segments_m) and memory.center is not None and self._progress is None:
-            slot_m = memory.center.position_m + memory.radius_m * memory.place
+        counts = self.stands or len(self.losses.segments_m) > 0
+        if counts and memory.center is not None and self._progress is None:
+            record.slot_m = slot_m = memory.center.position_m + memory.radius_m * memory.place
             off_m = np.linalg.norm(self.world.position_m - slot_m, axis=1)
             if memory.unfollowed_s is not None:
                 off_m[memory.unfollowed_s < 0.0] += FAR_M  # held: its slot has come to it
@@ -432,6 +434,9 @@ class FormationRun(SimulatedFlight):
         )
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
         self._target_stands = not (flight.target.turns or self._target_m_s.any())
+        changes = flight.spins or self._boxes or flight.carried or flight.join or flight.leave_share
+        only_assembles = self._target_stands and flight.ending == "none" and not changes
+        self.stands = only_assembles and flight.law is LawName.SLOTS and not orbit.radius_m
 
     def before_tick(self) -> None:
         flight, now_s = self.flight, self.time_s

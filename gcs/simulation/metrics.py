@@ -347,41 +347,47 @@ AT_PAD_M: Final[float] = OperationSettings.model_fields["landing_site_spacing_m"
 def arrival(record: Record) -> dict[str, object]:
     """Number of arrivals, their delay relative to straight flight at the limits, and planning of the return.
 
-    Of a flight that ends with a return landings at pads count, of others with lost vehicles slots.
+    Of a flight that ends with a return landings at pads count, of other formations slots: with lost vehicles,
+    or where the sphere stands.
     """
     return _arrivals(record) | {"planning_s": rounded(record.planning_s)}
 
 
 def _arrivals(record: Record) -> dict[str, object]:
-    flight, scenario = record.scenario.flight, record.scenario
-    has_goals = bool(np.isfinite(record.goal_m).all())
+    flight, has_goals = record.scenario.flight, bool(np.isfinite(record.goal_m).all())
     if record.off_slot_m and not has_goals:
         return _in_slots(record)
     if not has_goals:
         return dict.fromkeys(ARRIVAL)
-    limits = scenario.control.safety.limits
     begin = int(np.searchsorted(record.time_s, record.changed_s - 1e-9))
-    way_m = record.goal_m - record.position_m[begin]
-    straight_s = travel_time_s(way_m, scenario.control.law.speed_m_s, limits)
+    path_m = record.path_m[begin:]
     if isinstance(flight, GoalFlight):
-        path_m = record.path_m[begin:]
         there = np.linalg.norm(path_m - record.goal_m, axis=2) < flight.arrived_m
     else:
-        off_pad_m = np.linalg.norm((record.path_m[begin:] - record.goal_m)[:, :, :2], axis=2)
+        off_pad_m = np.linalg.norm((path_m - record.goal_m)[:, :, :2], axis=2)
         there = ~np.array(record.in_air[begin:]) & (off_pad_m < AT_PAD_M)
-    there, straight_s = there[:, record.expected], straight_s[record.expected]
-    ever = there.any(axis=0)
-    took_s = np.where(ever, there.argmax(axis=0) / scenario.world.tick_rate_hz, np.inf)
-    ratio = took_s / np.maximum(straight_s, 1e-9)
+    ratio, took_s, straight_s = _ratios(record, path_m[0], record.goal_m, there)
     spare_s = TOTAL_SPARE_S if record.count <= MANY else SPARE_OF_MANY_S
     return {
-        "arrived": int(ever.sum()),
+        "arrived": int(np.isfinite(took_s).sum()),
         "expected": int(record.expected.sum()),
         "median_ratio": rounded(float(np.median(ratio))),
         "worst_ratio": rounded(float(ratio.max())),
         "total_s": rounded(float(took_s.max())),
         "late_s": rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + spare_s))),
     }
+
+
+def _ratios(record: Record, start_m: Array, place_m: Array, there: Mask) -> tuple[Array, Array, Array]:
+    """(k,) times to first be `there` (ticks, n), over those of the straight lines; both times (k,), s.
+
+    Of the k expected vehicles, from (n, 3) to (n, 3). Infinite where one never was there.
+    """
+    control, rows = record.scenario.control, record.expected
+    straight_s = travel_time_s(place_m - start_m, control.law.speed_m_s, control.safety.limits)[rows]
+    first_s = there.argmax(axis=0) / record.scenario.world.tick_rate_hz
+    took_s = np.where(there.any(axis=0), first_s, np.inf)[rows]
+    return took_s / np.maximum(straight_s, 1e-9), took_s, straight_s
 
 
 def _in_slots(record: Record) -> dict[str, object]:
@@ -395,9 +401,26 @@ def _in_slots(record: Record) -> dict[str, object]:
         lasts_s = 2.0 * np.pi * flight.orbit.radius_m / flight.orbit.speed_m_s
     off_m = np.array(record.off_slot_m[-round(lasts_s * record.scenario.world.tick_rate_hz) :])
     record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
-    figures = dict.fromkeys(ARRIVAL)
     at_once = (off_m < THROUGH_M)[:, record.expected].sum(axis=1)
-    return figures | {"arrived": int(at_once.max()), "expected": int(record.expected.sum())}
+    counts = {"arrived": int(at_once.max()), "expected": int(record.expected.sum())}
+    return dict.fromkeys(ARRIVAL) | counts | _assembled(record)
+
+
+def _assembled(record: Record) -> dict[str, object]:
+    """How long the vehicles took to come within `THROUGH_M` of the slots that they have at the end.
+
+    Slots move while vehicles assemble; the straight line leads to where a vehicle's slot comes to rest.
+    """
+    if record.lost_rows or record.orbit_radius_m or record.changed_s:
+        return {}
+    place_m = record.slot_m
+    there = np.linalg.norm(record.path_m - place_m, axis=2) < THROUGH_M
+    ratio, took_s, _ = _ratios(record, record.path_m[0], place_m, there)
+    return {
+        "median_ratio": rounded(float(np.median(ratio))),
+        "worst_ratio": rounded(float(ratio.max())),
+        "total_s": rounded(float(took_s.max())),
+    }
 
 
 def obstacles(record: Record, shape: Shape) -> dict[str, object]:

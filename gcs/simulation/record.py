@@ -49,7 +49,9 @@ class Record:
     expected: Mask = field(init=False)  # (n,) vehicles that must arrive: not lost, and with a clear goal
     off_slot_m: list[Array] = field(
         default_factory=list
-    )  # (n,) distance of each vehicle from its slot, with losses only; NaN: none, or closed to it
+    )  # (n,) distance of each vehicle from its slot, with losses or on a sphere that stands; NaN: none, or
+    # closed to it
+    slot_m: Array = field(init=False)  # (n, 3) the newest slots, where `off_slot_m` has distances
     failsafes: list[tuple[float, str, str]] = field(default_factory=list)  # time, cause, action
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight
@@ -59,6 +61,7 @@ class Record:
 
     def __post_init__(self) -> None:
         self.expected = np.ones(len(self.start_m), dtype=np.bool_)
+        self.slot_m = np.full_like(self.start_m, np.nan)
 
     @property
     def count(self) -> int:

@@ -90,3 +90,18 @@ def test_twenty_with_a_dozen_neighbours_become_an_even_sphere(name: str) -> None
 def test_fifty_close_together_over_late_links_come_to_rest() -> None:
     record = fly(scenarios.load(scenarios.find("law-article")), 50, 5)
     assert not broken(report(record), record.scenario.judged.must)
+
+
+@pytest.mark.parametrize("name", ["mixed-article", "mixed-neighbours"])
+def test_slow_ramps_beside_px4_do_not_swing_through_the_sphere(name: str) -> None:
+    """ArduPilot vehicles with 1 m/s^2 swung by 0.5 and 0.7 m as they arrived."""
+    scenario = scenarios.load(scenarios.find(name))
+    gentle = tuple(world.model_copy(update={"ramp_m_s2": 1.0}) for world in scenario.worlds)
+    record = fly(scenario.model_copy(update={"worlds": gentle}), 8, 7001)
+    assert not broken(report(record), scenario.judged.must)
+    outward_m = np.linalg.norm(record.path_m - np.array(record.center_m)[:, None], axis=2)
+    outward_m -= np.array(record.radius_m)[:, None]
+    for row in range(1, 8, 2):
+        arrived = int((outward_m[:, row] < 0.3).argmax())
+        assert outward_m[arrived:, row].min() > -0.4
+    assert -record.path_m[:, :, 2].max() > scenario.control.safety.fence.height_min_m

@@ -7,7 +7,8 @@ import pytest
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.control.tick_step import Tick
-from gcs.model.plan import Formation, Plan
+from gcs.formation.orbit import Center
+from gcs.model.plan import Formation, LawName, Plan
 from gcs.model.response import FleetResponse, Response
 from gcs.model.state import Array, FleetState, Traits
 
@@ -71,3 +72,29 @@ def test_a_ramp_slows_down_where_it_can_still_stop_at_its_goal() -> None:
     assert memory.desired_m_s[0, 0] == pytest.approx(proportional_m_s, abs=1e-3)
     assert memory.desired_m_s[1, 0] == pytest.approx(stops_m_s, abs=1e-3)
     assert stops_m_s < proportional_m_s
+
+
+@pytest.mark.parametrize("law", [LawName.ARTICLE, LawName.NEIGHBOURS])
+def test_a_ramp_slows_down_where_it_can_still_stop_at_the_sphere(law: LawName) -> None:
+    """A law of forces leads to no slot: its velocity says how far away the place is."""
+    center_m, n = np.array([0.0, 0.0, -20.0]), 2
+    place_m = center_m + np.array([[14.0, 0.0, 0.0], [-14.0, 0.0, 0.0]])
+    plan = replace(PLAN, formation=replace(PLAN.formation, law=law))
+    traits = replace(Traits.alike(n), response=FleetResponse.of([Response(), RAMPED]))
+    memory = replace(Memory.fresh(n, 0.0), center=Center.at_rest(center_m), radius_m=10.0)
+    tasks, settings = Tasks.of_formation(n, center_moves=False), ControlSettings()
+    for index in range(1, 401):  # they fly what is allowed, and are carried back all the time
+        fleet = FleetState(
+            TICK_S * index,
+            ("d1", "d2"),
+            place_m.copy(),
+            np.nan_to_num(memory.desired_m_s),
+            np.zeros(n),
+            np.zeros(n),
+        )
+        memory = tick(fleet, tasks, plan, traits, memory, settings).memory
+    inward_m_s = -memory.desired_m_s[:, 0] * np.sign(place_m[:, 0])
+    away_m = inward_m_s[0] / settings.law.article.sphere_rate_per_s
+    stops_m_s = float(settings.safety.braking.speed_m_s(np.array([away_m]))[0])
+    assert inward_m_s[0] > stops_m_s + 0.5
+    assert inward_m_s[1] == pytest.approx(stops_m_s, abs=0.02)

@@ -213,6 +213,20 @@ def test_all_vehicles_count_as_there_only_at_one_moment() -> None:
     assert measure.arrival(record)["arrived"] == 3
 
 
+def test_assembly_is_judged_by_the_ways_to_the_last_slots() -> None:
+    slots_m = 10.0 * TETRAHEDRON + CENTER
+    below_m = np.maximum(0.0, 13.0 - 0.05 * np.arange(400))  # up at 1 m/s
+    paths = [slots_m + np.array([0.0, 0.0, way_m]) for way_m in below_m]
+    record = record_of(paths)
+    record.slot_m, record.off_slot_m = slots_m, [np.linalg.norm(path - slots_m, axis=1) for path in paths]
+    figures = measure.arrival(record)
+    assert (figures["arrived"], figures["expected"]) == (4, 4)
+    up_m_s = record.scenario.control.safety.limits.up_m_s
+    assert figures["median_ratio"] == pytest.approx(11.05 / (13.0 / up_m_s), abs=0.001)
+    record.off_slot_m[-100:] = [np.array([0.0, 0.0, 0.0, 2.5])] * 100
+    assert measure.arrival(record)["arrived"] == 3
+
+
 def test_landings_count_after_a_return_past_lost_ones() -> None:
     """They were not counted: with lost vehicles only slots were."""
     pads_m = 10.0 * TETRAHEDRON * (1.0, 1.0, 0.0)
