@@ -3,7 +3,7 @@
 import asyncio
 import heapq
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,7 @@ class MemoryNetwork:
     loss: float = 0.0  # share of the messages
     lease_s: float = 0.2  # a station that is cut off stays present for this time
     seed: int = 0
+    tells_arrival: bool = True  # False: messages have the time at which they were collected
     buses: dict[str, "MemoryBus"] = field(default_factory=dict)
     _groups: tuple[frozenset[str], ...] = ()
     _cut_s: float = -np.inf
@@ -110,6 +111,8 @@ class MemoryBus:
                 self.counters.refused += 1
                 continue
             self.counters.received += 1
+            if not self._network.tells_arrival:
+                message = replace(message, time_s=now_s)
             found[message.sender, message.topic] = message
         return list(found.values())
 
@@ -127,9 +130,10 @@ def network(
     loss: float = 0.0,
     lease_s: float = 0.2,
     seed: int = 0,
+    tells_arrival: bool = True,
 ) -> MemoryNetwork:
     """A network with a bus for each of these stations; settings as of `MemoryNetwork`."""
-    made = MemoryNetwork(now_s, delay_s, spread_s, loss, lease_s, seed)
+    made = MemoryNetwork(now_s, delay_s, spread_s, loss, lease_s, seed, tells_arrival)
     for station in stations:
         made.bus(station)
     return made

@@ -16,6 +16,7 @@ from gcs.config.schema import Config
 from gcs.control import Tick
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
+from gcs.flight.absences import Absences
 from gcs.flight.fleet import Fleet, Returning
 from gcs.flight.led_show import PARTS, SHOW, ShowTraffic
 from gcs.flight.site_requests import REQUEST, Refusal
@@ -47,10 +48,6 @@ TEXTS_MAX: Final = 200
 """Vehicles of which reasons are sent: those whose phase needs an explanation."""
 
 RETURNS_OF_A_TERM: Final = 10_000
-ENDED_S: Final = 0.06
-CLOSED_WITHIN_S: Final = 0.14
-"""A connection that is gone so soon after the newest batch was closed by its host: the process has ended."""
-
 RETURN_SENT_S: Final = 4.0
 """The paths of a return are repeated for this time."""
 
@@ -151,10 +148,8 @@ class SiteMember:
             ]
             for name in self.stands_by_for
         }
-        self._ended: dict[str, bool] = {}  # stations that are gone: whether their process has ended
-        self._stalled_from: int | None = None  # first batch after this station stood still
-        self._stall_s = site_config.bus.lease_s + site_config.setpoint_timeout_s
-        self._ticked_s: float | None = None
+        lease_s = site_config.bus.lease_s
+        self._absences = Absences(site, self.standbys, lease_s, lease_s + site_config.setpoint_timeout_s)
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.return_number = 0  # of the newest collective return that was received
@@ -204,8 +199,7 @@ class SiteMember:
             except LinkError:
                 site.refused += 1
         self._others = self._landing_m = None
-        self._note_ended(now_s)
-        self._note_stall(now_s)
+        self._absences.look(self.bus.present, now_s)
 
     def _take_plan(self, sender: str, payload: bytes, arrived_s: float) -> None:
         site = self.site
@@ -241,39 +235,14 @@ class SiteMember:
             self.return_number, self._returns = message.number, {}
         self._returns[int(message.rows[0])] = message
 
-    def _note_ended(self, now_s: float) -> None:
-        """Distinguish a process that has ended (its connection closes at once) from a bus that is cut."""
-        here = self.bus.present
-        for name, station in self.site.stations.items():
-            if name in here or now_s - station.arrived_s < ENDED_S:
-                self._ended.pop(name, None)
-            elif name not in self._ended:
-                self._ended[name] = now_s - station.arrived_s < CLOSED_WITHIN_S
-
-    def _note_stall(self, now_s: float) -> None:
-        """After a pause of this station, its standbys may have taken its vehicles over."""
-        before_s, self._ticked_s = self._ticked_s, now_s
-        if self.standbys and before_s is not None and now_s - before_s > self._stall_s:
-            self._stalled_from = self.site.sequence + 1
-        if self._stalled_from is not None and all(map(self._has_answered, self.standbys)):
-            self._stalled_from = None
-
-    def _has_answered(self, name: str) -> bool:
-        """Whether a standby has received this station since it stood still, or is gone."""
-        station = self.site.stations[name]
-        if station.batch is None or name not in self.present():
-            return station.batch is None or self.ended(name)
-        echoes = [echo.sequence for echo in station.batch.echoes if echo.station == self.site.number]
-        return self._stalled_from is not None and max(echoes, default=0) >= self._stalled_from
-
     def ended(self, station: str) -> bool:
         """Whether the process of a station that is not received has ended, as far as the bus can tell."""
-        return self._ended.get(station, False)
+        return self._absences.ended(station)
 
     @property
     def may_send(self) -> bool:
         """Whether setpoints may leave: no standby may have taken the vehicles over meanwhile."""
-        return self._stalled_from is None
+        return self._absences.all_answered
 
     @property
     def owned(self) -> Mask:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from gcs.flight.absences import FENCED_S
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.refusals import why_never, why_not_touching_down
@@ -27,9 +28,6 @@ TAKE_OVER: Final = "take-over"
 
 SPARE_S: Final = 0.05
 """The owner counts as lost this long after its lease and its watchdog have ended."""
-
-FENCED_S: Final = 1.0
-"""An owner that has not received its standby for this time has its vehicles hold."""
 
 NO_SETPOINTS_S: Final = 2.0
 """After the loss of the owner, the standby sends no setpoints for FENCED_S, a command, and a reserve."""
@@ -182,6 +180,8 @@ class Standby:
 
     def _mind_own_standbys(self, now_s: float) -> None:
         """Have the own vehicles hold while this station is cut off from a standby: it may take them over."""
+        if not self.member.may_send:  # and it may have taken them already
+            return
         stations = self.member.site.stations
         cut = [
             name

@@ -3,6 +3,7 @@
 from typing import Any
 
 import httpx
+import pytest
 
 from gcs.api.app import create_app
 from gcs.model.lifecycle import Phase
@@ -56,3 +57,49 @@ def test_api_of_a_follower_shows_and_commands_every_vehicle() -> None:
         assert show.violations == 0
 
     fly_site(story, site_config(4, 2), **BUS)
+
+
+async def counted(show: SiteShow, station: str) -> dict[str, float]:
+    """What a station's metrics say of its bus."""
+    transport = httpx.ASGITransport(create_app(show[station].service))
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        text = (await client.get("/metrics")).raise_for_status().text
+    values = [line.rsplit(" ", 1) for line in text.splitlines() if line.startswith("gcs_bus_")]
+    return {name.removeprefix("gcs_bus_").removesuffix("_total"): float(value) for name, value in values}
+
+
+def test_metrics_count_what_crosses_the_bus() -> None:
+    async def story(show: SiteShow) -> None:
+        passed: list[int] = []  # bytes of each message, as a third party on the network receives them
+
+        def note(_topic: str, payload: bytes) -> bool:
+            passed.append(len(payload))
+            return True
+
+        watcher = show.network.bus("watcher")
+        watcher.accepts = note
+        await show.start()
+        watcher.newest()
+        passed.clear()
+        before = {name: await counted(show, name) for name in ("north", "south")}
+        for _ in range(7):
+            show.network.carry("south", "states", b"junk")
+        for _ in range(10):
+            await show.wait(1.0)
+            watcher.newest()
+        watcher.newest()
+        after = {name: await counted(show, name) for name in ("north", "south")}
+        north, south = (
+            {name: after[station][name] - before[station][name] for name in after[station]}
+            for station in after
+        )
+        assert north["messages_sent"] + south["messages_sent"] == len(passed) - 7
+        assert north["sent_bytes"] + south["sent_bytes"] == sum(passed) - 7 * len(b"junk")
+        assert north["messages_received"] == pytest.approx(south["messages_sent"], abs=5)  # those of a tick
+        assert south["messages_received"] == pytest.approx(north["messages_sent"], abs=5)
+        assert (
+            200 <= south["messages_sent"] < north["messages_sent"]
+        )  # 20 batches a second; the lead has more
+        assert (north["messages_refused"], south["messages_refused"]) == (7, 0)
+
+    fly_site(story, site_config(2, 2))

@@ -1,5 +1,8 @@
 """Two hosts on one radio network: the standby takes over the vehicles of a lost owner."""
 
+import asyncio
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,8 @@ from gcs.service import Outcome, ShowAction
 from tests.support.virtual_site import SiteShow, fly_site, two_hosts
 
 BUS = {"delay_s": 0.01, "spread_s": 0.005, "loss": 0.01}
+QUIET: dict[str, Any] = {"delay_s": 0.01, "tells_arrival": False}
+"""As Zenoh is over a good network: it loses nothing, and does not tell when a message arrived."""
 
 
 def setpoints_s(show: SiteShow, of: str, vehicle: str) -> Array:
@@ -126,3 +131,72 @@ def test_any_station_has_the_standby_go_on() -> None:
         assert show.violations == 0
 
     fly_site(story, two_hosts(2, west=True), **BUS)
+
+
+def flies_on(show: SiteShow, name: str) -> bool:
+    """Whether all vehicles fly in formation at that station, and its show runs."""
+    return show[name].view.show is ShowPhase.RUNNING and show.in_phase(name, Phase.FORMATION) == 4
+
+
+@pytest.mark.parametrize("cut_s", [0.4, 1.5])
+def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> None:
+    """It wakes when the standby flies its vehicles, and the bus connects the two again only later."""
+
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show["north"].stop()
+        show.network.cut({"north"}, {"south"})  # its connections are closed when their lease ends
+        stopped_s = asyncio.get_running_loop().time()
+        await show.until(lambda: flies_on(show, "south"), 20.0)
+        show["north"].go_on()
+        await show.wait(cut_s)
+        show.network.cut()
+        await show.wait(5.0)
+        for vehicle in show["north"].config.ids:
+            assert setpoints_s(show, "north", vehicle).max() <= stopped_s
+            assert setpoints_s(show, "south", vehicle).max() > stopped_s + 5.0
+        assert flies_on(show, "south")
+        assert list(show["north"].view.rows.stations).count("south") == 4
+        assert show.violations == 0
+
+    fly_site(story, two_hosts(4, rejoins=True), **QUIET)
+
+
+def test_owner_that_stood_still_briefly_goes_on_once_answered() -> None:
+    """Too briefly for its standby to take over, which it cannot know."""
+
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show["north"].stop()
+        await show.wait(0.43)
+        woke_s = asyncio.get_running_loop().time()
+        show["north"].go_on()
+        await show.wait(3.0)
+        for vehicle in show["north"].config.ids:
+            sent_s = setpoints_s(show, "north", vehicle)
+            first_s = sent_s[sent_s > woke_s - 0.01][0]
+            assert woke_s + 0.02 < first_s < woke_s + 0.2  # once the standby has answered: two ways
+            assert len(setpoints_s(show, "south", vehicle)) == 0
+        assert flies_on(show, "north")
+        assert show.violations == 0
+
+    fly_site(story, two_hosts(4, rejoins=True), **QUIET)
+
+
+def test_owner_without_a_standby_left_goes_on_after_a_pause() -> None:
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        await show["south"].kill()
+        await show.wait(3.0)
+        assert flies_on(show, "north")
+        show["north"].stop()
+        await show.wait(0.6)
+        woke_s = asyncio.get_running_loop().time()
+        show["north"].go_on()
+        await show.wait(3.0)
+        for vehicle in show["north"].config.ids:
+            sent_s = setpoints_s(show, "north", vehicle)
+            assert sent_s[sent_s > woke_s - 0.01][0] < woke_s + 0.1
+        assert flies_on(show, "north")
+
+    fly_site(story, two_hosts(4, rejoins=True), **QUIET)

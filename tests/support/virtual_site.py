@@ -23,7 +23,7 @@ from gcs.sim.fleet import Fleet
 from gcs.sim.settings import Settings
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from tests.support.virtual_show import FLEET_STEP_S, ORIGIN, READY_AT_ONCE, SOON_DISARMED, load_machine_code
-from tests.support.virtual_time import AtOnce, Loop, UnixClock
+from tests.support.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_process
 
 T = TypeVar("T")
 
@@ -170,7 +170,7 @@ class Station:
         self.service = Orchestrator(
             self.config, links, record, unix_s=self.unix, planning=self.planning, membership=membership
         )
-        self.task = asyncio.create_task(self.service.run(), name=self.name)
+        self.task = asyncio.create_task(self.service.run(), name=self.name, context=as_process(self.name))
 
     def restart(self, record: Record) -> None:
         """Start the service again after `kill`, with what its record has; for stations without standby."""
@@ -188,6 +188,22 @@ class Station:
         self.task.cancel()
         await asyncio.gather(self.task, return_exceptions=True)
         self._alone = asyncio.create_task(self._fly_alone())
+
+    def stop(self) -> None:
+        """Have the station stand still as SIGSTOP does; its vehicles fly on."""
+        self._loop.stop_process(self.name)
+        self._alone = asyncio.create_task(self._fly_alone())
+
+    def go_on(self) -> None:
+        """End `stop`. What arrived meanwhile waits at its ports and on its bus."""
+        self._alone.cancel()
+        self._loop.continue_process(self.name)
+
+    @property
+    def _loop(self) -> ProcessLoop:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, ProcessLoop)
+        return loop
 
     async def _fly_alone(self) -> None:
         loop = asyncio.get_running_loop()
@@ -290,26 +306,26 @@ class SiteShow:
 Story = Callable[[SiteShow], Awaitable[T]]
 
 
-def fly_site(story: Story[T], site: Config, **bus: float) -> T:
+def fly_site(story: Story[T], site: Config, **bus: Any) -> T:
     """Play `story` with running stations, their vehicles on a grid; as `fly_on_pads`."""
     return fly_on_pads(story, site, {}, **bus)
 
 
-def fly_on_pads(story: Story[T], site: Config, pads: Mapping[str, Any], **bus: float) -> T:
+def fly_on_pads(story: Story[T], site: Config, pads: Mapping[str, Any], **bus: Any) -> T:
     """Play `story` with running stations; an error of one that was not killed ends it.
 
     Args:
         story: the events of the flight, in virtual time.
         site: all stations.
         pads: of the fake fleets' settings: how the vehicles stand.
-        bus: of `memory_bus.network`: delay_s, spread_s, loss, seed.
+        bus: of `memory_bus.network`: delay_s, spread_s, loss, seed, tells_arrival.
     """
     load_machine_code()
 
     async def play() -> T:
         now_s = asyncio.get_running_loop().time
         names = [station.name for station in site.stations]
-        show = SiteShow(site, network(names, now_s, **bus), pads)  # type: ignore[arg-type]
+        show = SiteShow(site, network(names, now_s, **bus), pads)
         reported = asyncio.ensure_future(story(show))
         tasks = {each.task for each in show.stations.values()}
         while not reported.done():

@@ -1,9 +1,10 @@
-"""Virtual time: an event loop, a Unix clock, and an executor that works at once."""
+"""Virtual time: an event loop with processes, a Unix clock, and an executor that works at once."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor, Future
 from contextlib import closing
+from contextvars import Context, ContextVar, copy_context
 from typing import Any, TypeVar
 
 import async_solipsism
@@ -38,11 +39,65 @@ class AtOnce(Executor):
         return done
 
 
+_PROCESS: ContextVar[str] = ContextVar("process", default="")
+
+
+def as_process(name: str) -> Context:
+    """A context for `create_task`: the task, and every task that it creates, belongs to that process."""
+    context = copy_context()
+    context.run(_PROCESS.set, name)
+    return context
+
+
+class ProcessLoop(async_solipsism.EventLoop):  # type: ignore[misc] # it has no types
+    """An event loop in which processes stand still, as one does between SIGSTOP and SIGCONT."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stopped: dict[str, list[tuple[Context, Callable[..., Any], tuple[Any, ...]]]] = {}
+
+    def stop_process(self, name: str) -> None:
+        """Run nothing of that process until `continue_process`."""
+        self._stopped[name] = []
+
+    def continue_process(self, name: str) -> None:
+        """Run at once what was due meanwhile, in its order."""
+        for context, callback, args in self._stopped.pop(name):
+            self.call_soon(callback, *args, context=context)
+
+    def call_soon(
+        self, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> asyncio.Handle:
+        context = copy_context() if context is None else context
+        if context.get(_PROCESS):
+            callback, args = self._unless_stopped, (context, callback, args)
+        handle: asyncio.Handle = super().call_soon(callback, *args, context=context)
+        return handle
+
+    def call_at(
+        self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        context = copy_context() if context is None else context
+        now_s = self.time()
+        when = now_s if now_s < when < now_s + self._clock_resolution else when  # the clock cannot go there
+        if context.get(_PROCESS):
+            callback, args = self._unless_stopped, (context, callback, args)
+        handle: asyncio.TimerHandle = super().call_at(when, callback, *args, context=context)
+        return handle
+
+    def _unless_stopped(self, context: Context, callback: Callable[..., Any], args: tuple[Any, ...]) -> None:
+        stopped = self._stopped.get(context[_PROCESS])
+        if stopped is None:
+            callback(*args)
+        else:
+            stopped.append((context, callback, args))
+
+
 class Loop:
     """An event loop whose clock jumps to the next event. Between two runs its tasks stand still."""
 
     def __init__(self) -> None:
-        self._runner = asyncio.Runner(loop_factory=async_solipsism.EventLoop)
+        self._runner = asyncio.Runner(loop_factory=ProcessLoop)
 
     def play(self, story: Awaitable[T]) -> T:
         """Run until the story ends. Returns: its result."""
