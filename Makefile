@@ -85,6 +85,8 @@ bench: .venv/ready  ## speed, as ratios against a named alternative in the same 
 	$(BIN)/python -m tests.bench.flood
 	$(BIN)/python -m tests.bench.viewers
 	$(BIN)/python -m tests.bench.page
+	$(BIN)/python -m tests.bench.lights
+	$(BIN)/python -m tests.bench.corrections
 	$(BIN)/python -m tests.bench.drawings
 	$(BIN)/python -m tests.bench.stations
 	$(BIN)/python -m tests.bench.busy
