@@ -60,8 +60,8 @@ def spread(
     """
     center, law = lead.center, now.settings.law
     if center is None or len(now.sphere) == 0:
-        nowhere, still = np.full_like(now.position_m, np.nan), np.zeros_like(now.position_m)
-        return Spread(np.zeros((len(now.rows), 3)), nowhere, still)
+        place = np.full_like(now.position_m, np.nan) if shared is None else shared.place
+        return Spread(np.zeros((len(now.rows), 3)), place, np.zeros_like(now.position_m))
     position_m = now.of_sphere(now.position_m)
     direction, distance_m = directions_from(position_m, center.position_m)
     spin_rad_s = ramped_spin(

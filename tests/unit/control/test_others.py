@@ -70,7 +70,9 @@ def test_shape_of_all_is_the_best_for_all() -> None:
     assert energy(memory.place) <= 1.002 * energy(best_configuration(COUNT))
 
 
-def test_follower_flies_the_slots_of_the_lead() -> None:
+@pytest.mark.parametrize("task", [Task.FORMATION, Task.NONE])
+def test_follower_has_the_slots_of_the_lead(task: Task) -> None:
+    """Its vehicles fly to theirs; those of others are kept for the time when this station leads."""
     position_m = on_sphere()
     rng = np.random.default_rng(2)
     place = rng.normal(size=(COUNT, 3))
@@ -88,7 +90,7 @@ def test_follower_flies_the_slots_of_the_lead() -> None:
     shared = FormationState(lead.center, 12.0, 0.0, {}, place)
     result = tick(
         state(IDS[:OURS], position_m[:OURS], 0.05),
-        Tasks.of_formation(OURS, center_moves=True),
+        replace(Tasks.of_formation(OURS, center_moves=True), task=np.full(OURS, task, np.int8)),
         PLAN,
         Traits.alike(OURS),
         memory,
