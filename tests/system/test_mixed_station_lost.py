@@ -1,7 +1,8 @@
 """The station of eight vehicles, PX4 and ArduPilot in turn, is killed, stalls, or its heartbeats end.
 
 Each vehicle does what its own autopilot does: PX4 changes to HOLD, ArduCopter flies on for 3 s, stops and
-hovers in GUIDED. The true positions say that no two come nearer than the minimum separation.
+hovers in GUIDED. Where only heartbeats end, each acts by its own failsafe for these, or neither has one. The
+true positions say that no two come nearer than the minimum separation.
 """
 
 import os
@@ -38,15 +39,16 @@ LOSS_S = 3.0
 
 STOPPED_S = 6.0
 WITHOUT_BEATS_S = 15.0
-"""ArduCopter's failsafe for them takes 5 s, PX4's 10 s."""
+"""ArduCopter's failsafe for them takes 5 s, PX4's 10 s (COM_DL_LOSS_T)."""
 
 MIXED = ("--autopilot", "mixed", "--shared-port", "--telemetry-hz", "20", "--noise", "0")
 PX4 = {f"d{number}" for number in range(1, COUNT + 1, 2)}
 ARDUPILOT = {f"d{number}" for number in range(2, COUNT + 1, 2)}
 
 
-def config_of(port: int) -> Config:
-    raw = flying_config(COUNT, port, silence_s=20.0, setpoint_loss_s=LOSS_S).model_dump(mode="json")
+def config_of(port: int, **operation: object) -> Config:
+    flown = flying_config(COUNT, port, silence_s=20.0, **{"setpoint_loss_s": LOSS_S, **operation})
+    raw = flown.model_dump(mode="json")
     kinds = cycle(("px4", "ardupilot"))
     raw["links"][0]["transport"] = "native"
     raw["links"][0]["ports"] = 1
@@ -83,8 +85,8 @@ class Fleet:
 
 
 @contextmanager
-def flying(config: Config, folder: Path, port: int) -> Iterator[Fleet]:
-    with vehicles(COUNT, port, folder, *MIXED, *proper(config)):
+def flying(config: Config, folder: Path, port: int, *options: str) -> Iterator[Fleet]:
+    with vehicles(COUNT, port, folder, *MIXED, *proper(config), *options):
         yield Fleet(folder, config)
 
 
@@ -161,4 +163,33 @@ def test_setpoints_alone_keep_the_fleet_when_heartbeats_end(tmp_path: Path) -> N
         assert phases(client, PX4 | ARDUPILOT) == {"formation"}
         assert (fleet.modes(PX4), fleet.modes(ARDUPILOT)) == ({"OFFBOARD"}, {"GUIDED"})
         bring_home(client)
+    fleet.check_flight()
+
+
+@pytest.mark.parametrize(
+    ("action", "px4_parameter", "modes"),
+    [("land", "NAV_DLL_ACT=3", {"LAND"}), ("return", "NAV_DLL_ACT=2", {"RTL", "RETURN"})],
+)
+def test_each_acts_by_its_own_failsafe_when_heartbeats_end(
+    tmp_path: Path, action: str, px4_parameter: str, modes: set[object]
+) -> None:
+    """ArduCopter acts 5 s after the last heartbeat of its station, PX4 10 s after the last one of any.
+
+    Between, the station flies the PX4 vehicles past those that have left it.
+    """
+    base = free_ports(1)
+    config = config_of(base, setpoint_loss_action=action, require_safe_setpoint_loss=False)
+    with (
+        Router(base) as router,
+        flying(config, tmp_path, router.port, "--param", px4_parameter) as fleet,
+        service(config, tmp_path / "service") as (client, _),
+    ):
+        start(client)
+        router.drops_heartbeats = True
+        wait_until("ArduPilot's failsafe", SOON_S, lambda: fleet.modes(ARDUPILOT) <= modes)
+        assert fleet.modes(PX4) == {"OFFBOARD"}
+        wait_until("named", SOON_S, lambda: phases(client, ARDUPILOT) == {"pilot"})
+        assert all("failsafe" in each.reason for each in client.vehicles() if each.id in ARDUPILOT)
+        wait_until("PX4's failsafe", SOON_S, lambda: fleet.modes(PX4) <= modes)
+        wait_until("disarmed", SOON_S, lambda: not any(each.armed for each in client.vehicles()))
     fleet.check_flight()

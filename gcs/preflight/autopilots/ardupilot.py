@@ -54,6 +54,8 @@ def _losing_us(operation: OperationSettings, height_m: float, station_id: int) -
     choices, later_s = HEARTBEAT_ACTIONS[action], ceil(loss_s) + 1
     ours = "its failsafe for lost heartbeats counts those of this system id only: this station's"
     does = f"what it does without our heartbeats: operation.setpoint_loss_action is {action}"
+    if action == "hold":
+        does += ", so it follows its setpoints, and hovers where these end as well"
     until = "seconds without heartbeats until it does that: later than for setpoints, but not never"
     on = "seconds that it flies on without setpoints: operation.setpoint_loss_s"
     lacking = (

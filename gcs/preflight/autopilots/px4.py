@@ -45,7 +45,7 @@ def _losing_us(operation: OperationSettings, height_m: float) -> tuple[Requireme
     later_s = ceil(loss_s) + 1
     does = f"what it does without setpoints: operation.setpoint_loss_action is {action}"
     until = "seconds without setpoints until it does that: operation.setpoint_loss_s; it flies on meanwhile"
-    unlinked = "what it does when our heartbeats cease: nothing, or what it did for want of setpoints"
+    unlinked = "what it does when our heartbeats alone cease: nothing, or what it does for want of setpoints"
     unlinked_until = "seconds without heartbeats until it does that: later than for setpoints, but not never"
     returns = (
         "metres above home at which it returns, each vehicle higher than the one before it in the list:"
