@@ -383,12 +383,11 @@ def load_here(name: str, station: str | None = None) -> tuple[Config, Config | N
 
 def _misfits(whole: Config, config: Config) -> Iterator[Misfit]:
     """Yield the addresses that do not belong to this computer, of what `config` has of the whole file."""
-    own = {link.name for link in config.links}
-    for at, link in enumerate(whole.links):
+    for link, at in _listens(whole, config):
         for place, url in zip(link.places, link.listen, strict=True):
-            if link.name in own and isinstance(place, Listen | TcpIn) and not _is_ours(place.host):
+            if isinstance(place, Listen | TcpIn) and not _is_ours(place.host):
                 text = f"this computer has no address {place.host}: one of its own, or 0.0.0.0 for all"
-                yield Misfit(("links", at, "listen"), f"links.{at}.listen", f"'{url}'", text)
+                yield Misfit(at, ".".join(map(str, at)), f"'{url}'", text)
     loc: tuple[str | int, ...] = ("api", "host")
     for at, station in enumerate(whole.stations):
         if config.site_rows is not None and station.name == config.site_rows.station:
@@ -401,6 +400,16 @@ def _misfits(whole: Config, config: Config) -> Iterator[Misfit]:
     if not _is_ours(config.api.host):
         text = "this computer has no such address: one of its own, or 127.0.0.1"
         yield Misfit(loc, ".".join(map(str, loc)), f"'{config.api.host}'", text)
+
+
+def _listens(whole: Config, config: Config) -> Iterator[tuple[LinkSettings, tuple[str | int, ...]]]:
+    """Yield the links that `config` opens, each with its place in the whole file."""
+    at = {link.name: ("links", number, "listen") for number, link in enumerate(whole.links)}
+    for number, station in enumerate(whole.stations):
+        if config.site_rows is not None and station.name == config.site_rows.station:
+            for mirror, one in enumerate(station.standby):
+                at[one.link] = "stations", number, "standby", mirror, "listen"
+    yield from ((link, at[link.name]) for link in config.links)
 
 
 def _is_ours(host: str) -> bool:

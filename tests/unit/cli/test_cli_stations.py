@@ -84,6 +84,24 @@ def test_only_addresses_of_that_station_must_be_local(tmp_path: Path) -> None:
     assert "stations.1.endpoint.host = '192.0.2.1': this computer has no such" in str(refused.value)
 
 
+def test_standby_listens_at_its_own_address_and_not_the_owners(tmp_path: Path) -> None:
+    raw = yaml.safe_load(find("stations").read_text(encoding="utf-8"))
+    north, east = raw["stations"][:2]
+    raw["links"][0]["listen"] = "udpin://192.0.2.1:15100"
+    east["standby"] = [{"link": north["links"][0], "listen": "udpin://127.0.0.1:15110"}]
+    file = tmp_path / "site.yaml"
+    file.write_text(yaml.safe_dump(raw, sort_keys=False), encoding="utf-8")
+    assert len(load_here(str(file), "east")[0].ids) == 8
+    east["standby"][0]["listen"] = "udpin://198.51.100.1:15110"
+    file.write_text(yaml.safe_dump(raw, sort_keys=False), encoding="utf-8")
+    with pytest.raises(ConfigError) as refused:
+        load_here(str(file), "east")
+    assert "stations.1.standby.0.listen = 'udpin://198.51.100.1:15110': this computer has no" in str(
+        refused.value
+    )
+    assert "links.0" not in str(refused.value)
+
+
 def test_every_line_of_a_station_names_it(capsys: pytest.CaptureFixture[str]) -> None:
     for as_json in (False, True):
         lines(argparse.Namespace(json=as_json, station="north"))("serving", "serving 4 vehicles", vehicles=4)
