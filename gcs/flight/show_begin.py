@@ -8,7 +8,7 @@ import logging
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import inf, isnan, nan
-from typing import Final
+from typing import ClassVar, Final
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import LONGEST_STEP_S, ShowRun
@@ -38,6 +38,8 @@ def utc(unix_s: float) -> str:
 @dataclass(eq=False)
 class ShowBegin:
     """Lets the selected show begin. Called on the event loop only."""
+
+    why_lost: ClassVar[str] = "the service was restarted, give it again"
 
     flight: Fleet
     _at_unix_s: float | None = None  # None: no time was given
@@ -108,8 +110,8 @@ class ShowBegin:
 
     def log_lost(self, lost: LostBegin) -> None:
         """Log that a show waited for its time when the session before ended: it does no longer."""
-        reason = "the service was restarted, give it again"
-        log.warning("show_begin_forgotten", extra={"show": lost.show, "at": lost.at, "reason": reason})
+        reported = {"show": lost.show, "at": lost.at, "reason": self.why_lost}
+        log.warning("show_begin_forgotten", extra=reported)
 
     def _unbegun(self, what: str) -> ShowRun:
         show_run = self.flight.show_run

@@ -6,7 +6,7 @@ a message arrives is known to half a tick only.
 
 from dataclasses import dataclass, field, replace
 from math import inf
-from typing import Final
+from typing import ClassVar, Final
 
 from gcs.flight.led_show import LedShow
 from gcs.flight.running_show import ShowRun
@@ -25,6 +25,8 @@ CENTRE_AFTER_S: Final = 0.015
 @dataclass(eq=False)
 class SiteShowBegin(ShowBegin):
     """As `ShowBegin` at the lead; another station keeps with the lead."""
+
+    why_lost: ClassVar[str] = "the station was restarted; only another that leads now keeps the time"
 
     member: SiteMember = field(kw_only=True)
     began_s: float = field(default=-inf, init=False)  # when a show began here, by the loop's clock

@@ -25,15 +25,14 @@ HERE: Final = timezone(timedelta(hours=5, minutes=30))
 SIZES: Final = ((1440, 900), (1024, 768), (390, 844), (740, 360))
 
 
-def choose_show(ui: Console, folder: Path) -> None:
-    """Upload the show, have it checked, and select it."""
-    file = folder / "circle.yaml"
-    file.write_text(SHOW, encoding="utf-8")
-    ui.opens("2", "panel-shows")
-    ui.part("show-upload").set_input_files(file)
-    expect(ui.part("show-verdict-circle")).to_contain_text("good to fly", timeout=FLIGHT_MS)
-    ui.opens(lambda: ui.by_key("show-select-circle"), "show-deselect-circle")
-    ui.page.keyboard.press("2")
+def choose_show(client: Client) -> None:
+    """Have the show checked, and select it."""
+    client.shows.upload("circle", SHOW)
+    client.shows.check("circle")
+    wait_until("checked", 2 * SOON_S, lambda: client.shows.checked("circle").state == "done")
+    show_hash = client.shows.checked("circle").hash
+    assert show_hash is not None
+    client.shows.select("circle", show_hash)
 
 
 def open_start(ui: Console) -> None:
@@ -93,7 +92,7 @@ def test_a_show_is_ordered_to_begin_counted_down_and_cancelled(chrome: Browser, 
         console(chrome, ground.url, time_zone=ZONE) as ui,
     ):
         ui.says("connection", "Live")
-        choose_show(ui, tmp_path)
+        choose_show(ground.client)
         order_with_the_start(ui, ground.client)
         ui.says("begins-state", "the vehicles wait", FLIGHT_MS)
         ui.says("show-phase", "assembling")
@@ -158,7 +157,7 @@ def test_timecode_is_seen_running_frozen_and_running_again(chrome: Browser, tmp_
         client = ground.client
         ui.says("timecode-source", f"rtp-midi://127.0.0.1:{port}")
         ui.says("timecode-state", "none yet")
-        choose_show(ui, tmp_path)
+        choose_show(client)
         open_start(ui)
         ui.says("start-begins", "With the timecode")
         ui.closes(lambda: ui.by_key("start-go"), "sheet-start")

@@ -8,7 +8,7 @@ import { beginOrder, beginStrip, beginTime, whyNotBegin } from "../src/panels/be
 import { createDeskActions } from "../src/panels/createActions";
 import { utcTime } from "../src/panels/format";
 import { whyNotStart } from "../src/panels/start";
-import { apart, timecodeStrip } from "../src/panels/timecode";
+import { apart, catchesUp, timecodeStrip } from "../src/panels/timecode";
 import { topbar } from "../src/panels/topbar";
 import { initial, type State, type Status, type Timecode } from "../src/state";
 import { texts } from "../src/texts";
@@ -86,12 +86,12 @@ describe("a time to begin", () => {
     expect(whyNotBegin(state({ drafts: { "begin-time": "21:30:00" } }))).toBe("");
   });
 
-  it("cannot be given to a show that has begun, follows timecode, or is flown by several stations", () => {
+  it("cannot be given to a show that has begun, or follows timecode; of a site it can", () => {
     const drafts = { "begin-time": "21:30:00" };
     expect(whyNotBegin(state({ drafts, begun: true }))).toBe(texts.begin.begun);
     expect(whyNotBegin(state({ drafts, timecode: CODE }))).toBe(texts.begin.byTimecode);
     expect(whyNotBegin(state({ drafts, timecode: { ...CODE, followed: false } }))).toBe("");
-    expect(whyNotBegin(state({ drafts, stations: 2 }))).toBe(texts.begin.site);
+    expect(whyNotBegin(state({ drafts, stations: 2 }))).toBe("");
     expect(whyNotBegin({ ...state({ drafts }), access: { name: "guest", rights: new Set(["watch"]) } })).toBe(texts.flight.watcher);
   });
 
@@ -159,6 +159,7 @@ describe("timecode", () => {
     for (const part of ["01:00:02:12", "rtp-midi://0.0.0.0:5004", "running", "show 12 ms behind"]) expect(text).toContain(part);
     expect(text).not.toContain(texts.timecode.frozen);
     expect([apart(-0.25), apart(1.25), apart(NaN)]).toEqual(["show 250 ms ahead", "show 1.3 s behind", ""]);
+    expect([catchesUp(1.1), catchesUp(1.004), catchesUp(NaN)]).toEqual(["at 1.10 of its speed", "", ""]);
     expect(strip({ timecode: null })).not.toContain("timecode");
   });
 

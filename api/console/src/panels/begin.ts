@@ -8,7 +8,6 @@ import { button, choices, textField, twice } from "./controls";
 import { clockTime, minutes, nextClockTime, utcTime } from "./format";
 import { icon } from "./icons";
 import { airborne, whyNot } from "./rights";
-import { isSite } from "./stations";
 
 const t = texts.begin;
 const DAY_S = 86_400;
@@ -41,7 +40,6 @@ function whyNotOffered({ status }: State): string {
   const selected = status?.show.selected;
   if (!selected) return t.noShow;
   if (selected.begun) return t.begun;
-  if (isSite(status)) return t.site;
   return status?.timecode?.followed ? t.byTimecode : "";
 }
 
@@ -68,7 +66,7 @@ function field(state: State, actions: PanelActions): TemplateResult {
 export function beginRow(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   const why = whyNotOffered(state);
   const set = begins(state);
-  if (!state.status?.show.selected || isSite(state.status)) return nothing;
+  if (!state.status?.show.selected) return nothing;
   if (why !== "" || set !== null) {
     const text = set === null ? why : set.at_unix_time_s === null ? t.states.held : clockTime(set.at_unix_time_s);
     return html`<div class="rowed"><b>${t.row}</b><span data-testid="start-begins">${text}</span></div>`;

@@ -33,6 +33,13 @@ export function apart(behind_s: number): string {
   return behind_s >= 0 ? t.behind(size) : t.ahead(size);
 }
 
+const TEMPO_OFF_MIN = 0.005;
+
+/** How fast the show runs where that is not as drawn; "" else. Pure. */
+export function catchesUp(tempo: number): string {
+  return Math.abs(tempo - 1) >= TEMPO_OFF_MIN ? t.tempo(fixed(tempo, 2)) : "";
+}
+
 /** Whole seconds, and minutes from one on. */
 const lasting = (time_s: number): string => (time_s < 60 ? `${Math.floor(time_s)} s` : minutes(time_s));
 
@@ -48,7 +55,7 @@ function stance(state: State, found: Timecode): TemplateResult {
       <span data-testid="frozen-why" title=${found.problem}>${t.why[found.state]} ${t.since(clockTime(since_s))}</span>${off}`;
   }
   const text = found.problem !== "" && state.status?.show.selected ? t.waits(found.problem) : "";
-  return html`<span data-testid="timecode-stance">${text}</span>${off}`;
+  return html`<span data-testid="timecode-stance">${text}</span>${off} ${catchesUp(frame?.tempo ?? NaN)}`;
 }
 
 /** Across the page wherever timecode is configured; red while the show is frozen without it. */
