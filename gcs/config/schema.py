@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 from gcs.bus.settings import BusSettings
 from gcs.config import sections, yaml_files
 from gcs.config.setting_errors import Misfit, explained, located
-from gcs.config.stations import SiteRows, StationSettings, check_stations
+from gcs.config.stations import SiteRows, StationSettings, check_stations, check_timecode
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
 from gcs.estimation.fleet_state import Positioning
@@ -161,8 +161,7 @@ class Config(Settings):
         if self.stations:
             counts = {link.name: len(link.fleet) for link in self.links}
             check_stations(self.stations, counts, self.api, self.bus.keys)
-            if self.timecode is not None:
-                raise ValueError("timecode: shows follow a timecode where one station flies all vehicles")
+            check_timecode(self.stations, self.timecode)
         own = self.site_rows
         if own is not None and (len(own.rows) != len(self.ids) or max(own.rows) >= own.count):
             text = f"one row below count for each of the {len(self.ids)} vehicles; only gcs serve sets them"

@@ -6,7 +6,7 @@ from gcs.model.errors import ConfigError
 
 
 def station_config(site: Config, name: str) -> Config:
-    """That station's own configuration: its links, its API, its folder of records, and no `stations`.
+    """That station's own configuration: its links, API, timecode and folder of records, and no `stations`.
 
     Raises: ConfigError with the names of the stations, for another name and for a site without stations.
     """
@@ -27,6 +27,7 @@ def station_config(site: Config, name: str) -> Config:
     changes = {
         "links": (*links, *mirrors),
         "api": station.api or site.api,
+        "timecode": station.timecode or site.timecode,
         "record": record,
         "preflight": site.preflight.model_copy(update={"start_places": places}),
         "stations": (),

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from gcs.bus.settings import Endpoint
-from gcs.config.sections import ApiSettings, Urls
+from gcs.config.sections import ApiSettings, TimecodeSettings, Urls
 from gcs.config.setting_errors import located
 from gcs.model.settings import Settings
 from gcs.stations.messages import COUNT_MAX
@@ -32,6 +32,7 @@ class StationSettings(Settings):
     links: tuple[str, ...] = ()
     endpoint: Endpoint
     api: ApiSettings | None = None  # None: as the whole site's
+    timecode: TimecodeSettings | None = None  # None: as the whole site's
     standby: tuple[StandbySettings, ...] = ()
 
     @property
@@ -95,6 +96,27 @@ def check_stations(
         if here is not None:
             at = next(at for at, station in enumerate(stations) if station.name == here)
             raise located(f"port {port} is that of {name}'s API", "stations", at, "endpoint", "port")
+
+
+def check_timecode(stations: Sequence[StationSettings], timecode: TimecodeSettings | None) -> None:
+    """Check that no two stations of one machine receive timecode at one place.
+
+    Args:
+        stations: of one site.
+        timecode: of stations that have none of their own.
+
+    Raises: the located error of the first problem.
+    """
+    places: dict[tuple[str, str], str] = {}
+    for at, station in enumerate(stations):
+        own = station.timecode or timecode
+        if own is None:
+            continue
+        other = places.setdefault((station.machine, own.source), station.name)
+        if other != station.name:
+            text = f"{other} receives timecode at {own.source} as well, on the same machine"
+            key = ("timecode", "source") if station.timecode else ("name",)
+            raise located(text, "stations", at, *key)
 
 
 def _check_links(stations: Sequence[StationSettings], counts: Mapping[str, int]) -> None:

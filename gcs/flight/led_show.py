@@ -6,7 +6,7 @@ message was made. Written shows and drawn ones, clock, pace and tempo go the sam
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, Final
 
@@ -42,6 +42,14 @@ RATE_MAX: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
+class LedTimecode:
+    """The timecode that a lead has configured."""
+
+    runs: bool
+    followed: bool
+
+
+@dataclass(frozen=True, slots=True)
 class LedShow:
     """The lead's show as of one message. Times are those of the own loop."""
 
@@ -55,6 +63,7 @@ class LedShow:
     begun: bool = False
     begin: BeginView | None = None  # how it waited then; None: it begins as soon as it can
     begins_s: float | None = None  # when it will begin; None: not known
+    timecode: LedTimecode | None = None  # None: the lead has none
 
     @property
     def rate(self) -> float:
@@ -94,7 +103,8 @@ class ShowTraffic:
             if topic == PARTS:
                 self._take_parts(read)
             else:
-                self.led = _led_show(read["show"], arrived_s - self._site.delays.one_way_s(number))
+                led = _led_show(read["show"], arrived_s - self._site.delays.one_way_s(number))
+                self.led = replace(led, timecode=_timecode(read["timecode"]))
         except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError):
             raise LinkError("a show that cannot be read") from None
         if self.led is not None and not self.led.started:
@@ -113,7 +123,9 @@ class ShowTraffic:
         if now_s >= self._due_s or self._flight.show not in ON_THE_GROUND:
             self._due_s = now_s + SLOWLY_S
             about = None if show_run is None else _shown(show_run, now_s, self.begins_s(now_s))
-            yield SHOW, json.dumps({"term": term, "show": about}).encode()
+            timecode = self._flight.timecode
+            led = None if timecode.settings is None else [timecode.runs(now_s), timecode.followed]
+            yield SHOW, json.dumps({"term": term, "show": about, "timecode": led}).encode()
         if show_run is None or not show_run.started:
             self._sent_parts = None
         elif now_s >= self._parts_due_s or show_run.parts is not self._sent_parts:
@@ -159,6 +171,14 @@ def _led_show(read: Mapping[str, Any] | None, made_s: float) -> LedShow:
         _begin(read["begin"]),
         None if begins_in_s is None else made_s + begins_in_s,
     )
+
+
+def _timecode(read: Any) -> LedTimecode | None:
+    """Raises: ValueError, TypeError."""
+    if read is None:
+        return None
+    runs, followed = read
+    return LedTimecode(bool(runs), bool(followed))
 
 
 def _begin(read: Any) -> BeginView | None:

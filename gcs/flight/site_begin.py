@@ -5,7 +5,7 @@ a message arrives is known to half a tick only.
 """
 
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, nan
 from typing import ClassVar, Final
 
 from gcs.flight.led_show import LedShow
@@ -41,6 +41,13 @@ class SiteShowBegin(ShowBegin):
         return None if led is None or show_run is None or led.hash != show_run.hash else led
 
     @property
+    def follows_timecode(self) -> bool:
+        led = self.member.shows.led
+        if self._leads:
+            return super().follows_timecode
+        return led is not None and led.timecode is not None and led.timecode.followed
+
+    @property
     def waits(self) -> bool:
         if self._leads:
             return super().waits
@@ -74,6 +81,7 @@ class SiteShowBegin(ShowBegin):
         """Begin with the lead, and show how it waits. Call once a tick at a station that does not lead."""
         flight, show_run = self.flight, self.flight.show_run
         led, now_s = self._led(show_run), self.flight.fleet.time_s
+        self._watch_timecode(show_run, now_s)
         if led is None or show_run is None:
             return
         show_run.begun, begin = led.begun, led.begin
@@ -87,3 +95,20 @@ class SiteShowBegin(ShowBegin):
         if flight.show is ShowPhase.ASSEMBLING and begins_s is not None and now_s >= begins_s - EARLY_S:
             self.began_s = now_s
             self._begin(show_run, begins_s)
+
+    def _watch_timecode(self, show_run: ShowRun | None, now_s: float) -> None:
+        """Say that the own timecode is not followed, because another station leads."""
+        timecode, led = self.flight.timecode, self.member.shows.led
+        if timecode.settings is None:
+            return
+        clock_s = nan if show_run is None or not show_run.begun else show_run.clock.show_s(now_s)
+        timecode.note_show(clock_s)
+        theirs = None if led is None else led.timecode
+        if theirs is not None:
+            timecode.followed = theirs.followed  # kept where this station leads next
+        only_here = timecode.runs(now_s) and not (theirs is not None and theirs.runs)
+        name = self.member.site.lead.name
+        timecode.expected = not only_here
+        timecode.problem = f"not followed: station {name} leads"
+        if only_here:
+            timecode.problem += ", and no timecode arrives there"

@@ -109,6 +109,18 @@ class SiteShowPlayer(ShowPlayer):
         begin = None if grounded else BeginView(BeginState.HELD, None, None)
         return replace(self._selected(), begin=begin)
 
+    def follow_timecode(self, follow: bool) -> None:
+        if self.leads:
+            super().follow_timecode(follow)
+            return
+        self._need_lead_here()
+        led = self.member.shows.led
+        if led is None or led.timecode is None:
+            raise RefusedError(
+                f"no timecode is configured at station {self.member.site.lead.name}, which leads"
+            )
+        self._ask("follow-timecode", "yes" if follow else "no")
+
     def _need_lead(self, what: str) -> None:
         self.flight.need_no_countdown()
         self.need_ground(what)
@@ -152,6 +164,8 @@ class SiteShowPlayer(ShowPlayer):
                 super().begin_at(float(request.value))
             case "cancel-begin":
                 super().cancel_begin()
+            case "follow-timecode":
+                super().follow_timecode(request.value == "yes")
 
     def _select_arrived(self) -> None:
         """Select the show that another station asks for, once its drawing is read."""

@@ -78,9 +78,9 @@ def test_stations_begin_a_show_of_the_law_together(tmp_path: Path, off_s: float)
     async def story(show: SiteShow) -> list[float]:
         await ready(show)
         show_hash = choose(show, "south")
-        show["south"].unix.ahead_s += off_s
         await show.wait(4.0)
         show["south"].service.commands.command_show(ShowAction.START, show_hash=show_hash)
+        show["south"].unix.ahead_s += off_s
         at_s = round(show["north"].unix()) + 40.0123
         if not off_s:
             asked = {"at_unix_time_s": at_s}

@@ -112,6 +112,14 @@ def remote(raw: dict[str, Any], **bus: object) -> None:
             set_at("stations", 3, "endpoint", "port", value=8001),
             "stations.3.endpoint.port = 8001: port 8001 is that of north's API",
         ),
+        (
+            set_at("timecode", value={"source": "udp-midi://127.0.0.1:5006"}),
+            "stations.1.name = 'east': north receives timecode at udp-midi://127.0.0.1:5006 as well",
+        ),
+        (
+            lambda raw: [one.update(timecode={"source": "midi:///dev/midi"}) for one in raw["stations"][2:]],
+            "stations.3.timecode.source = 'midi:///dev/midi': south receives timecode",
+        ),
         (set_at("bus", "lease_s", value=0.01), "bus.lease_s = 0.01: at least 0.1"),
         (set_at("bus", "lead_silent_s", value=0), "bus.lead_silent_s = 0: at least 0.5"),
         (set_at("bus", "lease", value=0.2), "bus.lease = 0.2: unknown key; did you mean lease_s?"),
@@ -199,6 +207,18 @@ def test_a_station_has_its_own_links_api_and_records() -> None:
     for same in ("formation", "bus", "show_frame", "control", "operation", "failsafes"):
         assert getattr(east, same) == getattr(site, same)
     assert Config.model_validate_json(east.model_dump_json()) == east
+
+
+def test_a_station_has_the_timecode_of_the_file_or_its_own() -> None:
+    def change(raw: dict[str, Any]) -> None:
+        remote(raw, keys="keys")
+        raw["timecode"] = {"source": "rtp-midi://10.1.0.1:5004"}
+        raw["stations"][1]["timecode"] = {"source": "midi:///dev/midi"}
+
+    site = site_of(change)
+    found = [station_config(site, each.name).timecode for each in site.stations]
+    sources = [None if one is None else one.source for one in found]
+    assert sources == ["rtp-midi://10.1.0.1:5004", "midi:///dev/midi", *["rtp-midi://10.1.0.1:5004"] * 2]
 
 
 def test_return_heights_are_layered_over_the_whole_site() -> None:
