@@ -389,14 +389,14 @@ def _misfits(whole: Config, config: Config) -> Iterator[Misfit]:
                 text = f"this computer has no address {place.host}: one of its own, or 0.0.0.0 for all"
                 yield Misfit(at, ".".join(map(str, at)), f"'{url}'", text)
     loc: tuple[str | int, ...] = ("api", "host")
-    for at, station in enumerate(whole.stations):
+    for number, station in enumerate(whole.stations):
         if config.site_rows is not None and station.name == config.site_rows.station:
             if not _is_ours(station.endpoint.host):
                 text = "this computer has no such address: start this station on the host that has it"
-                key, value = f"stations.{at}.endpoint.host", f"'{station.endpoint.host}'"
-                yield Misfit(("stations", at, "endpoint", "host"), key, value, text)
+                key, value = f"stations.{number}.endpoint.host", f"'{station.endpoint.host}'"
+                yield Misfit(("stations", number, "endpoint", "host"), key, value, text)
             if station.api is not None:
-                loc = ("stations", at, "api", "host")
+                loc = ("stations", number, "api", "host")
     if not _is_ours(config.api.host):
         text = "this computer has no such address: one of its own, or 127.0.0.1"
         yield Misfit(loc, ".".join(map(str, loc)), f"'{config.api.host}'", text)
