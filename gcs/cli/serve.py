@@ -404,7 +404,9 @@ def _misfits(whole: Config, config: Config) -> Iterator[Misfit]:
 
 def _listens(whole: Config, config: Config) -> Iterator[tuple[LinkSettings, tuple[str | int, ...]]]:
     """Yield the links that `config` opens, each with its place in the whole file."""
-    at = {link.name: ("links", number, "listen") for number, link in enumerate(whole.links)}
+    at: dict[str, tuple[str | int, ...]] = {
+        link.name: ("links", number, "listen") for number, link in enumerate(whole.links)
+    }
     for number, station in enumerate(whole.stations):
         if config.site_rows is not None and station.name == config.site_rows.station:
             for mirror, one in enumerate(station.standby):
