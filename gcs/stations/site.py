@@ -40,6 +40,9 @@ WITHOUT_LINK: Final = (PHASE_CODE[Phase.LOST], KILLED)
 _WITHOUT_LINK: Final = np.isin(np.arange(256), WITHOUT_LINK)
 """By the number of a phase."""
 
+CHANGES_M_S2, STRAYS_S = 3.0, 0.25
+"""A vehicle strays from where its report leads by such a change of its velocity, for so long at most."""
+
 RETURN_HEIGHT_M: Final = 30.0
 
 NO_STATION: Final = -1
@@ -327,7 +330,7 @@ class Site:
             self.ids,
             position_m,
             self._velocity_m_s.copy(),
-            self._uncertainty_m.copy(),
+            np.hypot(self._uncertainty_m, 0.5 * CHANGES_M_S2 * np.minimum(forward_s, STRAYS_S) ** 2),
             self._charge.copy(),
             airborne,
             self._formed & fresh & here[self._owner] & ~mine,

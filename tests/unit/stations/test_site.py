@@ -56,6 +56,14 @@ def test_vehicles_are_brought_forward_from_the_batch() -> None:
     assert np.isnan(seen.position_m[3]).all()
 
 
+def test_vehicle_of_another_station_is_less_certain_the_older_its_batch() -> None:
+    north = site()
+    north.receive("south", "states", from_south(north, uncertainty_m=np.full(3, 0.1)), 100.0)
+    new_m, old_m = (north.others(now_s).uncertainty_m[:3] for now_s in (100.0, 100.2))
+    assert new_m == pytest.approx(0.1)
+    assert old_m == pytest.approx(np.hypot(0.1, 0.06))  # it may have changed its velocity by 0.6 m/s
+
+
 def test_silent_station_is_lost_and_its_space_closed() -> None:
     north = site()
     north.receive("south", "states", from_south(north), 100.0)
