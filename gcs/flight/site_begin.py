@@ -103,6 +103,7 @@ class SiteShowBegin(ShowBegin):
             return
         clock_s = nan if show_run is None or not show_run.begun else show_run.clock.show_s(now_s)
         timecode.note_show(clock_s)
+        timecode.note_frozen(False, self.flight.unix_s())
         theirs = None if led is None else led.timecode
         if theirs is not None:
             timecode.followed = theirs.followed  # kept where this station leads next

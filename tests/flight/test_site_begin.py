@@ -80,7 +80,6 @@ def test_stations_begin_a_show_of_the_law_together(tmp_path: Path, off_s: float)
         show_hash = choose(show, "south")
         await show.wait(4.0)
         show["south"].service.commands.command_show(ShowAction.START, show_hash=show_hash)
-        show["south"].unix.ahead_s += off_s
         at_s = round(show["north"].unix()) + 40.0123
         if not off_s:
             asked = {"at_unix_time_s": at_s}
@@ -89,6 +88,8 @@ def test_stations_begin_a_show_of_the_law_together(tmp_path: Path, off_s: float)
         else:
             show["north"].service.player.begin_at(at_s)
         await show.until(lambda: waits(show), 45.0)
+        show["south"].unix.ahead_s += off_s
+        await show.wait(1.0)
         for name in show.stations:
             assert begin(show, name).at_unix_time_s == at_s
             assert begin(show, name).in_s == pytest.approx(at_s - show["north"].unix(), abs=0.11)
