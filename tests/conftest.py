@@ -31,7 +31,7 @@ settings.load_profile("machine")
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"
-SEVERAL_HOSTS = HERE / "system" / "test_site_hosts.py"
+SEVERAL_HOSTS = (HERE / "system" / "test_site_hosts.py", HERE / "system" / "test_site_standby_hosts.py")
 BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "recording")  # a state's age; threads that write soon
 NOT_COMPUTED = (BROWSER, HERE / "integration", *BY_THE_CLOCK)  # `make computed` does not collect them
 REAL_TIME = (*NOT_COMPUTED, HERE / "system")
@@ -110,7 +110,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
         each == BROWSER or BROWSER in each.parents or each in BROWSER.parents for each in asked
     ):
         terminalreporter.write_line(NOT_RUN, yellow=True)
-    if not netns.are_possible() and any(each in (SEVERAL_HOSTS, *SEVERAL_HOSTS.parents) for each in asked):
+    if not netns.are_possible() and any(
+        each in (module, *module.parents) for each in asked for module in SEVERAL_HOSTS
+    ):
         terminalreporter.write_line(netns.NOT_RUN, yellow=True)
     if config.getoption("again"):
         for report in terminalreporter.getreports("passed"):

@@ -221,6 +221,8 @@ class Orchestrator:
         flight.receive(now_s)
         if member is not None:
             member.receive(now_s)
+        if self.stations is not None:
+            self.stations.release()
         flight.note_setpoints()
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.setpoint_timeout_s:

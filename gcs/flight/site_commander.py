@@ -294,6 +294,10 @@ class SiteCommander(Commander):
 
     # once a tick
 
+    def release(self) -> None:
+        """Stop what flies vehicles that another station owns now: before the setpoints of this tick."""
+        self._standby.release()
+
     def advance_site(self) -> None:
         """Execute what other stations ask, report to them, and follow the lead."""
         now_s = self.flight.fleet.time_s

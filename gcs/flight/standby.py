@@ -64,7 +64,6 @@ class Standby:
         """Take over what is due. Returns: whether the show is to be resumed now."""
         step_s = 0.0 if self._looked_s is None else min(now_s - self._looked_s, LONG_TICK_S)
         self._looked_s = now_s
-        self._release()
         self._mind_own_standbys(now_s)
         for name in self.member.stands_by_for:
             arrived_s = self.member.site.stations[name].arrived_s
@@ -168,8 +167,8 @@ class Standby:
 
     # the own vehicles
 
-    def _release(self) -> None:
-        """Stop what flies vehicles that another station owns now."""
+    def release(self) -> None:
+        """See `SiteCommander.release`."""
         owned = self.member.owned
         if owned.all():
             return

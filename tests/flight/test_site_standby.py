@@ -138,9 +138,9 @@ def flies_on(show: SiteShow, name: str) -> bool:
     return show[name].view.show is ShowPhase.RUNNING and show.in_phase(name, Phase.FORMATION) == 4
 
 
-@pytest.mark.parametrize("cut_s", [0.4, 1.5])
+@pytest.mark.parametrize("cut_s", [0.0, 0.4, 1.5])
 def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> None:
-    """It wakes when the standby flies its vehicles, and the bus connects the two again only later."""
+    """It wakes when the standby flies its vehicles, and the bus connects the two at once or later."""
 
     async def story(show: SiteShow) -> None:
         await show.start()

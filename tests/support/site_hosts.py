@@ -29,7 +29,8 @@ class SiteHosts(SiteProcesses):
         return Started("gcs", "sim", *words, "--truth", str(truth), stdout=DEVNULL, namespace=namespace)
 
 
-def _ended(vehicles: Started) -> None:
+def ended(vehicles: Started) -> None:
+    """End a process that stops with SIGTERM."""
     vehicles.terminate()
     vehicles.wait(SOON_S)
 
@@ -47,7 +48,7 @@ def running_hosts(folder: Path, each: int = 3) -> Iterator[SiteHosts]:
         made = run("gcs", "key", "site", str(keys), "--config", str(site.file), timeout_s=SOON_S)
         assert made.returncode == 0, made.stdout + made.stderr
         for at in range(len(NAMES)):
-            stack.callback(_ended, site.start_vehicles(at))
+            stack.callback(ended, site.start_vehicles(at))
         stack.callback(site.end)
         for name in NAMES:
             reach = Inside(network.namespace(name))

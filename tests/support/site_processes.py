@@ -178,11 +178,14 @@ class Timing:
 
     ticks: int
     missed_s: float  # periods of ticks that were dropped
-    late_s: float  # sum over the ticks
+    late: int  # ticks that began more than 10 ms late
 
     def since(self, before: "Timing") -> "Timing":
         """The ticks after those of `before`."""
-        return Timing(self.ticks - before.ticks, self.missed_s - before.missed_s, self.late_s - before.late_s)
+        return Timing(self.ticks - before.ticks, self.missed_s - before.missed_s, self.late - before.late)
+
+    def __add__(self, other: "Timing") -> "Timing":
+        return Timing(self.ticks + other.ticks, self.missed_s + other.missed_s, self.late + other.late)
 
 
 class SiteProcesses:
@@ -307,11 +310,11 @@ class SiteProcesses:
     def timing(self, name: str) -> "Timing":
         """Of all ticks since its start, as the station itself reports them."""
         text = self.at(name, lambda client: client.metrics())
-        return Timing(
-            int(_metric(text, "gcs_ticks_total")),
-            _metric(text, "gcs_ticks_missed_total") / self.config.tick_rate_hz,
-            _metric(text, "gcs_tick_lateness_seconds_sum"),
+        ticks, in_time = (
+            int(_metric(text, f"gcs_tick_lateness_seconds_{name}")) for name in ("count", 'bucket{le="0.01"}')
         )
+        missed_s = _metric(text, "gcs_ticks_missed_total") / self.config.tick_rate_hz
+        return Timing(ticks, missed_s, ticks - in_time)
 
     def metric(self, name: str, metric: str) -> float:
         """One value of a station's metrics."""

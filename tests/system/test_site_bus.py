@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,34 +15,50 @@ from tests.support.site_processes import NAMES, SiteProcesses, Timing, running_s
 from tests.support.started import DEVNULL, Started
 
 STOPPED_S = 2.0
-PERIOD_S = 0.05
+WATCHED_S = 10.0
 JUNK = 5000
 
+LATE_SHARE = 0.01
+"""Of the ticks: the 99th percentile of their lateness is below 10 ms."""
 
-def timings(site: SiteProcesses, names: list[str]) -> dict[str, Timing]:
-    return {name: site.timing(name) for name in names}
+
+def watched(site: SiteProcesses, names: Sequence[str], seconds: float) -> Timing:
+    """The ticks of these stations within some seconds from now, together."""
+    before = [site.timing(name) for name in names]
+    time.sleep(seconds)
+    none = Timing(0, 0.0, 0)
+    return sum((site.timing(name).since(one) for name, one in zip(names, before, strict=True)), none)
+
+
+def keep_time(usual: Timing, during: Timing, rate_hz: float, paused_s: float) -> None:
+    """Assert that no more ticks were late than may be, and twice as many as the busy machine had late before.
+
+    Ticks that were dropped are late ones as well.
+    """
+    usual_late, late = (one.late + one.missed_s * rate_hz for one in (usual, during))
+    may_be = LATE_SHARE * during.ticks + 2.0 * usual_late * during.ticks / usual.ticks + paused_s * rate_hz
+    assert late <= may_be, (usual, during, paused_s)
+
+
+def goes_on(usual: Timing, during: Timing) -> None:
+    """Assert that ticks came: one that waits for another station counts none of them as late."""
+    assert during.ticks > usual.ticks * STOPPED_S / WATCHED_S / 2.0, (usual, during)
 
 
 @pytest.mark.soak
 def test_a_hanging_station_delays_no_other(tmp_path: Path) -> None:
-    """Compared with as long a time before it hangs: a station that waits for it has no tick meanwhile."""
+    """Compared with a time before it hangs: a station that waits for it has no tick meanwhile."""
     with running_site(tmp_path) as site, Pauses() as machine:
         site.start_show()
         rest = [name for name in NAMES if name != "south"]
-        before = timings(site, rest)
-        time.sleep(STOPPED_S)
+        usual = watched(site, rest, WATCHED_S)
         began_s = time.monotonic()
-        begun = timings(site, rest)
         os.kill(site.processes["south"].pid, signal.SIGSTOP)
-        time.sleep(STOPPED_S)
-        ended = timings(site, rest)
-        paused_s = machine.stalled_s(began_s, time.monotonic())
+        during = watched(site, rest, STOPPED_S)
+        paused_s = len(rest) * machine.stalled_s(began_s, time.monotonic())
         os.kill(site.processes["south"].pid, signal.SIGCONT)
-        for name in rest:
-            usual, during = begun[name].since(before[name]), ended[name].since(begun[name])
-            assert during.ticks > 0
-            assert during.missed_s < usual.missed_s + paused_s + STOPPED_S / 2.0
-            assert during.late_s / during.ticks < usual.late_s / usual.ticks + PERIOD_S + paused_s
+        goes_on(usual, during)
+        keep_time(usual, during, site.config.tick_rate_hz, paused_s)
         wait_until("running again", SOON_S, lambda: site.all_show("running"))
         wait_until("in formation", SOON_S, site.all_form)
         site.come_home("east")
@@ -66,10 +82,16 @@ def flood(site: SiteProcesses, name: str) -> Iterator[None]:
 
 @pytest.mark.soak
 def test_a_flood_of_junk_is_refused_and_the_show_goes_on(tmp_path: Path) -> None:
-    with running_site(tmp_path) as site:
+    with running_site(tmp_path) as site, Pauses() as machine:
         site.start_show()
         assert site.metric("north", "gcs_bus_messages_refused_total") == 0
+        usual = watched(site, NAMES, WATCHED_S)
         with flood(site, "north"):
+            wait_until("flooded", SOON_S, lambda: site.metric("north", "gcs_bus_messages_refused_total") > 0)
+            began_s = time.monotonic()
+            during = watched(site, NAMES, WATCHED_S)
+            paused_s = len(NAMES) * machine.stalled_s(began_s, time.monotonic())
+            keep_time(usual, during, site.config.tick_rate_hz, paused_s)
             wait_until(
                 "refused", SOON_S, lambda: site.metric("north", "gcs_bus_messages_refused_total") > JUNK
             )
