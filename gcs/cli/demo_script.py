@@ -203,6 +203,7 @@ class DemoScript:
             f"no time for target and tower; orbit at {ORBIT_SPEED_M_S:g} m/s until it is time to go home"
         )
         self._sleep(max(STEADY_S, self._left_s() - self._scale.home_s))
+        self._need_running()
         self.marks.before = (steady_s, time.monotonic() - 0.5)
 
     def _obstacle(self) -> None:
@@ -229,6 +230,7 @@ class DemoScript:
     def _stay(self) -> None:
         steady_s = time.monotonic()
         self._sleep(max(20.0, self._left_s() - self._scale.home_s))
+        self._need_running()
         self.marks.after = self.marks.orbit = (steady_s, time.monotonic() - 0.5)
         self.marks.target_to_m = self._target_m()
 
@@ -248,6 +250,12 @@ class DemoScript:
 
     def _phase(self) -> str:
         return self._client.show().phase
+
+    def _need_running(self) -> None:
+        """Raises: CommandError when something has ended or paused the show: not all of it was flown."""
+        show = self._client.show()
+        if show.phase != "running":
+            raise CommandError(f"the show did not last: it is {show.phase}: {show.reason}")
 
     def _target_m(self) -> tuple[float, float]:
         target = self._client.target()
