@@ -41,7 +41,6 @@ def site_of(vehicles: int) -> Config:
         formation={"radius_m": radius_m, "height_m": radius_m + 8.0},
         operation=operation,
         control={"safety": safety},
-        preflight={"return_heights": "any"},
     )
 
 
