@@ -249,7 +249,9 @@ class SlotsMessage:
     place: Array  # (n, 3) unit vectors from the centre, NaN: none
 
     def encode(self) -> bytes:
-        steps = np.round(SLOT_STEPS * np.nan_to_num(self.place)).astype("<i2")
+        steps = SLOT_STEPS * self.place
+        steps[np.isnan(steps)] = 0.0
+        steps = np.rint(steps).astype("<i2")
         head = (VERSION, SLOTS, self.site, self.term, self.lead, len(steps))
         return _SLOTS.pack(*head) + steps.tobytes()
 
