@@ -56,7 +56,7 @@ def test_vehicles_are_brought_forward_from_the_batch() -> None:
     assert np.isnan(seen.position_m[3]).all()
 
 
-def test_vehicle_of_another_station_is_less_certain_the_older_its_batch() -> None:
+def test_old_batch_makes_vehicles_less_certain() -> None:
     north = site()
     north.receive("south", "states", from_south(north, uncertainty_m=np.full(3, 0.1)), 100.0)
     new_m, old_m = (north.others(now_s).uncertainty_m[:3] for now_s in (100.0, 100.2))
