@@ -28,7 +28,7 @@ SLOWEST_M_S = 1e-3
 OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 
 
-class Seen(NamedTuple):
+class ShowFleet(NamedTuple):
     """n vehicles among which a show is played: first those of FleetState, then other stations'."""
 
     ids: Sequence[VehicleId]  # n
@@ -53,7 +53,7 @@ class ShowRun:
     goals: DrawnGoals | None = None  # of this tick, rows as in FleetState; None: the law leads
     off_m: Array = field(default_factory=lambda: np.zeros(0))  # (n,) from them; NaN: takes no part, not known
     errors: TrackErrors | None = (
-        None  # of the vehicles by row of `Seen`, since the start; None: no drawn part
+        None  # of the vehicles by row of `ShowFleet`, since the start; None: no drawn part
     )
     lags_reported: bool = False
     spares: tuple[VehicleId, ...] = ()  # on the ground, in the fleet's order
@@ -155,7 +155,7 @@ class ShowRun:
         flown = [row for row in np.argsort(-max_m).tolist() if self.errors.time_s[row] > 0.0]
         return ", ".join(f"{vehicle_ids[row]} {rms_m[row]:.2f} ({max_m[row]:.2f})" for row in flown)
 
-    def follow_drawing(self, seen: Seen, now_s: float, *, assembling: bool, leads: bool = True) -> None:
+    def follow_drawing(self, seen: ShowFleet, now_s: float, *, assembling: bool, leads: bool = True) -> None:
         """Make the goals of this tick, and have the clock wait for late vehicles. Call once a tick.
 
         Args:

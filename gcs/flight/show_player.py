@@ -10,7 +10,7 @@ import numpy as np
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.refusals import with_alternative
-from gcs.flight.running_show import Seen, ShowRun
+from gcs.flight.running_show import ShowFleet, ShowRun
 from gcs.flight.show_begin import ShowBegin
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
@@ -288,11 +288,11 @@ class ShowPlayer:
         self._report_lags(show_run, seen.ids)
         flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
 
-    def _seen(self) -> Seen:
+    def _seen(self) -> ShowFleet:
         """The vehicles among which the show is played, at this tick."""
         flight = self.flight
         formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
-        return Seen(flight.fleet.ids, flight.fleet.position_m, formed, len(formed))
+        return ShowFleet(flight.fleet.ids, flight.fleet.position_m, formed, len(formed))
 
     def _report_lags(self, show_run: ShowRun, vehicle_ids: Sequence[VehicleId]) -> None:
         """Log once, when a show with drawn parts has ended, how well each vehicle followed its trajectory."""

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from gcs.flight.led_show import LedShow, keep_clock
-from gcs.flight.running_show import Seen, ShowRun
+from gcs.flight.running_show import ShowFleet, ShowRun
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.site_arrivals import ShowArrivals, packed
 from gcs.flight.site_begin import SiteShowBegin
@@ -298,11 +298,11 @@ class SiteShowPlayer(ShowPlayer):
     def _count(self) -> int:
         return len(self.member.site.shown)
 
-    def _seen(self) -> Seen:
+    def _seen(self) -> ShowFleet:
         own, their, here = super()._seen(), self.member.others, self.member.flown_by_others(Phase.FORMATION)
         formed = np.zeros(len(their.ids), np.bool_)
         formed[here] = True
-        return Seen(
+        return ShowFleet(
             (*own.ids, *their.ids),
             np.concatenate([own.position_m, their.position_m]),
             np.concatenate([own.formed, formed]),

@@ -10,7 +10,7 @@ from gcs.control import Task, Tasks
 from gcs.failsafe.policy import Action, Cause, FailsafePolicy
 from gcs.flight.fleet import stands
 from gcs.flight.maneuvers import UP_SHARE
-from gcs.flight.running_show import Seen, ShowRun
+from gcs.flight.running_show import ShowFleet, ShowRun
 from gcs.flight.spares import climb_is_free, replacements
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
@@ -184,7 +184,7 @@ class Rehearsal(SimulatedFlight):
         """Have the drawing lead, and the clock run as vehicles keep up. Returns: False if the law leads."""
         run, world = self.run, self.world
         flies, assembling = (self.task == Task.FORMATION) & self.present, self.began_s is None
-        seen = Seen(world.ids, world.received_m, flies, len(flies))
+        seen = ShowFleet(world.ids, world.received_m, flies, len(flies))
         run.follow_drawing(seen, self.time_s, assembling=assembling)
         off_m = np.full(len(self.task), np.nan)
         if run.goals is not None and not run.pace.approaches:
