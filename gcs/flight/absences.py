@@ -36,7 +36,7 @@ class Absences:
         self._note_stall(now_s, before_s)
 
     def ended(self, station: str) -> bool:
-        """Whether the process of a station that is not received has ended, as far as the bus can tell."""
+        """Whether the process of a station that is not received has ended, as far as the bus shows it."""
         return self._ended.get(station, False)
 
     @property

@@ -236,7 +236,7 @@ class SiteMember:
         self._returns[int(message.rows[0])] = message
 
     def ended(self, station: str) -> bool:
-        """Whether the process of a station that is not received has ended, as far as the bus can tell."""
+        """Whether the process of a station that is not received has ended, as far as the bus shows it."""
         return self._absences.ended(station)
 
     @property

@@ -35,7 +35,7 @@ def replacements(
     """Give the parts of lost vehicles to spare ones, while the show lets it.
 
     Args:
-        show_run: whose parts and spares change.
+        show_run: the show; its parts and spares change.
         now_s: the tick's time.
         lost: vehicles that are lost or killed, whether they had a part or not.
         may_climb: whether a spare is ready, and the space that it climbs through is free.

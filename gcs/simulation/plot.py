@@ -169,7 +169,7 @@ def _band(axes: Axes, time_s: ArrayLike, values_m: Array, title: str) -> None:
     low, middle, high = np.full((3, len(values_m)), np.nan)
     low[known], high[known] = np.nanmin(values_m[known], axis=1), np.nanmax(values_m[known], axis=1)
     middle[known] = np.nanmedian(values_m[known], axis=1)
-    axes.fill_between(time_s, low, high, color="C0", alpha=0.25, label="all drones")
+    axes.fill_between(time_s, low, high, color="C0", alpha=0.25, label="all vehicles")
     _over_time(axes, time_s, [("median", middle, "C0")], title)
 
 
@@ -351,12 +351,11 @@ def _ground(axes: Axes, flight: Rehearsal) -> None:
     lines = pieces_m[:, :, [1, 0]]
     axes.add_collection(LineCollection(list(lines), colors=_visible(colour), linewidths=0.5, alpha=0.6))
     center_m = np.array(flight.record.center_m)
-    axes.plot(center_m[:, 1], center_m[:, 0], color="black", linewidth=1.0, label="centre")
-    times_s = np.arange(0.0, flight.timeline.duration_s, 0.5).tolist()
-    target_m = np.array([flight.timeline.plan_at(t).target.position_m(t) for t in times_s])
-    axes.plot(
-        target_m[:, 1], target_m[:, 0], "C3--", marker="x", markevery=[0, -1], linewidth=1.0, label="target"
-    )
+    if np.isfinite(center_m).any():  # else drawn from beginning to end: no formation has a centre or a target
+        axes.plot(center_m[:, 1], center_m[:, 0], color="black", linewidth=1.0, label="centre")
+        times_s = np.arange(0.0, flight.timeline.duration_s, 0.5).tolist()
+        target_m = np.array([flight.timeline.plan_at(t).target.position_m(t) for t in times_s])
+        axes.plot(target_m[:, 1], target_m[:, 0], "C3x--", markevery=[0, -1], linewidth=1.0, label="target")
     axes.plot(show.pads_m[:, 1], show.pads_m[:, 0], ".", color=GREY, markersize=3, label="pads")
     for _, boxes in flight.timeline.obstacles:
         for box in boxes:
@@ -386,11 +385,15 @@ def _sizes(axes: Axes, flight: Rehearsal) -> None:
     height_m = -flight.record.path_m[:, :, 2]
     running = (show_s >= 0.0) & (show_s <= flight.timeline.duration_s)
     spin = [float(np.degrees(flight.timeline.spin_rad_s.value(float(t))[0])) for t in show_s]
-    radius_m = np.where(running, flight.record.radius_m, np.nan)
-    axes.plot(show_s, radius_m, color="C1", linewidth=1.2, label="radius")
+    formed = running & np.isfinite(np.array(flight.record.center_m)).all(axis=1)
+    title = "Heights of the vehicles"
+    if formed.any():
+        title += ", radius"
+        radius_m = np.where(formed, flight.record.radius_m, np.nan)
+        axes.plot(show_s, radius_m, color="C1", linewidth=1.2, label="radius")
     if np.any(spin):
         axes.plot(show_s, np.where(running, spin, np.nan), color="C2", linewidth=1.0, label="spin, deg/s")
-    _band(axes, show_s, height_m, "Heights of the vehicles, radius")
+    _band(axes, show_s, height_m, title)
 
 
 def _lights(axes: Axes, flight: Rehearsal) -> None:

@@ -87,7 +87,10 @@ class Station:
     batch: StateBatch | None = None
     arrived_s: float = -np.inf
     made_s: float = -np.inf  # of the batch, as far as the delay is known
-    homes: tuple[bytes, bytes] = (b"", b"")  # the newest message of homes, and whose vehicles they were then
+    homes: tuple[bytes, bytes] = (
+        b"",
+        b"",
+    )  # the newest message of homes, and the owners of these vehicles then
 
 
 @dataclass(frozen=True, slots=True, eq=False)

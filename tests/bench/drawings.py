@@ -8,18 +8,16 @@ import os
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.shows.formats import write_drawing
 from tests.bench.figures import at_most
+from tests.support.background import Background
 from tests.support.drawn_shows import drawn_show
 from tests.support.processes import supervised
 
@@ -43,25 +41,14 @@ def imported(drawing: Path, folder: Path) -> tuple[float, float]:
     return lasted_s, used.ru_utime + used.ru_stime
 
 
-class Readers:
+class Readers(Background):
     """Watches the processes of this machine that import a drawing, and notes their greatest memory."""
 
     def __init__(self) -> None:
         self.memory_mb = 0.0
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._watch)
+        super().__init__("readers")
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stopped.set()
-        self._thread.join()
-
-    def _watch(self) -> None:
+    def _live(self) -> None:
         while not self._stopped.wait(LOOK_S):
             for folder in Path("/proc").glob("[0-9]*"):
                 with suppress(OSError):

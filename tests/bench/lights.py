@@ -2,7 +2,7 @@
 
 `make bench` prints it; `python -m tests.bench.lights 12` flies another number of vehicles. Every vehicle's
 colour changes all the time. Nothing is simulated but the vehicles: the show is checked, selected and started
-by its hash, and the vehicles' truth file says which colours they received, and who landed.
+by its hash, and the vehicles' truth file says which colours they received, and which of them landed.
 """
 
 import asyncio

@@ -9,11 +9,10 @@ import math
 import selectors
 import socket
 import struct
-import threading
 import time
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common
@@ -21,6 +20,7 @@ from pymavlink.dialects.v20 import common
 from gcs.cli.demo_report import SAMPLE_S, GroundTruth
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
+from tests.support.background import Background
 
 ABOVE_PAD_M = 0.5
 """A vehicle this far above its pad is airborne: SIH's ground is level, and the true state has no noise."""
@@ -50,7 +50,7 @@ def fdm_place(data: bytes) -> tuple[float, float, float] | None:
     return math.degrees(latitude_rad), math.degrees(longitude_rad), altitude_m
 
 
-class GroundTruthRecorder:
+class GroundTruthRecorder(Background):
     """Receives the true states of `count` vehicles, on a thread of its own."""
 
     def __init__(self, first_port: int, count: int, *, fdm_port: int | None = None) -> None:
@@ -61,22 +61,16 @@ class GroundTruthRecorder:
         self._places: list[list[tuple[float, float, float, float]]] = [[] for _ in range(count)]
         self._clocks: list[list[tuple[float, float]]] = [[] for _ in range(count)]
         self._selector = selectors.DefaultSelector()
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._receive, name="truth")
+        super().__init__("truth")
         for index in range(count):
             self._listen(first_port + index, index, common.MAVLink(None))
             if fdm_port is not None:
                 self._listen(fdm_port + FDM_PORTS_APART * index, index, None)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stopped.set()
-        self._thread.join()
+        super().__exit__(kind, error, trace)
         for key in list(self._selector.get_map().values()):
             self._selector.unregister(key.fileobj)
             key.fileobj.close()  # type: ignore[union-attr]  # a socket, see above
@@ -87,7 +81,7 @@ class GroundTruthRecorder:
         port.setblocking(False)
         self._selector.register(port, selectors.EVENT_READ, (index, decoder))
 
-    def _receive(self) -> None:
+    def _live(self) -> None:
         while not self._stopped.is_set():
             for key, _ in self._selector.select(0.1):
                 index, decoder = key.data

@@ -3,15 +3,13 @@
 import os
 import random
 import socket
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
-from types import TracebackType
-from typing import Self
 
 from gcs.service import check_process
+from tests.support.background import Background
 
 FIRST_PORT, LAST_PORT = 16000, 32000
 """Below the ports that the kernel assigns (32768 and up on Linux): no program is given one meanwhile."""
@@ -62,7 +60,7 @@ def restrict_at_usual_priority(pid: int, _: int, memory_max_bytes: int) -> None:
     _restrict(pid, 0, memory_max_bytes)
 
 
-class Pauses:
+class Pauses(Background):
     """A thread that runs every 10 ms and records when it could not.
 
     It waits for no other thread, so a missed turn is a pause of the machine (another virtual machine's turn,
@@ -71,18 +69,7 @@ class Pauses:
 
     def __init__(self) -> None:
         self._stalls_s: list[tuple[float, float]] = []
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._look, name="pauses")
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stopped.set()
-        self._thread.join()
+        super().__init__("pauses")
 
     def stalled_s(self, start_s: float, end_s: float) -> float:
         """Seconds of this interval of the monotonic clock in which the machine paused."""
@@ -92,7 +79,7 @@ class Pauses:
         """Seconds of this interval in which the machine ran."""
         return end_s - start_s - self.stalled_s(start_s, end_s)
 
-    def _look(self) -> None:
+    def _live(self) -> None:
         before_s = time.monotonic()
         while not self._stopped.is_set():
             time.sleep(LOOK_S)

@@ -43,7 +43,7 @@ export function button(actions: PanelActions, b: Button): TemplateResult {
   </button>`;
 }
 
-/** A button with an effect that is named before it is had: it takes a second press. `about` tells it from others. */
+/** A button that takes a second press, and names its effect before. `about` distinguishes it from others. */
 export function twice(state: State, actions: PanelActions, b: Omit<Button, "kind"> & { sure: string; about: string }): TemplateResult {
   const isSure = state.panels.sure === b.about;
   const press = (): void => {
