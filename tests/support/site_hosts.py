@@ -21,9 +21,9 @@ class SiteHosts(SiteProcesses):
 
     def start_vehicles(self, at: int) -> Started:
         """Start the fake vehicles of one station, by its place."""
-        link = self.config.links[at]
+        link, base = self.config.links[at], self.config.links[0].listen[0].rpartition(":")[2]
         each, truth = len(link.fleet), self.folder / f"truth-{link.name}.jsonl"
-        words = (*fleet_words(self.config, at * each, each), "--port-base", link.listen[0].rpartition(":")[2])
+        words = (*fleet_words(self.config, at * each, each), "--port-base", base)
         namespace = self.hosts.namespace(link.name)
         self.truths.append(truth)
         return Started("gcs", "sim", *words, "--truth", str(truth), stdout=DEVNULL, namespace=namespace)
