@@ -69,8 +69,10 @@ schema: .venv/ready api/console/node_modules/ready  ## the console's types, from
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec, reports; \
-	  from gcs.planning.return_paths import planner; \
-	  control.warm_up(); planner.warm_up(); codec.warm_up(); reports.warm_up()"
+	  from gcs.planning import silent_space; from gcs.planning.return_paths import planner; \
+	  from gcs.stations import reported_vehicles; \
+	  control.warm_up(); planner.warm_up(); silent_space.warm_up(); reported_vehicles.warm_up(); \
+	  codec.warm_up(); reports.warm_up()"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
 	$(BIN)/python -m tests.vocabulary

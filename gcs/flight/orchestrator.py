@@ -47,6 +47,15 @@ from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
 from gcs.service.interface import Preflight, Recovery
 from gcs.shows.library import ShowLibrary
+from gcs.stations.reported_vehicles import warm_up as warm_up_batches
+
+
+def _load_machine_code() -> None:
+    """Of everything that a tick calls, so that no tick waits for it."""
+    warm_up()
+    warm_up_paths()
+    warm_up_silent_space()
+    warm_up_batches()
 
 
 class Heart(Protocol):
@@ -89,9 +98,7 @@ class Orchestrator:
             problems: notices for the operator for as long as this service runs.
             membership: of a site of several stations; None: this station flies all vehicles.
         """
-        warm_up()
-        warm_up_paths()
-        warm_up_silent_space()
+        _load_machine_code()
         loop = asyncio.get_running_loop()
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)

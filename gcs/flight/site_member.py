@@ -31,10 +31,11 @@ from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import Placed
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
-from gcs.stations.publishing import STATES, Reported, batch, formation_messages
+from gcs.stations.publishing import STATES, FormationMessages, Reported, batch
 from gcs.stations.recognition import may_be_valid
+from gcs.stations.reported_vehicles import Rows
 from gcs.stations.return_messages import ReturnMessage, in_parts
-from gcs.stations.site import Rows, Site, StationFleet, WithoutControl
+from gcs.stations.site import Site, StationFleet, WithoutControl
 
 log = logging.getLogger(__name__)
 
@@ -162,6 +163,7 @@ class SiteMember:
         self._plan_version = 0
         self._sent_plan: Plan | None = None
         self._plan_due_s = self._slow_due_s = self._return_due_s = 0.0
+        self._formation = FormationMessages(site)
         self.shows = ShowTraffic(flight, site, self.all_ids)
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._applied: dict[str, int] = {}  # newest change of each station that this lead has applied
@@ -569,11 +571,13 @@ class SiteMember:
             self._send("info", self._info_now())
         self._send(STATES, made.encode())
         if site.lead.leads and not self.shows_of_others_fly:  # a lead that restarts disturbs no flight
-            for topic, payload in formation_messages(site, memory, reported):
+            for topic, payload in self._formation.of_tick(now_s, memory, reported):
                 self._send(topic, payload)
             self._publish_plan(now_s)
             for topic, payload in self.shows.messages(now_s):
                 self._send(topic, payload)
+        else:
+            self._formation.forget()
         for name, letters in self.letters.items():
             if (due := letters.payload(now_s)) is not None:
                 self._send(f"letters.{name}", due)

@@ -58,10 +58,9 @@ class KeptSetpoints:
     """
 
     def __init__(self, count: int) -> None:
-        self._sent: deque[tuple[float, Array, Array]] = deque()
-        self._seen_s = np.full(count, -np.inf)
-        self._desired_m_s: Array = np.full((count, 3), np.nan)
-        self._setpoint_m_s = self._desired_m_s.copy()
+        self._sent: deque[tuple[float, Array]] = deque()  # desired velocities and setpoints, (2, n, 3)
+        self._seen_s = np.full(count, -np.inf)  # when the newest position was measured
+        self._kept_m_s: Array = np.full((2, count, 3), np.nan)
 
     def note(
         self,
@@ -80,22 +79,17 @@ class KeptSetpoints:
             now_s: of this tick.
             ended: (n,) vehicles to which no station sends setpoints any more: they keep the newest.
         """
-        self._sent.append((now_s, desired_m_s, setpoint_m_s))
+        now = np.stack([desired_m_s, setpoint_m_s])
+        self._sent.append((now_s, now))
         while len(self._sent) > 1 and self._sent[1][0] <= now_s - SENT_BEFORE_S + 1e-6:
             self._sent.popleft()
-        arrived = now_s - age_s > self._seen_s + 1e-6
-        if arrived.any():
-            _, then_desired_m_s, then_setpoint_m_s = self._sent[0]
-            self._seen_s = np.where(arrived, now_s - age_s, self._seen_s)
-            self._desired_m_s = np.where(arrived[:, None], then_desired_m_s, self._desired_m_s)
-            self._setpoint_m_s = np.where(arrived[:, None], then_setpoint_m_s, self._setpoint_m_s)
-        if ended is not None:
-            self._desired_m_s = np.where(ended[:, None], desired_m_s, self._desired_m_s)
-            self._setpoint_m_s = np.where(ended[:, None], setpoint_m_s, self._setpoint_m_s)
+        flags = np.zeros(len(self._seen_s), np.bool_) if ended is None else ended
+        _keep(self._kept_m_s, self._seen_s, self._sent[0][1], now, now_s - age_s, flags)
 
     def expected_m_s(self, last_velocity_m_s: Array) -> Array:
         """(n, 3) the most probable of them, from the (n, 3) last known velocities."""
-        expected_m_s: Array = np.where(np.isfinite(self._desired_m_s), self._desired_m_s, last_velocity_m_s)
+        desired_m_s = self._kept_m_s[0]
+        expected_m_s: Array = np.where(np.isfinite(desired_m_s), desired_m_s, last_velocity_m_s)
         return expected_m_s
 
     def possible_m_s(
@@ -109,13 +103,35 @@ class KeptSetpoints:
 
         Returns: (p,) the row of each velocity, in the order of `rows`, and (p, 3).
         """
-        desired_m_s, setpoint_m_s = self._desired_m_s[rows], self._setpoint_m_s[rows]
+        desired_m_s, setpoint_m_s = self._kept_m_s[:, rows]
         known: Mask = np.asarray(np.isfinite(desired_m_s).all(axis=1))
         first_m_s = np.where(known[:, None], desired_m_s, last_velocity_m_s[rows])
         differs = known & (np.linalg.norm(setpoint_m_s - desired_m_s, axis=1) > ALIKE_M_S)
         takes = np.repeat(np.arange(len(rows)), 1 + differs)
         second = np.append(False, takes[1:] == takes[:-1])[: len(takes)]
         return rows[takes], np.where(second[:, None], setpoint_m_s[takes], first_m_s[takes])
+
+
+@kernel
+def _keep(
+    kept_m_s: Array, seen_s: Array, then_m_s: Array, now_m_s: Array, measured_s: Array, ended: Mask
+) -> None:
+    """Take what each vehicle flew to when its newest position was measured, and the newest where `ended`.
+
+    Args:
+        kept_m_s: (2, n, 3) desired velocities and setpoints, changed.
+        seen_s: (n,) when the position was measured that they belong to, changed.
+        then_m_s: (2, n, 3) those of SENT_BEFORE_S ago.
+        now_m_s: (2, n, 3) the newest.
+        measured_s: (n,) when the newest position was measured.
+        ended: (n,) vehicles that keep the newest.
+    """
+    for i in range(len(seen_s)):
+        if measured_s[i] > seen_s[i] + 1e-6:
+            seen_s[i] = measured_s[i]
+            kept_m_s[:, i] = then_m_s[:, i]
+        if ended[i]:
+            kept_m_s[:, i] = now_m_s[:, i]
 
 
 def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: float) -> Array:

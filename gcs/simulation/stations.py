@@ -16,7 +16,7 @@ from gcs.model.state import Array, FleetState, Mode, Setpoints, Traits, VehicleI
 from gcs.simulation.scenario import Stations
 from gcs.simulation.world import TrueWorld
 from gcs.stations.messages import MODE_CODE, PHASE_CODE
-from gcs.stations.publishing import STATES, Reported, batch, formation_messages
+from gcs.stations.publishing import STATES, FormationMessages, Reported, batch
 from gcs.stations.site import Site, StationFleet, WithoutControl
 
 LEAD_SILENT_S = 1.0
@@ -70,6 +70,7 @@ class _Station:
     rows: NDArray[np.intp]  # (m,) of its own vehicles in the world
     order: NDArray[np.intp]  # (n,) of its own vehicles, then the others'
     memory: Memory
+    formation: FormationMessages
 
 
 class SimulatedStations:
@@ -92,7 +93,7 @@ class SimulatedStations:
             site = Site(name, fleets, alone)
             site.home_m[:] = world.home_m[others]
             order = np.concatenate([rows, others])
-            self._stations.append(_Station(site, rows, order, Memory.fresh(n, 0.0)))
+            self._stations.append(_Station(site, rows, order, Memory.fresh(n, 0.0), FormationMessages(site)))
 
     def decide(
         self, fleet: FleetState, tasks: Tasks, plan: Plan, traits: Traits, settings: ControlSettings
@@ -136,7 +137,7 @@ class SimulatedStations:
         made = batch(site, fleet, tasks, traits.uncertainty_m, station.memory, reported)
         messages: list[tuple[str, bytes]] = [(STATES, made.encode())]
         if site.lead.leads:
-            messages.extend(formation_messages(site, station.memory, reported))
+            messages.extend(station.formation.of_tick(fleet.time_s, station.memory, reported))
         return messages
 
     def _of_all(self) -> Memory:

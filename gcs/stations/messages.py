@@ -1,6 +1,6 @@
 """What stations send each other once a tick, as bytes: little-endian, versioned, without absolute times.
 
-`StateBatch`: a header, one echo for each station received, one row of `ROW` for each vehicle of the station.
+`StateBatch`: a head, one echo for each station received, one row of `ROW` for each vehicle of the station.
 `FormationMessage` and `SlotsMessage`: what the leading station computes for the whole formation.
 """
 
@@ -18,6 +18,7 @@ from pydantic_core import from_json
 
 from gcs.formation.orbit import Center
 from gcs.model.errors import LinkError
+from gcs.model.jit import kernel
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, Mode, VehicleId
 
@@ -43,8 +44,9 @@ EPOCH_MAX: Final = 255
 
 UNKNOWN: Final = 0xFFFF
 UNKNOWN_PERCENT: Final = 0xFF
-SHARES: Final = np.where(np.arange(256) == UNKNOWN_PERCENT, np.nan, np.arange(256) / 100.0)
-"""By the percent of a row."""
+
+AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY, OWNED, COMMANDED = (1 << bit for bit in range(7))
+"""Flags of a vehicle."""
 
 ROW: Final = np.dtype(
     [
@@ -53,7 +55,7 @@ ROW: Final = np.dtype(
         ("motion_cm_s", "<i2", 9),
         ("epoch", "u1"),  # of its ownership: a station that takes vehicles over counts on
         ("phase", "u1"),
-        ("flags", "u1"),  # from bit 0: airborne, formed, slot stays, armed, ready, owned, commanded
+        ("flags", "u1"),
         ("mode", "u1"),
         ("uncertainty_cm", "<u2"),
         ("age_ms", "<u2"),  # of the position when the batch was made
@@ -88,9 +90,9 @@ class Echo(NamedTuple):
     held_s: float  # since its arrival
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StateBatch:
-    """One station and its n vehicles at one tick, show frame. Owns its arrays."""
+@dataclass(frozen=True, slots=True)
+class BatchHead:
+    """What a station reports of itself at one tick."""
 
     sequence: int
     site: int  # see `site_number`
@@ -101,6 +103,20 @@ class StateBatch:
     pace: float
     return_s: float  # time in the plan of the collective return, NaN: none is flown
     echoes: tuple[Echo, ...]
+
+    def encode(self, vehicles: int) -> bytes:
+        """The bytes before the rows of so many vehicles: 29, and 10 for each echo."""
+        show, flags = SHOW_PHASES.index(self.show), ALL_UP * self.all_up
+        head = (VERSION, STATES, vehicles, self.sequence, self.site, self.term, self.lead, show, flags)
+        echoes = [_ECHO.pack(one.station, one.sequence, one.held_s) for one in self.echoes]
+        return b"".join([_STATION.pack(*head, self.pace, self.return_s), bytes([len(echoes)]), *echoes])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateBatch:
+    """One station and its n vehicles at one tick, show frame. Owns its arrays."""
+
+    head: BatchHead
     position_m: Array  # (n, 3) brought forward as in FleetState; of silent vehicles the last one
     velocity_m_s: Array  # (n, 3)
     desired_m_s: Array  # (n, 3) NaN: not commanded
@@ -121,77 +137,34 @@ class StateBatch:
     link_quality: Array  # 0 to 1, NaN: unknown
 
     def encode(self) -> bytes:
-        """The bytes: 29, 10 for each echo, 42 for each vehicle."""
-        n = len(self.position_m)
-        rows = np.zeros(n, ROW)
-        rows["position_m"] = self.position_m
-        rows["motion_cm_s"] = _cm_s(self.velocity_m_s, self.desired_m_s, self.setpoint_m_s)
-        rows["phase"], rows["mode"], rows["epoch"] = self.phases, self.modes, self.epochs
-        commanded = np.isfinite(self.desired_m_s[:, 0])
-        masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned, commanded)
-        rows["flags"] = np.packbits(np.stack(masks), axis=0, bitorder="little")[0]
-        rows["uncertainty_cm"] = _bounded(100.0 * self.uncertainty_m)
-        rows["age_ms"] = _bounded(1000.0 * self.age_s)
-        rows["yaw"] = np.round(1e4 * np.nan_to_num(self.yaw_rad))
-        rows["battery_percent"] = _percent(self.battery_remaining)
-        rows["quality_percent"] = _percent(self.link_quality)
-        show = SHOW_PHASES.index(self.show)
-        flags_of_all = ALL_UP * self.all_up
-        head = (VERSION, STATES, n, self.sequence, self.site, self.term, self.lead, show, flags_of_all)
-        echoes = [_ECHO.pack(one.station, one.sequence, one.held_s) for one in self.echoes]
-        return b"".join(
-            [_STATION.pack(*head, self.pace, self.return_s), bytes([len(echoes)]), *echoes, rows.tobytes()]
-        )
+        """The bytes: the head, and 42 for each vehicle."""
+        motion = (self.position_m, self.velocity_m_s, self.desired_m_s, self.setpoint_m_s)
+        columns = (self.uncertainty_m, self.age_s, self.yaw_rad, self.battery_remaining, self.link_quality)
+        masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned)
+        codes = (self.phases, self.modes, self.epochs)
+        # put together first: the compiled code then always gets the same kinds of arrays
+        parts = np.concatenate(motion, axis=1), np.stack(columns), np.stack(masks), np.stack(codes)
+        return self.head.encode(len(self.position_m)) + _packed(*parts).tobytes()
 
-    @staticmethod
-    def decode(payload: bytes) -> "StateBatch":
-        """Raises: LinkError for bytes that are no batch of this version."""
-        if len(payload) < _STATION.size + 1:
-            raise LinkError(f"a batch of {len(payload)} bytes is too short")
-        version, kind, n, sequence, site, term, lead, show, flags, pace, return_s = _STATION.unpack_from(
-            payload
-        )
-        _check(version, kind, STATES)
-        begin = _STATION.size + 1 + payload[_STATION.size] * _ECHO.size
-        if len(payload) != begin + n * ROW.itemsize or show >= len(SHOW_PHASES) or not isfinite(pace):
-            raise LinkError(f"a batch of {len(payload)} bytes for {n} vehicles")
-        echoes = tuple(map(Echo._make, _ECHO.iter_unpack(payload[_STATION.size + 1 : begin])))
-        rows = np.frombuffer(payload, ROW, offset=begin)
-        if n and (rows["phase"].max() >= len(PHASES) or rows["mode"].max() >= len(MODES)):
-            raise LinkError("a batch with a phase or mode that does not exist")
-        bits = np.unpackbits(rows["flags"][None], axis=0, bitorder="little").view(np.bool_)
-        airborne, formed, slot_stays, armed, ready, owned, commanded, _ = bits
-        known = rows["age_ms"] != UNKNOWN
-        motion_m_s = rows["motion_cm_s"] / 100.0
-        return StateBatch(
-            sequence,
-            site,
-            term,
-            lead,
-            SHOW_PHASES[show],
-            bool(flags & ALL_UP),
-            min(max(pace, 0.0), 1.0),
-            return_s,
-            echoes,
-            _only(known, rows["position_m"].astype(np.float64)),
-            motion_m_s[:, :3],
-            _only(commanded, motion_m_s[:, 3:6]),
-            _only(commanded, motion_m_s[:, 6:]),
-            rows["uncertainty_cm"] / 100.0,
-            np.where(known, rows["age_ms"] / 1000.0, np.inf),
-            rows["phase"].copy(),
-            rows["mode"].copy(),
-            airborne,
-            formed,
-            slot_stays,
-            armed,
-            ready,
-            owned,
-            rows["epoch"].copy(),
-            rows["yaw"] / 1e4,
-            _share(rows["battery_percent"]),
-            _share(rows["quality_percent"]),
-        )
+
+def decode_batch(payload: bytes) -> tuple[BatchHead, NDArray[np.void]]:
+    """A station, and (n,) rows of `ROW`, of its vehicles. Raises: LinkError for bytes that are no batch."""
+    if len(payload) < _STATION.size + 1:
+        raise LinkError(f"a batch of {len(payload)} bytes is too short")
+    version, kind, n, sequence, site, term, lead, show, flags, pace, return_s = _STATION.unpack_from(payload)
+    _check(version, kind, STATES)
+    begin = _STATION.size + 1 + payload[_STATION.size] * _ECHO.size
+    if len(payload) != begin + n * ROW.itemsize or show >= len(SHOW_PHASES) or not isfinite(pace):
+        raise LinkError(f"a batch of {len(payload)} bytes for {n} vehicles")
+    echoes = tuple(map(Echo._make, _ECHO.iter_unpack(payload[_STATION.size + 1 : begin])))
+    rows = np.frombuffer(payload, ROW, offset=begin)
+    if n and (rows["phase"].max() >= len(PHASES) or rows["mode"].max() >= len(MODES)):
+        raise LinkError("a batch with a phase or mode that does not exist")
+    pace = min(max(pace, 0.0), 1.0)
+    head = BatchHead(
+        sequence, site, term, lead, SHOW_PHASES[show], bool(flags & ALL_UP), pace, return_s, echoes
+    )
+    return head, rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -288,29 +261,56 @@ def _check(version: int, kind: int, expected: int) -> None:
         raise LinkError(f"message {kind} of version {version}, where {expected} of {VERSION} is expected")
 
 
-def _cm_s(*velocities_m_s: Array) -> NDArray[np.int16]:
-    """(n, 3 times as many) beside each other; 0: not known."""
-    beside = np.concatenate(velocities_m_s, axis=1)
-    beside *= 100.0
-    beside[np.isnan(beside)] = 0.0
-    return np.clip(np.rint(beside), -32767, 32767).astype(np.int16)
+@kernel
+def _packed(
+    motion: Array, columns: Array, masks: NDArray[np.bool_], codes: NDArray[np.uint8]
+) -> NDArray[np.void]:
+    """(n,) rows of `ROW`.
+
+    Args:
+        motion: (n, 12) position, velocity, desired velocity, setpoint.
+        columns: (5, n) uncertainty, age, yaw, battery, link quality.
+        masks: (6, n) in the order of the flags.
+        codes: (3, n) phase, mode, epoch.
+    """
+    n = len(motion)
+    rows = np.zeros(n, ROW)
+    position_m, motion_cm_s, flags = rows["position_m"], rows["motion_cm_s"], rows["flags"]
+    for i in range(n):
+        for axis in range(3):
+            position_m[i, axis] = motion[i, axis]
+        for axis in range(9):
+            motion_cm_s[i, axis] = _cm_s(motion[i, 3 + axis])
+        flags[i] = COMMANDED if np.isfinite(motion[i, 6]) else 0
+        for bit in range(len(masks)):
+            flags[i] |= masks[bit, i] << bit
+        rows[i].phase, rows[i].mode, rows[i].epoch = codes[0, i], codes[1, i], codes[2, i]
+        rows[i].uncertainty_cm = _bounded(100.0 * columns[0, i])
+        rows[i].age_ms = _bounded(1000.0 * columns[1, i])
+        rows[i].yaw = 0 if np.isnan(columns[2, i]) else int(np.rint(1e4 * columns[2, i]))
+        rows[i].battery_percent = _percent(columns[3, i])
+        rows[i].quality_percent = _percent(columns[4, i])
+    return rows
 
 
-def _bounded(values: Array) -> NDArray[np.uint16]:
-    return np.where(np.isfinite(values), np.clip(np.round(values), 0, UNKNOWN - 1), UNKNOWN).astype(np.uint16)
+@kernel
+def _cm_s(velocity_m_s: float) -> int:
+    """0: not known."""
+    if np.isnan(velocity_m_s):
+        return 0
+    return int(np.rint(min(max(100.0 * velocity_m_s, -32767.0), 32767.0)))
 
 
-def _percent(share: Array) -> NDArray[np.uint8]:
-    known = np.isfinite(share)
-    return np.where(known, np.round(100.0 * np.clip(share, 0.0, 1.0)), UNKNOWN_PERCENT).astype(np.uint8)
+@kernel
+def _bounded(value: float) -> int:
+    """In whole numbers; UNKNOWN where it is not finite."""
+    if not np.isfinite(value):
+        return UNKNOWN
+    return int(np.rint(min(max(value, 0.0), UNKNOWN - 1.0)))
 
 
-def _share(percent: NDArray[np.uint8]) -> Array:
-    return SHARES[percent]
-
-
-def _only(some: Mask, values: Array) -> Array:
-    """The values (n, 3), which are changed: NaN where not in `some` (n,)."""
-    if not some.all():
-        values[~some] = np.nan
-    return values
+@kernel
+def _percent(share: float) -> int:
+    if not np.isfinite(share):
+        return UNKNOWN_PERCENT
+    return int(np.rint(100.0 * min(max(share, 0.0), 1.0)))

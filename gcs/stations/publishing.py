@@ -3,17 +3,26 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import nan
+from typing import Final
 
 import numpy as np
 
 from gcs.control.inputs import Memory, Task, Tasks
+from gcs.formation.law import turned
+from gcs.model.jit import kernel
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array, FleetState, Mask
-from gcs.stations.messages import Codes, FormationMessage, SlotsMessage, StateBatch
+from gcs.stations.messages import BatchHead, Codes, FormationMessage, SlotsMessage, StateBatch
 from gcs.stations.site import Site
 
 STATES, FORMATION, SLOTS = "states", "formation", "slots."
 """Topics; the name of a station follows the last."""
+
+SLOTS_AGAIN_S: Final = 0.5
+"""Slots that have not moved are sent again after this time."""
+
+MOVED: Final = 1e-4
+"""A slot has moved if a coordinate of its unit vector has changed by so much: 1 cm on a sphere of 100 m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,16 +57,9 @@ def batch(
     n = len(fleet.ids)
     sequence, echoes = site.next_sequence(fleet.time_s)
     unfollowed_s = np.zeros(n) if memory.unfollowed_s is None else memory.unfollowed_s[:n]
+    lead, about = site.lead, (reported.show, reported.all_up, memory.pace, reported.return_s)
     return StateBatch(
-        sequence=sequence,
-        site=site.site,
-        term=site.lead.term,
-        lead=site.lead.number,
-        show=reported.show,
-        all_up=reported.all_up,
-        pace=memory.pace,
-        return_s=reported.return_s,
-        echoes=echoes,
+        head=BatchHead(sequence, site.site, lead.term, lead.number, *about, echoes),
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
         desired_m_s=memory.desired_m_s[:n],
@@ -79,22 +81,60 @@ def batch(
     )
 
 
-def formation_messages(site: Site, memory: Memory, reported: Reported) -> Iterator[tuple[str, bytes]]:
-    """Topics and payloads of what the leading station computes for the whole formation."""
-    lead = site.lead
-    message = FormationMessage(
-        site.site,
-        lead.term,
-        lead.number,
-        reported.plan,
-        reported.show,
-        memory.center,
-        memory.radius_m,
-        memory.spin_rad_s,
-        memory.sides,
-    )
-    yield FORMATION, message.encode()
-    own = len(memory.place) - site.count
-    for name, station in site.stations.items():
-        slots = SlotsMessage(site.site, lead.term, lead.number, memory.place[station.rows + own])
-        yield SLOTS + name, slots.encode()
+class FormationMessages:
+    """What the leading station computes for the whole formation, as messages for the others.
+
+    The slots are sent when they are no longer where the spin leads those that were sent last, and now and
+    then for stations that missed them.
+    """
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._sent: tuple[float, Array] | None = None  # when, and (n, 3) all slots then
+
+    def forget(self) -> None:
+        """Another station leads: what was sent before counts no more."""
+        self._sent = None
+
+    def of_tick(self, now_s: float, memory: Memory, reported: Reported) -> Iterator[tuple[str, bytes]]:
+        """Topics and payloads after a tick."""
+        site, lead = self._site, self._site.lead
+        message = FormationMessage(
+            site.site,
+            lead.term,
+            lead.number,
+            reported.plan,
+            reported.show,
+            memory.center,
+            memory.radius_m,
+            memory.spin_rad_s,
+            memory.sides,
+        )
+        yield FORMATION, message.encode()
+        if self._are_known(now_s, memory):
+            return
+        self._sent = now_s, memory.place
+        own = len(memory.place) - site.count
+        for name, station in site.stations.items():
+            slots = SlotsMessage(site.site, lead.term, lead.number, memory.place[station.rows + own])
+            yield SLOTS + name, slots.encode()
+
+    def _are_known(self, now_s: float, memory: Memory) -> bool:
+        """Whether the other stations know the slots from what they received."""
+        if self._sent is None or now_s - self._sent[0] >= SLOTS_AGAIN_S:
+            return False
+        sent_s, sent = self._sent
+        turn_rad = memory.spin_rad_s * (now_s - sent_s)
+        expected = turned(sent, turn_rad) if turn_rad else sent
+        return not moved(np.ascontiguousarray(memory.place), np.ascontiguousarray(expected))
+
+
+@kernel
+def moved(now: Array, before: Array) -> bool:
+    """Whether one of (n, 3) slots has moved, has come or has gone."""
+    for i in range(len(now)):
+        for axis in range(3):
+            off = abs(now[i, axis] - before[i, axis])
+            if off > MOVED or np.isnan(now[i, axis]) != np.isnan(before[i, axis]):
+                return True
+    return False

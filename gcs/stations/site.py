@@ -2,51 +2,45 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
-from gcs.estimation.fleet_state import FORWARD_MAX_S
 from gcs.formation.law import turned
 from gcs.model.errors import LinkError
-from gcs.model.lifecycle import Phase
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
-from gcs.model.state import Array, Mask, VehicleId
+from gcs.model.state import Array, Mask, VehicleId, freeze
 from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segments_m
 from gcs.planning.silent_space import silent_segments_m
 from gcs.stations.delays import Delays
 from gcs.stations.lead import Lead
 from gcs.stations.messages import (
     EPOCH_MAX,
-    PHASE_CODE,
+    BatchHead,
     Codes,
     Echo,
     FormationMessage,
     SlotsMessage,
-    StateBatch,
+    decode_batch,
     decode_homes,
     site_number,
 )
-
-Rows: TypeAlias = NDArray[np.intp]
-
-KILLED: Final = PHASE_CODE[Phase.KILLED]
-WITHOUT_LINK: Final = (PHASE_CODE[Phase.LOST], KILLED)
-"""Phases of vehicles that their own station does not command, and whose space others keep clear."""
-
-_WITHOUT_LINK: Final = np.isin(np.arange(256), WITHOUT_LINK)
-"""By the number of a phase."""
-
-CHANGES_M_S2, STRAYS_S = 3.0, 0.25
-"""A vehicle strays from where its report leads by such a change of its velocity, for so long at most."""
+from gcs.stations.reported_vehicles import (
+    HAS_NO_LINK,
+    KILLED,
+    NO_STATION,
+    WITHOUT_LINK,
+    Rows,
+    at_time,
+    nothing,
+    take,
+    without_control,
+)
 
 RETURN_HEIGHT_M: Final = 30.0
-
-NO_STATION: Final = -1
-"""Number of the station of a vehicle that none flies."""
 
 LOST_S: Final = 0.5
 """A station without a batch for this time is lost: its vehicles are without control until they are seen."""
@@ -84,7 +78,7 @@ class Station:
 
     number: int  # place among the site's stations
     rows: Rows  # (m,) of its vehicles among the others'
-    batch: StateBatch | None = None
+    batch: BatchHead | None = None
     arrived_s: float = -np.inf
     made_s: float = -np.inf  # of the batch, as far as the delay is known
     homes: tuple[bytes, bytes] = (
@@ -121,7 +115,6 @@ class Site:
 
     Attributes:
         ids: (k,) vehicles of the other stations, each once.
-        phases: (k,) places in PHASES.
         home_m: (k, 3) where they took off, show frame; NaN: not known.
         homes_m: (k,) the same, one by one; None: not known.
         owned: (n,) which of the own rows this station flies.
@@ -155,6 +148,7 @@ class Site:
             for name, fleet in others.items()
         }
         self._charge = np.array(list(charge.values()))
+        freeze(self._charge, (len(charge),), "charge")
         mine = fleets[own]
         self.own_ids = mine.ids
         n, k = len(mine.ids), len(self.ids)
@@ -167,16 +161,8 @@ class Site:
         self._their_rows = np.array([row for _, row in shared], dtype=np.intp)  # the same vehicles
         self._all_rows = np.arange(n + k)
         self._only_elsewhere = n + np.setdiff1d(np.arange(k), self._their_rows)
-        self._owner = np.full(k, NO_STATION)  # number of the station that flies each
-        self._epochs = np.zeros(k, np.uint8)
-        self._position_m, self._velocity_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
-        self._desired_m_s, self._setpoint_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
+        self._known = nothing(k)
         self._kept = KeptSetpoints(k)
-        self._uncertainty_m = np.zeros(k)
-        self._measured_s, self._made_s = np.full(k, -np.inf), np.full(k, -np.inf)
-        self.phases: Codes = np.full(k, PHASE_CODE[Phase.OFFLINE], np.uint8)
-        self._airborne, self._formed = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
-        self._slot_stays = np.zeros(k, np.bool_)
         self.home_m = np.full((k, 3), np.nan)
         self.homes_m: list[Array | None] = [None] * k
         self._swept: dict[int, Array] = {}  # of rows whose paths do not change any more
@@ -191,7 +177,7 @@ class Site:
             return
         try:
             if topic == "states":
-                self._take_batch(station, StateBatch.decode(payload), arrived_s)
+                self._take_batch(station, payload, arrived_s)
             elif topic == "formation":
                 self._take_formation(station, FormationMessage.decode(payload), arrived_s)
             elif topic == "homes":
@@ -203,9 +189,9 @@ class Site:
         except LinkError:
             self.refused += 1
 
-    def _take_batch(self, station: Station, batch: StateBatch, arrived_s: float) -> None:
-        rows = station.rows
-        if batch.site != self.site or len(batch.position_m) != len(rows):
+    def _take_batch(self, station: Station, payload: bytes, arrived_s: float) -> None:
+        batch, wire = decode_batch(payload)
+        if batch.site != self.site or len(wire) != len(station.rows):
             raise LinkError("a batch of another site")
         self.lead.observe(batch.term, batch.lead)
         for echo in batch.echoes:
@@ -213,56 +199,31 @@ class Site:
                 self.delays.echoed(station.number, echo.sequence, echo.held_s, arrived_s)
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
-        taken = self._claimed(station, batch)
+        known = self._known
+        take(known, station.rows, wire, station.number, made_s)
         if len(self._own_rows):
-            lost = self._epochs[self._their_rows] > self.epochs[self._own_rows]
+            lost = known.epochs[self._their_rows] > self.epochs[self._own_rows]
             self.owned[self._own_rows[lost]] = False
             self._take_back()
-        known = taken & np.isfinite(batch.position_m).all(axis=1)
-        which = slice(None) if taken.all() else taken  # nearly always all: a copy less of each column
-        at = rows[which]
-        self._made_s[at] = made_s
-        self._measured_s[at] = made_s - batch.age_s[which]
-        self._uncertainty_m[at] = batch.uncertainty_m[which]
-        self.phases[at] = batch.phases[which]
-        self._airborne[at], self._formed[at] = batch.airborne[which], batch.formed[which]
-        self._slot_stays[at] = batch.slot_stays[which]
-        where = slice(None) if known.all() else known
-        at = rows[where]
-        self._position_m[at] = batch.position_m[where]
-        self._velocity_m_s[at] = batch.velocity_m_s[where]
-        self._desired_m_s[at], self._setpoint_m_s[at] = batch.desired_m_s[where], batch.setpoint_m_s[where]
         for row in [row for row in self._swept if self.phases[row] not in WITHOUT_LINK]:
-            if arrived_s - self._measured_s[row] <= self._without_control.telemetry_age_max_s:
+            if arrived_s - known.measured_s[row] <= self._without_control.telemetry_age_max_s:
                 del self._swept[row]
-
-    def _claimed(self, station: Station, batch: StateBatch) -> Mask:
-        """(m,) those of its vehicles that the station flies from now on; the others of them it gives up."""
-        rows = station.rows
-        owner, epochs = self._owner[rows], self._epochs[rows]
-        theirs: Mask = np.asarray(owner == station.number)
-        if theirs.all() and batch.owned.all() and np.array_equal(batch.epochs, epochs):
-            return theirs  # as in nearly every batch
-        claims = (batch.epochs > epochs) | ((batch.epochs == epochs) & (theirs | (owner == NO_STATION)))
-        taken: Mask = np.asarray(batch.owned & claims)
-        self._owner[rows[taken]], self._epochs[rows[taken]] = station.number, batch.epochs[taken]
-        given = ~batch.owned & (self._owner[rows] == station.number)
-        self._owner[rows[given]] = NO_STATION
-        return taken
 
     def _take_back(self) -> None:
         """Own again the vehicles of this station that a standby has given back."""
         back = ~self.owned[self._own_rows] & (self._own_rows < self._home_count)
-        back &= (self._owner[self._their_rows] == NO_STATION) & (self._epochs[self._their_rows] < EPOCH_MAX)
+        back &= (self._known.owner[self._their_rows] == NO_STATION) & (
+            self._known.epochs[self._their_rows] < EPOCH_MAX
+        )
         rows = self._own_rows[back]
-        self.epochs[rows] = self._epochs[self._their_rows[back]] + 1
+        self.epochs[rows] = self._known.epochs[self._their_rows[back]] + 1
         self.owned[rows] = True
 
     def _take_homes(self, station: Station, payload: bytes) -> None:
         home_m = decode_homes(payload)
         if len(home_m) != len(station.rows):
             raise LinkError(f"homes of {len(home_m)} vehicles")
-        owner = self._owner[station.rows]
+        owner = self._known.owner[station.rows]
         if station.homes == (newest := (payload, owner.tobytes())):
             return  # they come again and again
         station.homes = newest
@@ -298,6 +259,11 @@ class Site:
 
     # known
 
+    @property
+    def phases(self) -> Codes:
+        """(k,) Places in PHASES."""
+        return self._known.phases
+
     def lost(self, now_s: float) -> list[str]:
         """Stations of which nothing has arrived for LOST_S, and something had before."""
         return [
@@ -312,10 +278,7 @@ class Site:
 
     def others(self, now_s: float) -> Others:
         """All vehicles of the other stations at `now_s`: once a tick."""
-        age_s = now_s - self._measured_s
-        forward_s = np.clip(now_s - self._made_s, 0.0, FORWARD_MAX_S)
-        forward_s = np.where(np.isfinite(forward_s), forward_s, 0.0)
-        fresh = age_s <= self._without_control.telemetry_age_max_s
+        known, age_max_s = self._known, self._without_control.telemetry_age_max_s
         here = np.zeros(len(self.names) + 1, np.bool_)  # the last: no station flies it
         pace = 1.0
         for name in self.present(now_s):
@@ -323,21 +286,19 @@ class Site:
             here[station.number] = True
             if station.batch is not None:
                 pace = min(pace, station.batch.pace)
-        self._kept.note(self._desired_m_s.copy(), self._setpoint_m_s.copy(), age_s, now_s, ~here[self._owner])
-        mine = self._mine
-        airborne = self._airborne & ~mine
-        paths, owners, drift = self._paths(np.flatnonzero(self._without(age_s)), age_s)
-        position_m = self._position_m + forward_s[:, None] * self._velocity_m_s
-        position_m[mine] = np.nan
+        age_s = now_s - known.measured_s
+        self._kept.note(known.desired_m_s, known.setpoint_m_s, age_s, now_s, ~here[known.owner])
+        position_m, uncertainty_m, airborne, formed = at_time(known, self._mine, here, now_s, age_max_s)
+        paths, owners, drift = self._paths(np.flatnonzero(self._without(now_s)), age_s)
         return Others(
             self.ids,
             position_m,
-            self._velocity_m_s.copy(),
-            np.hypot(self._uncertainty_m, 0.5 * CHANGES_M_S2 * np.minimum(forward_s, STRAYS_S) ** 2),
-            self._charge.copy(),
+            known.velocity_m_s.copy(),
+            uncertainty_m,
+            self._charge,
             airborne,
-            self._formed & fresh & here[self._owner] & ~mine,
-            self._slot_stays.copy(),
+            formed,
+            known.slot_stays.copy(),
             paths,
             owners,
             drift,
@@ -351,18 +312,16 @@ class Site:
         mine[self._their_rows] = self.owned[self._own_rows]
         return mine
 
-    def _without(self, age_s: Array) -> Mask:
-        """(k,) those without control, with positions of this age (k,)."""
-        silent = self._airborne & (age_s > self._without_control.telemetry_age_max_s)
-        without = (silent | _WITHOUT_LINK[self.phases]) & ~self._mine
-        return np.asarray(without & np.isfinite(self._position_m[:, 0]))
+    def _without(self, now_s: float) -> Mask:
+        """(k,) those without control."""
+        return without_control(self._known, self._mine, now_s, self._without_control.telemetry_age_max_s)
 
     def lost_rows(self, now_s: float) -> Rows:
         """Those without control that are lost, and not only silent: with their station at once."""
-        age_s = now_s - self._measured_s
-        lost = _WITHOUT_LINK[self.phases] | (age_s >= self._without_control.silence_s)
-        lost |= np.isin(self._owner, [self.stations[name].number for name in self.lost(now_s)])
-        return np.flatnonzero(self._without(age_s) & lost)
+        age_s = now_s - self._known.measured_s
+        lost = HAS_NO_LINK[self.phases] | (age_s >= self._without_control.silence_s)
+        lost |= np.isin(self._known.owner, [self.stations[name].number for name in self.lost(now_s)])
+        return np.flatnonzero(self._without(now_s) & lost)
 
     def closed(self, now_s: float) -> tuple[Array, Rows]:
         """(m, 2, 3) all paths that lost vehicles may take until they are seen again, and (m,) their rows."""
@@ -372,35 +331,17 @@ class Site:
 
     def reported(self, now_s: float) -> Reports:
         """What the others' vehicles report, for displays."""
-        k = self.count
-        unknown = np.full(k, np.nan)
-        found = Reports(
-            np.zeros(k, np.uint8),
-            np.zeros(k, np.bool_),
-            np.zeros(k, np.bool_),
-            self._setpoint_m_s.copy(),
-            unknown.copy(),
-            unknown.copy(),
-            unknown.copy(),
-            now_s - self._measured_s,
+        known = self._known
+        return Reports(
+            known.modes.copy(),
+            known.armed.copy(),
+            known.ready.copy(),
+            known.setpoint_m_s.copy(),
+            known.yaw_rad.copy(),
+            known.battery_remaining.copy(),
+            known.link_quality.copy(),
+            now_s - known.measured_s,
         )
-        for station in self.stations.values():
-            batch = station.batch
-            if batch is None:
-                continue
-            mine = self._owner[station.rows] == station.number
-            at = station.rows[mine]
-            found.modes[at], found.armed[at], found.ready[at] = (
-                batch.modes[mine],
-                batch.armed[mine],
-                batch.ready[mine],
-            )
-            found.yaw_rad[at], found.battery_remaining[at] = (
-                batch.yaw_rad[mine],
-                batch.battery_remaining[mine],
-            )
-            found.link_quality[at] = batch.link_quality[mine]
-        return found
 
     def formation(self, now_s: float, silent_s: float) -> FormationState | None:
         """The lead's formation at `now_s`, rows: the own vehicles, then the others'.
@@ -436,7 +377,7 @@ class Site:
             return np.zeros((0, 2, 3)), np.zeros(0, np.intp), None
         alone = self._without_control
         near = np.array([row not in self._swept for row in rows.tolist()])
-        near &= (age_s[rows] < alone.silence_s) & ~_WITHOUT_LINK[self.phases[rows]]
+        near &= (age_s[rows] < alone.silence_s) & ~HAS_NO_LINK[self.phases[rows]]
         silent_m, silent_of = self._near(rows[near], age_s)
         swept = {row: self._swept_m(row) for row in rows[~near].tolist()}
         segments_m = np.concatenate([*swept.values(), silent_m])
@@ -445,20 +386,20 @@ class Site:
         by_row = np.argsort(owners, kind="stable")
         drifts = np.zeros(self.count, np.bool_)
         drifts[rows] = self.phases[rows] != KILLED
-        expected_m_s = self._kept.expected_m_s(self._velocity_m_s)
+        expected_m_s = self._kept.expected_m_s(self._known.velocity_m_s)
         stop_s = self._alone.stop_s(np.arange(self.count), expected_m_s)
         noticed_s = self._alone.flies_on_s
         drift = expected_drift(
-            self._position_m, expected_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s
+            self._known.position_m, expected_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s
         )
         return segments_m[by_row], owners[by_row], drift
 
     def _near(self, rows: NDArray[np.intp], age_s: Array) -> tuple[Array, NDArray[np.intp]]:
         """(m, 2, 3) paths that silent vehicles may take soon, and (m,) their rows."""
         alone = self._without_control
-        of, keeps_m_s = self._kept.possible_m_s(rows, self._velocity_m_s)
+        of, keeps_m_s = self._kept.possible_m_s(rows, self._known.velocity_m_s)
         segments_m, found = silent_segments_m(
-            self._position_m[of],
+            self._known.position_m[of],
             keeps_m_s,
             self.home_m[of],
             np.array([alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M) for row in of.tolist()]),
@@ -480,13 +421,13 @@ class Site:
         if row in self._swept:
             return self._swept[row]
         alone, killed = self._without_control, self.phases[row] == KILLED
-        keeps_m_s = self._velocity_m_s[row : row + 1]
+        keeps_m_s = self._known.velocity_m_s[row : row + 1]
         if not killed:
-            _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self._velocity_m_s)
+            _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self._known.velocity_m_s)
         drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
         parts = [
             swept_segments_m(
-                self._position_m[row],
+                self._known.position_m[row],
                 each_m_s,
                 self._home_of(row),
                 "land" if killed else self._alone.vehicles[row].action,
@@ -530,24 +471,24 @@ class Site:
     @property
     def owner(self) -> Rows:
         """(k,) Number of the station that flies each of the others' vehicles; NO_STATION: none is known."""
-        return self._owner
+        return self._known.owner
 
     @property
     def owners(self) -> list[str]:
         """(k,) Name of that station; empty: none is known."""
-        found: list[str] = self._owner_names[self._owner].tolist()
+        found: list[str] = self._owner_names[self._known.owner].tolist()
         return found
 
     def take_over(self, station: str) -> list[VehicleId]:
         """Own from now on the vehicles of that station that this one stands by for. Returns: them."""
-        theirs = np.isin(self._owner[self._their_rows], (NO_STATION, self.names.index(station)))
+        theirs = np.isin(self._known.owner[self._their_rows], (NO_STATION, self.names.index(station)))
         rows = self._own_rows[theirs & ~self.owned[self._own_rows]]
         before = np.zeros(len(self.own_ids), np.uint8)
-        before[self._own_rows] = self._epochs[self._their_rows]
+        before[self._own_rows] = self._known.epochs[self._their_rows]
         self.epochs[rows] = np.minimum(np.maximum(self.epochs[rows], before[rows]), EPOCH_MAX - 1) + 1
         self.owned[rows] = True
         at = self._their_rows[np.isin(self._own_rows, rows)]
-        self._owner[at], self._epochs[at] = (
+        self._known.owner[at], self._known.epochs[at] = (
             self.number,
             self.epochs[self._own_rows[np.isin(self._own_rows, rows)]],
         )

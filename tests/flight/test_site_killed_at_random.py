@@ -7,6 +7,7 @@ import asyncio
 import os
 import random
 from functools import partial
+from math import sqrt
 from typing import Final
 
 import pytest
@@ -15,7 +16,6 @@ from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import Orbit
-from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.service import ShowAction
 from tests.support.virtual_site import NAMES, SiteShow, fly_site, site_config
 
@@ -27,12 +27,12 @@ BUS: Final = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 
 def site_of(vehicles: int) -> Config:
     """Four stations with equal shares."""
-    first = site_config(4, vehicles // 4)
-    radius_m = max(12.0, 1.2 * smallest_formation_radius_m(vehicles, first.control.safety))
+    radius_m = 3.4 * sqrt(vehicles)  # with room for the space of the lost quarter
     operation = {
         "takeoff_height_m": 5.0,
         "takeoff_stagger_s": 0.2,
         "setpoint_loss_action": "hold",
+        "pads_within_m": 6.0 * sqrt(vehicles) + 10.0,  # they stand 4 m apart
     }
     safety = {"fence": {"height_max_m": 2.0 * radius_m + 50.0}}
     return site_config(
@@ -62,7 +62,9 @@ class Operators:
         while True:
             plan = self._show[self._samples.choice(self._stations)].service.plan
             try:
-                plan.set_orbit(Orbit(self._samples.choice((0.0, 5.0, 10.0)), self._samples.uniform(0.5, 3.0)))
+                plan.set_orbit(
+                    Orbit(self._samples.choice((0.0, 10.0, 15.0)), self._samples.uniform(0.5, 3.0))
+                )
             except RefusedError as refused:
                 self.refused.append(str(refused))
             else:

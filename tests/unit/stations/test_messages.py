@@ -1,5 +1,7 @@
 """What stations send each other, as bytes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,17 +12,33 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import ShowPhase
 from gcs.stations.messages import (
     COUNT_MAX,
+    BatchHead,
     Echo,
     FormationMessage,
     SlotsMessage,
     StateBatch,
+    decode_batch,
     site_number,
 )
+from gcs.stations.reported_vehicles import nothing, take
 
-KINDS = (StateBatch, FormationMessage, SlotsMessage)
+DECODE = (decode_batch, FormationMessage.decode, SlotsMessage.decode)
 
 
-def batch(count: int) -> StateBatch:
+HEAD = BatchHead(
+    sequence=7,
+    site=site_number({"north": ("d1", "d2")}),
+    term=3,
+    lead=1,
+    show=ShowPhase.RUNNING,
+    all_up=True,
+    pace=0.75,
+    return_s=12.5,
+    echoes=(Echo(1, 12, 0.25), Echo(2, 5, 0.5)),
+)
+
+
+def batch(count: int, head: BatchHead = HEAD) -> StateBatch:
     rng = np.random.default_rng(count)
     mask = rng.random((6, count)) < 0.5
     desired_m_s = rng.uniform(-8.0, 8.0, (count, 3))
@@ -28,15 +46,7 @@ def batch(count: int) -> StateBatch:
     age_s = rng.uniform(0.0, 1.0, count)
     age_s[1::4] = np.inf
     return StateBatch(
-        sequence=7,
-        site=site_number({"north": ("d1", "d2")}),
-        term=3,
-        lead=1,
-        show=ShowPhase.RUNNING,
-        all_up=True,
-        pace=0.75,
-        return_s=12.5,
-        echoes=(Echo(1, 12, 0.25), Echo(2, 5, 0.5)),
+        head=head,
         position_m=rng.uniform(-500.0, 500.0, (count, 3)),
         velocity_m_s=rng.uniform(-8.0, 8.0, (count, 3)),
         desired_m_s=desired_m_s,
@@ -60,23 +70,26 @@ def batch(count: int) -> StateBatch:
 
 @pytest.mark.parametrize("count", [0, 1, 50])
 def test_batch_arrives_as_it_was(count: int) -> None:
-    sent = batch(count)
-    received = StateBatch.decode(sent.encode())
+    flown = np.ones(count, np.bool_)
+    sent = replace(batch(count), owned=flown, epochs=np.ones(count, np.uint8))
+    head, wire = decode_batch(sent.encode())
+    assert head == HEAD
+    received = nothing(count)
+    take(received, np.arange(count), wire, 1, 100.0)
     known = np.isfinite(sent.age_s)
-    assert (received.sequence, received.site, received.term, received.lead) == (7, sent.site, 3, 1)
-    assert (received.show, received.all_up) == (ShowPhase.RUNNING, True)
-    assert received.echoes == sent.echoes
-    assert received.pace == sent.pace
     assert received.position_m[known] == pytest.approx(sent.position_m[known], abs=1e-4)
     assert np.isnan(received.position_m[~known]).all()
-    assert received.velocity_m_s == pytest.approx(sent.velocity_m_s, abs=0.0051)
-    assert received.desired_m_s == pytest.approx(sent.desired_m_s, abs=0.0051, nan_ok=True)
-    assert received.setpoint_m_s == pytest.approx(sent.setpoint_m_s, abs=0.0051, nan_ok=True)
+    for name in ("velocity_m_s", "desired_m_s", "setpoint_m_s"):
+        there, here = getattr(sent, name)[known], getattr(received, name)[known]
+        assert here == pytest.approx(there, abs=0.0051, nan_ok=True)
     assert received.uncertainty_m == pytest.approx(sent.uncertainty_m, abs=0.0051)
-    assert received.age_s == pytest.approx(sent.age_s, abs=0.00051)
-    assert received.battery_remaining == pytest.approx(sent.battery_remaining, nan_ok=True)
-    for name in ("phases", "modes", "airborne", "formed", "slot_stays", "armed", "ready"):
+    assert 100.0 - received.measured_s == pytest.approx(sent.age_s, abs=0.00051)
+    assert received.yaw_rad == pytest.approx(sent.yaw_rad, abs=0.000051)
+    for name in ("battery_remaining", "link_quality"):
+        assert getattr(received, name) == pytest.approx(getattr(sent, name), nan_ok=True)
+    for name in ("phases", "modes", "airborne", "formed", "slot_stays", "armed", "ready", "epochs"):
         assert (getattr(received, name) == getattr(sent, name)).all()
+    assert (received.owner == 1).all()
 
 
 def test_batch_of_the_largest_station_fits_into_a_message() -> None:
@@ -97,9 +110,9 @@ def test_formation_and_slots_arrive_as_they_were() -> None:
 
 @given(st.binary(max_size=300))
 def test_junk_is_refused(junk: bytes) -> None:
-    for kind in KINDS:
+    for decode in DECODE:
         with pytest.raises(LinkError):
-            kind.decode(junk)
+            decode(junk)
 
 
 @given(st.data())
@@ -109,10 +122,13 @@ def test_damaged_messages_are_refused_or_stay_finite(data: st.DataObject) -> Non
     whole[at] ^= 1 << data.draw(st.integers(0, 7))
     cut = data.draw(st.integers(0, len(whole)))
     with pytest.raises(LinkError):
-        StateBatch.decode(bytes(whole[:cut])[:-1])
+        decode_batch(bytes(whole[:cut])[:-1])
     try:
-        received = StateBatch.decode(bytes(whole))
+        head, wire = decode_batch(bytes(whole))
     except LinkError:
         return
-    assert 0.0 <= received.pace <= 1.0
-    assert len(received.position_m) == 3
+    assert 0.0 <= head.pace <= 1.0
+    assert len(wire) == 3
+    received = nothing(3)
+    take(received, np.arange(3), wire, 1, 100.0)
+    assert not np.isinf(received.position_m).any()

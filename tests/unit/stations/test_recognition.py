@@ -7,7 +7,7 @@ from gcs.stations.messages import FormationMessage, SlotsMessage, encode_homes
 from gcs.stations.recognition import may_be_valid
 from tests.unit.stations.test_messages import batch
 
-SITE = batch(3).site
+SITE = batch(3).head.site
 
 VALID = {
     "states": batch(3).encode(),

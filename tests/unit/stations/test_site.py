@@ -1,6 +1,7 @@
 """What one station knows of the others."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,9 +9,9 @@ import pytest
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.stations.lead import Lead
-from gcs.stations.messages import PHASE_CODE, FormationMessage, SlotsMessage
+from gcs.stations.messages import PHASE_CODE, BatchHead, FormationMessage, SlotsMessage
 from gcs.stations.site import LOST_S, Site, StationFleet, WithoutControl
-from tests.unit.stations.test_messages import batch
+from tests.unit.stations.test_messages import HEAD, batch
 
 FLEETS = {
     "north": StationFleet(("n1", "n2"), (1.0, 1.0)),
@@ -23,14 +24,15 @@ def site(own: str = "north") -> Site:
     return Site(own, FLEETS, WithoutControl(action="land"))
 
 
-def from_south(of: Site, **changed: object) -> bytes:
+def head(of: Site, **changed: Any) -> BatchHead:
+    usual = replace(HEAD, site=of.site, term=1, lead=0, echoes=())
+    return replace(usual, **changed)
+
+
+def from_south(of: Site, about: BatchHead | None = None, **changed: Any) -> bytes:
     flying = np.ones(3, np.bool_)
     usual = replace(
-        batch(3),
-        site=of.site,
-        term=1,
-        lead=0,
-        echoes=(),
+        batch(3, about or head(of)),
         age_s=np.full(3, 0.1),
         position_m=np.array([[0.0, 0.0, -20.0], [10.0, 0.0, -20.0], [20.0, 0.0, -20.0]]),
         velocity_m_s=np.tile([2.0, 0.0, 0.0], (3, 1)),
@@ -42,7 +44,7 @@ def from_south(of: Site, **changed: object) -> bytes:
         owned=flying,
         epochs=np.ones(3, np.uint8),
     )
-    return replace(usual, **changed).encode()  # type: ignore[arg-type]
+    return replace(usual, **changed).encode()
 
 
 def test_vehicles_are_brought_forward_from_the_batch() -> None:
@@ -110,14 +112,14 @@ def test_delay_is_half_of_the_round_trip() -> None:
         sequence, echoes = north.next_sequence(now_s)
         south.receive("north", "states", from_north(north, sequence, echoes), now_s + 0.03 + offset_s)
         sequence, echoes = south.next_sequence(now_s + 0.04 + offset_s)
-        back = from_south(north, sequence=sequence, echoes=echoes)
+        back = from_south(north, head(north, sequence=sequence, echoes=echoes))
         north.receive("south", "states", back, now_s + 0.07)
     assert north.delays.one_way_s(1) == pytest.approx(0.03, abs=0.001)
     assert south.delays.one_way_s(0) == pytest.approx(0.03, abs=0.001)
 
 
 def from_north(of: Site, sequence: int, echoes: object) -> bytes:
-    return replace(batch(2), site=of.site, term=1, lead=0, sequence=sequence, echoes=echoes).encode()  # type: ignore[arg-type]
+    return batch(2, head(of, sequence=sequence, echoes=echoes)).encode()
 
 
 @pytest.mark.parametrize("sender", ["north", "east", ""])
@@ -130,7 +132,7 @@ def test_messages_of_no_other_station_are_refused(sender: str) -> None:
 
 def test_batch_of_another_site_is_refused() -> None:
     north = site()
-    north.receive("south", "states", from_south(north, site=north.site + 1), 100.0)
+    north.receive("south", "states", from_south(north, head(north, site=north.site + 1)), 100.0)
     north.receive("west", "states", from_south(north), 100.0)  # too many vehicles
     assert north.refused == 2
 
@@ -191,7 +193,7 @@ MIRRORED = {
 
 
 def claimed(of: Site, count: int, owned: list[bool], epochs: list[int]) -> bytes:
-    usual = replace(batch(count), site=of.site, term=1, lead=0, echoes=())
+    usual = batch(count, head(of))
     where_m = np.tile([5.0, 0.0, -20.0], (count, 1))
     seen = replace(usual, position_m=where_m, age_s=np.full(count, 0.1))
     return replace(seen, owned=np.array(owned), epochs=np.array(epochs, np.uint8)).encode()

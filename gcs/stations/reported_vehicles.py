@@ -1,0 +1,233 @@
+"""What other stations report of their vehicles, one row each, and which station flies each of them."""
+
+from functools import cache
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.estimation.fleet_state import FORWARD_MAX_S
+from gcs.model.jit import kernel
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, Mask
+from gcs.stations.messages import (
+    AIRBORNE,
+    ARMED,
+    COMMANDED,
+    FORMED,
+    OWNED,
+    PHASE_CODE,
+    READY,
+    SLOT_STAYS,
+    UNKNOWN,
+    UNKNOWN_PERCENT,
+    BatchHead,
+    Codes,
+    StateBatch,
+    decode_batch,
+)
+
+Rows: TypeAlias = NDArray[np.intp]
+
+NO_STATION: Final = -1
+"""Number of the station of a vehicle that none flies."""
+
+KILLED: Final = PHASE_CODE[Phase.KILLED]
+WITHOUT_LINK: Final = (PHASE_CODE[Phase.LOST], KILLED)
+"""Phases of vehicles that their own station does not command, and whose space others keep clear."""
+
+HAS_NO_LINK: Final = np.isin(np.arange(256), WITHOUT_LINK)
+"""By the number of a phase."""
+
+CHANGES_M_S2, STRAYS_S = 3.0, 0.25
+"""A vehicle strays from where its report leads by such a change of its velocity, for so long at most."""
+
+
+class Reported(NamedTuple):
+    """Columns of k vehicles, show frame, changed in place. NaN, -inf: not known."""
+
+    owner: Rows  # number of the station that flies each, NO_STATION: none is known
+    epochs: Codes  # of that ownership
+    position_m: Array  # (k, 3) of the newest batch that had one
+    velocity_m_s: Array  # (k, 3)
+    desired_m_s: Array  # (k, 3) NaN: not commanded
+    setpoint_m_s: Array  # (k, 3) for them, without the trim
+    uncertainty_m: Array
+    measured_s: Array  # when the position was measured
+    made_s: Array  # when the batch was made
+    phases: Codes  # places in PHASES
+    modes: Codes  # places in MODES
+    airborne: Mask
+    formed: Mask
+    slot_stays: Mask
+    armed: Mask
+    ready: Mask
+    yaw_rad: Array
+    battery_remaining: Array
+    link_quality: Array
+
+
+def nothing(count: int) -> Reported:
+    """Of so many vehicles nothing is known yet."""
+
+    def unknown() -> Array:
+        return np.full(count, np.nan)
+
+    def unknown_3() -> Array:
+        return np.full((count, 3), np.nan)
+
+    def never() -> Array:
+        return np.full(count, -np.inf)
+
+    def none() -> Mask:
+        return np.zeros(count, np.bool_)
+
+    return Reported(
+        owner=np.full(count, NO_STATION),
+        epochs=np.zeros(count, np.uint8),
+        position_m=unknown_3(),
+        velocity_m_s=unknown_3(),
+        desired_m_s=unknown_3(),
+        setpoint_m_s=unknown_3(),
+        uncertainty_m=np.zeros(count),
+        measured_s=never(),
+        made_s=never(),
+        phases=np.full(count, PHASE_CODE[Phase.OFFLINE], np.uint8),
+        modes=np.zeros(count, np.uint8),
+        airborne=none(),
+        formed=none(),
+        slot_stays=none(),
+        armed=none(),
+        ready=none(),
+        yaw_rad=unknown(),
+        battery_remaining=unknown(),
+        link_quality=unknown(),
+    )
+
+
+@kernel
+def take(known: Reported, rows: Rows, wire: NDArray[np.void], station: int, made_s: float) -> None:
+    """Take what one batch reports of the vehicles that its station flies from now on.
+
+    A station claims a vehicle with a higher epoch of its ownership, or one that no other flies. Vehicles that
+    it does not own any more are given up.
+
+    Args:
+        known: of k vehicles, changed.
+        rows: (m,) of the batch's vehicles among the k.
+        wire: (m,) of `messages.ROW`.
+        station: number of the batch's station.
+        made_s: when the batch was made, own clock.
+    """
+    position_m, motion_cm_s, flags = wire["position_m"], wire["motion_cm_s"], wire["flags"]
+    for j in range(len(rows)):
+        row, owned, epoch = rows[j], flags[j] & OWNED != 0, wire[j].epoch
+        theirs, before = known.owner[row] == station, known.epochs[row]
+        unclaimed = theirs or known.owner[row] == NO_STATION
+        if not owned or not (epoch > before or (epoch == before and unclaimed)):
+            if theirs and not owned:
+                known.owner[row] = NO_STATION
+            continue
+        known.owner[row], known.epochs[row] = station, epoch
+        age_ms = wire[j].age_ms
+        is_known = age_ms != UNKNOWN
+        known.made_s[row] = made_s
+        known.measured_s[row] = made_s - age_ms / 1000.0 if is_known else -np.inf
+        known.uncertainty_m[row] = wire[j].uncertainty_cm / 100.0
+        known.phases[row], known.modes[row] = wire[j].phase, wire[j].mode
+        known.airborne[row], known.formed[row] = flags[j] & AIRBORNE != 0, flags[j] & FORMED != 0
+        known.slot_stays[row] = flags[j] & SLOT_STAYS != 0
+        known.armed[row], known.ready[row] = flags[j] & ARMED != 0, flags[j] & READY != 0
+        known.yaw_rad[row] = wire[j].yaw / 1e4
+        percent = wire[j].battery_percent
+        known.battery_remaining[row] = np.nan if percent == UNKNOWN_PERCENT else percent / 100.0
+        percent = wire[j].quality_percent
+        known.link_quality[row] = np.nan if percent == UNKNOWN_PERCENT else percent / 100.0
+        x_m, y_m, z_m = position_m[j, 0], position_m[j, 1], position_m[j, 2]
+        if not is_known or not (np.isfinite(x_m) and np.isfinite(y_m) and np.isfinite(z_m)):
+            continue
+        known.position_m[row, 0], known.position_m[row, 1], known.position_m[row, 2] = x_m, y_m, z_m
+        commanded = flags[j] & COMMANDED != 0
+        for k in range(3):
+            known.velocity_m_s[row, k] = motion_cm_s[j, k] / 100.0
+            known.desired_m_s[row, k] = motion_cm_s[j, 3 + k] / 100.0 if commanded else np.nan
+            known.setpoint_m_s[row, k] = motion_cm_s[j, 6 + k] / 100.0 if commanded else np.nan
+
+
+@kernel
+def at_time(
+    known: Reported, mine: Mask, here: Mask, now_s: float, age_max_s: float
+) -> tuple[Array, Array, Mask, Mask]:
+    """The vehicles at the time of a tick.
+
+    Args:
+        known: of k vehicles.
+        mine: (k,) those that this station flies itself: without position, neither in the air nor formed.
+        here: (stations + 1,) whether each station is received; the last: False.
+        now_s: of the tick, own clock.
+        age_max_s: a vehicle with an older position is not commanded by its station.
+
+    Returns: (k, 3) positions and (k,) their uncertainty, (k,) in the air, and (k,) in formation.
+    """
+    k = len(known.owner)
+    position_m, uncertainty_m = np.empty((k, 3)), np.empty(k)
+    airborne, formed = np.empty(k, np.bool_), np.empty(k, np.bool_)
+    for i in range(k):
+        forward_s = min(max(now_s - known.made_s[i], 0.0), FORWARD_MAX_S)
+        strays_m = 0.5 * CHANGES_M_S2 * min(forward_s, STRAYS_S) ** 2
+        uncertainty_m[i] = np.hypot(known.uncertainty_m[i], strays_m)
+        for axis in range(3):
+            moved_m = forward_s * known.velocity_m_s[i, axis]
+            position_m[i, axis] = np.nan if mine[i] else known.position_m[i, axis] + moved_m
+        age_s = now_s - known.measured_s[i]
+        airborne[i] = known.airborne[i] and not mine[i]
+        formed[i] = known.formed[i] and age_s <= age_max_s and here[known.owner[i]] and not mine[i]
+    return position_m, uncertainty_m, airborne, formed
+
+
+@kernel
+def without_control(known: Reported, mine: Mask, now_s: float, age_max_s: float) -> Mask:
+    """(k,) vehicles of other stations without control: silent in the air, or of a phase without a link.
+
+    Arguments as of `at_time`.
+    """
+    k = len(known.owner)
+    without = np.zeros(k, np.bool_)
+    for i in range(k):
+        if not mine[i] and np.isfinite(known.position_m[i, 0]):
+            silent = known.airborne[i] and now_s - known.measured_s[i] > age_max_s
+            without[i] = silent or HAS_NO_LINK[known.phases[i]]
+    return without
+
+
+@cache
+def warm_up() -> None:
+    """Compile or load every kernel of the batches, so that nothing is compiled in flight."""
+    numbers, flags = np.zeros(1), np.ones(1, np.bool_)
+    codes, vectors = np.zeros(1, np.uint8), np.zeros((1, 3))
+    head = BatchHead(1, 0, 1, 0, ShowPhase.IDLE, True, 1.0, 0.0, ())
+    sent = StateBatch(
+        head,
+        position_m=vectors,
+        velocity_m_s=vectors,
+        desired_m_s=vectors,
+        setpoint_m_s=vectors,
+        uncertainty_m=numbers,
+        age_s=numbers,
+        phases=codes,
+        modes=codes,
+        airborne=flags,
+        formed=flags,
+        slot_stays=flags,
+        armed=flags,
+        ready=flags,
+        owned=flags,
+        epochs=codes,
+        yaw_rad=numbers,
+        battery_remaining=numbers,
+        link_quality=numbers,
+    )
+    known = nothing(1)
+    take(known, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)
+    at_time(known, ~flags, np.zeros(2, np.bool_), 0.0, 1.0)
+    without_control(known, ~flags, 0.0, 1.0)
