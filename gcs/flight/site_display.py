@@ -18,6 +18,9 @@ from gcs.service import BusView, FleetView, StationView
 from gcs.service.vehicle_table import VehicleTable
 from gcs.stations.messages import MODES, PHASES
 
+RECORDED_S: Final = 0.2
+"""Interval at which the vehicles of other stations are recorded: their own stations record every tick."""
+
 _PHASES: Final = np.array([*PHASES], object)
 _GROUNDED: Final = np.array([phase in GROUNDED for phase in PHASES])
 _EXPLAINED: Final = np.array([phase in EXPLAINED | {Phase.STANDBY} for phase in PHASES])  # or excluded
@@ -37,6 +40,8 @@ class SiteDisplay:
         self._autopilots = [autopilots[name] for name in ids]
         self._reasons: list[str] = []  # of the others' vehicles
         self._reasons_of: tuple[object, ...] = ()  # what decided them
+        self._recorded: Elsewhere | None = None  # the newest
+        self._record_due_s = 0.0
 
     def stations(self) -> tuple[StationView, ...]:
         """Every station of the site, in its order."""
@@ -117,10 +122,18 @@ class SiteDisplay:
         return replace(own, **changed)
 
     def recorded(self) -> Elsewhere:
-        """The vehicles of the other stations for the flight data: a fraction of what their view costs."""
-        member = self._member
-        site, others = member.site, member.others
-        reported = site.reported(member.flight.fleet.time_s)
+        """The vehicles of the other stations for the flight data, anew every RECORDED_S.
+
+        They cost a fraction of their view. Where this station receives some of them as well, they are of
+        this tick.
+        """
+        member, before = self._member, self._recorded
+        site, shown, now_s = member.site, member.site.shown, member.flight.fleet.time_s
+        twice = len(shown) < len(site.own_ids) + site.count
+        if before is not None and not twice and before.show is member.show and now_s < self._record_due_s:
+            return before
+        self._record_due_s = now_s + RECORDED_S - 1e-3
+        others, reported = member.others, site.reported(now_s)
         columns: dict[str, NDArray[Any]] = {
             "yaw_rad": reported.yaw_rad,
             "position_age_s": reported.age_s,
@@ -134,7 +147,9 @@ class SiteDisplay:
             "ready": reported.ready,
         }
         rows = packed_state(others.position_m, others.velocity_m_s, reported.setpoint_m_s, columns)
-        return Elsewhere(site.ids, rows, self._reasons_newest(), site.shown, member.show)
+        reasons = self._reasons_newest()
+        self._recorded = Elsewhere(site.ids, rows, reasons, shown if twice else None, member.show)
+        return self._recorded
 
     def _bus(self) -> BusView:
         """Totals of this station's bus."""

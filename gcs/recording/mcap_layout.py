@@ -27,7 +27,7 @@ from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm
 from gcs.service.vehicle_table import VehicleTable
 
-VERSION: Final = 3
+VERSION: Final = 4
 CHECKSUM: Final = "crc32"
 PROFILE: Final = "formation-gcs"
 SHOW, MAP = "show", "map"
@@ -59,7 +59,7 @@ VEHICLE: Final = np.dtype(
         *((name, "u1") for name in LIGHT),
     ]
 )
-"""One vehicle in `/fleet/vehicles`."""
+"""One vehicle in `/fleet/vehicles` and `/fleet/elsewhere`."""
 
 _BLOCKS: Final = np.dtype(
     [
@@ -121,6 +121,7 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
     topic: (name, _BY_NAME[name])
     for topic, name in (
         ("/fleet/vehicles", "foxglove.PointCloud"),
+        ("/fleet/elsewhere", "foxglove.PointCloud"),
         ("/fleet/tick", "gcs.Tick"),
         ("/fleet/status", "gcs.Status"),
         ("/fleet/scene", "foxglove.SceneUpdate"),
@@ -155,13 +156,20 @@ def about(
     config_json: str,
     vehicles: Mapping[str, tuple[int, str]],
     autopilots: Mapping[str, str] = MappingProxyType({}),
+    elsewhere: int = 0,
 ) -> dict[str, str]:
     """Return the file's metadata: the meaning of its numbers, and everything that does not change.
 
-    `vehicles`: system id and link of each, in the order of the rows; `autopilots`: name of each, where known.
+    Args:
+        session: name.
+        config_json: the configuration.
+        vehicles: system id and link of each, in the order of the rows.
+        autopilots: name of each, where known.
+        elsewhere: so many vehicles at the end are in `/fleet/elsewhere`.
     """
     values = {
         "version": str(VERSION),
+        "elsewhere": str(elsewhere),
         "session": session,
         "config": config_json,
         "vehicles": json.dumps([[name, system_id, link] for name, (system_id, link) in vehicles.items()]),
@@ -226,27 +234,40 @@ def packed_state(
     return table.view(VEHICLE)
 
 
-def recorded_rows(sample: Sample) -> NDArray[np.void]:
-    """Rows of VEHICLE of all vehicles that the sample knows."""
+def own_rows(sample: Sample) -> NDArray[np.void]:
+    """(n,) Rows of VEHICLE of the vehicles on the station's own links, as their own station sees them."""
     rows, elsewhere = packed(sample.view.rows), sample.elsewhere
-    return rows if elsewhere is None else np.concatenate([rows, elsewhere.rows])[elsewhere.shown]
+    if elsewhere is None or elsewhere.shown is None:
+        return rows
+    return np.concatenate([rows, elsewhere.rows])[elsewhere.shown[: len(rows)]]
+
+
+def rows_elsewhere(sample: Sample) -> NDArray[np.void]:
+    """Rows of VEHICLE of the vehicles that only other stations receive."""
+    elsewhere = sample.elsewhere
+    if elsewhere is None:
+        return np.zeros(0, VEHICLE)
+    if elsewhere.shown is None:
+        return elsewhere.rows
+    own = len(sample.view.rows.ids)
+    return elsewhere.rows[elsewhere.shown[own:] - own]
 
 
 def _of_all(sample: Sample, own: Sequence[str], theirs: Sequence[str]) -> list[str]:
-    """A column of text, in the order of `recorded_rows`."""
-    if sample.elsewhere is None:
-        return list(own)
+    """A column of text: the own vehicles, then those elsewhere."""
     both = [*own, *theirs]
+    if sample.elsewhere is None or sample.elsewhere.shown is None:
+        return both
     return [both[row] for row in sample.elsewhere.shown.tolist()]
 
 
 def recorded_ids(sample: Sample) -> list[VehicleId]:
-    """Names in the order of `recorded_rows`."""
+    """Names of the own vehicles, then of those elsewhere."""
     return _of_all(sample, sample.view.rows.ids, () if sample.elsewhere is None else sample.elsewhere.ids)
 
 
 def recorded_reasons(sample: Sample) -> list[str]:
-    """Reasons in the order of `recorded_rows`."""
+    """Reasons of the own vehicles, then of those elsewhere."""
     theirs = () if sample.elsewhere is None else sample.elsewhere.reasons
     return _of_all(sample, sample.view.rows.reasons, theirs)
 
@@ -256,9 +277,9 @@ def recorded_show(sample: Sample) -> ShowPhase:
     return sample.view.show if sample.elsewhere is None else sample.elsewhere.show
 
 
-def vehicles_message(sample: Sample) -> bytes:
-    when = stamp(sample.view.unix_time_s)
-    data = b64encode(recorded_rows(sample).tobytes())
+def vehicles_message(unix_s: float, rows: NDArray[np.void]) -> bytes:
+    """Return a message of `/fleet/vehicles` or `/fleet/elsewhere`, of rows of VEHICLE."""
+    when, data = stamp(unix_s), b64encode(rows.tobytes())
     times = when["sec"], when["nsec"]
     return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (*times, _CLOUD, data)
 

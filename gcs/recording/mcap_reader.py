@@ -38,6 +38,7 @@ from gcs.recording.mcap_writer import CHUNK_S, STATUS_S
 from gcs.safety.filter import SafetySettings
 
 MAGIC: Final = b"\x89MCAP0\r\n"
+ELSEWHERE: Final = "/fleet/elsewhere"
 RECORD_MAX_BYTES: Final = 64 << 20
 DAMAGED: Final = (
     McapError,
@@ -191,6 +192,7 @@ class About:
     autopilots: tuple[str, ...]  # names, as configured
     phases: tuple[Phase, ...]  # by their numbers in the rows
     modes: tuple[Mode, ...]
+    elsewhere: int = 0  # so many of the vehicles, the last ones, are recorded less often
 
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> Self:
@@ -211,6 +213,7 @@ class About:
             tuple(json.loads(metadata["autopilots"])) if "autopilots" in metadata else usual,
             tuple(Phase(name) for name in json.loads(metadata["phases"])),
             tuple(Mode(name) for name in json.loads(metadata["modes"])),
+            int(metadata["elsewhere"]),
         )
 
 
@@ -232,6 +235,8 @@ class Sample:
     vehicles: bytes
     tick: bytes
     status: bytes
+    elsewhere: bytes  # vehicles of other stations, then
+    elsewhere_s: float  # Unix time
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,7 +327,8 @@ class FlightData:
 
     def _pieces(self, offset: int) -> Iterator[Sample | Damage]:
         """Yield ticks and damages. After a damage a tick needs a new status: the old one may be outdated."""
-        topics, newest = dict(layout.TOPICS), dict[str, bytes]()  # newest message of each topic
+        topics, newest = dict(layout.TOPICS), dict[str, Message]()  # newest message of each topic
+        needed = {"/fleet/vehicles", "/fleet/status"} | ({ELSEWHERE} if self.about.elsewhere else set())
         with opened(self.path) as data:
             for found in records(data, offset):
                 if isinstance(found, Damage):
@@ -335,14 +341,14 @@ class FlightData:
                         newest.clear()
                         yield Damage(found.at, found.end, plain(error))
                     else:
-                        yield from _ticks(inside, topics, newest)
+                        yield from _ticks(inside, topics, newest, needed)
 
     def decoded(self, sample: Sample) -> RecordedSample:
         """Decode a tick. Raises: GcsError naming the file, where it has another format."""
         try:
             if self._status is None or self._status[0] is not sample.status:
                 self._status = sample.status, layout.STATUS.validate_json(sample.status)
-            vehicles, tick = self._vehicles(sample.vehicles), layout.TICK.validate_json(sample.tick)
+            vehicles, tick = self._vehicles(sample), layout.TICK.validate_json(sample.tick)
         except (KeyError, ValueError, GcsError) as error:
             raise GcsError(f"{self.path}: a recorded message cannot be read: {error}") from None
         return RecordedSample(sample.unix_s, vehicles, tick, self._status[1])
@@ -376,16 +382,35 @@ class FlightData:
                 return last_s
         return None
 
-    def _vehicles(self, data: bytes) -> NDArray[np.void]:
-        """Decode vehicle rows. Raises: ValueError when the size does not fit."""
-        table = np.frombuffer(b64decode(json.loads(data)["data"]), layout.VEHICLE)
+    def _vehicles(self, sample: Sample) -> NDArray[np.void]:
+        """Decode the rows of all vehicles at the tick. Raises: ValueError when their number does not fit."""
+        table = _table(sample.vehicles)
+        if sample.elsewhere:
+            table = np.concatenate(
+                [table, _later(_table(sample.elsewhere), sample.unix_s - sample.elsewhere_s)]
+            )
         if len(table) != len(self.about.ids):
             raise ValueError(f"{len(table)} vehicles where the file names {len(self.about.ids)}")
         return table
 
 
+def _table(data: bytes) -> NDArray[np.void]:
+    """Rows of VEHICLE in a message. Raises: ValueError."""
+    return np.frombuffer(b64decode(json.loads(data)["data"]), layout.VEHICLE)
+
+
+def _later(table: NDArray[np.void], after_s: float) -> NDArray[np.void]:
+    """The rows brought forward with their velocities."""
+    moved = table.copy()
+    for position, velocity in zip(layout.POSITION, layout.VELOCITY, strict=True):
+        moved[position] += after_s * np.nan_to_num(table[velocity])
+    moved["position_age_s"] += after_s
+    moved["heartbeat_age_s"] += after_s
+    return moved
+
+
 def _ticks(
-    inside: Sequence[McapRecord], topics: dict[int, str], newest: dict[str, bytes]
+    inside: Sequence[McapRecord], topics: dict[int, str], newest: dict[str, Message], needed: set[str]
 ) -> Iterator[Sample]:
     """Yield the ticks of a chunk, with the newest messages of the other topics."""
     for record in inside:
@@ -393,10 +418,12 @@ def _ticks(
             topics[record.id] = record.topic
         elif isinstance(record, Message):
             topic = topics.get(record.channel_id, "")
-            newest[topic] = record.data
-            if topic == "/fleet/tick" and {"/fleet/vehicles", "/fleet/status"} <= newest.keys():
-                others = newest["/fleet/vehicles"], record.data, newest["/fleet/status"]
-                yield Sample(record.log_time * 1e-9, *others)
+            newest[topic] = record
+            if topic == "/fleet/tick" and needed <= newest.keys():
+                vehicles, status = newest["/fleet/vehicles"].data, newest["/fleet/status"].data
+                theirs = newest[ELSEWHERE] if ELSEWHERE in needed else None
+                of_others = (b"", 0.0) if theirs is None else (theirs.data, theirs.log_time * 1e-9)
+                yield Sample(record.log_time * 1e-9, vehicles, record.data, status, *of_others)
 
 
 @dataclass(frozen=True, slots=True)

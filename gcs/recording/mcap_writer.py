@@ -13,12 +13,13 @@ from pathlib import Path
 from time import monotonic
 from typing import IO, Any, Final, NamedTuple, cast
 
+import numpy as np
 from mcap.writer import Writer
 
 from gcs.links.disk_writer import DiskWriter, WholeFile
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import SCHEMAS, SHOW, as_json, stamp
-from gcs.recording.sample import Sample
+from gcs.recording.sample import Elsewhere, Sample
 from gcs.service import FleetView
 
 CHUNK_S: Final = 1.0
@@ -101,6 +102,7 @@ class _OpenFile:
         self._flush_due_s = monotonic()
         self._status_due_s = self._scene_due_s = -1.0
         self._status: tuple[object, ...] = ()
+        self._elsewhere: Elsewhere | None = None  # that was written last
 
     def add(self, what: Sample | LogLine, number: int | None = None) -> None:
         """Add one sample, or event, to the chunk; `number` replaces the sample's own."""
@@ -120,7 +122,11 @@ class _OpenFile:
             self._scene_due_s = time_s + SCENE_S
             self._add("/fleet/scene", unix_s, scene_message(what))
             self._add("/tf", unix_s, layout.transform_message(unix_s))
-        self._add("/fleet/vehicles", unix_s, layout.vehicles_message(what))
+        if what.elsewhere is not None and what.elsewhere is not self._elsewhere:
+            self._elsewhere = what.elsewhere
+            rows = layout.rows_elsewhere(what)
+            self._add("/fleet/elsewhere", unix_s, layout.vehicles_message(unix_s, rows))
+        self._add("/fleet/vehicles", unix_s, layout.vehicles_message(unix_s, layout.own_rows(what)))
         self._add("/fleet/tick", unix_s, layout.tick_message(what, number))
 
     def _add(self, topic: str, unix_s: float, data: bytes) -> None:
@@ -132,7 +138,7 @@ class _OpenFile:
         if monotonic() >= self._flush_due_s:
             self._flush_due_s = monotonic() + CHUNK_S
             self._writer.flush()
-            self._status_due_s = -1.0  # each chunk can be read without those before it
+            self._status_due_s, self._elsewhere = -1.0, None  # each chunk can be read without those before
 
     def finish(self) -> None:
         """Write the last chunk and the index. Raises: OSError."""
@@ -194,7 +200,8 @@ def scene_message(sample: Sample) -> bytes:
         entities.append(_entity(view, f"obstacle {box.id}", cubes=[cube]))
     names = layout.recorded_ids(sample)
     if len(names) <= LABELS_MAX:
-        places_m = layout.vectors(layout.recorded_rows(sample), layout.POSITION).tolist()
+        rows = np.concatenate([layout.own_rows(sample), layout.rows_elsewhere(sample)])
+        places_m = layout.vectors(rows, layout.POSITION).tolist()
         entities.append(_entity(view, "names", texts=_names(names, places_m)))
     return as_json({"deletions": [], "entities": entities})
 

@@ -19,12 +19,12 @@ Reported: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elsewhere:
-    """The k vehicles of other stations in the same tick. Owns its arrays."""
+    """The k vehicles of other stations in the same tick, or shortly before. Owns its arrays."""
 
     ids: Sequence[VehicleId]
     rows: NDArray[np.void]  # (k,) of `mcap_layout.VEHICLE`
     reasons: Sequence[str]  # of their phases
-    shown: NDArray[np.intp]  # each vehicle once: rows of the n own, and of these k after them
+    shown: NDArray[np.intp] | None  # each vehicle once: rows of the n own, and of these k; None: all of them
     show: ShowPhase  # of the whole site
 
 

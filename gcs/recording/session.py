@@ -61,7 +61,9 @@ class Record:
         self._journal = Journal(root / AUDIT)
         self.audit = Audit(self._journal, self.session, vehicles)
         everything = {**vehicles, **elsewhere}
-        about = layout.about(self.session, site_json or config_json, everything, autopilots)
+        about = layout.about(
+            self.session, site_json or config_json, everything, autopilots, len(everything) - len(vehicles)
+        )
         self._flight = FlightFile(self.folder, about) if flight else None
         self._handler = _LogHandler(self.audit, self._flight)
         self._attached = ExitStack()

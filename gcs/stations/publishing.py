@@ -18,11 +18,11 @@ from gcs.stations.site import Site
 STATES, FORMATION, SLOTS = "states", "formation", "slots."
 """Topics; the name of a station follows the last."""
 
-SLOTS_AGAIN_S: Final = 0.5
+SLOTS_AGAIN_S: Final = 1.0
 """Slots that have not moved are sent again after this time."""
 
-MOVED: Final = 1e-4
-"""A slot has moved if a coordinate of its unit vector has changed by so much: 1 cm on a sphere of 100 m."""
+MOVED: Final = 5e-4
+"""A slot has moved if a coordinate of its unit vector has changed by more: by 5 cm on a sphere of 100 m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,13 +13,13 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from gcs.model.errors import GcsError
-from gcs.model.lifecycle import Phase
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
-from gcs.recording.sample import Sample
+from gcs.recording.sample import Elsewhere, Sample
 from gcs.recording.session import Record
 from gcs.recording.trajectories import estimated
 from tests.support.machine import soon
@@ -49,6 +49,47 @@ def moving(count: int) -> list[Sample]:
         )
         for tick in range(count)
     ]
+
+
+def with_others(made: Sample, elsewhere: Elsewhere) -> Sample:
+    return replace(made, elsewhere=elsewhere)
+
+
+def others_at(x_m: float, shown: list[int] | None = None) -> Elsewhere:
+    """Two vehicles of another station, at 2 m/s."""
+    rows = layout.packed_state(
+        np.array([[x_m, 5.0, -20.0], [x_m, 9.0, -20.0]]),
+        np.tile([2.0, 0.0, 0.0], (2, 1)),
+        np.tile([2.0, 0.0, 0.0], (2, 1)),
+        {"position_age_s": np.full(2, 0.1)},
+    )
+    one_each = None if shown is None else np.array(shown)
+    return Elsewhere(("e1", "e2"), rows, ("flown by station east",) * 2, one_each, ShowPhase.RUNNING)
+
+
+def test_vehicles_elsewhere_are_read_at_each_tick(tmp_path: Path) -> None:
+    """They are recorded less often than ticks."""
+    recorded = [others_at(50.0 + 0.4 * number) for number in range(5)]
+    flown = [with_others(made, recorded[tick // 4]) for tick, made in enumerate(moving(20))]
+    vehicles = dict.fromkeys(("d1", "d2", "e1", "e2"), (1, "radio"))
+    path = flight(tmp_path, flown, layout.about("s1", "{}", vehicles, elsewhere=2))
+    ticks = list(FlightData(path).ticks())
+    x_m = np.array([tick.vehicles["x"] for tick in ticks])
+    assert x_m[:, 0] == pytest.approx(0.05 * np.arange(20), abs=1e-4)
+    assert x_m[:, 2] == pytest.approx(50.0 + 0.1 * np.arange(20), abs=1e-4)
+    assert ticks[3].vehicles["position_age_s"][2] == pytest.approx(0.25, abs=1e-3)
+    assert ticks[0].status.reasons == ["flies", "flies", *["flown by station east"] * 2]
+    with path.open("rb") as file:
+        assert len(list(make_reader(file).iter_messages(topics=["/fleet/elsewhere"]))) == 5
+
+
+def test_vehicle_that_a_standby_receives_is_recorded_once(tmp_path: Path) -> None:
+    """Of d2 the row is that of the station that flies it."""
+    flown = [with_others(made, others_at(50.0, [0, 3, 2])) for made in moving(2)]
+    vehicles = dict.fromkeys(("d1", "d2", "e1"), (1, "radio"))
+    path = flight(tmp_path, flown, layout.about("s1", "{}", vehicles, elsewhere=1))
+    for tick in FlightData(path).ticks():
+        assert tick.vehicles["y"].tolist() == pytest.approx([0.0, 9.0, 5.0])
 
 
 def test_each_autopilot_is_named_in_the_record_and_its_report(tmp_path: Path) -> None:
@@ -195,7 +236,7 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
     file.close()
     with pytest.raises(
         GcsError,
-        match=r"flight\.mcap: not flight data of this program: they are of version 9; .* knows version 3",
+        match=r"flight\.mcap: not flight data of this program: they are of version 9; .* knows version 4",
     ):
         FlightData(tmp_path / "flight.mcap")
 
