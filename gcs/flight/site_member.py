@@ -42,6 +42,9 @@ log = logging.getLogger(__name__)
 SLOWLY_S: Final = 0.5
 """Interval between two messages of what rarely changes: the plan, pads, texts."""
 
+UNCHANGED_S: Final = 2.0
+"""The same message of what rarely changes is sent again after this time."""
+
 CHANGED_AGAIN_S: Final = 2.0
 """A follower shows its own change of the plan until the lead confirms it, for this time at most."""
 
@@ -162,6 +165,8 @@ class SiteMember:
         self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
         self._plan_version = 0
         self._sent_plan: Plan | None = None
+        self._sent_texts: dict[str, bytes] = {}  # newest message of what rarely changes, by topic
+        self._again_s: dict[str, float] = {}  # when it is sent again, unchanged
         self._plan_due_s = self._slow_due_s = self._return_due_s = 0.0
         self._formation = FormationMessages(site)
         self.shows = ShowTraffic(flight, site, self.all_ids)
@@ -567,8 +572,10 @@ class SiteMember:
             self._slow_due_s = now_s + SLOWLY_S
             homes = [vehicle.home_m for vehicle in flight.vehicles.values()]
             nowhere = np.full(3, nan)
-            self._send("homes", encode_homes(np.array([nowhere if one is None else one for one in homes])))
-            self._send("info", self._info_now())
+            self._send_anew(
+                "homes", encode_homes(np.array([nowhere if one is None else one for one in homes]))
+            )
+            self._send_anew("info", self._info_now())
         self._send(STATES, made.encode())
         if site.lead.leads and not self.shows_of_others_fly:  # a lead that restarts disturbs no flight
             for topic, payload in self._formation.of_tick(now_s, memory, reported):
@@ -585,6 +592,14 @@ class SiteMember:
             self._return_due_s = now_s + SLOWLY_S
             for topic, payload in self._return_parts:
                 self._send(topic, payload)
+
+    def _send_anew(self, topic: str, payload: bytes) -> None:
+        """Send what has changed; the same again for stations that missed it."""
+        now_s = self.flight.fleet.time_s
+        if self._sent_texts.get(topic) == payload and now_s < self._again_s.get(topic, -inf):
+            return
+        self._sent_texts[topic], self._again_s[topic] = payload, now_s + UNCHANGED_S
+        self._send(topic, payload)
 
     def _send(self, topic: str, payload: bytes) -> None:
         try:
