@@ -163,6 +163,10 @@ class Elsewhere(Protocol):
         """Whether this station plans a return for all; False: another does; None: each for its own."""
 
     @property
+    def lead_runs(self) -> bool:
+        """Whether another station leads, and has seen the whole formation assembled."""
+
+    @property
     def lead_returns(self) -> bool:
         """Whether the lead's show is on its way home, so that it plans for all."""
 
@@ -506,7 +510,12 @@ class Fleet:
         return not self._may_descend[1] > self.position_m(vehicle)[2]
 
     def assembled(self) -> bool:
-        """Whether the formation's vehicles are on the sphere and spread over all of it."""
+        """Whether the formation's vehicles are on the sphere and spread over all of it.
+
+        The lead of a site decides for all: vehicles that pass the space of lost ones are never spread evenly.
+        """
+        if self.site is not None and self.site.lead_runs:
+            return True
         if self.show_run is not None and self.show_run.goals is not None:
             return self.show_run.there
         center, radius_m = self.memory.center, self.memory.radius_m

@@ -390,6 +390,12 @@ class SiteMember:
         """Whether the lead's show is on its way home, so that it plans for all."""
         return self.show_of(self.site.lead.name) is ShowPhase.RETURNING
 
+    @property
+    def lead_runs(self) -> bool:
+        """Whether another station leads, is received, and has seen the whole formation assembled."""
+        lead = self.site.lead
+        return not lead.leads and self.lead_is_here and self.show_of(lead.name) is ShowPhase.RUNNING
+
     def stands(self, below_m_s: float) -> bool:
         """Whether all of them that return have stopped."""
         if len(self.flown_by_others(Phase.FORMATION, Phase.HOLD)):
