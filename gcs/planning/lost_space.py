@@ -80,15 +80,11 @@ class KeptSetpoints:
             now_s: of this tick.
             ended: (n,) vehicles to which no station sends setpoints any more: they keep the newest.
         """
-        self._sent.append((now_s, desired_m_s, setpoint_m_s))
+        self._sent.append((now_s, np.array(desired_m_s), np.array(setpoint_m_s)))
         while len(self._sent) > 1 and self._sent[1][0] <= now_s - SENT_BEFORE_S + 1e-6:
             self._sent.popleft()
-        arrived = now_s - age_s > self._seen_s + 1e-6
-        if arrived.any():
-            _, then_desired_m_s, then_setpoint_m_s = self._sent[0]
-            self._seen_s = np.where(arrived, now_s - age_s, self._seen_s)
-            self._desired_m_s = np.where(arrived[:, None], then_desired_m_s, self._desired_m_s)
-            self._setpoint_m_s = np.where(arrived[:, None], then_setpoint_m_s, self._setpoint_m_s)
+        flown = self._sent[0][1:]
+        _keep_arrived(now_s, np.array(age_s), *flown, self._seen_s, self._desired_m_s, self._setpoint_m_s)
         if ended is not None:
             self._desired_m_s = np.where(ended[:, None], desired_m_s, self._desired_m_s)
             self._setpoint_m_s = np.where(ended[:, None], setpoint_m_s, self._setpoint_m_s)
@@ -116,6 +112,31 @@ class KeptSetpoints:
         takes = np.repeat(np.arange(len(rows)), 1 + differs)
         second = np.append(False, takes[1:] == takes[:-1])[: len(takes)]
         return rows[takes], np.where(second[:, None], setpoint_m_s[takes], first_m_s[takes])
+
+
+@kernel
+def _keep_arrived(
+    now_s: float,
+    age_s: Array,
+    flown_m_s: Array,
+    flown_setpoint_m_s: Array,
+    seen_s: Array,
+    desired_m_s: Array,
+    setpoint_m_s: Array,
+) -> None:
+    """Take the velocities (n, 3) flown of late where a new position has arrived; changes the last three."""
+    for i in range(len(age_s)):
+        if now_s - age_s[i] > seen_s[i] + 1e-6:
+            seen_s[i] = now_s - age_s[i]
+            for k in range(3):
+                desired_m_s[i, k] = flown_m_s[i, k]
+                setpoint_m_s[i, k] = flown_setpoint_m_s[i, k]
+
+
+def warm_up() -> None:
+    """Compile or load the kernel that every tick runs."""
+    still = np.zeros((1, 3))
+    KeptSetpoints(1).note(still, still, np.zeros(1), 0.0)
 
 
 def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: float) -> Array:
