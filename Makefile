@@ -68,11 +68,8 @@ schema: .venv/ready api/console/node_modules/ready  ## the console's types, from
 	$(BIN)/python -m gcs.api.app | $(NPM) run --silent schema -- --output src/schemas/schema.ts
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs import control; from gcs.mavlink import codec, reports; \
-	  from gcs.planning import silent_space; from gcs.planning.return_paths import planner; \
-	  from gcs.stations import reported_vehicles; \
-	  control.warm_up(); planner.warm_up(); silent_space.warm_up(); reported_vehicles.warm_up(); \
-	  codec.warm_up(); reports.warm_up()"
+	@$(BIN)/python -c "from gcs.flight.orchestrator import WARM_UPS; from gcs.mavlink import codec, reports; \
+	  [load() for load in (*WARM_UPS, codec.warm_up, reports.warm_up)]"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
 	$(BIN)/python -m tests.vocabulary

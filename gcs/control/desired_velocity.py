@@ -25,9 +25,10 @@ from gcs.formation.obstacles import Ellipse
 from gcs.formation.response import scale_to_limits, shrink_relative
 from gcs.formation.steering import avoid_all
 from gcs.formation.trajectory import trajectory_velocity
+from gcs.model.jit import kernel
 from gcs.model.plan import LawName
 from gcs.model.state import TINY, Array
-from gcs.safety.constraints import stopping_speed_m_s
+from gcs.safety.constraints import DECELERATION, ESCAPE, REACTION, allowed_speed_m_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,26 +265,31 @@ def desired_velocity(
 
 
 def _stopping_inside(now: TickInputs, desired_m_s: Array) -> Array:
-    """(n, 3) velocities from which the vehicles stop inside the fence, straight ahead.
+    """(n, 3) velocities from which the vehicles stop inside the fence, straight ahead; the rows are changed.
 
     The fence is a circle, and the safety filter bounds the speed towards it. A vehicle that flies along it,
     and turns later than the circle does, would leave it.
     """
     safety, own = now.settings.safety, now.own
-    place_m, level_m_s = now.position_m[own, :2], desired_m_s[own, :2]
-    speed_m_s = np.hypot(level_m_s[:, 0], level_m_s[:, 1])
-    along_m = (place_m * level_m_s).sum(axis=1) / np.maximum(speed_m_s, TINY)
-    room_m2 = safety.fence.distance_max_m**2 - (place_m**2).sum(axis=1)
-    ahead_m = np.maximum(np.sqrt(np.maximum(along_m**2 + room_m2, 0.0)) - along_m, 0.0)
     delay_s, response = safety.link_delay_s, now.traits.response.rows(own)
-    each = safety.braking.over_link(delay_s).of_each(len(speed_m_s), response.over_link(delay_s))
-    most_m_s = stopping_speed_m_s(ahead_m, each)
-    fast = np.flatnonzero(speed_m_s > most_m_s)
-    if len(fast) == 0:
-        return desired_m_s
-    slower_m_s = desired_m_s.copy()
-    slower_m_s[fast, :2] *= (most_m_s[fast] / speed_m_s[fast])[:, None]
-    return slower_m_s
+    each = safety.braking.over_link(delay_s).of_each(len(response), response.over_link(delay_s))
+    _slow_down_inside(now.position_m, desired_m_s, each, safety.fence.distance_max_m)
+    return desired_m_s
+
+
+@kernel
+def _slow_down_inside(position_m: Array, desired_m_s: Array, each: Array, distance_max_m: float) -> None:
+    """As `_stopping_inside`, of the first rows: those of `each` (4, n), see `Braking.of_each`."""
+    for i in range(each.shape[1]):
+        x_m, y_m, x_m_s, y_m_s = position_m[i, 0], position_m[i, 1], desired_m_s[i, 0], desired_m_s[i, 1]
+        speed_m_s = np.hypot(x_m_s, y_m_s)
+        along_m = (x_m * x_m_s + y_m * y_m_s) / max(speed_m_s, TINY)
+        room_m2 = distance_max_m**2 - (x_m**2 + y_m**2)
+        ahead_m = np.maximum(np.sqrt(np.maximum(along_m**2 + room_m2, 0.0)) - along_m, 0.0)
+        most_m_s = allowed_speed_m_s(ahead_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i])
+        if speed_m_s > most_m_s:
+            desired_m_s[i, 0] *= most_m_s / speed_m_s
+            desired_m_s[i, 1] *= most_m_s / speed_m_s
 
 
 def _as_drawn(now: TickInputs, rows: NDArray[np.intp], columns: Mapping[str, Ellipse]) -> Array:

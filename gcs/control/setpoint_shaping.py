@@ -1,5 +1,6 @@
 """Setpoints that make the vehicles fly the allowed velocities; the trim is learned from their response."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot
 
@@ -30,9 +31,7 @@ class ShapedSetpoints:
     """The setpoints, and what the next tick needs to know of them."""
 
     setpoint_m_s: Array  # (n, 3) within the limits
-    trim_m_s: Array  # (n, 3) as in Memory
-    expected_m_s: Array  # (n, 3) as in Memory
-    pace: float
+    learn: Callable[[], tuple[Array, Array, float]]  # returns trim and expected velocity (n, 3), and the pace
 
 
 def shape_setpoints(
@@ -63,33 +62,33 @@ def shape_setpoints(
     )
     requested_m_s += memory.trim_m_s
     setpoint_m_s = cap(requested_m_s, limits, now.traits.speed_max_m_s)
-    trim_m_s, expected_m_s = correct_trim(
-        memory.trim_m_s,
-        memory.expected_m_s,
-        allowed_m_s,
-        now.velocity_m_s,
-        base_m_s,
-        now.commanded,
-        yields,
-        _at_limit(
-            requested_m_s,
-            np.array(now.traits.speed_max_m_s),
-            limits.horizontal_m_s,
-            limits.up_m_s,
-            limits.down_m_s,
-        ),
-        now.dt_s,
-        settings.response_s,
-        settings.trim_rate_per_s * response.trim_share,
-        settings.vertical_trim_rate_per_s * response.trim_share,
-        settings.trim_max_m_s,
-    )
-    return ShapedSetpoints(
-        setpoint_m_s,
-        trim_m_s,
-        expected_m_s,
-        _pace(now, center, base_m_s, expected_m_s, requested_m_s, memory),
-    )
+
+    def learn() -> tuple[Array, Array, float]:
+        trim_m_s, expected_m_s = correct_trim(
+            memory.trim_m_s,
+            memory.expected_m_s,
+            allowed_m_s,
+            now.velocity_m_s,
+            base_m_s,
+            now.commanded,
+            yields,
+            _at_limit(
+                requested_m_s,
+                np.array(now.traits.speed_max_m_s),
+                limits.horizontal_m_s,
+                limits.up_m_s,
+                limits.down_m_s,
+            ),
+            now.dt_s,
+            settings.response_s,
+            settings.trim_rate_per_s * response.trim_share,
+            settings.vertical_trim_rate_per_s * response.trim_share,
+            settings.trim_max_m_s,
+        )
+        pace = _pace(now, center, base_m_s, expected_m_s, requested_m_s, memory)
+        return trim_m_s, expected_m_s, pace
+
+    return ShapedSetpoints(setpoint_m_s, learn)
 
 
 @kernel

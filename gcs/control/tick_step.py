@@ -51,7 +51,7 @@ class Tick:
 
     @cached_property
     def memory(self) -> Memory:
-        """State for the next tick; the first read moves the slots on, so send the setpoints before."""
+        """State for the next tick; the first read computes it, so send the setpoints before."""
         return self.remember()
 
     @cached_property
@@ -108,7 +108,6 @@ def tick(
         pace=pace,
     )
     authority = _authority(now, memory)
-    answers = _answers(now, memory, authority)
     limited_traits = authority.limit(traits)
     if limited_traits is not traits:
         now = replace(now, traits=limited_traits)
@@ -135,36 +134,36 @@ def tick(
         now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
     )
     yaw_rad, held_rad = _yaw(now, memory)
-    commanded_m_s, asked_m_s = _of_commanded(now.commanded, allowed_m_s, desired_m_s, yields)
 
     def remember() -> Memory:
         place, change = (places.place, places.change) if places.move_on is None else places.move_on()
-        return replace(so_far, place=place, change=change)
+        commanded_m_s, asked_m_s = _of_commanded(now.commanded, allowed_m_s, desired_m_s, yields)
+        trim_m_s, expected_m_s, pace = shaped.learn()
+        return Memory(
+            time_s=fleet.time_s,
+            center=lead.center,
+            radius_m=lead.radius_m,
+            desired_m_s=commanded_m_s,
+            asked_m_s=asked_m_s,
+            setpoint_m_s=np.where(now.commanded[:, None], shaped.setpoint_m_s - memory.trim_m_s, np.nan),
+            yaw_rad=yaw_rad,
+            held_yaw_rad=held_rad,
+            engaged_time_s=lead.engaged_time_s,
+            place=place,
+            change=change,
+            trim_m_s=trim_m_s,
+            expected_m_s=expected_m_s,
+            pace=pace,
+            sides=lead.sides,
+            authority=authority,
+            answers=_answers(now, memory, authority),
+            spin_rad_s=places.spin_rad_s,
+            detour=lead.detour,
+            unfollowed_s=places.unfollowed_s,
+            belief=places.belief,
+            routes=routes,
+        )
 
-    so_far = Memory(
-        time_s=fleet.time_s,
-        center=lead.center,
-        radius_m=lead.radius_m,
-        desired_m_s=commanded_m_s,
-        asked_m_s=asked_m_s,
-        setpoint_m_s=np.where(now.commanded[:, None], shaped.setpoint_m_s - memory.trim_m_s, np.nan),
-        yaw_rad=yaw_rad,
-        held_yaw_rad=held_rad,
-        engaged_time_s=lead.engaged_time_s,
-        place=places.place,
-        change=places.change,
-        trim_m_s=shaped.trim_m_s,
-        expected_m_s=shaped.expected_m_s,
-        pace=shaped.pace,
-        sides=lead.sides,
-        authority=authority,
-        answers=answers,
-        spin_rad_s=places.spin_rad_s,
-        detour=lead.detour,
-        unfollowed_s=places.unfollowed_s,
-        belief=places.belief,
-        routes=routes,
-    )
     setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
     floor, elsewhere = settings.safety.floor, () if others is None else others.ids
     return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, floor, elsewhere)

@@ -1,7 +1,9 @@
 """The fleet's state from the telemetry of all links, and the uncertainty of each position."""
 
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import dataclass
+from itertools import accumulate, zip_longest
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,32 +52,28 @@ def _geocentric_m(latitude: float, longitude: float, altitude_m: float) -> tuple
 @kernel
 def into_frame(
     rows: NDArray[np.intp],
-    latitude_deg: Array,
-    longitude_deg: Array,
-    altitude_m: Array,
+    place: tuple[Array, Array, Array, Array],
     velocity_ned_m_s: Array,
-    yaw_deg: Array,
+    arrived_s: Array,
+    reported: tuple[Mask, Bits],
     origin: tuple[float, float, float, float],
-    position_m: Array,
-    velocity_m_s: Array,
-    yaw_rad: Array,
-    exists: Mask,
+    into: tuple[Array, Array, Array, Array, Mask, Mask, Bits],
 ) -> None:
     """Telemetry of one link's vehicles in the show frame. `ShowFrame.position_m` is the same by pymap3d.
 
     Args:
         rows: (k,) row of each in the fleet.
-        latitude_deg: (k,), and so are longitude and altitude AMSL.
-        longitude_deg: see there.
-        altitude_m: see there.
+        place: latitude and longitude in degrees, altitude AMSL, and yaw in degrees clockwise from north, (k,)
+            each.
         velocity_ned_m_s: (k, 3).
-        yaw_deg: (k,) clockwise from north.
+        arrived_s: (k,) of the position.
+        reported: (k,) armed, and the reset counter.
         origin: latitude, longitude, altitude AMSL and heading of the show frame.
-        position_m: (n, 3), rows written, as of all that follow.
-        velocity_m_s: (n, 3).
-        yaw_rad: (n,) from the show's x axis, within [-pi, pi).
-        exists: (n,) whether the position is possible at all.
+        into: position and velocity (n, 3), yaw (n,) from the show's x axis within [-pi, pi), time of arrival,
+            whether the position is possible at all, armed, and reset counter; these rows are written.
     """
+    (latitude_deg, longitude_deg, altitude_m, yaw_deg), (is_armed, reset_count) = place, reported
+    position_m, velocity_m_s, yaw_rad, time_s, exists, armed, resets = into
     latitude, longitude = np.radians(origin[0]), np.radians(origin[1])
     sine, cosine = np.sin(latitude), np.cos(latitude)
     sine_east, cosine_east = np.sin(longitude), np.cos(longitude)
@@ -97,6 +95,7 @@ def into_frame(
         velocity_m_s[i, 1] = cosine_turned * east_m_s - sine_turned * north_m_s
         velocity_m_s[i, 2] = velocity_ned_m_s[k, 2]
         yaw_rad[i] = (np.radians(yaw_deg[k] - origin[3]) + np.pi) % (2.0 * np.pi) - np.pi
+        time_s[i], armed[i], resets[i] = arrived_s[k], is_armed[k], reset_count[k]
         square = north_m * north_m + east_m * east_m + down_m * down_m
         exists[i] = square <= FAR_M * FAR_M and (latitude_deg[k] != 0.0 or longitude_deg[k] != 0.0)
 
@@ -224,6 +223,23 @@ BRAKES_S: Final = 2.0
 """Even braking over this time covers the distance of 1 s of unchanged flight (`STOP_S`)."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _LinkColumns:
+    """Columns of Python values of one link's telemetry, as arrays."""
+
+    ids: tuple[VehicleId, ...]
+    armed: tuple[bool, ...]
+    resets: tuple[int, ...]
+    rows: NDArray[np.intp]  # (k,) of its vehicles in the fleet
+    is_armed: Mask  # (k,)
+    reset_count: Bits  # (k,)
+
+    def describes(self, part: Telemetry) -> bool:
+        """Whether they are of this telemetry; unchanged columns are the same objects."""
+        same = part.armed is self.armed and part.position_resets is self.resets
+        return same and part.ids is self.ids
+
+
 class Table:
     """Joins the telemetry of all links into one state, rows in the fleet's own order.
 
@@ -258,7 +274,7 @@ class Table:
         self._flies_on_s, self._brakes_s = flies_on_s, brakes_s
         self.ids = tuple(ids)
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(self.ids)}
-        self._rows: dict[tuple[VehicleId, ...], NDArray[np.intp]] = {}  # of each link's vehicles
+        self._links: list[_LinkColumns] = []  # as of the last call of `state`
         self._origin = (frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg)
         n = len(self.ids)
         # accepted: position, its time, the velocity that came with it, and whether the newest was accepted
@@ -279,31 +295,33 @@ class Table:
         yaw_rad = np.full(n, np.nan)
         time_s, exists, armed = np.full(n, -np.inf), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         resets = self._resets.copy()
-        for part in telemetry:
-            rows = self._rows.get(part.ids)
-            if rows is None:
-                rows = self._rows[part.ids] = np.array([self._row[name] for name in part.ids], dtype=np.intp)
+        self._links = [
+            self._columns(part, before)
+            for part, before in zip_longest(telemetry, self._links[: len(telemetry)])
+        ]
+        for part, known in zip(telemetry, self._links, strict=True):
             into_frame(
-                rows,
-                part.latitude_deg,
-                part.longitude_deg,
-                part.altitude_amsl_m,
+                known.rows,
+                (part.latitude_deg, part.longitude_deg, part.altitude_amsl_m, part.yaw_deg),
                 part.velocity_ned_m_s,
-                part.yaw_deg,
+                part.position_time_s,
+                (known.is_armed, known.reset_count),
                 self._origin,
-                position_m,
-                velocity_m_s,
-                yaw_rad,
-                exists,
+                (position_m, velocity_m_s, yaw_rad, time_s, exists, armed, resets),
             )
-            time_s[rows] = part.position_time_s
-            armed[rows] = part.armed
-            resets[rows] = part.position_resets
         self.reset_time_s = self.reset_time_s.copy()  # holders of the old array keep it unchanged
         new = (position_m, time_s, velocity_m_s, exists, armed, resets)
         judge(now_s, *(*new, *self._reported, *self._believed, self._resets, self.reset_time_s))
         here_m, moves_m_s, age_s = brought_forward(now_s, *self._believed, self._flies_on_s, self._brakes_s)
         return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s)
+
+    def _columns(self, part: Telemetry, before: "_LinkColumns | None") -> "_LinkColumns":
+        """The columns of a link, which seldom change."""
+        if before is not None and before.describes(part):
+            return before
+        rows = np.array([self._row[name] for name in part.ids], dtype=np.intp)
+        columns = part.ids, part.armed, part.position_resets
+        return _LinkColumns(*columns, rows, np.array(part.armed), np.array(part.position_resets, np.int64))
 
     @property
     def last_velocity_m_s(self) -> Array:
@@ -347,17 +365,16 @@ class Positioning(Settings):
         most_m = self.uncertainty_max_m
         return min(most_m, 0.5 * (most_m + self.poor_m)) / self.share
 
-    def least_m(self, fix_type: Array) -> Array:
-        """(n,) least standard deviation of each GPS_FIX_TYPE, sideways: NaN unknown, inf without a height.
+    @property
+    def least_by_type_m(self) -> Array:
+        """(9,) least standard deviation of each GPS_FIX_TYPE, sideways: inf without a height.
 
         Types above RTK fixed (a base station, precise point positioning) count as RTK float.
         """
-        best_first_m = np.array([self.rtk_fixed_m, self.rtk_float_m, self.dgps_m, self.fix_3d_m])
-        fixed_m, float_m, dgps_m, fix_3d_m = np.maximum.accumulate(best_first_m)  # a worse fix is no better
-        by_type_m = np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
-        known = np.isfinite(fix_type)
-        kind = np.clip(np.where(known, fix_type, 0.0), 0.0, len(by_type_m) - 1.0).astype(np.intp)
-        return np.where(known, by_type_m[kind], np.nan)
+        fixed_m, float_m, dgps_m, fix_3d_m = accumulate(  # a worse fix is no better
+            (self.rtk_fixed_m, self.rtk_float_m, self.dgps_m, self.fix_3d_m), max
+        )
+        return np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
 
 
 def uncertainty_m(
@@ -382,10 +399,40 @@ def uncertainty_m(
 
     Returns: (n,) at most `uncertainty_max_m` (or the configured one, where that is more).
     """
-    reported_m = positioning.share * np.fmax(horizontal_m, vertical_m / up_share)
-    reported_m += np.fmax(reported_m - positioning.poor_m, 0.0)
-    wide_m = np.fmax(reported_m, positioning.least_m(fix_type))
-    wide_m = np.where(np.isnan(wide_m), configured_m, wide_m)
-    wide_m += np.where(since_reset_s < positioning.reset_margin_s, positioning.reset_uncertainty_m, 0.0)
-    capped_m: Array = np.minimum(wide_m, max(configured_m, positioning.uncertainty_max_m))
-    return capped_m
+    numbers = (
+        *(configured_m, up_share, positioning.share, positioning.poor_m),
+        *(positioning.reset_margin_s, positioning.reset_uncertainty_m),
+        max(configured_m, positioning.uncertainty_max_m),
+    )
+    by_type_m = positioning.least_by_type_m
+    return _uncertainty_m(horizontal_m, vertical_m, fix_type, since_reset_s, by_type_m, numbers)
+
+
+Numbers: TypeAlias = tuple[float, float, float, float, float, float, float]
+
+
+@kernel
+def _uncertainty_m(
+    horizontal_m: Array,
+    vertical_m: Array,
+    fix_type: Array,
+    since_reset_s: Array,
+    by_type_m: Array,
+    numbers: Numbers,
+) -> Array:
+    """As `uncertainty_m`. `numbers`: the first two of its arguments, settings, and the greatest result."""
+    configured_m, up_share, share, poor_m, reset_margin_s, reset_uncertainty_m, most_m = numbers
+    uncertain_m = np.empty(len(horizontal_m))
+    for i in range(len(horizontal_m)):
+        reported_m = share * np.fmax(horizontal_m[i], vertical_m[i] / up_share)
+        reported_m += np.fmax(reported_m - poor_m, 0.0)
+        least_m = np.nan
+        if np.isfinite(fix_type[i]):
+            least_m = by_type_m[int(min(max(fix_type[i], 0.0), len(by_type_m) - 1.0))]
+        wide_m = np.fmax(reported_m, least_m)
+        if np.isnan(wide_m):
+            wide_m = configured_m
+        if since_reset_s[i] < reset_margin_s:
+            wide_m += reset_uncertainty_m
+        uncertain_m[i] = min(wide_m, most_m)
+    return uncertain_m

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
 FORGETS: Final = 2e-4
@@ -108,16 +109,27 @@ class SetpointGaps:
             left: (n,) vehicles that were outside control in the last tick: theirs stays the gap before that.
             now_s: time of this tick.
         """
-        gap_s = now_s - self._last_s  # NaN in the first tick
-        counts = ~left & ((gap_s >= self._gap_s) | (now_s - self._ended_s > GAP_COUNTS_S))
-        self._gap_s = np.where(counts, np.nan_to_num(gap_s), self._gap_s)
-        self._ended_s = np.where(counts | left, now_s, self._ended_s)
-        self._commanded |= commanded
+        _note_gaps(commanded, left, now_s, self._last_s, self._gap_s, self._ended_s, self._commanded)
         self._last_s = now_s
 
     def longest_s(self, row: int) -> float:
         """The longest gap of the last GAP_COUNTS_S, or before it left control; NaN: never commanded."""
         return float(self._gap_s[row]) if self._commanded[row] else np.nan
+
+
+@kernel
+def _note_gaps(
+    commanded: Mask, left: Mask, now_s: float, last_s: float, longest_s: Array, ended_s: Array, ever: Mask
+) -> None:
+    """As `SetpointGaps.note`; the last three (n,) are changed."""
+    gap_s = now_s - last_s  # NaN in the first tick
+    for i in range(len(commanded)):
+        counts = not left[i] and (gap_s >= longest_s[i] or now_s - ended_s[i] > GAP_COUNTS_S)
+        if counts:
+            longest_s[i] = gap_s if np.isfinite(gap_s) else 0.0
+        if counts or left[i]:
+            ended_s[i] = now_s
+        ever[i] |= commanded[i]
 
 
 BEATS_MAY_LACK_S: Final = 1.5
@@ -134,29 +146,76 @@ ARRIVES_S: Final = 1.0
 """An autopilot sends several messages a second: when the newest is older, none arrives."""
 
 
-def are_silent(
+@kernel
+def is_silent(
+    now_s: float, life_s: float, beat_s: float, position_s: float, silence_s: float, judged_s: float
+) -> bool:
+    """Whether a vehicle is silent: a sign of life is older than `silence_s`, or has never arrived.
+
+    The only rule for it: phases, failsafes and alarms follow from this.
+
+    Args:
+        now_s: of this tick.
+        life_s: arrival of any message from its autopilot, -inf before the first.
+        beat_s: arrival of its newest heartbeat, with the time by which the next may be late added.
+        position_s: arrival of its newest position.
+        silence_s: `operation.silence_s`; a sign of exactly this age is fresh.
+        judged_s: the longest silence that can be known: after a stall messages may not be read yet.
+    """
+    age_s = now_s - np.minimum(np.minimum(life_s, position_s), beat_s)  # NaN where one is
+    return not np.minimum(age_s, judged_s) <= silence_s
+
+
+@kernel
+def signs_of_life(
     now_s: float,
     life_s: Array,
     beat_s: Array,
     position_s: Array,
+    position_m: Array,
+    may_lack_s: Array,
+    absent: Mask,
     silence_s: float,
-    *,
-    judged_s: Array | float = inf,
-) -> Mask:
-    """(n,) Which vehicles are silent: a sign of life is older than `silence_s`, or has never arrived.
+    judged_s: float,
+) -> tuple[Mask, Mask, Mask, Mask]:
+    """Which vehicles are seen; are silent; have sent a heartbeat lately; and every sign of life lately.
 
-    The only rule for it: phases, failsafes and alarms follow from this column.
+    Those are seen that have a position and are not silent, whatever can be known after a stall.
 
     Args:
         now_s: of this tick.
-        life_s: (n,) arrival of any message from its autopilot, -inf before the first.
-        beat_s: (n,) arrival of its newest heartbeat, with the time by which the next may be late added.
-        position_s: (n,) arrival of its newest position.
-        silence_s: `operation.silence_s`; a sign of exactly this age is fresh.
-        judged_s: (n,) the longest silence that can be known: after a stall messages may not be read yet.
+        life_s: (n,) as of `is_silent`, and so is `position_s`.
+        beat_s: (n,) arrival of the newest heartbeat.
+        position_s: (n,).
+        position_m: (n, 3), NaN where not known.
+        may_lack_s: (n,) by how much the next heartbeat may be late.
+        absent: (n,) these are judged by any silence.
+        silence_s: as of `is_silent`, and so is `judged_s`.
+        judged_s: of the others.
+
+    Returns: (n,) each.
     """
-    age_s = now_s - np.minimum(np.minimum(life_s, position_s), beat_s)
-    return np.asarray(~(np.minimum(age_s, judged_s) <= silence_s))
+    n = len(life_s)
+    seen, silent = np.empty(n, np.bool_), np.empty(n, np.bool_)
+    beats, fresh = np.empty(n, np.bool_), np.empty(n, np.bool_)
+    for i in range(n):
+        known_s, next_s = np.inf if absent[i] else judged_s, beat_s[i] + may_lack_s[i]
+        known = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
+        seen[i] = known and not is_silent(now_s, life_s[i], next_s, position_s[i], silence_s, np.inf)
+        silent[i] = is_silent(now_s, life_s[i], next_s, position_s[i], silence_s, known_s)
+        beats[i] = now_s - beat_s[i] <= silence_s
+        fresh[i] = not silent[i] and np.minimum(now_s - beat_s[i], known_s) <= silence_s
+    return seen, silent, beats, fresh
+
+
+def warm_up() -> None:
+    """Compile or load the kernels, with the types used in flight."""
+    never_s, none = np.full(1, -np.inf), np.zeros(1, np.bool_)
+    SetpointGaps(1).note(none, none, 0.0)
+    frozen_s, frozen_m = never_s.copy(), np.zeros((1, 3))
+    for frozen in (frozen_s, frozen_m):
+        frozen.setflags(write=False)
+    signs_of_life(0.0, frozen_s, frozen_s, frozen_s, frozen_m, never_s, none, 1.0, inf)
 
 
 def lacking(now_s: float, life_s: float, beat_s: float, position_s: float, silence_s: float) -> str:

@@ -4,11 +4,13 @@ A cause begins when it has held for some time, and ends when it has been absent 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from gcs.failsafe.policy import SEVERITY, Action, Cause, FailsafePolicy, LinksLate
+from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 from gcs.safety.walls import Fence
 
@@ -77,7 +79,7 @@ class Roles:
     paused_s: float  # how long the show has been paused
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Latch:
     """Conditions, (k, m), that begin after holding for some time, and end after an absence of some time."""
 
@@ -91,12 +93,12 @@ class Latch:
         never = np.full((causes, count), np.nan)
         return Latch(never, np.full((causes, count), -np.inf), never)
 
-    @property
+    @cached_property
     def active(self) -> Mask:
         """(k, m) Which conditions are active."""
         return ~np.isnan(self.since_s)
 
-    @property
+    @cached_property
     def is_idle(self) -> bool:
         """Whether no condition holds or is active: a tick in which none holds would change nothing."""
         return bool(np.isnan(self.on_since_s).all() and np.isnan(self.since_s).all())
@@ -166,55 +168,115 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
     """
     dt_s = max(seen.time_s - known.time_s, 0.0)
     share = min(1.0, dt_s / SMOOTH_S)
-    error_m_s = seen.velocity_m_s[:, :2] - seen.desired_m_s[:, :2]
-    commanded: Mask = np.asarray(np.isfinite(error_m_s).all(axis=1))
-    error_m_s = np.where(commanded[:, None], error_m_s, 0.0)
-    error_m_s = known.error_m_s + share * (error_m_s - known.error_m_s)
-    error_m_s[~commanded] = 0.0
     late_s = min(seen.late_s, LATENESS_COUNTS * settings.service_late.late_s)
     late_s = known.late_s + share * (late_s - known.late_s)
     jumped = seen.reset_time_s > known.jumps_s[-1]
     jumps_s = known.jumps_s
     if jumped.any():
         jumps_s = np.where(jumped, np.vstack([jumps_s[1:], seen.reset_time_s]), jumps_s)
-    wind = settings.wind
-    strays = np.hypot(error_m_s[:, 0], error_m_s[:, 1]) > wind.speed_error_m_s
-    poor = commanded & _poor_links(seen, settings.links_late)
-    too_windy = bool(strays.any() and strays.sum() >= wind.share * commanded.sum())
+    wind, links, position = settings.wind, settings.links_late, settings.bad_position
+    battery, fence = settings.low_battery, settings.fence
+    error_m_s, on, (commanded, strays, poor, poor_strays) = _look(
+        # numba compiles frozen arrays as another type
+        (np.array(seen.position_m), np.array(seen.velocity_m_s), np.array(seen.desired_m_s)),
+        (np.array(seen.battery), np.array(seen.horizontal_m), np.array(seen.vertical_m)),
+        (np.array(seen.link_late_s), np.array(seen.link_share), jumps_s[0]),
+        (np.array(seen.unbelieved), np.array(seen.silent)),
+        known.vehicles.active,
+        known.error_m_s,
+        (seen.time_s, share, wind.speed_error_m_s, links.late_s, links.arrive_min),
+        (battery.below, battery.critical_below),
+        (position.horizontal_max_m, position.vertical_max_m, position.jumps_within_s),
+        (fence.within_s, fence.beyond_m),
+        (seen.fence.distance_max_m, seen.fence.height_min_m, seen.fence.height_max_m),
+    )
+    too_windy = bool(strays and strays >= wind.share * commanded)
     # Late setpoints also make velocities differ: it is wind only where links are on time.
-    by_links = 2 * (strays & poor).sum() > strays.sum()
-    many_poor = bool(poor.any() and poor.sum() >= settings.links_late.share * commanded.sum())
-    weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and bool(by_links)))
+    by_links = 2 * poor_strays > strays
+    many_poor = bool(poor and poor >= links.share * commanded)
+    weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and by_links))
     averages = replace(known, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s)
-    return averages, _conditions(seen, jumps_s, commanded, known.vehicles.active, settings), weather
+    return averages, on, weather
+
+
+@kernel
+def _look(
+    motion: tuple[Array, Array, Array],
+    reported: tuple[Array, Array, Array],
+    received: tuple[Array, Array, Array],
+    doubts: tuple[Mask, Mask],
+    active: Mask,
+    before_m_s: Array,
+    about: tuple[float, float, float, float, float],
+    batteries: tuple[float, float],
+    positions: tuple[float, float, float],
+    fence: tuple[float, float],
+    bounds: tuple[float, float, float],
+) -> tuple[Array, Mask, tuple[int, int, int, int]]:
+    """Averaged velocity errors (n, 2), conditions (7, n), and four numbers of vehicles.
+
+    The vehicles are those commanded, those off their velocities, commanded ones with poor links, and those
+    of these that are off.
+
+    Args:
+        motion: positions, velocities and desired velocities (n, 3), as of `Seen`, and so are the next.
+        reported: battery and accuracies, sideways and up, (n,).
+        received: delay of the link, share of its messages, and the oldest of the last jumps, (n,).
+        doubts: not believed, and silent, (n,).
+        active: (7, n) as before.
+        before_m_s: (n, 2) averaged errors before.
+        about: time, share of the new error, greatest error, greatest delay, least share of messages.
+        batteries: low and critical.
+        positions: greatest accuracies sideways and up, and how recent jumps are.
+        fence: of how soon, and how far beyond.
+        bounds: greatest distance, least and greatest height.
+    """
+    time_s, share, error_max_m_s, late_max_s, arrive_min = about
+    position_m, velocity_m_s, desired_m_s = motion
+    battery, horizontal_m, vertical_m = reported
+    link_late_s, link_share, first_jump_s = received
+    unbelieved, silent = doubts
+    within_s, beyond_m = fence
+    n = len(battery)
+    error_m_s, on = np.zeros((n, 2)), np.zeros((len(OF_VEHICLES), n), np.bool_)
+    commanded, strays, poor, poor_strays = 0, 0, 0, 0
+    for i in range(n):
+        x_m_s, y_m_s = velocity_m_s[i, 0] - desired_m_s[i, 0], velocity_m_s[i, 1] - desired_m_s[i, 1]
+        is_commanded = np.isfinite(x_m_s) and np.isfinite(y_m_s)
+        if is_commanded:
+            commanded += 1
+            error_m_s[i, 0] = before_m_s[i, 0] + share * (x_m_s - before_m_s[i, 0])
+            error_m_s[i, 1] = before_m_s[i, 1] + share * (y_m_s - before_m_s[i, 1])
+        strays_now = np.hypot(error_m_s[i, 0], error_m_s[i, 1]) > error_max_m_s
+        poor_now = is_commanded and (link_late_s[i] > late_max_s or link_share[i] < arrive_min)
+        strays, poor = strays + strays_now, poor + poor_now
+        poor_strays += strays_now and poor_now
+        on[LOST, i] = silent[i]
+        on[LOW, i] = battery[i] < batteries[0] + (BATTERY_BACK if active[LOW, i] else 0.0)  # False for NaN
+        on[CRITICAL, i] = battery[i] < batteries[1] + (BATTERY_BACK if active[CRITICAL, i] else 0.0)
+        on[POOR, i] = horizontal_m[i] > positions[0] or vertical_m[i] > positions[1]
+        on[SUDDEN, i] = unbelieved[i] or time_s - first_jump_s[i] <= positions[2]
+        # where it is soon, over the ground or above the fence, and below it
+        x_m = position_m[i, 0] + within_s * velocity_m_s[i, 0]
+        y_m = position_m[i, 1] + within_s * velocity_m_s[i, 1]
+        z_m = position_m[i, 2] + within_s * velocity_m_s[i, 2]
+        on[OUT, i] = np.maximum(np.hypot(x_m, y_m) - bounds[0], -z_m - bounds[2]) > beyond_m
+        on[BELOW, i] = is_commanded and bounds[1] + z_m > beyond_m
+    return error_m_s, on, (commanded, strays, poor, poor_strays)
+
+
+def warm_up() -> None:
+    """Compile or load the kernel."""
+    settings, still, zero = FailsafePolicy(), np.zeros((1, 3)), np.zeros(1)
+    none, fence = np.zeros(1, np.bool_), Fence()
+    reported = still, still, still, zero, zero, zero
+    seen = Seen(0.0, *reported, none, none, zero - np.inf, fence, np.nan, 0.0, zero, zero)
+    look(seen, Known.nothing(1, 0.0, settings), settings)
 
 
 def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
     """(n,) Which vehicles have late or little telemetry."""
     return np.asarray((seen.link_late_s > settings.late_s) | (seen.link_share < settings.arrive_min))
-
-
-def _conditions(seen: Seen, jumps_s: Array, commanded: Mask, active: Mask, settings: FailsafePolicy) -> Mask:
-    """(7, n) Conditions, see OF_VEHICLES, `active` as before; vehicles on the ground are included."""
-    position, battery = settings.bad_position, settings.low_battery
-    on = np.zeros((len(OF_VEHICLES), len(seen.battery)), dtype=np.bool_)
-    on[LOST] = seen.silent
-    back = np.where(active, BATTERY_BACK, 0.0)
-    on[LOW] = seen.battery < battery.below + back[LOW]  # False for NaN
-    on[CRITICAL] = seen.battery < battery.critical_below + back[CRITICAL]
-    on[POOR] = (seen.horizontal_m > position.horizontal_max_m) | (seen.vertical_m > position.vertical_max_m)
-    on[SUDDEN] = seen.unbelieved | (seen.time_s - jumps_s[0] <= position.jumps_within_s)
-    out_m, below_m = _beyond_m(seen, settings.fence.within_s)
-    on[OUT] = out_m > settings.fence.beyond_m
-    on[BELOW] = commanded & (below_m > settings.fence.beyond_m)
-    return on
-
-
-def _beyond_m(seen: Seen, within_s: float) -> tuple[Array, Array]:
-    """(n,) Distance outside the fence after `within_s`, over the ground or above it; and below it."""
-    soon_m = seen.position_m + within_s * seen.velocity_m_s
-    away_m = np.hypot(soon_m[:, 0], soon_m[:, 1]) - seen.fence.distance_max_m
-    return np.maximum(away_m, -soon_m[:, 2] - seen.fence.height_max_m), seen.fence.height_min_m + soon_m[:, 2]
 
 
 def is_calm(on: Mask, known: Known, seen: Seen, settings: FailsafePolicy, weather: Weather) -> bool:

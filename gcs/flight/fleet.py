@@ -9,7 +9,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import chain
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from operator import attrgetter, is_
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from gcs.flight.corrections import Corrections
 from gcs.flight.running_show import ShowRun
 from gcs.flight.timecode import Timecode
 from gcs.flight.uncontrolled_space import UncontrolledSpace
-from gcs.flight.vehicle import SHOW_FLIES, Vehicle
+from gcs.flight.vehicle import SHOW_FLIES, Vehicle, VehicleStates
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
 from gcs.links import Command, ParameterValue
 from gcs.links.batch_link import Link
@@ -92,19 +93,20 @@ def joined(
     if len(parts) == 1 and order is None:
         return parts[0]
     columns: dict[str, Any] = {}
-    for field in fields(Telemetry):
-        values = [getattr(part, field.name) for part in parts]
+    for name, of in _COLUMNS.items():
+        values = list(map(of, parts))
         if isinstance(values[0], np.ndarray):
             column = np.concatenate(values)
-            columns[field.name] = column if order is None else column[order]
-        elif before is not None and all(
-            getattr(part, field.name) is value for part, value in zip(before[0], values, strict=True)
-        ):
-            columns[field.name] = getattr(before[1], field.name)
+            columns[name] = column if order is None else column[order]
+        elif before is not None and all(map(is_, values, map(of, before[0]))):
+            columns[name] = of(before[1])
         else:
             row = tuple(chain.from_iterable(values))
-            columns[field.name] = row if order is None else tuple(row[place] for place in order)
+            columns[name] = row if order is None else tuple(row[place] for place in order)
     return Telemetry(**columns)
+
+
+_COLUMNS: Final = {field.name: attrgetter(field.name) for field in fields(Telemetry)}
 
 
 class Returning(NamedTuple):
@@ -221,6 +223,7 @@ class Fleet:
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
         self.vehicles = self._made_vehicles()
+        self._states = VehicleStates(self.vehicles.values())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self._fall_on_ground = [one for one in self.vehicles.values() if one.autopilot.falls_on_ground]
         self._presumed = presumed_parameters(config)
@@ -235,8 +238,7 @@ class Fleet:
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
         self.control = config.control  # narrower while a show is selected
         self.show_run: ShowRun | None = None
-        self.show = ShowPhase.IDLE
-        self.reason = "nothing has been started"
+        self.show, self.reason = ShowPhase.IDLE, "nothing has been started"
         self.columns = ""  # how many pairs will be stacked, in words; as of the last start
         self.show_before = ShowPhase.IDLE  # the phase before control of everything airborne was lost
         self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
@@ -269,6 +271,12 @@ class Fleet:
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
         self._ticked = asyncio.Event()
         self.fleet = self.receive(now_s)
+
+    def __copy__(self) -> "Fleet":
+        """As it is now: a view of a tick is made of it later. Copied with every tick."""
+        copied = object.__new__(Fleet)
+        copied.__dict__.update(self.__dict__)
+        return copied
 
     def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
         """Return the configured vehicles, in order."""
@@ -350,7 +358,7 @@ class Fleet:
             late_s = late_s + self.site.delay_s
         if late_s.max(initial=0.0) < LATE_S:
             return self.control
-        flying = np.array([vehicle.phase in AIRBORNE for vehicle in self.vehicles.values()], dtype=np.bool_)
+        flying = np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
         delay_s = fleet_delay_s(late_s, flying)
         if self._slowed is None or self._slowed[0] is not self.control or self._slowed[1] != delay_s:
             self._slowed = self.control, delay_s, for_late_links(self.control, delay_s)
@@ -361,7 +369,7 @@ class Fleet:
         """(n,) Time of the latest position jump; -inf if there was none."""
         return self._table.reset_time_s
 
-    def note_seen(self, rows: Mask | int) -> None:
+    def note_seen(self, rows: Mask) -> None:
         self.uncontrolled.note_seen(rows, self.fleet.position_m, self._table.last_velocity_m_s)
 
     def seen_m(self) -> Array:
@@ -458,12 +466,19 @@ class Fleet:
         return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
 
     @property
+    def states(self) -> VehicleStates:
+        """The vehicles as they are now: the same object until one of them changes."""
+        if not self._states.is_current:
+            self._states = VehicleStates(self.vehicles.values())
+        return self._states
+
+    @property
     def phases(self) -> list[Phase]:
-        """Of all vehicles, by row."""
-        return [vehicle.phase for vehicle in self.vehicles.values()]
+        """Of all vehicles, by row; not to be changed."""
+        return self.states.phases
 
     def in_phase(self, *phases: Phase) -> list[Vehicle]:
-        return [vehicle for vehicle in self.vehicles.values() if vehicle.phase in phases]
+        return self.states.in_phase(phases).copy()
 
     @property
     def airborne(self) -> list[Vehicle]:
@@ -564,9 +579,9 @@ class Fleet:
         vehicles = self.vehicles.values()  # rows as in FleetState
         now_s, show = self.fleet.time_s, self.show
         show_flies = show in SHOW_FLIES
-        phases = [vehicle.phase for vehicle in vehicles]
-        frozen_until_s = max([vehicle.frozen_until_s for vehicle in vehicles])
-        flown = show_flies and now_s >= frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
+        states = self.states
+        phases = states.phases
+        flown = show_flies and now_s >= states.frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
         age_s = self.fleet.age_s
         silent = self.uncontrolled.silent(age_s, self.control.telemetry_age_max_s)
         if flown and len(silent) == 0:

@@ -10,11 +10,13 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
 from functools import cache, partial
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from gcs.bus import keep_bus_open
 from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick, warm_up
+from gcs.estimation import link_health
+from gcs.failsafe import triggers
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.commander import Commander
 from gcs.flight.corrections import Corrections
@@ -38,8 +40,8 @@ from gcs.flight.timecode import Timecode
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.model.interrupted_flight import Interruption
-from gcs.planning.return_paths.planner import warm_up as warm_up_paths
-from gcs.planning.silent_space import warm_up as warm_up_silent_space
+from gcs.planning import lost_space, silent_space
+from gcs.planning.return_paths import planner
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
@@ -47,15 +49,18 @@ from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
 from gcs.service.interface import Preflight, Recovery
 from gcs.shows.library import ShowLibrary
-from gcs.stations.reported_vehicles import warm_up as warm_up_batches
+from gcs.stations import reported_vehicles
 
-
-def _load_machine_code() -> None:
-    """Of everything that a tick calls, so that no tick waits for it."""
-    warm_up()
-    warm_up_paths()
-    warm_up_silent_space()
-    warm_up_batches()
+WARM_UPS: Final = (
+    warm_up,
+    link_health.warm_up,
+    triggers.warm_up,
+    planner.warm_up,
+    lost_space.warm_up,
+    silent_space.warm_up,
+    reported_vehicles.warm_up,
+)
+"""Compile or load all that a tick runs, before the first."""
 
 
 class Heart(Protocol):
@@ -98,7 +103,8 @@ class Orchestrator:
             problems: notices for the operator for as long as this service runs.
             membership: of a site of several stations; None: this station flies all vehicles.
         """
-        _load_machine_code()
+        for load in WARM_UPS:
+            load()
         loop = asyncio.get_running_loop()
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)

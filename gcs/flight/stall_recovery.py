@@ -6,7 +6,6 @@ Those have sent nothing yet, or a stall before the command took them out of cont
 import logging
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Any, Final
 
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
@@ -42,9 +41,6 @@ RECEIVED_WITHIN_S: Final = 3.0
 
 REPLACED: Final = "replaced by another command"
 
-_STATE: Final = attrgetter("phase", "reason", "entering_offboard", "handed_over")
-"""What a stall needs of a vehicle; read for all of them in every tick."""
-
 Reached = Callable[[Vehicle], None]
 Missed = Callable[[Vehicle, Outcome, str], None]
 
@@ -67,13 +63,13 @@ class StallRecovery:
     def __post_init__(self) -> None:
         # At the end of a tick: commands after a stall may come before its first tick.
         self._show = self.flight.show, self.flight.reason
-        self._states: list[Any] = []  # of `_STATE`, of all vehicles by row
+        self._states: list[Any] = []  # of `VehicleStates.flown`
         self.stall: Stall | None = None  # the newest, while it explains modes
 
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
         self._show = self.flight.show, self.flight.reason
-        self._states = list(map(_STATE, self.flight.vehicles.values()))
+        self._states = self.flight.states.flown
 
     def _flown(self) -> dict[VehicleId, tuple[Phase, str]]:
         """Vehicles under setpoints as of the last note, with their phases and reasons."""

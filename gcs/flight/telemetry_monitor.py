@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, are_silent, lacking
+from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking, signs_of_life
 from gcs.failsafe.autopilot_failsafe import FailsafeInputs, cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers
@@ -58,13 +58,12 @@ class TelemetryMonitor:
         now_s, telemetry = flight.fleet.time_s, flight.telemetry
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
-        known: Mask = np.asarray(np.isfinite(flight.fleet.position_m).all(axis=1))
-        fresh = self._judge(now_s, telemetry, known)
+        fresh = self._judge(now_s, telemetry)
         self._forget_heartbeats(fresh)
-        vehicles = list(flight.vehicles.values())
-        changed = self._changed(vehicles, telemetry, fresh)
+        changed = self._changed(telemetry, fresh)
         if not (changed or self._restless):
             return
+        vehicles = list(flight.vehicles.values())
         inspected = sorted({*changed, *self._in_turn(changed)})
         restless = set(self._restless)
         for row in inspected:
@@ -76,21 +75,21 @@ class TelemetryMonitor:
                 self._look_at(vehicle, telemetry)
         self._restless = sorted(restless)
 
-    def _changed(self, vehicles: Sequence[Vehicle], telemetry: Telemetry, fresh: Mask) -> Sequence[int]:
+    def _changed(self, telemetry: Telemetry, fresh: Mask) -> Sequence[int]:
         """Rows where something that `_look_at` decides by has changed since the last tick.
 
         Ages, batteries and status texts are left out: restless vehicles are inspected again anyway.
         """
         flight, before = self.flight, self._looked
         self._looked = now = (
-            flight.phases,
-            [vehicle.modes for vehicle in vehicles],
+            *(flight.states.phases, flight.states.modes),
             *(telemetry.mode, telemetry.armed, telemetry.in_failsafe, telemetry.landed),
-            *(flight.silent.tolist(), flight.has_heartbeat.tolist(), fresh.tolist()),
+            *(flight.silent.tobytes(), flight.has_heartbeat.tobytes(), fresh.tobytes()),
         )
         if not before:
-            return range(len(vehicles))
-        columns = [(one, other) for one, other in zip(now, before, strict=True) if one != other]
+            return range(len(fresh))
+        both = zip(now, before, strict=True)
+        columns = [(one, other) for one, other in both if one is not other and one != other]
         differ: set[int] = set()
         for one, other in columns:
             differ.update(row for row, (was, is_) in enumerate(zip(other, one, strict=True)) if was != is_)
@@ -106,25 +105,31 @@ class TelemetryMonitor:
         self._next_row = turn[-1] + 1 if turn else 0
         return turn
 
-    def _judge(self, now_s: float, telemetry: Telemetry, known: Mask) -> Mask:
+    def _judge(self, now_s: float, telemetry: Telemetry) -> Mask:
         """Judge which vehicles are silent, and keep the positions of the others.
 
         Returns: (n,) which have sent every sign of life lately, a heartbeat as well.
         """
-        flight, silence_s = self.flight, self.flight.config.operation.silence_s
+        flight = self.flight
         phases = flight.phases
-        if phases != self._judged[0]:
+        if phases is not self._judged[0] and phases != self._judged[0]:
             lacks_s = np.array([BEATS_LACK_S.get(phase, BEATS_LACK_MAX_S) for phase in phases])
             away = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
             self._judged = phases, lacks_s, away
         _, may_lack_s, absent = self._judged
-        judged_s: Array = np.where(absent, np.inf, now_s - self._resumed_s)
-        arrivals = telemetry.life_time_s, telemetry.heartbeat_time_s + may_lack_s, telemetry.position_time_s
-        flight.note_seen(~are_silent(now_s, *arrivals, silence_s) & known)  # even without a heartbeat
-        flight.silent = are_silent(now_s, *arrivals, silence_s, judged_s=judged_s)
-        beat_age_s = now_s - telemetry.heartbeat_time_s
-        flight.has_heartbeat = np.asarray(beat_age_s <= silence_s)
-        return np.asarray(~flight.silent & (np.minimum(beat_age_s, judged_s) <= silence_s))
+        seen, flight.silent, flight.has_heartbeat, fresh = signs_of_life(
+            now_s,
+            telemetry.life_time_s,
+            telemetry.heartbeat_time_s,
+            telemetry.position_time_s,
+            flight.fleet.position_m,
+            may_lack_s,
+            absent,
+            flight.config.operation.silence_s,
+            now_s - self._resumed_s,
+        )
+        flight.note_seen(seen)  # even without a heartbeat
+        return fresh
 
     def _look_at(self, vehicle: Vehicle, telemetry: Telemetry) -> None:
         flight, row, now_s = self.flight, vehicle.row, self.flight.fleet.time_s

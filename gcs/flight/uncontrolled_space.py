@@ -38,10 +38,10 @@ class UncontrolledSpace:
         self._kept = KeptSetpoints(len(vehicles))
         self._swept: dict[int, tuple[bytes, Array]] = {}  # by row, with all that it follows from
 
-    def note_seen(self, rows: Mask | int, position_m: Array, velocity_m_s: Array) -> None:
-        """Take the (n, 3) positions and velocities of some rows as the last known."""
-        self.seen_m[rows] = position_m[rows]
-        self.seen_m_s[rows] = velocity_m_s[rows]
+    def note_seen(self, rows: Mask, position_m: Array, velocity_m_s: Array) -> None:
+        """Take the (n, 3) positions and velocities of some rows (n,) as the last known."""
+        np.copyto(self.seen_m, position_m, where=rows[:, None])
+        np.copyto(self.seen_m_s, velocity_m_s, where=rows[:, None])
 
     def note_setpoints(self, memory: Memory, fleet: FleetState) -> None:
         """Begin a tick: see `KeptSetpoints.note`."""

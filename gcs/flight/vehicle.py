@@ -1,10 +1,12 @@
 """Runtime state of one vehicle: its phase, its task, and its reported status."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import inf
-from typing import TypeAlias
+from operator import attrgetter
+from typing import Any, ClassVar, TypeAlias
 
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
@@ -44,7 +46,13 @@ class VehicleStatus:
 
 @dataclass(slots=True, eq=False)
 class Vehicle:
-    """Runtime state of one vehicle. Changed on the event loop only, by the orchestrator and its maneuvers."""
+    """Runtime state of one vehicle. Changed on the event loop only, by the orchestrator and its maneuvers.
+
+    Attributes:
+        changes: how often any attribute of any vehicle was set.
+    """
+
+    changes: ClassVar[int] = 0
 
     id: VehicleId
     row: int
@@ -68,6 +76,11 @@ class Vehicle:
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that a command explains
     autopilot: Autopilot = DEFAULT  # as configured
     without_setpoints: WithoutSetpoints = WithoutSetpoints()
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set it, and count the change: see `VehicleStates`."""
+        object.__setattr__(self, name, value)
+        Vehicle.changes += 1
 
     @property
     def comes_down_alone(self) -> bool:
@@ -197,6 +210,46 @@ class Vehicle:
             self._explained = status.mode, status.in_failsafe
             return Event.TAKEN_OVER, f"received again: {text}"
         return None
+
+
+class VehicleStates:
+    """Columns of all vehicles of a fleet, by row, until one of them changes: seldom in flight."""
+
+    def __init__(self, vehicles: Collection[Vehicle]) -> None:
+        self._vehicles = tuple(vehicles)
+        self._changes = Vehicle.changes
+        self._in_phases: dict[tuple[Phase, ...], list[Vehicle]] = {}
+
+    @property
+    def is_current(self) -> bool:
+        return self._changes == Vehicle.changes
+
+    @cached_property
+    def phases(self) -> list[Phase]:
+        return [vehicle.phase for vehicle in self._vehicles]
+
+    @cached_property
+    def modes(self) -> list[frozenset[Mode]]:
+        """Of each vehicle those that a command explains."""
+        return [vehicle.modes for vehicle in self._vehicles]
+
+    @cached_property
+    def flown(self) -> list[tuple[Any, ...]]:
+        """What a stall needs of each: phase, reason, `entering_offboard`, `handed_over`."""
+        return list(map(_FLOWN, self._vehicles))
+
+    @cached_property
+    def frozen_until_s(self) -> float:
+        """The latest of all."""
+        return max([vehicle.frozen_until_s for vehicle in self._vehicles])
+
+    def in_phase(self, phases: tuple[Phase, ...]) -> list[Vehicle]:
+        if phases not in self._in_phases:
+            self._in_phases[phases] = [vehicle for vehicle in self._vehicles if vehicle.phase in phases]
+        return self._in_phases[phases]
+
+
+_FLOWN = attrgetter("phase", "reason", "entering_offboard", "handed_over")
 
 
 def require_phase(vehicle: Vehicle, event: Event) -> None:

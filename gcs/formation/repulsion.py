@@ -70,7 +70,7 @@ def pushes(direction: Array, charge: Array) -> Array:
         for j in range(0, even, 2):
             _push_all(place, single, j, push)
     else:
-        for j in range(n):
+        for j in range(0, even, 2):
             _push_mutually(place, single, j, push)
     total = np.empty((n, 3))
     for i in range(n):
@@ -101,23 +101,39 @@ def _push_all(place: Flat, charge: Flat, j: int, push: Flat) -> None:
 
 @kernel_in_any_order
 def _push_mutually(place: Flat, charge: Flat, j: int, push: Flat) -> None:
-    """Add to (3, n) the pushes between j and the vehicles before it: half the roots, but with sums."""
+    """Add to (3, n) the pushes between j, the next, and those before both: half the roots, but with sums.
+
+    Two at a time, so that less is read and written.
+    """
     x, y, z, q = place[0, j], place[1, j], place[2, j], charge[j]
+    next_x, next_y, next_z, next_q = place[0, j + 1], place[1, j + 1], place[2, j + 1], charge[j + 1]
     own_x, own_y, own_z = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    other_x, other_y, other_z = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for i in range(j):
         dx, dy, dz = place[0, i] - x, place[1, i] - y, place[2, i] - z
         square = dx * dx + dy * dy + dz * dz + COINCIDENT
         inverse = np.float32(1.0) / (square * np.sqrt(square))
         theirs, ours = q * inverse, charge[i] * inverse
-        push[0, i] += theirs * dx
-        push[1, i] += theirs * dy
-        push[2, i] += theirs * dz
-        own_x += ours * dx
-        own_y += ours * dy
-        own_z += ours * dz
-    push[0, j] -= own_x
-    push[1, j] -= own_y
-    push[2, j] -= own_z
+        next_dx, next_dy, next_dz = place[0, i] - next_x, place[1, i] - next_y, place[2, i] - next_z
+        square = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz + COINCIDENT
+        inverse = np.float32(1.0) / (square * np.sqrt(square))
+        next_theirs, next_ours = next_q * inverse, charge[i] * inverse
+        push[0, i] += theirs * dx + next_theirs * next_dx
+        push[1, i] += theirs * dy + next_theirs * next_dy
+        push[2, i] += theirs * dz + next_theirs * next_dz
+        own_x, own_y, own_z = own_x + ours * dx, own_y + ours * dy, own_z + ours * dz
+        other_x += next_ours * next_dx
+        other_y += next_ours * next_dy
+        other_z += next_ours * next_dz
+    dx, dy, dz = x - next_x, y - next_y, z - next_z
+    square = dx * dx + dy * dy + dz * dz + COINCIDENT
+    inverse = np.float32(1.0) / (square * np.sqrt(square))
+    push[0, j] += next_q * inverse * dx - own_x
+    push[1, j] += next_q * inverse * dy - own_y
+    push[2, j] += next_q * inverse * dz - own_z
+    push[0, j + 1] -= q * inverse * dx + other_x
+    push[1, j + 1] -= q * inverse * dy + other_y
+    push[2, j + 1] -= q * inverse * dz + other_z
 
 
 @kernel

@@ -27,7 +27,7 @@ NOWHERE: Final = -1
 @kernel
 def known_sources(
     frames: Whole, source: Whole, time_s: Array, row_of: Whole, known: Whole, received_s: Array
-) -> tuple[Whole, Mask, bool]:
+) -> tuple[Whole, Mask, bool, Array]:
     """Frames that came from the known sources of their systems.
 
     Args:
@@ -38,16 +38,18 @@ def known_sources(
         known: (n,) the source of each row, or NOWHERE.
         received_s: (n,) arrival of the newest frame of each row, written.
 
-    Returns: (k,) the row of each, (k,) whether its source is known, and whether all are.
+    Returns: (k,) the row of each, (k,) whether its source is known, whether all are, (k,) times of arrival.
     """
     rows, taken, all_known = np.empty(len(frames), np.int64), np.empty(len(frames), np.bool_), True
+    arrived_s = np.empty(len(frames))
     for k in range(len(frames)):
         datagram, row = frames[k, DATAGRAM], row_of[frames[k, SYSTEM]]
         rows[k], taken[k] = row, row != NOWHERE and known[row] == source[datagram]
+        arrived_s[k] = time_s[datagram]
         if taken[k]:
             received_s[row] = max(time_s[datagram], received_s[row])
         all_known = all_known and taken[k]
-    return rows, taken, all_known
+    return rows, taken, all_known, arrived_s
 
 
 @dataclass(eq=False)
@@ -94,16 +96,18 @@ class Addresses:
         known: Whole = rows[self.source[rows] != NOWHERE]
         return known
 
-    def judge(self, frames: Whole, arrived: Datagrams) -> tuple[Whole, Mask]:
-        """The row of every frame (k,), and whether it is accepted: unknown systems and duplicates are not."""
+    def judge(self, frames: Whole, arrived: Datagrams) -> tuple[Whole, Whole, Array]:
+        """The accepted frames (k,), their rows and their arrival: unknown systems and duplicates are not."""
         source, time_s = arrived.source, arrived.time_s
-        rows, taken, all_known = known_sources(
+        rows, taken, all_known, arrived_s = known_sources(
             frames, source, time_s, self._row_of, self.source, self.received_s
         )
-        for odd in () if all_known else np.flatnonzero(~taken).tolist():
+        if all_known:
+            return frames, rows, arrived_s
+        for odd in np.flatnonzero(~taken).tolist():
             row, system_id, datagram = int(rows[odd]), int(frames[odd, SYSTEM]), int(frames[odd, DATAGRAM])
             taken[odd] = self._judge_new(row, system_id, int(source[datagram]), float(time_s[datagram]))
-        return rows, taken
+        return frames[taken], rows[taken], arrived_s[taken]
 
     def _judge_new(self, row: int, system_id: int, source: int, time_s: float) -> bool:
         """Whether a frame from an address new for its system is accepted. Each change is logged."""

@@ -386,7 +386,8 @@ class Link(ABC):
             self._listed = setpoints.ids, np.array(list(ours.values()), int), np.array(list(ours), int)
         _, at, rows = self._listed
         may_receive = self._connected(now_s) & self._commandable & ~self._telemetry.is_foreign
-        may_receive &= ~(self._climbs_alone & (self._telemetry.landed == Landed.TAKEOFF))
+        if self._climbs_alone.any():
+            may_receive &= ~(self._climbs_alone & (self._telemetry.landed == Landed.TAKEOFF))
         for row in self._killed:
             may_receive[row] &= not self._latch.is_shut(int(self._system_ids[row]))
         rows, velocity_ned_m_s, yaw_rad, sample_s = most_urgent_first(

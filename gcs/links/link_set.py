@@ -64,9 +64,10 @@ class SetpointRouting:
         shares = self.of(setpoints)
         samples_s = [link.prepare(share) for link, share in zip(self._links, shares, strict=True)]
         if len(self._links) > 1:
-            sample_s = np.sort(np.concatenate(samples_s))
+            sample_s = np.concatenate(samples_s)
             if len(sample_s):
-                urgent_s = float(sample_s[int(URGENT_SHARE * (len(sample_s) - 1))])
+                last = int(URGENT_SHARE * (len(sample_s) - 1))
+                urgent_s = float(np.partition(sample_s, last)[last])
                 for link in self._links:
                     link.send_until(urgent_s)
         for link in self._links:

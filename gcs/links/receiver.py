@@ -13,7 +13,7 @@ from gcs.links.stream_requests import StreamRequests, count_messages
 from gcs.links.telemetry import FleetTelemetry
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
-from gcs.mavlink.kernels import BEGIN, COMPONENT, DATAGRAM, END, FRAME_COLUMNS, MESSAGE, SYSTEM, Bytes, Whole
+from gcs.mavlink.kernels import BEGIN, END, FRAME_COLUMNS, SYSTEM, Bytes, Whole
 from gcs.model.state import Array, VehicleId
 
 
@@ -72,10 +72,7 @@ class Inbox:
         frames = found.frames
         if self.signatures is not None:
             frames = frames[self.signatures.accepted(arrived.data, frames, arrived.source)]
-        rows, taken = self.addresses.judge(frames, arrived)
-        if not taken.all():
-            frames, rows = frames[taken], rows[taken]
-        time_s = arrived.time_s[frames[:, DATAGRAM]]
+        frames, rows, time_s = self.addresses.judge(frames, arrived)
         self.counters.received += len(frames)
         self.telemetry.take(arrived.data, frames, rows, time_s)
         self._take_answers(arrived.data, frames, rows)
@@ -87,14 +84,11 @@ class Inbox:
                 observer(at_s, Direction.RECEIVED, raw, frame[SYSTEM])
 
     def _take_answers(self, data: Bytes, frames: Whole, rows: Whole) -> None:
-        message = np.where(frames[:, COMPONENT] == codec.AUTOPILOT_COMPONENT, frames[:, MESSAGE], -1)
-        self.streams.count(rows, message)
-        acks = np.flatnonzero(message == COMMAND_ACK)
+        acks, values = self.streams.count(rows, frames)
         if len(acks):
             ack_records = codec.decode(COMMAND_ACK, data, frames[acks])
             self.streams.take_acks(rows[acks], ack_records)
             self.take_acks(rows[acks], ack_records)
-        values = np.flatnonzero(message == PARAM_VALUE)
         if len(values):
             value_records = codec.decode(PARAM_VALUE, data, frames[values])
             for row, reported in zip(rows[values].tolist(), value_records, strict=True):
@@ -109,4 +103,4 @@ def warm_up() -> None:
     """Compile or load the kernels."""
     nothing, none, times_s = np.zeros((0, FRAME_COLUMNS), np.int64), np.zeros(0, np.int64), np.zeros(0)
     known_sources(nothing, none, times_s, none, none, times_s)
-    count_messages(none, none, none, nothing)
+    count_messages(none, nothing, none, nothing)

@@ -11,7 +11,7 @@ from gcs.links.address_book import NOWHERE, Addresses
 from gcs.links.endpoints.ports import Ports
 from gcs.links.link import Counters, Direction, Observer
 from gcs.links.signing import SignatureFilter
-from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined
+from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined, setpoint_frames
 from gcs.mavlink.kernels import Bytes, Whole
 from gcs.model.errors import InvalidError
 from gcs.model.jit import kernel
@@ -20,7 +20,7 @@ from gcs.model.state import Array, Mask, Setpoints
 _SEND_MARGIN_S: Final = 0.02
 """Between the last reading of the clock and the datagram's leaving, other threads may hold the GIL."""
 
-REMEMBERED: Final = 512
+REMEMBERED: Final = 128
 """Times of setpoints that are kept for each vehicle."""
 
 
@@ -38,15 +38,22 @@ class SentSetpoints:
 
     def note(self, rows: Whole, time_s: float) -> None:
         """Record a setpoint to each of `rows`, which are all different."""
-        self.newest_s[rows] = time_s
-        self._times_s[rows, self._count[rows] % REMEMBERED] = time_s
-        self._count[rows] += 1
+        _note_sent(rows, time_s, self.newest_s, self._times_s, self._count)
 
     def times_s(self, row: int) -> tuple[float, ...]:
         """Times of one vehicle, oldest first."""
         count = int(self._count[row])
         places = np.arange(max(0, count - REMEMBERED), count) % REMEMBERED
         return tuple(self._times_s[row, places].tolist())
+
+
+@kernel
+def _note_sent(rows: Whole, time_s: float, newest_s: Array, times_s: Array, count: Whole) -> None:
+    """As `SentSetpoints.note`; the last three (n, ...) are changed."""
+    for row in rows:
+        newest_s[row] = time_s
+        times_s[row, count[row] % times_s.shape[1]] = time_s
+        count[row] += 1
 
 
 def before_it_leaves_s(setpoint_timeout_s: float) -> float:
@@ -121,6 +128,7 @@ def warm_up() -> None:
     nothing = Setpoints(0.0, (), np.zeros((0, 3)), np.zeros(0))
     none, times_s = np.zeros(0, np.int64), np.zeros(0)
     can = np.zeros(0, np.bool_)
+    SentSetpoints(1).note(none, 0.0)
     most_urgent_first(nothing.velocity_m_s, nothing.yaw_rad, none, none, can, 0.0, times_s, 0.0)
 
 
@@ -147,9 +155,20 @@ class Outbox:
         self, message_id: int, messages: Records, rows: Whole, *, component_id: int = COMPONENT_ID
     ) -> Frames:
         """Frames for `rows` (k,), all different, each vehicle's numbered in order; `component_id` is ours."""
+        ours = {"system_id": self.station_id, "component_id": component_id}
+        return encode(message_id, messages, self._next(rows), **ours)
+
+    def encode_setpoints(
+        self, rows: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
+    ) -> Frames:
+        """As `encode`, of the setpoints (k, 3) and yaws (k,) at `time_s`."""
+        setpoints = self.system_ids[rows], velocity_ned_m_s, yaw_rad
+        return setpoint_frames(*setpoints, self._next(rows), time_s=time_s, system_id=self.station_id)
+
+    def _next(self, rows: Whole) -> Bytes:
         sequence = self._sequence[rows]
         self._sequence[rows] = sequence + np.uint8(1)
-        return encode(message_id, messages, sequence, system_id=self.station_id, component_id=component_id)
+        return sequence
 
     def send(self, frames: Frames, rows: Whole, now_s: float, *, until_s: float = inf) -> Mask:
         """Send frame i to the source of row i of `rows`. Never blocks, never raises.
@@ -162,7 +181,7 @@ class Outbox:
 
         Returns: (k,) whether each left.
         """
-        return self._send(frames, self.addresses.source[rows], self.system_ids[rows], now_s, until_s)
+        return self._send(frames, self.addresses.source[rows], rows, now_s, until_s)
 
     def send_raw(self, raws: Sequence[bytes], rows: Whole, now_s: float) -> Mask:
         return self.send(joined(raws), rows, now_s)
@@ -180,18 +199,24 @@ class Outbox:
             )
         data, length = (np.concatenate(parts) for parts in zip(*frames, strict=True))
         destination = np.concatenate([known, silent])
-        self._send(Frames(data, length), destination, np.zeros(len(destination), np.int64), now_s, inf)
+        self._send(Frames(data, length), destination, None, now_s, inf)
 
-    def _send(self, frames: Frames, destination: Whole, targets: Whole, now_s: float, until_s: float) -> Mask:
-        """`targets` (k,) are the system ids that observers receive."""
-        self.counters.unroutable += int(np.count_nonzero(destination == NOWHERE))
+    def _send(
+        self, frames: Frames, destination: Whole, rows: Whole | None, now_s: float, until_s: float
+    ) -> Mask:
+        """`rows` (k,) are the targets; None: all systems."""
+        to = destination
         if self.signatures is not None:
             frames = self.signatures.signed(frames)
-            destination = np.where(frames.length == 0, NOWHERE, destination)
-        left = self.ports.send(frames.data, frames.length, destination, until_s=until_s)
-        self.counters.sent += int(np.count_nonzero(left))
+            to = np.where(frames.length == 0, NOWHERE, destination)
+        left = self.ports.send(frames.data, frames.length, to, until_s=until_s)
+        count = int(np.count_nonzero(left))
+        self.counters.sent += count
+        if count < len(left):
+            self.counters.unroutable += int(np.count_nonzero(destination == NOWHERE))
         self.counters.send_errors, self.counters.no_room = self.ports.send_errors, self.ports.no_room
         if self.observers:
+            targets = np.zeros(len(left), np.int64) if rows is None else self.system_ids[rows]
             for at in np.flatnonzero(left).tolist():
                 raw = frames.data[at, : frames.length[at]].tobytes()
                 for observer in self.observers:

@@ -11,8 +11,9 @@ import numpy as np
 
 from gcs.links.settings import StreamSettings
 from gcs.mavlink import framing
-from gcs.mavlink.codec import Records, addressed
-from gcs.mavlink.kernels import Whole
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT, Records, addressed
+from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
+from gcs.mavlink.kernels import COMPONENT, MESSAGE, Whole
 from gcs.model.jit import kernel
 from gcs.model.state import Mask
 
@@ -58,11 +59,32 @@ _NO_COLUMN: Final = -1
 
 
 @kernel
-def count_messages(rows: Whole, messages: Whole, column_of: Whole, counts: Whole) -> None:
-    """Count (k,) messages by row and column in `counts` (n, c); `column_of` has the column by message id."""
+def count_messages(rows: Whole, frames: Whole, column_of: Whole, counts: Whole) -> tuple[Whole, Whole]:
+    """Count the autopilots' messages by row and column in `counts` (n, c).
+
+    Args:
+        rows: (k,) vehicle of each.
+        frames: (k, FRAME_COLUMNS).
+        column_of: column by message id, _NO_COLUMN: not counted.
+        counts: written.
+
+    Returns: (a,) places of their COMMAND_ACKs, and (v,) of their PARAM_VALUEs.
+    """
+    acks, values = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
+    ack_count, value_count = 0, 0
     for k in range(len(rows)):
-        if 0 <= messages[k] < len(column_of) and column_of[messages[k]] != _NO_COLUMN:
-            counts[rows[k], column_of[messages[k]]] += 1
+        message = frames[k, MESSAGE]
+        if frames[k, COMPONENT] != AUTOPILOT_COMPONENT:
+            continue
+        if message < len(column_of) and column_of[message] != _NO_COLUMN:
+            counts[rows[k], column_of[message]] += 1
+        if message == COMMAND_ACK:
+            acks[ack_count] = k
+            ack_count += 1
+        elif message == PARAM_VALUE:
+            values[value_count] = k
+            value_count += 1
+    return acks[:ack_count], values[:value_count]
 
 
 @dataclass(eq=False)
@@ -91,6 +113,8 @@ class StreamRequests:
         self._counts_before = np.zeros((n, kinds), np.int64)  # as the window began
         self._window_s = np.full(n, np.nan)  # when the window began, NaN: none has
         self._pause_s = np.full(n, _WINDOW_S)
+        self._connections = b"", b""  # as of the last `watch`
+        self._look_s = -np.inf  # nothing is to be done before, while these are the same
 
     @property
     def settled(self) -> Mask:
@@ -98,8 +122,9 @@ class StreamRequests:
         settled: Mask = np.logical_not(self._due.any(axis=1))
         return settled
 
-    def count(self, rows: Whole, messages: Whole) -> None:
-        count_messages(rows, messages, self._column_of, self._counts)
+    def count(self, rows: Whole, frames: Whole) -> tuple[Whole, Whole]:
+        """See `count_messages`."""
+        return count_messages(rows, frames, self._column_of, self._counts)
 
     def watch(self, connected: Mask, connection_count: Whole, now_s: float) -> None:
         """Begin with vehicles that have connected, also again; send the requests that are due.
@@ -109,6 +134,10 @@ class StreamRequests:
             connection_count: (n,) how often each connected, see `FleetTelemetry`.
             now_s: the link's clock.
         """
+        connections = connection_count.tobytes(), connected.tobytes()
+        if connections == self._connections and now_s < self._look_s:
+            return
+        self._connections = connections
         new = connection_count != self._connection_count
         if new.any():
             self._connection_count = connection_count.copy()
@@ -118,6 +147,8 @@ class StreamRequests:
         if self._due.any():
             due = connected & ~self.settled & (now_s - self._requested_s >= _ANSWER_S)
             self._request(np.flatnonzero(due), now_s)
+        over_s = np.nanmin(self._window_s + self._pause_s, initial=np.inf)
+        self._look_s = -np.inf if self._due.any() else float(over_s)
 
     def take_acks(self, rows: Whole, reported: Records) -> None:
         """Continue with the vehicles that answered: (k,) rows and COMMAND_ACKs, whatever the result."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from gcs.links.autopilots import DEFAULT, Autopilot, title_of
 from gcs.mavlink import framing
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT, frame
+from gcs.mavlink.codec import frame
 from gcs.mavlink.framing import TextChunk
-from gcs.mavlink.kernels import COMPONENT, MESSAGE, Bytes, Whole
+from gcs.mavlink.kernels import Bytes, Whole
 from gcs.mavlink.reports import OTHER_MODE, UNKNOWN_MODE, Columns, read_reports
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
@@ -24,19 +24,22 @@ _TEXTS_KEPT: Final = 6
 
 
 class _Reported(Generic[Value]):
-    """A column as Python values: converted again only after a change, which is rare."""
+    """A column as Python values: converted again only after a change, which is rare.
+
+    Attributes:
+        values: of the column noted last.
+    """
 
     def __init__(self, values_of: Callable[[list[Any]], Iterable[Value]]) -> None:
+        self.values: tuple[Value, ...] = ()
         self._values_of = values_of
         self._column = b""
-        self._values: tuple[Value, ...] = ()
 
-    def of(self, column: NDArray[Any]) -> tuple[Value, ...]:
-        """(n,) numbers, always of one type."""
+    def note(self, column: NDArray[Any]) -> None:
+        """Take (n,) numbers, always of one type."""
         now = column.tobytes()
         if now != self._column:
-            self._column, self._values = now, tuple(self._values_of(column.tolist()))
-        return self._values
+            self._column, self.values = now, tuple(self._values_of(column.tolist()))
 
 
 def mode_of(autopilot: Autopilot, custom_mode: int) -> Mode:
@@ -119,6 +122,9 @@ class FleetTelemetry:
         self._reboot_count_reported, self._resets_reported = _Reported[int](list), _Reported[int](list)
         self._modes_reported = _Reported(self._modes_of)
         self._landed_reported = _Reported(lambda states: map(_LANDED.__getitem__, states))
+        self._changes = -1  # of the columns, when the next two and the columns of Python values were made
+        self._foreign: Mask = np.zeros(n, np.bool_)
+        self._ready: Mask = np.zeros(n, np.bool_)
 
     def _modes_of(self, custom_modes: list[int]) -> Iterable[Mode]:
         return map(mode_of, self.autopilots, custom_modes)
@@ -126,9 +132,8 @@ class FleetTelemetry:
     @property
     def is_foreign(self) -> Mask:
         """(n,) vehicles with another autopilot than configured: what they report cannot be understood."""
-        reported = self._columns.autopilot
-        foreign: Mask = (reported >= 0) & (reported != self._configured)
-        return foreign
+        self._look()
+        return self._foreign
 
     def foreign(self, row: int) -> str:
         """Why this vehicle is one of `is_foreign`, in words; empty: it is not."""
@@ -137,12 +142,24 @@ class FleetTelemetry:
         meant, found = self.autopilots[row], title_of(int(self._columns.autopilot[row]))
         return f"it reports {found}, and is configured as {meant.title} (autopilot: {meant.name})"
 
-    def _are_ready(self) -> Mask:
-        """(n,) which pass their pre-arm check, and by it can be armed and flown."""
-        ready = self.prearm_ok & ~self.is_foreign
+    def _look(self) -> None:
+        """Make what follows from columns that seldom change, if they did."""
+        now = self._columns
+        changes = int(now.changes[0])
+        if changes == self._changes:
+            return
+        self._changes = changes
+        self._foreign = (now.autopilot >= 0) & (now.autopilot != self._configured)
+        ready = self.prearm_ok & ~self._foreign
         for kind, rows in self._kinds:
-            ready[rows] &= kind.ready(self.custom_mode[rows], self._columns.estimator_flags[rows])
-        return ready
+            ready[rows] &= kind.ready(self.custom_mode[rows], now.estimator_flags[rows])
+        self._ready = ready & np.isfinite(self.heartbeat_time_s) & np.isfinite(now.place[:, 0])
+        self._armed_reported.note(self.armed)
+        self._modes_reported.note(np.where(self._foreign, OTHER_MODE, self.custom_mode))
+        self._failsafe_reported.note(self.in_failsafe)
+        self._landed_reported.note(self.landed)
+        self._reboot_count_reported.note(self.reboot_count)
+        self._resets_reported.note(self.position_resets)
 
     def take(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
         """Read checked frames of our vehicles.
@@ -153,14 +170,12 @@ class FleetTelemetry:
             rows: (k,) vehicle of each.
             time_s: (k,) of arrival.
         """
-        beats = read_reports(data, frames, rows, time_s, self._columns)
+        beats, texts = read_reports(data, frames, rows, time_s, self._columns)
         if self.waiting:
             for row in rows[beats].tolist():
                 event = self.waiting.pop(row, None)
                 if event is not None:
                     event.set()
-        texts = np.flatnonzero(frames[:, MESSAGE] == framing.STATUSTEXT)
-        texts = texts[frames[texts, COMPONENT] == AUTOPILOT_COMPONENT]
         if len(texts):
             for at in texts.tolist():
                 text = framing.status_text(frame(data, frames[at].tolist()))
@@ -174,11 +189,10 @@ class FleetTelemetry:
             may_be_ready: (n,) vehicles that count as ready if they report it.
             discovered: (n,) vehicles with a position in the result; None: all.
         """
+        self._look()
+        self._ready_reported.note(self._ready & may_be_ready)
         now = self._columns
         undiscovered = None if discovered is None else ~discovered
-        complete = np.isfinite(self.heartbeat_time_s) & np.isfinite(now.place[:, 0])
-        ready = self._are_ready() & complete & may_be_ready
-        modes = np.where(self.is_foreign, OTHER_MODE, self.custom_mode)
         return Telemetry(
             ids=self._ids,
             position_time_s=_without(undiscovered, self.position_time_s, -np.inf),
@@ -190,15 +204,15 @@ class FleetTelemetry:
             velocity_ned_m_s=_without(undiscovered, now.velocity_ned_m_s),
             yaw_deg=_without(undiscovered, now.yaw_deg),
             battery_remaining=now.battery_remaining.copy(),
-            armed=self._armed_reported.of(self.armed),
-            mode=self._modes_reported.of(modes),
-            in_failsafe=self._failsafe_reported.of(self.in_failsafe),
-            landed=self._landed_reported.of(self.landed),
-            ready=self._ready_reported.of(ready),
+            armed=self._armed_reported.values,
+            mode=self._modes_reported.values,
+            in_failsafe=self._failsafe_reported.values,
+            landed=self._landed_reported.values,
+            ready=self._ready_reported.values,
             horizontal_accuracy_m=now.accuracy_m[:, 0].copy(),
             vertical_accuracy_m=now.accuracy_m[:, 1].copy(),
-            reboot_count=self._reboot_count_reported.of(self.reboot_count),
-            position_resets=self._resets_reported.of(self.position_resets),
+            reboot_count=self._reboot_count_reported.values,
+            position_resets=self._resets_reported.values,
             fix_type=now.fix_type.copy(),
             unhealthy_sensors=now.unhealthy_sensors.copy(),
             clock_base_s=now.clock_base_s.copy(),

@@ -219,15 +219,36 @@ def setpoint_messages(
     system_ids: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
 ) -> Records:
     """Setpoints: (n, 3) velocities; (n,) yaw, clockwise from north, in [-pi, pi); `time_s` of our clock."""
-    return addressed(
-        SET_POSITION_TARGET_LOCAL_NED,
-        system_ids,
-        time_boot_ms=int(time_s * 1e3) & 0xFFFFFFFF,
-        coordinate_frame=dialect.MAV_FRAME_LOCAL_NED,
-        type_mask=VELOCITY_AND_YAW,
-        yaw=yaw_rad,
-        **dict(zip(("vx", "vy", "vz"), velocity_ned_m_s.T, strict=True)),
-    )
+    one = records(SET_POSITION_TARGET_LOCAL_NED, 1)
+    one["time_boot_ms"], one["target_component"] = int(time_s * 1e3) & 0xFFFFFFFF, AUTOPILOT_COMPONENT
+    one["coordinate_frame"], one["type_mask"] = dialect.MAV_FRAME_LOCAL_NED, VELOCITY_AND_YAW
+    messages = one.repeat(len(system_ids))
+    messages["target_system"], messages["yaw"] = system_ids, yaw_rad
+    for name, velocity_m_s in zip(("vx", "vy", "vz"), velocity_ned_m_s.T, strict=True):
+        messages[name] = velocity_m_s
+    return messages
+
+
+def setpoint_frames(
+    system_ids: Whole,
+    velocity_ned_m_s: Array,
+    yaw_rad: Array,
+    sequence: Bytes,
+    *,
+    time_s: float,
+    system_id: int = SYSTEM_ID,
+    component_id: int = COMPONENT_ID,
+) -> Frames:
+    """As `encode` of `setpoint_messages`, in one compiled loop."""
+    one = setpoint_messages(system_ids[:1], velocity_ned_m_s[:1], yaw_rad[:1], time_s=time_s)
+    about, n = layout(SET_POSITION_TARGET_LOCAL_NED), len(system_ids)
+    size = about.dtype.itemsize
+    frames, lengths = np.empty((n, size + HEADER_LENGTH), np.uint8), np.empty(n, np.int64)
+    if n:
+        numbers = about.message_id, about.crc_extra, system_id, component_id
+        vehicles = system_ids, velocity_ned_m_s, yaw_rad
+        _put_setpoints(one.view(np.uint8), *vehicles, sequence, *numbers, frames, lengths)
+    return Frames(frames, lengths)
 
 
 def heartbeats(count: int) -> Records:
@@ -268,6 +289,40 @@ def _begin_of(field: str) -> int:
 
 _TARGET_AT: Final = _begin_of("target_system")
 _VELOCITY_AT: Final = _begin_of("vx")
+_YAW_AT: Final = _begin_of("yaw")
+_PAYLOAD_AT: Final = _begin_of("time_boot_ms")
+
+
+@kernel
+def _put_setpoints(
+    one: Bytes,
+    system_ids: Whole,
+    velocity_ned_m_s: Array,
+    yaw_rad: Array,
+    sequence: Bytes,
+    message_id: int,
+    crc_extra: int,
+    system_id: int,
+    component_id: int,
+    frames: Bytes,
+    lengths: Whole,
+) -> None:
+    """As `setpoint_frames`; `one` is the payload of the first, the last two are written."""
+    n = len(system_ids)
+    payloads, values = np.empty((n, len(one)), np.uint8), np.empty(4, np.float32)
+    bits, systems = values.view(np.uint8), np.full(n, system_id, np.uint8)
+    for row in range(n):
+        for axis in range(3):
+            values[axis] = velocity_ned_m_s[row, axis]
+        values[3] = yaw_rad[row]
+        for at in range(len(one)):
+            payloads[row, at] = one[at]
+        for at in range(12):
+            payloads[row, _VELOCITY_AT - _PAYLOAD_AT + at] = bits[at]
+        for at in range(4):
+            payloads[row, _YAW_AT - _PAYLOAD_AT + at] = bits[12 + at]
+        payloads[row, _TARGET_AT - _PAYLOAD_AT] = system_ids[row]
+    kernels.put_frames(payloads, message_id, crc_extra, sequence, systems, component_id, frames, lengths)
 
 
 @kernel
@@ -330,6 +385,7 @@ def awaited_setpoints(
 def warm_up() -> None:
     """Compile, or load, the kernels of this module, with the types used in flight."""
     sent = encode(0, records(0, 1), np.zeros(1, np.uint8))
+    setpoint_frames(np.ones(1, np.int64), np.zeros((1, 3)), np.zeros(1), np.zeros(1, np.uint8), time_s=0.0)
     data, starts = sent.data.reshape(-1), np.zeros(1, np.int64)
     decode(0, data, find(data, starts, sent.length).frames)
     end_of_frames(data.tobytes())

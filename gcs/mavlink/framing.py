@@ -16,6 +16,9 @@ from pymavlink.dialects.v20 import ardupilotmega, development
 
 from gcs.mavlink.kernels import MAGIC_1, MAGIC_2, SIGNATURE_LENGTH, SIGNED
 
+for _dialect in (ardupilotmega, development):
+    _dialect.enums.clear()  # descriptions of thousands of values, which nothing here reads
+
 MESSAGES: Final[Mapping[int, Any]] = MappingProxyType(
     {**ardupilotmega.mavlink_map, **development.mavlink_map}
 )

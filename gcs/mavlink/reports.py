@@ -4,7 +4,7 @@ A thousand vehicles send ten messages a second each. Read message by message in 
 costs the time of its bytes; with a numpy expression for each field it cost thirty times that.
 """
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ _UNIX_KNOWN_S: Final = framing.UNIX_KNOWN_S
 _BEAT, _STATUS, _TIME = framing.HEARTBEAT, framing.SYS_STATUS, framing.SYSTEM_TIME
 _GPS, _ATTITUDE, _LOCAL = framing.GPS_RAW_INT, framing.ATTITUDE, framing.LOCAL_POSITION_NED
 _GLOBAL, _BATTERY = framing.GLOBAL_POSITION_INT, framing.BATTERY_STATUS
-_EXTENDED, _ODOMETRY = framing.EXTENDED_SYS_STATE, framing.ODOMETRY
+_EXTENDED, _ODOMETRY, _TEXT = framing.EXTENDED_SYS_STATE, framing.ODOMETRY, framing.STATUSTEXT
 _ESTIMATOR: Final = framing.EKF_STATUS_REPORT
 
 
@@ -103,6 +103,7 @@ class Columns(NamedTuple):
     yaw_deg: Array
     battery_percent: NDArray[np.int8]  # (n, PACKS + 1), last column: SYS_STATUS
     battery_remaining: Array  # 0 to 1
+    changes: Whole  # (1,) of values that seldom change: modes, states, counters, first positions
 
     @staticmethod
     def unknown(n: int) -> "Columns":
@@ -132,6 +133,7 @@ class Columns(NamedTuple):
             yaw_deg=np.full(n, np.nan),
             battery_percent=np.full((n, PACKS + 1), NO_PERCENT, np.int8),
             battery_remaining=np.full(n, np.nan),
+            changes=np.zeros(1, np.int64),
         )
 
 
@@ -152,6 +154,14 @@ def _signed(data: Bytes, place: Number, end: Number, size: int) -> np.int64:
 
 
 @kernel
+def _set(column: NDArray[Any], row: Number, value: Number | bool, into: Columns) -> None:
+    """Set a value that seldom changes."""
+    if column[row] != value:
+        column[row] = value
+        into.changes[0] += 1
+
+
+@kernel
 def _note_clock(row: Number, boot_ms: np.int64, into: Columns) -> None:
     """A boot clock that has gone back is a restart: what was known of the time before it may be wrong."""
     if boot_ms < into.boot_ms[row] - _REBOOTED_MS:
@@ -162,6 +172,7 @@ def _note_clock(row: Number, boot_ms: np.int64, into: Columns) -> None:
         into.estimator_flags[row] = -1
         into.battery_percent[row] = NO_PERCENT
         into.battery_remaining[row] = np.nan
+        into.changes[0] += 1
         into.boot_ms[row] = boot_ms
     else:
         into.boot_ms[row] = max(boot_ms, into.boot_ms[row])  # late datagrams change nothing
@@ -184,16 +195,17 @@ def _note_heartbeat(
     number = _unsigned(data, start + _BEAT_AUTOPILOT, end, 1)
     if number == _NO_AUTOPILOT:
         return False
-    into.autopilot[row] = number
+    _set(into.autopilot, row, number, into)
     base = _unsigned(data, start + _BEAT_BASE, end, 1)
     state = _unsigned(data, start + _BEAT_STATE, end, 1)
     if not time_s - into.heartbeat_time_s[row] <= SILENT_AFTER_S:
         into.connection_count[row] += 1
+        into.changes[0] += 1
     into.heartbeat_time_s[row] = time_s
-    into.armed[row] = base & _ARMED != 0
-    into.in_failsafe[row] = into.armed[row] and state in (_CRITICAL, _EMERGENCY)
+    _set(into.armed, row, base & _ARMED != 0, into)
+    _set(into.in_failsafe, row, into.armed[row] and state in (_CRITICAL, _EMERGENCY), into)
     mode = _unsigned(data, start + _BEAT_MODE, end, 4)
-    into.custom_mode[row] = mode if base & _CUSTOM else OTHER_MODE
+    _set(into.custom_mode, row, mode if base & _CUSTOM else np.int64(OTHER_MODE), into)
     return True
 
 
@@ -201,6 +213,7 @@ def _note_heartbeat(
 def _note_position(
     data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
 ) -> None:
+    into.changes[0] += np.isnan(into.place[row, 0])
     into.position_time_s[row] = time_s
     into.place[row, 0] = _signed(data, start + _GLOBAL_LAT, end, 4) * 1e-7
     into.place[row, 1] = _signed(data, start + _GLOBAL_LON, end, 4) * 1e-7
@@ -244,7 +257,7 @@ def _note_other(
         _note_percent(row, pack, _signed(data, start + _BATTERY_PERCENT, end, 1), into)
     elif message == _EXTENDED:
         landed = _unsigned(data, start + _EXTENDED_LANDED, end, 1)
-        into.landed[row] = landed if landed < _LANDED_STATES else 0
+        _set(into.landed, row, landed if landed < _LANDED_STATES else np.int64(0), into)
     elif message == _GPS:
         _note_fix(data, start, end, row, into)
     elif message == _TIME:
@@ -252,14 +265,18 @@ def _note_other(
         into.clock_base_s[row] = (unix_s if unix_s >= _UNIX_KNOWN_S else np.nan) - time_s
     elif message == _ODOMETRY:
         counter = _unsigned(data, start + _ODOMETRY_RESETS, end, 1)
-        into.position_resets[row] += 0 <= into.reset_counter[row] != counter
+        if 0 <= into.reset_counter[row] != counter:
+            into.position_resets[row] += 1
+            into.changes[0] += 1
         into.reset_counter[row] = counter
     elif message == _ESTIMATOR:
-        into.estimator_flags[row] = _unsigned(data, start + _ESTIMATOR_FLAGS, end, 2)
+        _set(into.estimator_flags, row, _unsigned(data, start + _ESTIMATOR_FLAGS, end, 2), into)
 
 
 @kernel
-def read_reports(data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: Columns) -> Mask:
+def read_reports(
+    data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: Columns
+) -> tuple[Whole, Whole]:
     """Read checked frames in order of arrival. Never fails, whatever they contain.
 
     Args:
@@ -269,9 +286,10 @@ def read_reports(data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: C
         time_s: (k,) of arrival.
         into: written.
 
-    Returns: (k,) which are heartbeats of an autopilot.
+    Returns: (b,) places of the heartbeats of autopilots, and (t,) of their status texts.
     """
-    beats = np.zeros(len(frames), np.bool_)
+    beats, texts = np.empty(len(frames), np.int64), np.empty(len(frames), np.int64)
+    beat_count, text_count = 0, 0
     for k in range(len(frames)):
         if frames[k, COMPONENT] != AUTOPILOT_COMPONENT:
             continue
@@ -282,16 +300,20 @@ def read_reports(data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: C
             _note_clock(row, _unsigned(data, start + _GLOBAL_BOOT, end, 4), into)
             _note_position(data, start, end, row, time_s[k], into)
         elif message == _BEAT:
-            beats[k] = _note_heartbeat(data, start, end, row, time_s[k], into)
+            beats[beat_count] = k  # the next replaces it, if no autopilot sent it
+            beat_count += _note_heartbeat(data, start, end, row, time_s[k], into)
+        elif message == _TEXT:
+            texts[text_count] = k
+            text_count += 1
         elif message == _STATUS:
             enabled = _unsigned(data, start + _STATUS_ENABLED, end, 4)
             health = _unsigned(data, start + _STATUS_HEALTH, end, 4)
-            into.prearm_ok[row] = health & _PREARM != 0
+            _set(into.prearm_ok, row, health & _PREARM != 0, into)
             into.unhealthy_sensors[row] = (enabled & _IN_USE | _AHRS) & ~health
             _note_percent(row, PACKS, _signed(data, start + _STATUS_PERCENT, end, 1), into)
         else:
             _note_other(data, start, end, row, message, time_s[k], into)
-    return beats
+    return beats[:beat_count], texts[:text_count]
 
 
 def warm_up() -> None:

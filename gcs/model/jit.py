@@ -10,9 +10,11 @@ from collections.abc import Callable
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numba
+from llvmlite.binding import parse_bitcode  # type: ignore[import-untyped]
+from numba.core.codegen import JITCodeLibrary
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
@@ -53,6 +55,36 @@ def _load_without_blas() -> None:
 
 
 _load_without_blas()
+
+
+def _drop_loaded_modules() -> None:
+    """Have numba drop the LLVM module of each loaded kernel: 45 MB in flight.
+
+    It needs the module only to compile another kernel that calls this one, and then makes it again. A version
+    of numba that does this with other methods keeps the modules.
+    """
+    # ruff: noqa: SLF001  (numba offers no other way)
+    if not (hasattr(JITCodeLibrary, "_unserialize") and hasattr(JITCodeLibrary, "_get_module_for_linking")):
+        return
+    load, module_of = JITCodeLibrary._unserialize.__func__, JITCodeLibrary._get_module_for_linking
+
+    def unserialize(cls: Any, codegen: Any, state: tuple[str, str, Any]) -> Any:
+        library = load(cls, codegen, state)
+        _, kind, data = state
+        if kind == "object":
+            library._shared_module, library.dropped = None, data[1]
+        return library
+
+    def get_module_for_linking(self: Any) -> Any:
+        if self._shared_module is None and hasattr(self, "dropped"):
+            self._shared_module = parse_bitcode(self.dropped)
+        return module_of(self)
+
+    JITCodeLibrary._unserialize = classmethod(unserialize)
+    JITCodeLibrary._get_module_for_linking = get_module_for_linking
+
+
+_drop_loaded_modules()
 
 
 def kernel(function: Kernel) -> Kernel:

@@ -105,12 +105,17 @@ class Telemetry:
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        for field in fields(self):
-            column = getattr(self, field.name)
+        for name in _TELEMETRY:
+            column = getattr(self, name)
             if isinstance(column, np.ndarray):
-                freeze(column, (n, 3) if field.name == "velocity_ned_m_s" else (n,), field.name)
+                if column.shape != (n,) and not (name == "velocity_ned_m_s" and column.shape == (n, 3)):
+                    raise ShapeError(f"{name}: {column.shape} for {n} vehicles")
+                column.setflags(write=False)
             elif len(column) != n:
-                raise ShapeError(f"{field.name}: {len(column)} values for {n} vehicles")
+                raise ShapeError(f"{name}: {len(column)} values for {n} vehicles")
+
+
+_TELEMETRY: Final = tuple(field.name for field in fields(Telemetry))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

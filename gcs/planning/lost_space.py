@@ -129,9 +129,19 @@ def _keep(
     for i in range(len(seen_s)):
         if measured_s[i] > seen_s[i] + 1e-6:
             seen_s[i] = measured_s[i]
-            kept_m_s[:, i] = then_m_s[:, i]
+            for of in range(2):
+                for axis in range(3):
+                    kept_m_s[of, i, axis] = then_m_s[of, i, axis]
         if ended[i]:
-            kept_m_s[:, i] = now_m_s[:, i]
+            for of in range(2):
+                for axis in range(3):
+                    kept_m_s[of, i, axis] = now_m_s[of, i, axis]
+
+
+def warm_up() -> None:
+    """Compile or load the kernel that every tick runs."""
+    still = np.zeros((1, 3))
+    KeptSetpoints(1).note(still, still, np.zeros(1), 0.0)
 
 
 def return_heights_m(count: int, lowest_m: float, layer_m: float, highest_m: float) -> Array:

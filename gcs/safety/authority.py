@@ -190,20 +190,21 @@ def _measured(
     lack_s, slow_s = times
     n = len(commanded)
     missing_m_s, mean_m_s, many = np.zeros((n, 3)), np.zeros(3), 0
+    lasts, fades = 1.0 - np.exp(-dt_s / lack_s), np.exp(-dt_s * SHRINKS_PER_S)
+    grows, shrinks = 1.0 - np.exp(-dt_s * GROWS_PER_S), 1.0 - np.exp(-dt_s * SHRINKS_PER_S)
     for i in range(n):
         if not commanded[i] or not np.isfinite(allowed_m_s[i, 0]):
             for k in range(3):
                 least_m_s[i, k] = most_m_s[i, k] = np.nan
                 lack_m_s[i, k] = 0.0
             slow_for_s[i] = 0.0
-            square_m2_s2[i] *= np.exp(-dt_s * SHRINKS_PER_S)
+            square_m2_s2[i] *= fades
             continue
         many += 1
+        blend = 1.0 - np.exp(-dt_s / answer_s[i])
         for k in range(3):
-            missing_m_s[i, k] = _missing(
-                i, k, least_m_s, most_m_s, allowed_m_s, velocity_m_s, dt_s / answer_s[i]
-            )
-            lack_m_s[i, k] += (1.0 - np.exp(-dt_s / lack_s)) * (missing_m_s[i, k] - lack_m_s[i, k])
+            missing_m_s[i, k] = _missing(i, k, least_m_s, most_m_s, allowed_m_s, velocity_m_s, blend)
+            lack_m_s[i, k] += lasts * (missing_m_s[i, k] - lack_m_s[i, k])
             mean_m_s[k] += missing_m_s[i, k]
     together = 0.0
     for i in range(n):
@@ -211,8 +212,8 @@ def _measured(
             square = 0.0
             for k in range(3):
                 square += (missing_m_s[i, k] - mean_m_s[k] / many) ** 2 / 3.0
-            rate_per_s = GROWS_PER_S if square > square_m2_s2[i] else SHRINKS_PER_S
-            square_m2_s2[i] += (1.0 - np.exp(-dt_s * rate_per_s)) * (square - square_m2_s2[i])
+            share = grows if square > square_m2_s2[i] else shrinks
+            square_m2_s2[i] += share * (square - square_m2_s2[i])
             together += square_m2_s2[i] / many
     slow_m_s = max(SLOW_M_S, SLOW_WANDER * np.sqrt(together))
     for i in range(n):
@@ -226,13 +227,12 @@ def _measured(
 
 @kernel
 def _missing(
-    i: int, k: int, least_m_s: Array, most_m_s: Array, allowed_m_s: Array, velocity_m_s: Array, share: float
+    i: int, k: int, least_m_s: Array, most_m_s: Array, allowed_m_s: Array, velocity_m_s: Array, blend: float
 ) -> float:
-    """Move the span of row i along axis k on by `share` of its time, in place. Returns: what is missing."""
+    """Move the span of row i along axis k on by the share `blend`, in place. Returns: what is missing."""
     new_m_s, now_m_s = allowed_m_s[i, k], velocity_m_s[i, k]
     if not np.isfinite(least_m_s[i, k]):
         least_m_s[i, k] = most_m_s[i, k] = now_m_s
-    blend = 1.0 - np.exp(-share)
     least_m_s[i, k] = min(new_m_s, least_m_s[i, k] + blend * (new_m_s - least_m_s[i, k]))
     most_m_s[i, k] = max(new_m_s, most_m_s[i, k] + blend * (new_m_s - most_m_s[i, k]))
     missing_m_s: float = min(max(now_m_s, least_m_s[i, k]), most_m_s[i, k]) - now_m_s

@@ -236,7 +236,7 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
         here.descending,
         settings.fence,
         braking,
-        velocity_m_s=np.array(here.velocity_m_s),
+        velocity_m_s=here.velocity_m_s,
         standoff_m=settings.floor.standoff_m(np.array(here.uncertainty_m)),
         response=here.response,
         fastest_m_s=fastest_m_s,

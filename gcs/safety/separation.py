@@ -379,19 +379,11 @@ def _found(
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
     sides, seen, answers, kept = np.empty((2, BLOCK), np.intp), np.empty((17, BLOCK)), np.empty((5, BLOCK)), 0
+    motion, own = (position_m, course_m_s, measured_m_s), (uncertainty_m, wander_m, spare_m_s)
+    about = _side_by_side(motion, own, each)
     for begin in range(0, count, BLOCK):
         block = slice(begin, begin + BLOCK)
-        many = _relative(
-            first[block],
-            second[block],
-            (position_m, course_m_s, measured_m_s),
-            (uncertainty_m, wander_m, spare_m_s),
-            (commanded, airborne),
-            each,
-            numbers[3],
-            sides,
-            seen,
-        )
+        many = _relative(first[block], second[block], about, (commanded, airborne), numbers[3], sides, seen)
         _answers(many, seen, numbers, answers)
         for k in range(many):
             if answers[0, k] > answers[1, k]:
@@ -407,18 +399,41 @@ def _found(
     return rows[:kept], shared[:kept], others[:kept], normals[:kept], bounds_m_s[:kept]
 
 
-BLOCK = 256
+BLOCK = 128
 """Near pairs that are computed at a time: few enough to stay in the processor's nearest memory."""
+
+POSITION, COURSE, MEASURED, UNCERTAINTY, WANDER, SPARE, STOPS, WIDE = 0, 3, 6, 9, 10, 11, 12, 16
+"""Columns of `_side_by_side`, and their number."""
+
+
+@kernel
+def _side_by_side(motion: tuple[Array, Array, Array], own: tuple[Array, Array, Array], each: Array) -> Array:
+    """(n, WIDE) all that a pair needs of a vehicle, in one place of memory: pairs are in no order.
+
+    Args:
+        motion: positions, course and measured velocities, (n, 3) each.
+        own: uncertainty, wander and spare speed, (n,) each.
+        each: (4, n) as of `Braking.of_each`.
+    """
+    (position_m, course_m_s, measured_m_s), (uncertainty_m, wander_m, spare_m_s) = motion, own
+    about = np.empty((len(position_m), WIDE))
+    for i in range(len(position_m)):
+        for axis in range(3):
+            about[i, POSITION + axis] = position_m[i, axis]
+            about[i, COURSE + axis] = course_m_s[i, axis]
+            about[i, MEASURED + axis] = measured_m_s[i, axis]
+        about[i, UNCERTAINTY], about[i, WANDER], about[i, SPARE] = uncertainty_m[i], wander_m[i], spare_m_s[i]
+        for k in range(4):
+            about[i, STOPS + k] = each[k, i]
+    return about
 
 
 @kernel
 def _relative(
     first: Rows,
     second: Rows,
-    motion: tuple[Array, Array, Array],
-    own: tuple[Array, Array, Array],
+    about: Array,
     masks: tuple[Mask, Mask],
-    each: Array,
     pad_height_m: float,
     sides: NDArray[np.intp],
     seen: Array,
@@ -428,10 +443,8 @@ def _relative(
     Args:
         first: (k,) rows.
         second: (k,) rows.
-        motion: positions, course and measured velocities, (n, 3) each.
-        own: uncertainty, wander and spare speed, (n,) each.
+        about: (n, WIDE) of `_side_by_side`.
         masks: commanded and airborne, (n,) each.
-        each: (4, n) as of `Braking.of_each`.
         pad_height_m: as of `Floor`.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
         seen: (17, BLOCK) changed: offset, difference of the courses, of the measured velocities, squares of
@@ -439,17 +452,17 @@ def _relative(
 
     Returns: how many count.
     """
-    (uncertainty_m, wander_m, spare_m_s), (commanded, airborne) = own, masks
+    commanded, airborne = masks
     many = 0
     for k in range(len(first)):
         i, j = first[k], second[k]
         if not commanded[i]:
             i, j = j, i
-        low = -motion[0][i, 2] < pad_height_m and -motion[0][j, 2] < pad_height_m
+        low = -about[i, POSITION + 2] < pad_height_m and -about[j, POSITION + 2] < pad_height_m
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
-        mine_m, theirs_m = uncertainty_m[i], uncertainty_m[j]
-        one_stands, led_m2 = 0.0, wander_m[i] ** 2 + wander_m[j] ** 2
+        mine_m, theirs_m = about[i, UNCERTAINTY], about[j, UNCERTAINTY]
+        one_stands, led_m2 = 0.0, about[i, WANDER] ** 2 + about[j, WANDER] ** 2
         # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
         if not (airborne[i] and airborne[j]):
             one_stands, led_m2 = 1.0, 0.0
@@ -458,16 +471,14 @@ def _relative(
             else:
                 mine_m = min(mine_m, theirs_m)
         sides[0, many], sides[1, many] = i, j
-        for axis in range(3):
-            seen[axis, many] = motion[0][i, axis] - motion[0][j, axis]
-            seen[3 + axis, many] = motion[1][i, axis] - motion[1][j, axis]
-            seen[6 + axis, many] = motion[2][i, axis] - motion[2][j, axis]
+        for column in range(9):  # position, course, measured
+            seen[column, many] = about[i, column] - about[j, column]
         seen[9, many], seen[10, many] = mine_m**2 + theirs_m**2, led_m2
-        seen[11, many], seen[12, many] = spare_m_s[i] + spare_m_s[j], one_stands
-        seen[13, many] = max(each[REACTION, i], each[REACTION, j])
-        seen[14, many] = max(each[LEAD, i], each[LEAD, j])
-        seen[15, many] = min(each[DECELERATION, i], each[DECELERATION, j])
-        seen[16, many] = min(each[ESCAPE, i], each[ESCAPE, j])
+        seen[11, many], seen[12, many] = about[i, SPARE] + about[j, SPARE], one_stands
+        seen[13, many] = max(about[i, STOPS + REACTION], about[j, STOPS + REACTION])
+        seen[14, many] = max(about[i, STOPS + LEAD], about[j, STOPS + LEAD])
+        seen[15, many] = min(about[i, STOPS + DECELERATION], about[j, STOPS + DECELERATION])
+        seen[16, many] = min(about[i, STOPS + ESCAPE], about[j, STOPS + ESCAPE])
         many += 1
     return many
 

@@ -63,9 +63,7 @@ def fence_constraints(
             braked, there is no constraint: no velocity within the limits breaks it.
     """
     n = len(position_m)
-    measured_m_s = (
-        np.zeros((n, 3)) if velocity_m_s is None else np.nan_to_num(velocity_m_s, posinf=0.0, neginf=0.0)
-    )
+    measured_m_s = np.zeros((n, 3)) if velocity_m_s is None else np.array(velocity_m_s, order="C")
     rows, sides, normal, bound_m_s = _fence_rows(
         (np.array(position_m), measured_m_s),
         np.array(commanded),
@@ -95,7 +93,8 @@ def _fence_rows(
 ) -> tuple[Rows, Rows, Array, Array]:
     """Rows (k,), sides of the fence (k,), inward normals (k, 3), bounds (k,) of all that could bind.
 
-    `motion` are positions and velocities (n, 3), `each` (4, n) is that of `Braking.of_each`.
+    `motion` are positions and velocities (n, 3), `each` (4, n) is that of `Braking.of_each`. Velocities that
+    are not finite become 0.
     """
     position_m, velocity_m_s = motion
     height_min_m, height_max_m, distance_max_m = fence
@@ -106,6 +105,9 @@ def _fence_rows(
     for i in range(len(position_m)):
         if not commanded[i]:
             continue
+        for axis in range(3):
+            if not np.isfinite(velocity_m_s[i, axis]):
+                velocity_m_s[i, axis] = 0.0
         x_m, y_m, height_m = position_m[i, 0], position_m[i, 1], -position_m[i, 2]
         distance_m = np.sqrt(x_m * x_m + y_m * y_m)
         for side in range(3):

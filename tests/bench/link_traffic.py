@@ -10,7 +10,6 @@ begin anew.
 import argparse
 import json
 import signal
-import sys
 import time
 
 import numpy as np
@@ -203,18 +202,17 @@ def main() -> None:
         )
         for index in range(given.namespaces)
     ]
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    ended: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))  # what is being read is counted
     signal.signal(signal.SIGUSR1, lambda *_: forget(fleets))
     start_s = time.monotonic()
     step = 0
-    try:
-        while True:
-            for fleet in fleets:
-                fleet.step(step * STEP_S)
-            step += 1
-            time.sleep(max(0.0, start_s + step * STEP_S - time.monotonic()))
-    finally:
-        tell(fleets)
+    while not ended:
+        for fleet in fleets:
+            fleet.step(step * STEP_S)
+        step += 1
+        time.sleep(max(0.0, start_s + step * STEP_S - time.monotonic()))
+    tell(fleets)
 
 
 def forget(fleets: list[Namespace]) -> None:

@@ -97,6 +97,7 @@ class Batch:
         self._segments = np.zeros(count, _SEGMENT)
         self._addresses["family"] = socket.AF_INET
         self._parts["base"] = _places(self.data)
+        self._part_length = self._parts["length"]
         for messages in (self._messages, self._runs):
             messages["header"]["name_length"] = _ADDRESS.itemsize
         headers, runs = self._messages["header"], self._runs["header"]
@@ -167,9 +168,13 @@ class Batch:
         """
         return _arrivals(index, self._address_bytes, self.time_s, now_s, wall_s, drained_s)
 
-    def put(self, data: Bytes, length: Whole, destination: Whole) -> None:
-        """Write datagrams to the first rows, to be sent: (n, longest), (n,), and (n,) of `source_of`."""
-        _put(data, length, destination, self.data, self.length, self._parts["length"], self._address_bytes)
+    def put(self, data: Bytes, length: Whole, destination: Whole) -> Whole:
+        """Write datagrams to the first rows, to be sent: (n, longest), (n,), and (n,) of `source_of`.
+
+        Returns: (c,) rows that leave through another socket than those before.
+        """
+        room = self.data, self.length, self._part_length, self._address_bytes
+        return _put(data, length, destination, *room)
 
     def send(self, fd: int, first: int, end: int) -> int:
         """Send rows `first` to `end` - 1, in order. Returns: number of rows sent; never waits.
@@ -182,6 +187,8 @@ class Batch:
         """As `send`; neighbours of equal length and destination cost the kernel little more than one."""
         runs = _describe_runs(first, end, self._address_bytes, self.length, *self._described)
         done = _call(_LIBC.sendmmsg, fd, self._run_place, runs)
+        if done == runs:
+            return end - first
         return int(self._runs["header"]["part_count"][:done].sum())
 
 
@@ -249,9 +256,13 @@ def _put(
     room_length: Whole,
     part_length: Field,
     address: Bytes,
-) -> None:
+) -> Whole:
     """As `Batch.put`; `address` (count, 16) is struct sockaddr_in, big-endian from its second byte on."""
+    changes, count = np.empty(len(length), np.int64), 0
     for row in range(len(length)):
+        if row > 0 and destination[row] >> 48 != destination[row - 1] >> 48:
+            changes[count] = row
+            count += 1
         for at in range(length[row]):
             room[row, at] = data[row, at]
         room_length[row] = part_length[row] = length[row]
@@ -259,6 +270,7 @@ def _put(
             address[row, 2 + byte] = destination[row] >> 8 * (1 - byte) & 0xFF
         for byte in range(4):
             address[row, 4 + byte] = destination[row] >> 8 * (5 - byte) & 0xFF
+    return changes[:count]
 
 
 @kernel

@@ -13,7 +13,6 @@ from gcs.links.command_protocol import CommandProtocol
 from gcs.links.own_commands import Commands, OwnCommandChannel
 from gcs.links.sender import SetpointBatch
 from gcs.mavlink import codec
-from gcs.mavlink.framing import SET_POSITION_TARGET_LOCAL_NED
 
 
 class NativeLink(Link):
@@ -44,10 +43,8 @@ class NativeLink(Link):
                 self._commands.close()
 
     def _expect_setpoints(self, batch: SetpointBatch) -> None:
-        messages = codec.setpoint_messages(
-            self._system_ids[batch.rows], batch.velocity_ned_m_s, batch.yaw_rad, time_s=self._clock()
-        )
-        self._frames = self._outbox.encode(SET_POSITION_TARGET_LOCAL_NED, messages, batch.rows)
+        setpoints = batch.rows, batch.velocity_ned_m_s, batch.yaw_rad
+        self._frames = self._outbox.encode_setpoints(*setpoints, time_s=self._clock())
 
     def _send_setpoints(self, desired: SetpointBatch) -> None:
         rows, now_s = desired.rows, self._clock()

@@ -86,19 +86,19 @@ def test_compiled_conversion_equals_pymap3d(frame: ShowFrame) -> None:
     position_m, velocity_m_s = np.zeros((n, 3)), np.zeros((n, 3))
     yaw_rad, exists = np.zeros(n), np.zeros(n, np.bool_)
     origin = (frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg)
+    time_s, armed, resets = np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.int64)
+    arrived_s, is_armed, counted = random.normal(0.0, 1.0, n), np.arange(n) % 2 == 0, np.arange(n)
     into_frame(
         np.arange(n),
-        latitude_deg,
-        longitude_deg,
-        altitude_m,
+        (latitude_deg, longitude_deg, altitude_m, yaw_deg),
         ned_m_s,
-        yaw_deg,
+        arrived_s,
+        (is_armed, counted),
         origin,
-        position_m,
-        velocity_m_s,
-        yaw_rad,
-        exists,
+        (position_m, velocity_m_s, yaw_rad, time_s, exists, armed, resets),
     )
+    columns = (time_s, arrived_s), (armed, is_armed), (resets, counted)
+    assert all((written == given).all() for written, given in columns)
     assert position_m == pytest.approx(frame.position_m(latitude_deg, longitude_deg, altitude_m), abs=1e-8)
     assert velocity_m_s == pytest.approx(frame.from_ned(ned_m_s))
     assert yaw_rad == pytest.approx(wrap_rad(np.radians(yaw_deg - frame.heading_deg)))

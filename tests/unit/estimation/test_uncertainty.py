@@ -81,4 +81,4 @@ def test_accuracy_accepted_on_the_ground_is_what_the_cap_means(
 def test_a_worse_kind_of_fix_is_never_configured_better(least_m: list[float]) -> None:
     fixed_m, float_m, dgps_m, fix_3d_m = least_m
     given = Positioning(rtk_fixed_m=fixed_m, rtk_float_m=float_m, dgps_m=dgps_m, fix_3d_m=fix_3d_m)
-    assert (np.diff(given.least_m(np.array(WORST_FIRST[3:]))) <= 0.0).all()
+    assert (np.diff(given.least_by_type_m[np.array(WORST_FIRST[3:], int)]) <= 0.0).all()

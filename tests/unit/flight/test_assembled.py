@@ -120,7 +120,7 @@ def test_vehicle_lost_in_its_climb_keeps_climb_and_drift_free(phase: Phase, clim
     subject = flight(1, link=Climbing)
     (vehicle,) = subject.vehicles.values()
     vehicle.phase, vehicle.home_m = phase, np.zeros(3)
-    subject.note_seen(0)
+    subject.note_seen(np.ones(1, np.bool_))
     segments_m = subject.tasks().segments_m
     assert ([[0.0, 0.0, -6.0], [0.0, 0.0, 0.0]] in segments_m.tolist()) == climbs
     assert segments_m[:, :, 0].max() == pytest.approx(2.2)
@@ -132,7 +132,9 @@ def test_the_swept_space_of_a_lost_vehicle_never_shrinks(age_s: float) -> None:
     subject = flight(1, link=Climbing)
     (vehicle,) = subject.vehicles.values()
     vehicle.phase, vehicle.home_m = Phase.LOST, np.zeros(3)
-    subject.note_seen(0)
+    subject.note_seen(np.ones(1, np.bool_))
     subject.receive(age_s)
-    subject.note_seen(0)  # also where its position is not believed, but its telemetry arrives
+    subject.note_seen(
+        np.ones(1, np.bool_)
+    )  # also where its position is not believed, but its telemetry arrives
     assert subject.tasks().segments_m[:, :, 0].max() == pytest.approx(2.2 + min(age_s, 0.5), abs=1e-3)

@@ -5,9 +5,9 @@ import pytest
 
 from gcs.links.settings import StreamSettings
 from gcs.links.stream_requests import StreamRequests, desired_rates
-from gcs.mavlink.codec import Records, records
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT, Records, records
 from gcs.mavlink.framing import SET_MESSAGE_INTERVAL
-from gcs.mavlink.kernels import Whole
+from gcs.mavlink.kernels import COMPONENT, FRAME_COLUMNS, MESSAGE, Whole
 
 RATES_HZ = {33: 10.0, 30: 0.0}
 BOTH = np.ones(2, np.bool_)
@@ -43,7 +43,9 @@ class Bench:
             for row, sends_hz in enumerate(self.sends_hz):
                 for message_id, rate_hz in sends_hz.items():
                     count = int(self.now_s * rate_hz) - int(before_s * rate_hz)
-                    self.streams.count(np.full(count, row), np.full(count, message_id))
+                    frames = np.zeros((count, FRAME_COLUMNS), np.int64)
+                    frames[:, MESSAGE], frames[:, COMPONENT] = message_id, AUTOPILOT_COMPONENT
+                    self.streams.count(np.full(count, row), frames)
             asked = len(self.asked)
             self.watch(self.now_s)
             if len(self.asked) > asked:

@@ -51,3 +51,20 @@ def test_flight_needs_no_linear_algebra_of_scipy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "scipy.linalg.cython_blas"]
+
+
+def test_loaded_kernel_can_be_called_by_a_new_one(tmp_path: Path) -> None:
+    """Its LLVM module was dropped when it was loaded, and is made again."""
+    (tmp_path / "callee.py").write_text(CALLEE.format(factor=2.0))
+    (tmp_path / "caller.py").write_text(KERNEL + "from callee import much as asked\n")
+    assert answer(tmp_path) == 2.0  # now its code is on disk
+    script = (
+        "import pathlib, sys; import gcs.model.jit as c; import numba;"
+        f"folder = pathlib.Path({str(tmp_path)!r}); sys.path.insert(0, str(folder));"
+        "numba.config.CACHE_DIR = ''; numba.config.CACHE_DIR = str(c.kept_in(folder));"
+        "from callee import much; assert much(1.0) == 2.0;"
+        "library = next(iter(much.overloads.values())).library; print(library.dropped is not None);"
+        "more = numba.njit(lambda x: much(x) + 1.0); print(more(1.0))"
+    )
+    done = subprocess.run([sys.executable, "-B", "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "3.0"]
