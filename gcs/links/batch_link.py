@@ -57,7 +57,7 @@ _IDLE_S: Final = 0.05
 suffices.
 """
 
-_AHEAD_S: Final = 0.002
+_AHEAD_S: Final = 0.004
 """Time before a tick is due at which the sockets are read, so that the tick itself finds little to read."""
 
 _WATCH_S: Final = 0.1

@@ -10,7 +10,7 @@ from math import isfinite, nan
 import numpy as np
 import yaml
 
-from gcs.cli.serve import make_link
+from gcs.cli.serve import make_link, raise_priority
 from gcs.config.schema import Config, parse
 from gcs.control import Memory
 from gcs.flight.orchestrator import Orchestrator
@@ -162,6 +162,7 @@ async def service(fleet: Fleet, config: Config, missing: int = 0) -> Cost:
     passages = [Passage(link) for link in links]
     orchestrator = Orchestrator(config, links)
     flight = orchestrator._flight
+    raise_priority(orchestrator, config.scheduling)
     running = asyncio.create_task(orchestrator.run())
     await in_formation(orchestrator, links, count - missing)
     await asyncio.sleep(WARM_UP_S)
