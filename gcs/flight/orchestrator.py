@@ -249,7 +249,7 @@ class Orchestrator:
         flight.memory = result.memory
         self._interventions += len(result.limited_by) - result.limited_by.count("")
         if member is not None:
-            member.publish(result, all_up=self._maneuvers.all_up)
+            member.sender.publish(result, all_up=self._maneuvers.all_up, leads=member.leads_now)
         if member is None or member.may_send:
             flight.corrections.send()
             self._lights.send()

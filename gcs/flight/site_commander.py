@@ -309,10 +309,10 @@ class SiteCommander(Commander):
                 continue
             self._take(sender, request)
         self._routing.advance(now_s)
-        if self._member.is_check_due(READY_EVERY_S, READY_LEAST_S):
-            self._member.note_checked(self._why_not_ready())
+        if self._member.sender.is_check_due(READY_EVERY_S, READY_LEAST_S):
+            self._member.sender.note_checked(self._why_not_ready())
             interrupted = self.recovery.view()
-            self._member.offers = () if interrupted is None else interrupted.offers
+            self._member.sender.offers = () if interrupted is None else interrupted.offers
         if self._standby.look(now_s):
             self._waits_for = ""
             super().command_show(ShowAction.RESUME)

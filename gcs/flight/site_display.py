@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from gcs.config.schema import Config
 from gcs.control import Tick
-from gcs.flight.site_member import EXPLAINED, SiteMember
+from gcs.flight.site_member import SiteMember
+from gcs.flight.site_sender import EXPLAINED
 from gcs.flight.snapshots import finite
 from gcs.model.lifecycle import GROUNDED, Phase
 from gcs.model.state import Landed
@@ -65,7 +66,7 @@ class SiteDisplay:
                     vehicles=int(site.owned.sum()) if own else owners.count(name),
                     delay_s=0.0 if own else site.delays.one_way_s(number),
                     term=site.lead.term,
-                    offers=member.offers if own else member.texts[name].offers,
+                    offers=member.sender.offers if own else member.texts[name].offers,
                 )
             )
         return tuple(found)

@@ -1,11 +1,10 @@
 """A station as a member of its site: what it receives from and sends to the others, once a tick."""
 
-import json
 import logging
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from math import inf, nan
+from dataclasses import dataclass
+from math import nan
 from typing import Any, Final
 
 import numpy as np
@@ -13,52 +12,34 @@ from pydantic_core import from_json
 
 from gcs.bus import Bus
 from gcs.config.schema import Config
-from gcs.control import Tick
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
 from gcs.flight.absences import Absences
 from gcs.flight.fleet import Fleet, Returning
 from gcs.flight.led_show import PARTS, SHOW, ShowTraffic
 from gcs.flight.site_requests import REQUEST, Refusal
+from gcs.flight.site_sender import NOT_CHECKED, WHY_LENGTH, SiteSender
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
-from gcs.model.plan import Plan, plan_json, plan_of
+from gcs.model.plan import plan_of
 from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import Placed
 from gcs.stations.letters import Letters
-from gcs.stations.messages import MODE_CODE, PHASE_CODE, PHASES, encode_homes
-from gcs.stations.publishing import STATES, FormationMessages, Reported, batch
+from gcs.stations.messages import PHASE_CODE, PHASES
+from gcs.stations.publishing import STATES
 from gcs.stations.recognition import may_be_valid
 from gcs.stations.reported_vehicles import Rows
-from gcs.stations.return_messages import ReturnMessage, in_parts
+from gcs.stations.return_messages import ReturnMessage
 from gcs.stations.site import Site, StationFleet, WithoutControl
 
 log = logging.getLogger(__name__)
 
-SLOWLY_S: Final = 0.5
-"""Interval between two messages of what rarely changes: the plan, pads, texts."""
-
-UNCHANGED_S: Final = 2.0
-"""The same message of what rarely changes is sent again after this time."""
-
 CHANGED_AGAIN_S: Final = 2.0
 """A follower shows its own change of the plan until the lead confirms it, for this time at most."""
-
-TEXTS_MAX: Final = 200
-"""Vehicles of which reasons are sent: those whose phase needs an explanation."""
-
-RETURNS_OF_A_TERM: Final = 10_000
-RETURN_SENT_S: Final = 4.0
-"""The paths of a return are repeated for this time."""
-
-WHY_LENGTH: Final = 400
-NOT_CHECKED: Final = "it has not reported yet whether its vehicles are ready"
-
-EXPLAINED: Final = frozenset({Phase.LOST, Phase.PILOT, Phase.KILLED, Phase.OFFLINE})
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,25 +139,11 @@ class SiteMember:
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.return_number = 0  # of the newest collective return that was received
         self._returns: dict[int, ReturnMessage] = {}  # its parts, by first row
-        self._planned = 0  # returns that this station planned
-        self._return_s = nan  # time in the plan of the present return, as flown
-        self._return_parts: list[tuple[str, bytes]] = []
-        self._return_until_s = 0.0
         self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
-        self._plan_version = 0
-        self._sent_plan: Plan | None = None
-        self._sent_texts: dict[str, bytes] = {}  # newest message of what rarely changes, by topic
-        self._again_s: dict[str, float] = {}  # when it is sent again, unchanged
-        self._plan_due_s = self._slow_due_s = self._return_due_s = 0.0
-        self._formation = FormationMessages(site)
         self.shows = ShowTraffic(flight, site, self.all_ids)
+        self.sender = SiteSender(flight, site, self.bus, self.letters, self.shows)
         self._changed_s = -np.inf  # when this station changed the lead's plan
-        self._applied: dict[str, int] = {}  # newest change of each station that this lead has applied
         self._changes = 0  # of the plan, that this station asked of the lead
-        self._why_not_ready = NOT_CHECKED  # why this station could not start now; empty: it could
-        self._ready_when_checked: tuple[bool, ...] = ()
-        self._checked_s = -inf
-        self.offers: tuple[Offer, ...] = ()  # of this station's interrupted flight
         self._others: Others | None = None  # of this tick, as the next; None: not computed yet
         self._landing_m: Array | None = None
 
@@ -219,7 +186,7 @@ class SiteMember:
             plan = plan_of(read["plan"], arrived_s - site.delays.one_way_s(site.names.index(sender)))
         except (AttributeError, GcsError, KeyError, OverflowError, TypeError, ValueError):
             raise LinkError("a plan that cannot be read") from None
-        self._plan_version = version
+        self.sender.plan_version = version
         own_pending = (
             applied.get(site.own, 0) < self._changes and arrived_s - self._changed_s < CHANGED_AGAIN_S
         )
@@ -281,6 +248,11 @@ class SiteMember:
         """Whether another station's show is in the air, while this one's is over or has not begun."""
         on_ground = self.flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
         return on_ground and any(self.show_of(name) not in ON_THE_GROUND for name in self.present())
+
+    @property
+    def leads_now(self) -> bool:
+        """Whether this station leads; one that was started again disturbs no flight of the others."""
+        return self.site.lead.leads and not self.shows_of_others_fly
 
     @property
     def lead_is_here(self) -> bool:
@@ -418,30 +390,7 @@ class SiteMember:
 
     def publish_paths(self, paths: ReturnPaths, rows: Rows, home_m: Array) -> None:
         """Send (j,) vehicles, the last of the plan, their paths home."""
-        site, first = self.site, len(paths.over_s) - len(rows)
-        self._planned += 1
-        number = site.lead.term * RETURNS_OF_A_TERM + self._planned
-        planned = ~np.isin(np.arange(len(paths.over_s)), paths.unplanned)
-        self._return_parts = []
-        for name, station in site.stations.items():
-            of_station = {row: at for at, row in enumerate(station.rows.tolist())}
-            mine = np.array([at for at, row in enumerate(rows.tolist()) if row in of_station], dtype=np.intp)
-            theirs = np.array([of_station[row] for row in rows[mine].tolist()], dtype=np.intp)
-            at = mine + first
-            whole = ReturnMessage(
-                number,
-                theirs,
-                paths.drawn_m[at],
-                paths.path_m[at],
-                home_m[mine],
-                paths.over_s[at],
-                paths.down_s[at],
-                planned[at],
-            )
-            for part, message in enumerate(in_parts(whole)):
-                self._return_parts.append((f"return.{name}.{part}", message.encode()))
-        self._return_until_s = self.flight.fleet.time_s + RETURN_SENT_S
-        self._return_due_s = 0.0
+        self.sender.publish_paths(paths, rows, home_m)
 
     def received_paths(self, after: int) -> tuple[ReturnPaths, Rows, Array] | None:
         """Paths of a later return for own vehicles: with their rows (m,) and landing places (m, 3)."""
@@ -468,7 +417,7 @@ class SiteMember:
 
     def note_return(self, time_s: float) -> None:
         """Note the time in the plan of the return, for the other stations."""
-        self._return_s = time_s
+        self.sender.note_return(time_s)
 
     def closed(self) -> tuple[Array, Array]:
         """(m, 2, 3) paths of those that are lost, and (m,) the uncertainty of each."""
@@ -529,23 +478,6 @@ class SiteMember:
         """Send a request or answer to one station. Raises: LinkError when too many wait."""
         self.letters[station].post(body, self.flight.fleet.time_s)
 
-    def is_check_due(self, every_s: float, least_s: float) -> bool:
-        """Whether readiness must be checked again; after `least_s` where a vehicle became ready."""
-        since_s = self.flight.fleet.time_s - self._checked_s
-        changed = self.flight.telemetry.ready != self._ready_when_checked
-        return since_s >= every_s or (changed and since_s >= least_s)
-
-    def note_checked(self, why_not_ready: str) -> None:
-        """Note why this station's vehicles could not start now; empty: they could.
-
-        A vehicle is published as ready only after a check that saw it ready.
-        """
-        if why_not_ready != self._why_not_ready:
-            self._slow_due_s = 0.0
-        self._why_not_ready = why_not_ready
-        self._ready_when_checked = tuple(self.flight.telemetry.ready)
-        self._checked_s = self.flight.fleet.time_s
-
     def refuse(self, station: str, refusal: Refusal) -> None:
         """Log why a change that a station asked for is not made, and have that station log it as well."""
         extra = {"other": self.site.own, "change": refusal.change, "by": refusal.by, "reason": refusal.reason}
@@ -558,97 +490,3 @@ class SiteMember:
         self._changes += 1
         self._changed_s = self.flight.fleet.time_s
         return self._changes
-
-    def note_applied(self, station: str, number: int) -> None:
-        """Note, as the lead, that a station's change of the plan is in force, or was refused."""
-        self._applied[station] = number
-        self._plan_due_s = 0.0
-
-    # sent
-
-    def publish(self, result: Tick, *, all_up: bool) -> None:
-        """Send this tick's state, and what else is due; called once a tick, after the setpoints."""
-        flight, site, now_s = self.flight, self.site, self.flight.fleet.time_s
-        memory = result.memory
-        reported = self._reported(all_up=all_up)
-        tasks = flight.last_tasks
-        seen = replace(flight.fleet, position_m=flight.seen_m(), velocity_m_s=flight.seen_m_s())
-        made = batch(site, seen, tasks, flight.traits.uncertainty_m, memory, reported)
-        if now_s >= self._slow_due_s:
-            self._slow_due_s = now_s + SLOWLY_S
-            homes = [vehicle.home_m for vehicle in flight.vehicles.values()]
-            nowhere = np.full(3, nan)
-            self._send_anew(
-                "homes", encode_homes(np.array([nowhere if one is None else one for one in homes]))
-            )
-            self._send_anew("info", self._info_now())
-        self._send(STATES, made.encode())
-        if site.lead.leads and not self.shows_of_others_fly:  # a lead that restarts disturbs no flight
-            for topic, payload in self._formation.of_tick(now_s, memory, reported):
-                self._send(topic, payload)
-            self._publish_plan(now_s)
-            for topic, payload in self.shows.messages(now_s):
-                self._send(topic, payload)
-        else:
-            self._formation.forget()
-        for name, letters in self.letters.items():
-            if (due := letters.payload(now_s)) is not None:
-                self._send(f"letters.{name}", due)
-        if now_s >= self._return_due_s and now_s < self._return_until_s:
-            self._return_due_s = now_s + SLOWLY_S
-            for topic, payload in self._return_parts:
-                self._send(topic, payload)
-
-    def _send_anew(self, topic: str, payload: bytes) -> None:
-        """Send what has changed; the same again for stations that missed it."""
-        now_s = self.flight.fleet.time_s
-        if self._sent_texts.get(topic) == payload and now_s < self._again_s.get(topic, -inf):
-            return
-        self._sent_texts[topic], self._again_s[topic] = payload, now_s + UNCHANGED_S
-        self._send(topic, payload)
-
-    def _send(self, topic: str, payload: bytes) -> None:
-        try:
-            self.bus.publish(topic, payload)
-        except LinkError as error:
-            log.warning("not_published", extra={"topic": topic, "reason": str(error)})
-
-    def _publish_plan(self, now_s: float) -> None:
-        plan = self.flight.plan
-        if plan is not self._sent_plan:
-            self._plan_version += 1
-            self._sent_plan, self._plan_due_s = plan, 0.0
-        if now_s >= self._plan_due_s:
-            self._plan_due_s = now_s + SLOWLY_S
-            about = {
-                "term": self.site.lead.term,
-                "version": self._plan_version,
-                "applied": self._applied,
-            }
-            text = f'{json.dumps(about)[:-1]},"plan":{plan_json(plan.moved(-now_s))}}}'
-            self._send("plan", text.encode())
-
-    def _info_now(self) -> bytes:
-        vehicles = [one for one in self.flight.vehicles.values() if one.phase in EXPLAINED]
-        reasons = {one.id: one.reason[:150] for one in vehicles[:TEXTS_MAX]}
-        excluded = list(self.flight.excluded.items())[: TEXTS_MAX - len(reasons)]
-        reasons |= {name: str(exclusion)[:150] for name, exclusion in excluded if name not in reasons}
-        why = self._why_not_ready[:WHY_LENGTH]
-        return json.dumps({"why_not_ready": why, "offers": self.offers, "reasons": reasons}).encode()
-
-    def _reported(self, *, all_up: bool) -> Reported:
-        flight = self.flight
-        telemetry = flight.telemetry
-        checked = np.array(self._ready_when_checked or False, np.bool_)
-        return Reported(
-            np.array([PHASE_CODE[phase] for phase in flight.phases], np.uint8),
-            np.array([MODE_CODE[mode] for mode in telemetry.mode], np.uint8),
-            np.array(telemetry.armed, np.bool_),
-            np.array(telemetry.ready, np.bool_) & checked,
-            telemetry.battery_remaining,
-            flight.link_quality.share,
-            flight.show,
-            all_up,
-            self._plan_version,
-            self._return_s,
-        )

@@ -86,4 +86,4 @@ class SitePlanEditor(PlanEditor):
                 getattr(PlanEditor, request.change)(self, value)
         except (GcsError, KeyError, ValueError) as refused:
             self.member.refuse(station, Refusal(request.change, request.by, str(refused)[:500]))
-        self.member.note_applied(station, request.number)
+        self.member.sender.note_applied(station, request.number)

@@ -20,7 +20,7 @@ from gcs.model.state import Array, Mask, Setpoints
 _SEND_MARGIN_S: Final = 0.02
 """Between the last reading of the clock and the datagram's leaving, other threads may hold the GIL."""
 
-REMEMBERED: Final = 128
+REMEMBERED: Final = 512
 """Times of setpoints that are kept for each vehicle."""
 
 

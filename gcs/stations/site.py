@@ -108,6 +108,7 @@ class _Led:
     message: FormationMessage | None = None
     made_s: float = -np.inf
     place: dict[int, tuple[float, Array]] = field(default_factory=dict)  # by station: made when, (m, 3)
+    at_rest: Array | None = None  # (n + k, 3) all of them, while none arrives and nothing spins
 
 
 class Site:
@@ -248,6 +249,7 @@ class Site:
             raise LinkError(f"slots for {len(message.place)} vehicles of {name}")
         made_s = arrived_s - self.delays.one_way_s(station.number)
         self._led.place[self.names.index(name)] = made_s, message.place
+        self._led.at_rest = None
 
     def _check_lead(self, station: Station, site: int, term: int, lead: int) -> None:
         """Raises: LinkError unless the message is of this site, and of the lead that is obeyed."""
@@ -318,10 +320,13 @@ class Site:
 
     def lost_rows(self, now_s: float) -> Rows:
         """Those without control that are lost, and not only silent: with their station at once."""
-        age_s = now_s - self._known.measured_s
-        lost = HAS_NO_LINK[self.phases] | (age_s >= self._without_control.silence_s)
-        lost |= np.isin(self._known.owner, [self.stations[name].number for name in self.lost(now_s)])
-        return np.flatnonzero(self._without(now_s) & lost)
+        rows: Rows = np.flatnonzero(self._without(now_s))
+        if len(rows) == 0:
+            return rows
+        age_s = now_s - self._known.measured_s[rows]
+        lost = HAS_NO_LINK[self.phases[rows]] | (age_s >= self._without_control.silence_s)
+        lost |= np.isin(self._known.owner[rows], [self.stations[name].number for name in self.lost(now_s)])
+        return rows[lost]
 
     def closed(self, now_s: float) -> tuple[Array, Rows]:
         """(m, 2, 3) all paths that lost vehicles may take until they are seen again, and (m,) their rows."""
@@ -353,17 +358,25 @@ class Site:
             return None
         if not self.lead.obeys(led.message.term, led.message.lead):
             return None
-        n = len(self.own_ids)
-        message, place = led.message, np.full((n + self.count, 3), np.nan)
-        for number, (made_s, slots) in led.place.items():
-            name = self.names[number]
-            rows = np.arange(n) if name == self.own else self.stations[name].rows + n
-            known = np.isfinite(slots[:, 0])
-            turn_rad = message.spin_rad_s * max(now_s - made_s, 0.0)
-            place[rows[known]] = turned(slots[known], turn_rad) if turn_rad else slots[known]
+        message, place = led.message, led.at_rest
+        if place is None or message.spin_rad_s:
+            place = self._placed(message.spin_rad_s, now_s)
+            led.at_rest = None if message.spin_rad_s else place
         age_s = max(now_s - led.made_s, 0.0)
         center = None if message.center is None else message.center.later(age_s)
         return FormationState(center, message.radius_m, message.spin_rad_s, message.sides, place)
+
+    def _placed(self, spin_rad_s: float, now_s: float) -> Array:
+        """(n + k, 3) the newest slots of all vehicles, turned on to `now_s`."""
+        n = len(self.own_ids)
+        place = np.full((n + self.count, 3), np.nan)
+        for number, (made_s, slots) in self._led.place.items():
+            name = self.names[number]
+            rows = np.arange(n) if name == self.own else self.stations[name].rows + n
+            known = np.isfinite(slots[:, 0])
+            turn_rad = spin_rad_s * max(now_s - made_s, 0.0)
+            place[rows[known]] = turned(slots[known], turn_rad) if turn_rad else slots[known]
+        return place
 
     def plan_version(self) -> int | None:
         """Version of the plan that the lead flies; None: not known."""
