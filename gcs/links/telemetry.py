@@ -149,7 +149,8 @@ class FleetTelemetry:
         if changes == self._changes:
             return
         self._changes = changes
-        self._foreign = (now.autopilot >= 0) & (now.autopilot != self._configured)
+        reported = now.autopilot
+        self._foreign = (reported >= 0) & (reported != self._configured)
         ready = self.prearm_ok & ~self._foreign
         for kind, rows in self._kinds:
             ready[rows] &= kind.ready(self.custom_mode[rows], now.estimator_flags[rows])
