@@ -200,6 +200,12 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
 
 
 @kernel
+def _is_poor(late_s: float, share: float, late_max_s: float, arrive_min: float) -> bool:
+    """Whether a link delivers too late, or too few of its messages; false for NaN."""
+    return late_s > late_max_s or share < arrive_min
+
+
+@kernel
 def _look(
     motion: tuple[Array, Array, Array],
     reported: tuple[Array, Array, Array],
@@ -248,7 +254,7 @@ def _look(
             error_m_s[i, 0] = before_m_s[i, 0] + share * (x_m_s - before_m_s[i, 0])
             error_m_s[i, 1] = before_m_s[i, 1] + share * (y_m_s - before_m_s[i, 1])
         strays_now = np.hypot(error_m_s[i, 0], error_m_s[i, 1]) > error_max_m_s
-        poor_now = is_commanded and (link_late_s[i] > late_max_s or link_share[i] < arrive_min)
+        poor_now = is_commanded and _is_poor(link_late_s[i], link_share[i], late_max_s, arrive_min)
         strays, poor = strays + strays_now, poor + poor_now
         poor_strays += strays_now and poor_now
         on[LOST, i] = silent[i]
@@ -272,11 +278,6 @@ def warm_up() -> None:
     reported = still, still, still, zero, zero, zero
     seen = Seen(0.0, *reported, none, none, zero - np.inf, fence, np.nan, 0.0, zero, zero)
     look(seen, Known.nothing(1, 0.0, settings), settings)
-
-
-def _poor_links(seen: Seen, settings: LinksLate) -> Mask:
-    """(n,) Which vehicles have late or little telemetry."""
-    return np.asarray((seen.link_late_s > settings.late_s) | (seen.link_share < settings.arrive_min))
 
 
 def is_calm(on: Mask, known: Known, seen: Seen, settings: FailsafePolicy, weather: Weather) -> bool:
@@ -415,10 +416,11 @@ def _of_the_show(
 def _late_links(seen: Seen, roles: Roles, settings: LinksLate) -> str:
     """Return delay and share of the telemetry of flying vehicles, in words."""
     flying = np.flatnonzero(roles.flying)
-    poor = int(_poor_links(seen, settings)[flying].sum())
     if not len(flying):
         return "no vehicle flies"
     late_s, share = seen.link_late_s[flying], seen.link_share[flying]
+    limits = settings.late_s, settings.arrive_min
+    poor = sum(_is_poor(*each, *limits) for each in zip(late_s.tolist(), share.tolist(), strict=True))
     return (
         f"telemetry of {poor} of {len(flying)} arrives {late_s.mean():.2f} s late, at most"
         f" {settings.late_s:g} s; {share.mean():.0%} of it arrives, at least {settings.arrive_min:.0%}"

@@ -49,7 +49,7 @@ from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
 from gcs.service.interface import Preflight, Recovery
 from gcs.shows.library import ShowLibrary
-from gcs.stations import reported_vehicles
+from gcs.stations import publishing
 
 WARM_UPS: Final = (
     warm_up,
@@ -58,7 +58,7 @@ WARM_UPS: Final = (
     planner.warm_up,
     lost_space.warm_up,
     silent_space.warm_up,
-    reported_vehicles.warm_up,
+    publishing.warm_up,
 )
 """Compile or load all that a tick runs, before the first."""
 

@@ -78,7 +78,7 @@ class SiteDisplay:
         rows = own.rows
         n, k = len(rows.ids), site.count
         now_s, unknown = own.time_s, np.full(k, np.nan)
-        reported = site.reported(now_s)
+        reported, age_s = site.known, now_s - site.known.measured_s
         latitude_deg, longitude_deg, altitude_m = member.flight.config.frame.geodetic(others.position_m)
         airborne = others.airborne
         whole = VehicleTable(
@@ -100,9 +100,9 @@ class SiteDisplay:
             longitude_deg=np.concatenate([rows.longitude_deg, longitude_deg]),
             altitude_amsl_m=np.concatenate([rows.altitude_amsl_m, altitude_m]),
             battery_remaining=np.concatenate([rows.battery_remaining, reported.battery_remaining]),
-            position_age_s=np.concatenate([rows.position_age_s, reported.age_s]),
+            position_age_s=np.concatenate([rows.position_age_s, age_s]),
             uncertainty_m=np.concatenate([rows.uncertainty_m, others.uncertainty_m]),
-            heartbeat_age_s=np.concatenate([rows.heartbeat_age_s, reported.age_s]),
+            heartbeat_age_s=np.concatenate([rows.heartbeat_age_s, age_s]),
             link_quality=np.concatenate([rows.link_quality, reported.link_quality]),
             fix_type=np.concatenate([rows.fix_type, unknown]),
             limited_by=[*rows.limited_by, *[""] * k],
@@ -134,12 +134,12 @@ class SiteDisplay:
         if before is not None and not twice and before.show is member.show and now_s < self._record_due_s:
             return before
         self._record_due_s = now_s + RECORDED_S - 1e-3
-        others, reported = member.others, site.reported(now_s)
+        others, reported, age_s = member.others, site.known, now_s - site.known.measured_s
         columns: dict[str, NDArray[Any]] = {
             "yaw_rad": reported.yaw_rad,
-            "position_age_s": reported.age_s,
+            "position_age_s": age_s,
             "position_uncertainty_m": others.uncertainty_m,
-            "heartbeat_age_s": reported.age_s,
+            "heartbeat_age_s": age_s,
             "battery_remaining": reported.battery_remaining,
             "phase": site.phases,
             "mode": reported.modes,

@@ -36,7 +36,7 @@ UNCHANGED_S: Final = 2.0
 """The same message of what rarely changes is sent again after this time."""
 
 TEXTS_MAX: Final = 200
-"""Vehicles of which reasons are sent: those whose phase needs an explanation."""
+"""Vehicles of which reasons are sent: those in a phase that needs an explanation."""
 
 RETURNS_OF_A_TERM: Final = 10_000
 RETURN_SENT_S: Final = 4.0

@@ -12,6 +12,7 @@ from gcs.formation.law import turned
 from gcs.model.jit import kernel
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array, FleetState, Mask
+from gcs.stations import reported_vehicles
 from gcs.stations.messages import BatchHead, Codes, FormationMessage, SlotsMessage, StateBatch
 from gcs.stations.site import Site
 
@@ -138,3 +139,9 @@ def moved(now: Array, before: Array) -> bool:
             if off > MOVED or np.isnan(now[i, axis]) != np.isnan(before[i, axis]):
                 return True
     return False
+
+
+def warm_up() -> None:
+    """Compile or load every kernel of the messages: none is compiled in flight, by a new lead either."""
+    reported_vehicles.warm_up()
+    moved(np.zeros((1, 3)), np.zeros((1, 3)))

@@ -34,7 +34,7 @@ NO_STATION: Final = -1
 
 KILLED: Final = PHASE_CODE[Phase.KILLED]
 WITHOUT_LINK: Final = (PHASE_CODE[Phase.LOST], KILLED)
-"""Phases of vehicles that their own station does not command, and whose space others keep clear."""
+"""Phases of vehicles that their own station does not command: others keep their space clear."""
 
 HAS_NO_LINK: Final = np.isin(np.arange(256), WITHOUT_LINK)
 """By the number of a phase."""
@@ -43,7 +43,7 @@ CHANGES_M_S2, STRAYS_S = 3.0, 0.25
 """A vehicle strays from where its report leads by such a change of its velocity, for so long at most."""
 
 
-class Reported(NamedTuple):
+class ReportedVehicles(NamedTuple):
     """Columns of k vehicles, show frame, changed in place. NaN, -inf: not known."""
 
     owner: Rows  # number of the station that flies each, NO_STATION: none is known
@@ -66,47 +66,47 @@ class Reported(NamedTuple):
     battery_remaining: Array
     link_quality: Array
 
+    @staticmethod
+    def unknown(count: int) -> "ReportedVehicles":
+        """Nothing received of so many vehicles."""
 
-def nothing(count: int) -> Reported:
-    """Of so many vehicles nothing is known yet."""
+        def no_number() -> Array:
+            return np.full(count, np.nan)
 
-    def unknown() -> Array:
-        return np.full(count, np.nan)
+        def no_vector() -> Array:
+            return np.full((count, 3), np.nan)
 
-    def unknown_3() -> Array:
-        return np.full((count, 3), np.nan)
+        def never() -> Array:
+            return np.full(count, -np.inf)
 
-    def never() -> Array:
-        return np.full(count, -np.inf)
+        def none() -> Mask:
+            return np.zeros(count, np.bool_)
 
-    def none() -> Mask:
-        return np.zeros(count, np.bool_)
-
-    return Reported(
-        owner=np.full(count, NO_STATION),
-        epochs=np.zeros(count, np.uint8),
-        position_m=unknown_3(),
-        velocity_m_s=unknown_3(),
-        desired_m_s=unknown_3(),
-        setpoint_m_s=unknown_3(),
-        uncertainty_m=np.zeros(count),
-        measured_s=never(),
-        made_s=never(),
-        phases=np.full(count, PHASE_CODE[Phase.OFFLINE], np.uint8),
-        modes=np.zeros(count, np.uint8),
-        airborne=none(),
-        formed=none(),
-        slot_stays=none(),
-        armed=none(),
-        ready=none(),
-        yaw_rad=unknown(),
-        battery_remaining=unknown(),
-        link_quality=unknown(),
-    )
+        return ReportedVehicles(
+            owner=np.full(count, NO_STATION),
+            epochs=np.zeros(count, np.uint8),
+            position_m=no_vector(),
+            velocity_m_s=no_vector(),
+            desired_m_s=no_vector(),
+            setpoint_m_s=no_vector(),
+            uncertainty_m=np.zeros(count),
+            measured_s=never(),
+            made_s=never(),
+            phases=np.full(count, PHASE_CODE[Phase.OFFLINE], np.uint8),
+            modes=np.zeros(count, np.uint8),
+            airborne=none(),
+            formed=none(),
+            slot_stays=none(),
+            armed=none(),
+            ready=none(),
+            yaw_rad=no_number(),
+            battery_remaining=no_number(),
+            link_quality=no_number(),
+        )
 
 
 @kernel
-def take(known: Reported, rows: Rows, wire: NDArray[np.void], station: int, made_s: float) -> None:
+def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: int, made_s: float) -> None:
     """Take what one batch reports of the vehicles that its station flies from now on.
 
     A station claims a vehicle with a higher epoch of its ownership, or one that no other flies. Vehicles that
@@ -156,7 +156,7 @@ def take(known: Reported, rows: Rows, wire: NDArray[np.void], station: int, made
 
 @kernel
 def at_time(
-    known: Reported, mine: Mask, here: Mask, now_s: float, age_max_s: float
+    known: ReportedVehicles, mine: Mask, here: Mask, now_s: float, age_max_s: float
 ) -> tuple[Array, Array, Mask, Mask]:
     """The vehicles at the time of a tick.
 
@@ -186,7 +186,7 @@ def at_time(
 
 
 @kernel
-def without_control(known: Reported, mine: Mask, now_s: float, age_max_s: float) -> Mask:
+def without_control(known: ReportedVehicles, mine: Mask, now_s: float, age_max_s: float) -> Mask:
     """(k,) vehicles of other stations without control: silent in the air, or of a phase without a link.
 
     Arguments as of `at_time`.
@@ -227,7 +227,7 @@ def warm_up() -> None:
         battery_remaining=numbers,
         link_quality=numbers,
     )
-    known = nothing(1)
+    known = ReportedVehicles.unknown(1)
     take(known, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)
     at_time(known, ~flags, np.zeros(2, np.bool_), 0.0, 1.0)
     without_control(known, ~flags, 0.0, 1.0)

@@ -33,9 +33,9 @@ from gcs.stations.reported_vehicles import (
     KILLED,
     NO_STATION,
     WITHOUT_LINK,
+    ReportedVehicles,
     Rows,
     at_time,
-    nothing,
     take,
     without_control,
 )
@@ -87,20 +87,6 @@ class Station:
     )  # the newest message of homes, and the owners of these vehicles then
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reports:
-    """What k vehicles of other stations report; NaN (or inf): not known."""
-
-    modes: Codes  # (k,) places in MODES
-    armed: Mask
-    ready: Mask
-    setpoint_m_s: Array  # (k, 3) without the trim
-    yaw_rad: Array
-    battery_remaining: Array
-    link_quality: Array
-    age_s: Array  # of the position
-
-
 @dataclass(slots=True)
 class _Led:
     """The newest messages of the lead."""
@@ -116,6 +102,7 @@ class Site:
 
     Attributes:
         ids: (k,) vehicles of the other stations, each once.
+        known: what they report, rows of `ids`; to be read only.
         home_m: (k, 3) where they took off, show frame; NaN: not known.
         homes_m: (k,) the same, one by one; None: not known.
         owned: (n,) which of the own rows this station flies.
@@ -162,7 +149,7 @@ class Site:
         self._their_rows = np.array([row for _, row in shared], dtype=np.intp)  # the same vehicles
         self._all_rows = np.arange(n + k)
         self._only_elsewhere = n + np.setdiff1d(np.arange(k), self._their_rows)
-        self._known = nothing(k)
+        self.known = ReportedVehicles.unknown(k)
         self._kept = KeptSetpoints(k)
         self.home_m = np.full((k, 3), np.nan)
         self.homes_m: list[Array | None] = [None] * k
@@ -200,7 +187,7 @@ class Site:
                 self.delays.echoed(station.number, echo.sequence, echo.held_s, arrived_s)
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
-        known = self._known
+        known = self.known
         take(known, station.rows, wire, station.number, made_s)
         if len(self._own_rows):
             lost = known.epochs[self._their_rows] > self.epochs[self._own_rows]
@@ -213,18 +200,18 @@ class Site:
     def _take_back(self) -> None:
         """Own again the vehicles of this station that a standby has given back."""
         back = ~self.owned[self._own_rows] & (self._own_rows < self._home_count)
-        back &= (self._known.owner[self._their_rows] == NO_STATION) & (
-            self._known.epochs[self._their_rows] < EPOCH_MAX
+        back &= (self.known.owner[self._their_rows] == NO_STATION) & (
+            self.known.epochs[self._their_rows] < EPOCH_MAX
         )
         rows = self._own_rows[back]
-        self.epochs[rows] = self._known.epochs[self._their_rows[back]] + 1
+        self.epochs[rows] = self.known.epochs[self._their_rows[back]] + 1
         self.owned[rows] = True
 
     def _take_homes(self, station: Station, payload: bytes) -> None:
         home_m = decode_homes(payload)
         if len(home_m) != len(station.rows):
             raise LinkError(f"homes of {len(home_m)} vehicles")
-        owner = self._known.owner[station.rows]
+        owner = self.known.owner[station.rows]
         if station.homes == (newest := (payload, owner.tobytes())):
             return  # they come again and again
         station.homes = newest
@@ -264,7 +251,7 @@ class Site:
     @property
     def phases(self) -> Codes:
         """(k,) Places in PHASES."""
-        return self._known.phases
+        return self.known.phases
 
     def lost(self, now_s: float) -> list[str]:
         """Stations of which nothing has arrived for LOST_S, and something had before."""
@@ -280,7 +267,7 @@ class Site:
 
     def others(self, now_s: float) -> Others:
         """All vehicles of the other stations at `now_s`: once a tick."""
-        known, age_max_s = self._known, self._without_control.telemetry_age_max_s
+        known, age_max_s = self.known, self._without_control.telemetry_age_max_s
         here = np.zeros(len(self.names) + 1, np.bool_)  # the last: no station flies it
         pace = 1.0
         for name in self.present(now_s):
@@ -316,16 +303,16 @@ class Site:
 
     def _without(self, now_s: float) -> Mask:
         """(k,) those without control."""
-        return without_control(self._known, self._mine, now_s, self._without_control.telemetry_age_max_s)
+        return without_control(self.known, self._mine, now_s, self._without_control.telemetry_age_max_s)
 
     def lost_rows(self, now_s: float) -> Rows:
         """Those without control that are lost, and not only silent: with their station at once."""
         rows: Rows = np.flatnonzero(self._without(now_s))
         if len(rows) == 0:
             return rows
-        age_s = now_s - self._known.measured_s[rows]
+        age_s = now_s - self.known.measured_s[rows]
         lost = HAS_NO_LINK[self.phases[rows]] | (age_s >= self._without_control.silence_s)
-        lost |= np.isin(self._known.owner[rows], [self.stations[name].number for name in self.lost(now_s)])
+        lost |= np.isin(self.known.owner[rows], [self.stations[name].number for name in self.lost(now_s)])
         return rows[lost]
 
     def closed(self, now_s: float) -> tuple[Array, Rows]:
@@ -333,20 +320,6 @@ class Site:
         swept = [(row, self._swept_of(row)) for row in self.lost_rows(now_s).tolist()]
         rows = [row for row, own_m in swept for _ in own_m]
         return np.concatenate([np.zeros((0, 2, 3)), *(own_m for _, own_m in swept)]), np.array(rows, np.intp)
-
-    def reported(self, now_s: float) -> Reports:
-        """What the others' vehicles report, for displays."""
-        known = self._known
-        return Reports(
-            known.modes.copy(),
-            known.armed.copy(),
-            known.ready.copy(),
-            known.setpoint_m_s.copy(),
-            known.yaw_rad.copy(),
-            known.battery_remaining.copy(),
-            known.link_quality.copy(),
-            now_s - known.measured_s,
-        )
 
     def formation(self, now_s: float, silent_s: float) -> FormationState | None:
         """The lead's formation at `now_s`, rows: the own vehicles, then the others'.
@@ -399,20 +372,20 @@ class Site:
         by_row = np.argsort(owners, kind="stable")
         drifts = np.zeros(self.count, np.bool_)
         drifts[rows] = self.phases[rows] != KILLED
-        expected_m_s = self._kept.expected_m_s(self._known.velocity_m_s)
+        expected_m_s = self._kept.expected_m_s(self.known.velocity_m_s)
         stop_s = self._alone.stop_s(np.arange(self.count), expected_m_s)
         noticed_s = self._alone.flies_on_s
         drift = expected_drift(
-            self._known.position_m, expected_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s
+            self.known.position_m, expected_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s
         )
         return segments_m[by_row], owners[by_row], drift
 
     def _near(self, rows: NDArray[np.intp], age_s: Array) -> tuple[Array, NDArray[np.intp]]:
         """(m, 2, 3) paths that silent vehicles may take soon, and (m,) their rows."""
         alone = self._without_control
-        of, keeps_m_s = self._kept.possible_m_s(rows, self._known.velocity_m_s)
+        of, keeps_m_s = self._kept.possible_m_s(rows, self.known.velocity_m_s)
         segments_m, found = silent_segments_m(
-            self._known.position_m[of],
+            self.known.position_m[of],
             keeps_m_s,
             self.home_m[of],
             np.array([alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M) for row in of.tolist()]),
@@ -434,13 +407,13 @@ class Site:
         if row in self._swept:
             return self._swept[row]
         alone, killed = self._without_control, self.phases[row] == KILLED
-        keeps_m_s = self._known.velocity_m_s[row : row + 1]
+        keeps_m_s = self.known.velocity_m_s[row : row + 1]
         if not killed:
-            _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self._known.velocity_m_s)
+            _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self.known.velocity_m_s)
         drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
         parts = [
             swept_segments_m(
-                self._known.position_m[row],
+                self.known.position_m[row],
                 each_m_s,
                 self._home_of(row),
                 "land" if killed else self._alone.vehicles[row].action,
@@ -484,24 +457,24 @@ class Site:
     @property
     def owner(self) -> Rows:
         """(k,) Number of the station that flies each of the others' vehicles; NO_STATION: none is known."""
-        return self._known.owner
+        return self.known.owner
 
     @property
     def owners(self) -> list[str]:
         """(k,) Name of that station; empty: none is known."""
-        found: list[str] = self._owner_names[self._known.owner].tolist()
+        found: list[str] = self._owner_names[self.known.owner].tolist()
         return found
 
     def take_over(self, station: str) -> list[VehicleId]:
         """Own from now on the vehicles of that station that this one stands by for. Returns: them."""
-        theirs = np.isin(self._known.owner[self._their_rows], (NO_STATION, self.names.index(station)))
+        theirs = np.isin(self.known.owner[self._their_rows], (NO_STATION, self.names.index(station)))
         rows = self._own_rows[theirs & ~self.owned[self._own_rows]]
         before = np.zeros(len(self.own_ids), np.uint8)
-        before[self._own_rows] = self._known.epochs[self._their_rows]
+        before[self._own_rows] = self.known.epochs[self._their_rows]
         self.epochs[rows] = np.minimum(np.maximum(self.epochs[rows], before[rows]), EPOCH_MAX - 1) + 1
         self.owned[rows] = True
         at = self._their_rows[np.isin(self._own_rows, rows)]
-        self._known.owner[at], self._known.epochs[at] = (
+        self.known.owner[at], self.known.epochs[at] = (
             self.number,
             self.epochs[self._own_rows[np.isin(self._own_rows, rows)]],
         )

@@ -20,7 +20,7 @@ from gcs.stations.messages import (
     decode_batch,
     site_number,
 )
-from gcs.stations.reported_vehicles import nothing, take
+from gcs.stations.reported_vehicles import ReportedVehicles, take
 
 DECODE = (decode_batch, FormationMessage.decode, SlotsMessage.decode)
 
@@ -74,7 +74,7 @@ def test_batch_arrives_as_it_was(count: int) -> None:
     sent = replace(batch(count), owned=flown, epochs=np.ones(count, np.uint8))
     head, wire = decode_batch(sent.encode())
     assert head == HEAD
-    received = nothing(count)
+    received = ReportedVehicles.unknown(count)
     take(received, np.arange(count), wire, 1, 100.0)
     known = np.isfinite(sent.age_s)
     assert received.position_m[known] == pytest.approx(sent.position_m[known], abs=1e-4)
@@ -129,6 +129,6 @@ def test_damaged_messages_are_refused_or_stay_finite(data: st.DataObject) -> Non
         return
     assert 0.0 <= head.pace <= 1.0
     assert len(wire) == 3
-    received = nothing(3)
+    received = ReportedVehicles.unknown(3)
     take(received, np.arange(3), wire, 1, 100.0)
     assert not np.isinf(received.position_m).any()
