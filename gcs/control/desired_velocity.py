@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import hypot
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ from gcs.model.jit import kernel
 from gcs.model.plan import LawName
 from gcs.model.state import TINY, Array
 from gcs.safety.constraints import DECELERATION, ESCAPE, REACTION, allowed_speed_m_s
+
+STANDS_M_S: Final = 0.1
+"""A centre slower than this stands: its slots do too, and nothing beyond them is in the way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,24 +235,26 @@ def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:
 
 
 def desired_velocity(
-    now: TickInputs, lead: Lead, own_m_s: Array, aim_m: Array, aiming: NDArray[np.intp]
+    now: TickInputs, lead: Lead, places: Spread, slot_m: Array, aim_m: Array, aiming: NDArray[np.intp]
 ) -> Array:
     """(n, 3) velocities that law and goals require, with obstacles avoided, within the speed limits.
 
     Args:
         now: inputs of this tick.
         lead: what the formation follows.
-        own_m_s: (m, 3) of the m vehicles in formation, without the centre's avoidance.
+        places: velocities of the m vehicles in formation, without the centre's avoidance.
+        slot_m: (m, 3) as of `slots_m`.
         aim_m: (n, 3) to where vehicles with goals of their own, or on routes to their slots, fly now.
         aiming: (k,) rows of these vehicles.
     """
     law, limits = now.settings.law, now.settings.safety.limits
-    drawn = now.drawn_rows
+    drawn, own_m_s = now.drawn_rows, places.velocity_m_s
     columns = now.columns if len(now.tasks.segments_m) and len(now.rows) + len(drawn) else {}
     if lead.center is not None and len(now.rows) and (now.ellipses or columns):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
         sliding_m_s = np.full(len(own_m_s), along_m_s)
-        own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns)
+        until_m = None if places.spin_rad_s or along_m_s > STANDS_M_S else _to_slot_m(now, slot_m)
+        own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns, until_m)
     desired_m_s = now.for_all(own_m_s, 0.0)
     if len(aiming):
         away_m = np.linalg.norm(aim_m[aiming] - now.position_m[aiming], axis=1)
@@ -262,6 +268,12 @@ def desired_velocity(
         desired_m_s[drawn] = _as_drawn(now, drawn, columns)
     scaled_m_s = scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
     return _stopping_inside(now, scaled_m_s)
+
+
+def _to_slot_m(now: TickInputs, slot_m: Array) -> Array:
+    """(m,) distances to the slots (m, 3), sideways; inf by a law without slots."""
+    off_m = slot_m - now.of_formed(now.position_m)
+    return np.nan_to_num(np.hypot(off_m[:, 0], off_m[:, 1]), nan=np.inf)
 
 
 def _stopping_inside(now: TickInputs, desired_m_s: Array) -> Array:
@@ -317,10 +329,12 @@ def _avoiding(
     sides: Mapping[str, float],
     sliding_m_s: Array,
     columns: Mapping[str, Ellipse],
+    until_m: Array | None = None,
 ) -> Array:
     """(m, 3) velocities of those rows (m,) with obstacles avoided; the other arguments as in `avoid_all`."""
     ellipses = {**now.ellipses, **columns}
     if not ellipses:
         return desired_m_s
     avoidance = now.settings.law.avoidance
-    return avoid_all(now.position_m[rows], desired_m_s, ellipses, sides, sliding_m_s, avoidance)
+    place_m = now.position_m[rows]
+    return avoid_all(place_m, desired_m_s, ellipses, sides, sliding_m_s, avoidance, until_m)

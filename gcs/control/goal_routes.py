@@ -30,8 +30,10 @@ MARGINS = 3.0
 AGAIN_S, FAILED_AGAIN_S = 4.0, 15.0
 """A vehicle that sees no corner searches again after the first time; where no route led on, the second."""
 
-STUCK_S, STUCK_M = 6.0, 6.0
-"""A vehicle off its slot that has not left a place by the second for the first is led by a route."""
+STUCK_S, STUCK_ASSEMBLING_S, STUCK_M = 6.0, 3.0, 6.0
+"""A vehicle off its slot that has not left a place by the third for the first is led by a route; for the
+second while the formation assembles, and its slots stand.
+"""
 
 STALLED_S, STALLED_M, STANDING_M_S = 16.0, 6.0, 0.3
 """A vehicle is stalled that has not left a place by the second for the first. Then its route also leads past
@@ -89,10 +91,11 @@ def follow_routes(
     routes.corner_m[off[~led[off]]], routes.no_way[seen] = np.nan, False
     searching = np.concatenate([rows[~seen[rows]], stuck[~seen[stuck]]])
     searching = searching[routes.next_s[searching] <= time_s]
-    if len(searching):
-        row = int(searching[np.argmin(routes.next_s[searching])])
+    in_turn = searching[np.argsort(routes.next_s[searching], kind="stable")].tolist()
+    row = next((each for each in in_turn if not now.formed[each] or _is_open(now, each, goal_m[each])), None)
+    if row is not None:
         corner_m, reaches, routes.passage[row] = _searched(now, row, goal_m[row], wary=bool(routes.wary[row]))
-        routes.corner_m[row] = np.nan
+        routes.corner_m[row], routes.goal_m[row] = np.nan, goal_m[row]
         routes.corner_m[row, : len(corner_m)] = corner_m[:CORNERS]
         routes.next_s[row] = time_s + (AGAIN_S if reaches else FAILED_AGAIN_S)
         routes.no_way[row] = not reaches
@@ -138,10 +141,11 @@ def _off_slots(
     far = np.linalg.norm(slot_m - position_m, axis=1) > THERE_M
     left = ~far | ~(np.linalg.norm(position_m - routes.place_m[rows], axis=1) < STUCK_M)
     routes.place_m[rows[left]], routes.since_s[rows[left]] = position_m[left], time_s
-    routes.corner_m[rows[~far]], routes.next_s[rows[~far]] = np.nan, -np.inf
-    routes.no_way[rows[left]] = False
-    routes.goal_m[rows], routes.wary[rows] = np.nan, False
-    stuck = time_s - routes.since_s[rows] > STUCK_S
+    anew = rows[left | (np.linalg.norm(slot_m - routes.goal_m[rows], axis=1) > THERE_M)]
+    routes.corner_m[rows[~far]], routes.next_s[anew], routes.goal_m[anew] = np.nan, -np.inf, np.nan
+    routes.no_way[rows[left]], routes.wary[rows] = False, False
+    stuck_s = STUCK_S if now.tasks.center_moves else STUCK_ASSEMBLING_S
+    stuck = time_s - routes.since_s[rows] > stuck_s
     return rows[stuck], rows[stuck | np.isfinite(routes.corner_m[rows, 0, 0])]
 
 
@@ -164,6 +168,13 @@ def _closed(now: TickInputs, rows: NDArray[np.intp], passage: Mask, *, wary: boo
         from_m = least_m + floor.reserve_m(own_m, uncertainty_m[stands])
         kept_m = np.concatenate([kept_m, np.where(stands == rows[:, None], 0.0, from_m)], axis=1)
     return path_m * floor.scale, kept_m
+
+
+def _is_open(now: TickInputs, row: int, slot_m: Array) -> bool:
+    """Whether a slot (3,) of that row is clear of all paths; if not, it is soon moved out."""
+    path_m, kept_m = _closed(now, np.array([row]), np.array([True]), wary=False)
+    away_m = from_paths_m(slot_m * now.settings.safety.floor.scale, path_m)
+    return bool((away_m > kept_m[0]).all())
 
 
 def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[Array, bool, bool]:

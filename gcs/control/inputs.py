@@ -136,7 +136,7 @@ CORNERS = 16
 class GoalRoutes:
     """Routes to goals and slots past the paths of lost vehicles. Rows as in FleetState. Owns its arrays."""
 
-    goal_m: Array  # (n, 3) goals to which they lead, NaN: none
+    goal_m: Array  # (n, 3) goals, and slots when they were searched, to which they lead, NaN: none
     corner_m: Array  # (n, CORNERS, 3) show frame, in order, NaN after the last
     next_s: Array  # (n,) when each may be searched again
     place_m: Array  # (n, 3) that the vehicle has not left
@@ -288,7 +288,9 @@ class TickInputs:
         tops_m = columns_m[:, :, 2].min(axis=1).tolist()
         for (x_m, y_m), reserve_m, z_m in zip(columns_m[:, 0, :2].tolist(), reserves_m, tops_m, strict=True):
             wide_m, tall_m = floor.kept_m(reserve_m)
-            found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(x_m, y_m, wide_m, wide_m, tall_m - z_m)
+            found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(
+                x_m, y_m, wide_m, wide_m, tall_m - z_m, beside_slots=True
+            )
         return found
 
     @property

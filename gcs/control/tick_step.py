@@ -113,8 +113,9 @@ def tick(
         now = replace(now, traits=limited_traits)
     lead = move_center(now, memory, shared)
     places = spread(now, lead, memory, sight, shared)
-    aim_m, aiming, routes = follow_routes(now, memory.routes, slots_m(now, lead, places))
-    desired_m_s = desired_velocity(now, lead, places.velocity_m_s, aim_m, aiming)
+    slot_m = slots_m(now, lead, places)
+    aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
+    desired_m_s = desired_velocity(now, lead, places, slot_m, aim_m, aiming)
     desired_m_s = _in_traffic(now, aim_m, desired_m_s)
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, now.velocity_m_s, now.acceleration_max_m_s2, now.dt_s

@@ -47,6 +47,7 @@ class Ellipse:
     top_height_m: float  # vehicles above this height need not avoid it
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
+    beside_slots: bool = False  # slots may lie close to it: it pushes nothing, and is not met beyond a slot
 
     @staticmethod
     def around(
@@ -112,6 +113,7 @@ class Outlines:
     semi_m: Array  # (m, 2)
     velocity_m_s: Array  # (m, 2)
     top_height_m: Array  # (m,)
+    beside_slots: Mask  # (m,) as of `Ellipse`
 
     @staticmethod
     def of(ellipses: Mapping[str, Ellipse]) -> "Outlines":
@@ -135,8 +137,8 @@ class Outlines:
     def only(self, rows: Mask) -> "Outlines":
         """The ellipses `rows` (m,)."""
         names = tuple(name for name, kept in zip(self.names, rows, strict=True) if kept)
-        parts = (self.center_m[rows], self.semi_m[rows], self.velocity_m_s[rows], self.top_height_m[rows])
-        return Outlines(names, *parts)
+        places = self.center_m[rows], self.semi_m[rows], self.velocity_m_s[rows]
+        return Outlines(names, *places, self.top_height_m[rows], self.beside_slots[rows])
 
     def grown(self, by_m: Array) -> "Outlines":
         """The ellipses with both semi-axes longer by `by_m` (m,)."""
@@ -157,7 +159,8 @@ def _outlines(names: tuple[str, ...], ellipses: tuple[Ellipse, ...]) -> Outlines
     ]
     table = np.array(rows, dtype=np.float64).reshape(-1, 7).T.copy()
     pairs = [np.ascontiguousarray(table[k : k + 2].T) for k in (0, 2, 4)]
-    return Outlines(names, pairs[0], pairs[1], pairs[2], table[6])
+    beside_slots = np.array([e.beside_slots for e in ellipses], np.bool_)
+    return Outlines(names, pairs[0], pairs[1], pairs[2], table[6], beside_slots)
 
 
 @kernel

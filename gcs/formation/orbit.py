@@ -237,7 +237,7 @@ def steer_center(
     waits = bool((there_m[tall] < 0.0).any())  # the destination is inside an obstacle
     keep_m_s = np.array([0.0 if waits else float(np.hypot(desired_m_s[0], desired_m_s[1]))])
     chosen_m_s, _, met = steer_past(
-        grown, sides, level(center_m[None]), level(desired_m_s[None]), keep_m_s, tall[None], reach_m
+        grown, sides, level(center_m[None]), level(desired_m_s[None]), keep_m_s, tall[None], reach_m[None]
     )
     ahead = tall & (
         contacts_m(

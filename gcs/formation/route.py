@@ -12,7 +12,7 @@ from math import inf
 
 import numpy as np
 
-from gcs.formation.obstacles import Outlines
+from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.route_search import (
     CORNERS,
     FACING_X,
@@ -250,9 +250,7 @@ def _pair(vector: Array) -> tuple[float, float]:
 
 def warm_up() -> None:
     """Compile or load every kernel that a route needs."""
-    outlines = Outlines(
-        ("wall",), np.array([[20.0, 0.0]]), np.full((1, 2), 7.0), np.zeros((1, 2)), np.ones(1)
-    )
+    outlines = Outlines.of({"wall": Ellipse(20.0, 0.0, 7.0, 7.0, 1.0)})
     boxes, here_m = Boxes.grown(outlines, np.zeros(1), np.zeros(2)), np.zeros(2)
     for goal in (Goal(np.array([40.0, 0.0]), here_m), Goal(np.array([20.0, 0.0]), here_m)):
         route = find_route(boxes, here_m, goal, 2.0, 100.0)

@@ -31,6 +31,9 @@ WRONG_SIDE_M_S = 1e3
 BLOCKED_M_S = 1e6
 """Cost of meeting another obstacle: more than the wrong side."""
 
+ENDS_M = 1.0
+"""A contact counts in full when it is so far before the slot where a vehicle's way ends."""
+
 STANDING_M_S = 1e-6
 """A vehicle slower than this, relative to an obstacle, does not meet it."""
 
@@ -223,7 +226,7 @@ def steer(
         desired_m_s: (n, 2).
         keep_m_s: (n,) speed to keep along a tangent.
         concerned: (n, m) True where a vehicle has to avoid an ellipse.
-        reach_m: (m,) distance from which a contact counts.
+        reach_m: (n, m) distance from which a contact counts.
         center_m: (m, 2) of the ellipses.
         semi_m: (m, 2).
         moving_m_s: (m, 2).
@@ -236,7 +239,7 @@ def steer(
     met_m, met = np.full(len(position_m), inf), np.full(len(position_m), -1)
     for i in range(len(position_m)):
         place, desired, its = position_m[i], desired_m_s[i], concerned[i].nonzero()[0]
-        ellipses = reach_m[its], center_m[its], semi_m[its], moving_m_s[its]
+        ellipses = reach_m[i][its], center_m[its], semi_m[its], moving_m_s[its]
         met_m[i], first = first_contact(place, desired, *ellipses, -1)
         if first < 0:
             continue
@@ -350,6 +353,7 @@ def avoid_all(
     sides: Mapping[str, float],
     sliding_m_s: Array,
     settings: AvoidanceSettings,
+    until_m: Array | None = None,
 ) -> Array:
     """Turn velocities that would meet an ellipse along a tangent, and push vehicles that are near one.
 
@@ -361,6 +365,8 @@ def avoid_all(
         sliding_m_s: (n,) speed to keep along the tangent even when the desired velocity points straight at
             the obstacle: that of the formation, so that no vehicle stays behind; 0 lets a vehicle wait there.
         settings: distances and rates.
+        until_m: (n,) distances of the slots, beyond which the ellipses beside slots are not met; None:
+            they are.
 
     Returns: (n, 3) in m/s; the vertical component is unchanged, and so is every row well above the obstacles.
 
@@ -375,15 +381,23 @@ def avoid_all(
     concerned = (-position_m[:, 2:] < outlines.top_height_m) & _nearest(
         place_m, outlines.center_m, outlines.semi_m
     )
-    reach_m = np.full(len(outlines), settings.lookahead_m)
-    turned_m_s, met_m, _ = steer_past(outlines, sides, place_m, desired_m_s, sliding_m_s, concerned, reach_m)
+    reach_m = np.full(concerned.shape, settings.lookahead_m)
+    if until_m is not None:
+        beside = outlines.beside_slots
+        reach_m[:, beside] = np.minimum(settings.lookahead_m, until_m[:, None])
+    turned_m_s, met_m, met = steer_past(
+        outlines, sides, place_m, desired_m_s, sliding_m_s, concerned, reach_m
+    )
     blend_m = max(settings.lookahead_m - settings.near_m, 1e-9)
-    weight = np.clip((settings.lookahead_m - met_m) / blend_m, 0.0, 1.0)[:, None]
+    weight = np.clip((settings.lookahead_m - met_m) / blend_m, 0.0, 1.0)
+    if until_m is not None:
+        ends = (met >= 0) & outlines.beside_slots[met]
+        weight[ends] *= np.clip((until_m[ends] - met_m[ends]) / ENDS_M, 0.0, 1.0)
     result = velocity_m_s.copy()
     result[:, :2] = push(
         place_m,
-        desired_m_s + weight * (turned_m_s - desired_m_s),
-        concerned,
+        desired_m_s + weight[:, None] * (turned_m_s - desired_m_s),
+        concerned & ~outlines.beside_slots,
         outlines.center_m,
         outlines.semi_m,
         outlines.velocity_m_s,

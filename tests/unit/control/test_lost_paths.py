@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.control import ControlSettings, Memory, Tasks, Tick, tick
+from gcs.control.inputs import FormationState
+from gcs.formation.orbit import Center
 from gcs.model.plan import Formation, Orbit, Plan
 from gcs.model.state import Array, FleetState, Traits
 from gcs.planning.lost_space import swept_segments_m
@@ -61,6 +63,29 @@ def test_slots_leave_the_paths_of_lost_vehicles() -> None:
         for segment_m in tasks.segments_m:
             assert from_path_m(place_m * FLOOR.scale, segment_m * FLOOR.scale, np.empty(3)) > kept_m
     assert np.linalg.norm(position_m[~lost] - slot_m, axis=1).max() < 2.0
+
+
+def test_vehicle_flies_to_its_slot_beside_lost_ones() -> None:
+    gap_m = FLOOR.kept_m(FLOOR.worst_reserve_m())[0] + 0.6  # slots are moved no farther out
+    beside_m = np.array([[gap_m, RADIUS_M], [-gap_m, RADIUS_M], [0.0, RADIUS_M - gap_m]])
+    columns_m = [[[x_m, y_m, z_m] for z_m in (-40.0, 0.0)] for x_m, y_m in beside_m.tolist()]
+    tasks = replace(Tasks.of_formation(1, center_moves=False), segments_m=np.array(columns_m))
+    center, place = Center.at_rest(np.array([0.0, 0.0, -HEIGHT_M])), np.array([[0.0, 1.0, 0.0]])
+    shared, plan = FormationState(center, RADIUS_M, 0.0, {}, place), Plan(Formation(RADIUS_M, HEIGHT_M))
+    position_m, velocity_m_s, memory = (
+        np.array([[1.5, 22.0, -HEIGHT_M]]),
+        np.zeros((1, 3)),
+        Memory.fresh(1, 0.0),
+    )
+    for step in range(1, 400):
+        fleet = FleetState(step * 0.05, ("a",), position_m, velocity_m_s, np.zeros(1), np.zeros(1))
+        decided = tick(
+            fleet, tasks, plan, Traits.alike(1, FLOOR.uncertainty_m), memory, SETTINGS, shared=shared
+        )
+        memory = decided.memory
+        velocity_m_s = np.nan_to_num(memory.desired_m_s)
+        position_m = position_m + 0.05 * velocity_m_s
+    assert np.linalg.norm(position_m[0] - (center.position_m + RADIUS_M * place[0])) < 1.0
 
 
 def test_estimate_of_a_silent_vehicle_pushes_no_other() -> None:

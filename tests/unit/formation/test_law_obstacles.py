@@ -259,6 +259,30 @@ def test_all_drones_of_a_formation_pass_on_the_side_it_chose() -> None:
     assert (around[:, 1] > 0.0).all()
 
 
+def test_a_column_beyond_the_slot_turns_no_vehicle() -> None:
+    place, desired = np.array([[-14.0, 1.0, -5.0]]), np.array([[2.0, 0.0, 0.0]])
+    column = Ellipse(0.0, 0.0, 5.0, 5.0, 20.0, beside_slots=True)
+    around = {
+        until_m: avoid_all(place, desired, {"r": column}, {}, np.zeros(1), AVOIDANCE, np.array([until_m]))
+        for until_m in (8.0, 9.6, 10.2, 60.0)  # the ellipse is met after 9.1 m
+    }
+    assert (around[8.0] == desired).all()
+    assert 0.0 < abs(around[9.6][0, 1]) < abs(around[10.2][0, 1])
+    assert (around[10.2] == around[60.0]).all()
+    past_box = avoid_all(place, desired, {"r": ROUND}, {}, np.zeros(1), AVOIDANCE, np.array([8.0]))
+    assert (past_box == around[60.0]).all(), "boxes may move"
+
+
+def test_a_column_beside_which_slots_lie_pushes_no_vehicle() -> None:
+    place, along = np.array([[-6.0, 0.0, -5.0]]), np.array([[0.0, 1.0, 0.0]])
+    column = Ellipse(0.0, 0.0, 5.0, 5.0, 20.0, beside_slots=True)
+    pushed, passing = (
+        avoid_all(place, along, {"r": each}, {}, np.zeros(1), AVOIDANCE) for each in (ROUND, column)
+    )
+    assert pushed[0, 0] < 0.0
+    assert (passing == along).all()
+
+
 def test_the_centre_keeps_the_whole_sphere_clear() -> None:
     center, desired = np.array([-40.0, -2.0, -10.0]), np.array([2.0, 0.0, 0.0])
     for _ in range(400):
