@@ -313,9 +313,12 @@ class Fleet:
         since_jump_s = now_s - self._table.reset_time_s
         wide_m = uncertainty_m(*least, *reported, since_jump_s, self.config.positioning)
         self.traits = replace(self.traits, uncertainty_m=wide_m)
-        self.link_quality.note(telemetry.position_time_s, now_s)
-        self.link_delay.note(telemetry.clock_base_s, now_s)
         return self.fleet
+
+    def note_links(self) -> None:
+        """Note how the newest telemetry arrived. After the setpoints: delays change over seconds."""
+        self.link_quality.note(self.telemetry.position_time_s, self.fleet.time_s)
+        self.link_delay.note(self.telemetry.clock_base_s, self.fleet.time_s)
 
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""

@@ -247,6 +247,7 @@ class Orchestrator:
             self._routing.send(result.setpoints)
         # The rest can wait for the next tick: setpoints cannot.
         flight.memory = result.memory
+        flight.note_links()
         self._interventions += len(result.limited_by) - result.limited_by.count("")
         if member is not None:
             member.sender.publish(result, all_up=self._maneuvers.all_up, leads=member.leads_now)

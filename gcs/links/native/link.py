@@ -22,7 +22,6 @@ class NativeLink(Link):
         return codec.SYSTEM_ID
 
     def _prepare(self) -> None:
-        self._frames = codec.joined(())  # of the setpoints that have not left yet
         self._begin_commands()
 
     def _begin_commands(self) -> None:
@@ -43,16 +42,13 @@ class NativeLink(Link):
                 self._commands.close()
 
     def _expect_setpoints(self, batch: SetpointBatch) -> None:
-        setpoints = batch.rows, batch.velocity_ned_m_s, batch.yaw_rad
-        self._frames = self._outbox.encode_setpoints(*setpoints, time_s=self._clock())
+        """Nothing is sent but what `_send_setpoints` is given."""
 
     def _send_setpoints(self, desired: SetpointBatch) -> None:
         rows, now_s = desired.rows, self._clock()
         if not len(rows):
             return
-        data, length = self._frames
-        frames = codec.Frames(data[: len(rows)], length[: len(rows)])
-        self._frames = codec.Frames(data[len(rows) :], length[len(rows) :])
+        frames = self._outbox.encode_setpoints(rows, desired.velocity_ned_m_s, desired.yaw_rad, time_s=now_s)
         left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
         left_s, count = self._clock(), int(np.count_nonzero(left))  # never earlier than the datagrams
         if left_s > desired.until_s:
