@@ -57,7 +57,7 @@ class Others:
         none, nowhere = np.zeros(k, np.bool_), np.full((k, 3), np.nan)
         together = FleetState(
             fleet.time_s,
-            fleet.ids + self.ids,
+            _all_ids(fleet.ids, self.ids),
             np.concatenate([fleet.position_m, self.position_m]),
             np.concatenate([fleet.velocity_m_s, self.velocity_m_s]),
             np.concatenate([fleet.yaw_rad, np.zeros(k)]),
@@ -106,6 +106,22 @@ class Others:
         first = own or (np.full((count, 3), np.nan), np.full((count, 3), np.nan))
         second = self.drift or (np.full((len(self.ids), 3), np.nan), np.full((len(self.ids), 3), np.nan))
         return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
+
+
+class _AllIds:
+    """Ids of a station's own vehicles and of the others', made again only when one of both changes."""
+
+    def __init__(self) -> None:
+        self._parts: tuple[tuple[VehicleId, ...], tuple[VehicleId, ...]] = (), ()
+        self._all: tuple[VehicleId, ...] = ()
+
+    def __call__(self, own: tuple[VehicleId, ...], theirs: tuple[VehicleId, ...]) -> tuple[VehicleId, ...]:
+        if own is not self._parts[0] or theirs is not self._parts[1]:
+            self._parts, self._all = (own, theirs), own + theirs
+        return self._all
+
+
+_all_ids = _AllIds()
 
 
 @lru_cache(maxsize=4)  # the own one stays the same from tick to tick

@@ -92,7 +92,7 @@ def tick(
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
-    own, pace = len(fleet.ids), 1.0
+    own_ids, pace = fleet.ids, 1.0
     if others is not None:
         pace = others.pace
         fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
@@ -103,7 +103,7 @@ def tick(
         traits,
         settings,
         before_s=memory.time_s,
-        own=own,
+        own=len(own_ids),
         follows=shared is not None and plan.formation.law is LawName.SLOTS,
         pace=pace,
     )
@@ -165,7 +165,7 @@ def tick(
             routes=routes,
         )
 
-    setpoints = _setpoints(now, shaped.setpoint_m_s, yaw_rad)
+    setpoints = _setpoints(now, own_ids, shaped.setpoint_m_s, yaw_rad)
     floor, elsewhere = settings.safety.floor, () if others is None else others.ids
     return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, floor, elsewhere)
 
@@ -289,17 +289,16 @@ def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
     return yaw_rad, held_rad
 
 
-def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
-    """Setpoints of the rows (n, 3) that are commanded and have a yaw."""
-    fleet = now.fleet
-    own = now.own
+def _setpoints(
+    now: TickInputs, own_ids: tuple[VehicleId, ...], setpoint_m_s: Array, yaw_rad: Array
+) -> Setpoints:
+    """Setpoints of the own rows of (n, 3) that are commanded and have a yaw."""
+    own, time_s = now.own, now.fleet.time_s
     rows = (now.commanded[own] & np.isfinite(yaw_rad[own])).nonzero()[0]
     if len(rows) == own.stop:
-        return Setpoints(
-            fleet.time_s, fleet.ids[own], setpoint_m_s[own].copy(), yaw_rad[own].copy()
-        )  # frozen
-    ids = tuple(fleet.ids[row] for row in rows.tolist())
-    return Setpoints(fleet.time_s, ids, setpoint_m_s[rows], yaw_rad[rows])
+        return Setpoints(time_s, own_ids, setpoint_m_s[own].copy(), yaw_rad[own].copy())  # frozen
+    ids = tuple(own_ids[row] for row in rows.tolist())
+    return Setpoints(time_s, ids, setpoint_m_s[rows], yaw_rad[rows])
 
 
 @cache
