@@ -81,11 +81,12 @@ class TelemetryMonitor:
         Ages, batteries and status texts are left out: restless vehicles are inspected again anyway.
         """
         flight, before = self.flight, self._looked
-        self._looked = now = (
+        now: tuple[Sequence[Any], ...] = (
             *(flight.states.phases, flight.states.modes),
             *(telemetry.mode, telemetry.armed, telemetry.in_failsafe, telemetry.landed),
             *(flight.silent.tobytes(), flight.has_heartbeat.tobytes(), fresh.tobytes()),
         )
+        self._looked = now
         if not before:
             return range(len(fresh))
         both = zip(now, before, strict=True)
