@@ -31,8 +31,8 @@ AGAIN_S, FAILED_AGAIN_S = 4.0, 15.0
 """A vehicle that sees no corner searches again after the first time; where no route led on, the second."""
 
 STUCK_S, STUCK_ASSEMBLING_S, STUCK_M = 6.0, 3.0, 6.0
-"""A vehicle off its slot that has not left a place by the third for the first is led by a route; for the
-second while the formation assembles, and its slots stand.
+"""A vehicle off its slot that has not left a place by the third for the first is led by a route. While the
+formation assembles, its slots stand, and the second suffices.
 """
 
 STALLED_S, STALLED_M, STANDING_M_S = 16.0, 6.0, 0.3

@@ -125,3 +125,26 @@ def test_stalled_vehicle_searches_past_one_that_stands() -> None:
     assert (corner_m[-1] == goal_m[0]).all()
     away_m = np.linalg.norm((corner_m - place_m[1]) * FLOOR.scale, axis=1)
     assert away_m.min() > KEPT_M + ROUTE_SPARE_M - 0.3
+
+
+def test_a_route_waits_for_a_clear_slot_and_follows_its_moves() -> None:
+    """A vehicle in formation that has stood behind a column for longer than it may."""
+    place_m, lost_m = np.array([[0.0, 0.0, -20.0]]), np.array([column(10.0, 0.0)])
+    none = np.zeros(1, dtype=bool)
+    tasks = Tasks(np.full(1, Task.FORMATION, np.int8), np.full((1, 3), np.nan), ~none, none, lost_m)
+    fleet = FleetState(20.0, ("a",), place_m, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    now = TickInputs.of(
+        fleet, tasks, Plan(Formation(10.0, 20.0)), Traits.alike(1), SETTINGS, before_s=19.9, own=1
+    )
+    stands = replace(GoalRoutes.none(1), place_m=place_m.copy(), since_s=np.full(1, 3.0))
+    _, _, routes = follow_routes(now, stands, np.array([[11.0, 0.0, -20.0]]))  # in the column's space
+    assert routes is not None
+    assert routes.next_s[0] == -np.inf, "not searched in vain"
+    _, _, routes = follow_routes(now, routes, np.array([[20.0, 0.0, -20.0]]))
+    assert routes is not None
+    assert routes.next_s[0] > 20.0
+    assert np.isfinite(routes.corner_m[0, 0]).all()
+    again_s = replace(routes, next_s=np.full(1, 35.0))  # as after a search that found none
+    _, _, routes = follow_routes(now, again_s, np.array([[20.0, 4.0, -20.0]]))
+    assert routes is not None
+    assert routes.next_s[0] < 35.0
