@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.inputs import CORNERS, GoalRoutes, TickInputs
-from gcs.control.path_search import BEGUN_SHARE, find_corners, from_paths_m, sees
+from gcs.control.path_search import BEGUN_SHARE, along_m, find_corners, from_paths_m, sees
 from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array, Mask
 
@@ -20,6 +20,9 @@ ROUTE_SPARE_M, SEEN_SPARE_M = 0.6, 0.2
 
 BEYOND_M, REACHED_M = 2.0, 1.0
 """A vehicle farther than the first from a corner aims as far beyond it. Nearer than the second it goes on."""
+
+NARROWS_M = 0.005
+"""A route that leads nearer to a path by less than this, inside its margin, is no passage."""
 
 CELL_M, CELLS_MAX = 1.0, 200_000
 """Edge of a cell of the search; larger where there would be more cells than that."""
@@ -180,7 +183,7 @@ def _is_open(now: TickInputs, row: int, slot_m: Array) -> bool:
 def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[Array, bool, bool]:
     """A route of that row to its goal (3,), or near it.
 
-    Returns: corners (k, 3), whether they reach the goal, and whether through a passage (`GoalRoutes`).
+    Returns: corners (k, 3), whether they reach the goal, and whether they need a passage (`GoalRoutes`).
     """
     settings, both = now.settings, np.array([row, row])
     path_m, (kept_m, passage_m) = _closed(now, both, np.array([False, True]), wary=wary)
@@ -205,8 +208,10 @@ def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[
     climb_cost = settings.law.speed_m_s / min(limits.up_m_s, limits.down_m_s) / scale[2]
     bounds = low_m, high_m, cell_m, climb_cost, fence.distance_max_m
     corner_m, reaches = find_corners(start_m, goal_m, path_m, clear_m, *bounds)
-    if reaches:
-        return corner_m / scale, True, False
+    if reaches:  # inside a margin it may lead nearer to a path: the filter would hold the vehicle there
+        nearest_m = along_m(start_m, corner_m, path_m)
+        narrows = nearest_m < np.minimum(kept_m, from_paths_m(start_m, path_m) - NARROWS_M)
+        return corner_m / scale, True, bool(narrows.any())
     through_m, reaches = find_corners(start_m, goal_m, path_m, np.minimum(clear_m, passage_m), *bounds)
     return (through_m if reaches else corner_m) / scale, reaches, reaches
 

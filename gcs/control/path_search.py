@@ -31,6 +31,17 @@ def from_paths_m(place_m: Array, path_m: Array) -> Array:
 
 
 @kernel
+def along_m(start_m: Array, corner_m: Array, path_m: Array) -> Array:
+    """(m,) least distances of a way from `start_m` (3,) by corners (k, 3) from all paths (m, 2, 3)."""
+    away_m = from_paths_m(start_m, path_m)
+    for i in range(len(corner_m)):
+        before_m = corner_m[i - 1] if i else start_m
+        for k in range(len(path_m)):
+            away_m[k] = min(away_m[k], lines_apart_m(before_m, corner_m[i], path_m[k, 0], path_m[k, 1]))
+    return away_m
+
+
+@kernel
 def sees(one_m: Array, other_m: Array, path_m: Array, kept_m: Array, spare_m: float) -> bool:
     """Whether the straight way between two places (3,) is clear of all paths; inside it may only lead out."""
     for k in range(len(path_m)):

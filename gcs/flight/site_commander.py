@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextvars import copy_context
 from functools import partial
-from math import inf
 from typing import Any, Final
 
 from gcs.flight.commander import Commander
@@ -50,7 +49,10 @@ NO_STATION: Final = "of no station"
 FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 
 GONE_HOLD_S: Final = 6.0
-"""When a station with vehicles in the air is lost, all hold for this time; then they close the gap."""
+"""When a station with vehicles in the air is lost, all hold for this time; then they close the gap.
+
+If its process has ended no bus heals: they hold for HOLDS_LEAST_S only.
+"""
 
 HOLDS_LEAST_S: Final = 1.0
 """Time in which the lead notices as well what a follower holds for."""
@@ -87,8 +89,8 @@ class SiteCommander(Commander):
         self._gate, self._shows = preflight_gate, show_player
         self._routing = SiteRouting(member, flight.book)
         self._waits_for = ""  # the station for which this one holds, by itself
-        self._waits_until_s = self._waits_since_s = 0.0
-        self._gone: frozenset[str] = frozenset()
+        self._waits_since_s = 0.0
+        self._gone: dict[str, float] = {}  # lost, with vehicles in the air: until when all hold
         self._lead_show: tuple[ShowPhase, float] = (ShowPhase.IDLE, 0.0)
 
     # commands
@@ -409,13 +411,12 @@ class SiteCommander(Commander):
         """Keep this station's show with the lead's, and hold while a station is missing."""
         flight, member = self.flight, self._member
         lead = member.site.lead
-        gone = frozenset(name for name in member.site.lost(now_s) if member.ids_of(name, *AIRBORNE))
-        newly_gone, self._gone = gone - self._gone, gone
+        newly_gone = self._note_gone(now_s)
         if flight.show in FORMED and newly_gone:
             name = min(newly_gone)
-            self._wait_for(name, now_s + GONE_HOLD_S, f"station {name} is not received: all hold")
+            self._wait_for(name, f"station {name} is not received: all hold")
         elif flight.show in FORMED and not lead.leads and self._lead_silent(now_s):
-            self._wait_for(lead.name, inf, f"the leading station {lead.name} is silent: all hold")
+            self._wait_for(lead.name, f"the leading station {lead.name} is silent: all hold")
         elif not lead.leads and lead.name in member.present():
             self._keep_with_lead(now_s)
         if self._waits_for and flight.show is ShowPhase.PAUSED and self._may_go_on(now_s):
@@ -426,11 +427,18 @@ class SiteCommander(Commander):
         station = self._member.site.stations[self._member.site.lead.name]
         return now_s - station.arrived_s > self._member.lead_silent_s
 
-    def _wait_for(self, station: str, until_s: float, reason: str) -> None:
+    def _note_gone(self, now_s: float) -> list[str]:
+        """Note stations that are lost with vehicles in the air. Returns: those that were not until now."""
+        member, before = self._member, self._gone
+        lost = [name for name in member.site.lost(now_s) if member.ids_of(name, *AIRBORNE)]
+        hold_s = {name: HOLDS_LEAST_S if member.ended(name) else GONE_HOLD_S for name in lost}
+        self._gone = {name: before.get(name, now_s + hold_s[name]) for name in lost}
+        return [name for name in lost if name not in before]
+
+    def _wait_for(self, station: str, reason: str) -> None:
         log.warning("holds_for_station", extra={"other": station, "reason": reason})
         super().execute_show_failsafe(ShowAction.PAUSE, reason)
-        self._waits_for, self._waits_until_s = station, until_s
-        self._waits_since_s = self.flight.fleet.time_s
+        self._waits_for, self._waits_since_s = station, self.flight.fleet.time_s
 
     def _may_go_on(self, now_s: float) -> bool:
         """Whether what this station waited for is over."""
@@ -439,7 +447,7 @@ class SiteCommander(Commander):
             return False
         if not lead.leads:
             return lead.name in member.present() and member.show_of(lead.name) in FORMED
-        return not self._gone or now_s >= self._waits_until_s
+        return all(now_s >= until_s for until_s in self._gone.values())
 
     def _keep_with_lead(self, now_s: float) -> None:
         flight, lead = self.flight, self._member.site.lead
@@ -449,6 +457,6 @@ class SiteCommander(Commander):
         if now_s - self._lead_show[1] < SETTLED_S:
             return
         if show is ShowPhase.PAUSED and flight.show in FORMED and not self._waits_for:
-            self._wait_for(lead.name, inf, f"the leading station {lead.name} holds")
+            self._wait_for(lead.name, f"the leading station {lead.name} holds")
         elif show is ShowPhase.RUNNING and flight.show is ShowPhase.ASSEMBLING:
             flight.move_show(ShowEvent.ASSEMBLED, "formation reached")

@@ -79,7 +79,7 @@ def test_killed_station_ends_no_show(victim: str, after_s: float) -> None:
             assert asked.stations is not None
             asked.stations.take_lead()
         took_s = await show.until(lambda: settled_again(show, rest), 20.0)
-        assert took_s <= 14.0
+        assert took_s <= 4.0, "a process that has ended is not waited for as a cut bus is"
         asked.plan.set_orbit(Orbit(5.0, 1.0))
         await show.wait(1.0)
         assert {show[name].view.plan.orbit.radius_m for name in rest} == {5.0}

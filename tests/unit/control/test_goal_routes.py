@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.control.goal_routes import ROUTE_SPARE_M, follow_routes
@@ -87,6 +88,25 @@ def test_vehicle_climbs_out_of_a_ring_of_columns() -> None:
     assert np.linalg.norm(path_m[-1] - goal_m) < 0.5
     assert -path_m[:, 0, 2].min() > TOP_M, "over the columns"
     assert least_m.min() > KEPT_M - 0.3
+
+
+@pytest.mark.parametrize(("goal_y_m", "narrows"), [(12.0, True), (-12.0, False)], ids=["on", "back"])
+def test_route_that_narrows_inside_a_margin_is_a_passage(goal_y_m: float, narrows: bool) -> None:
+    """The filter held a vehicle before a gate for ever: its route led nearer to both columns."""
+    beside_m = FLOOR.kept_m(0.0)[0] - 0.2
+    lost_m = np.array([column(-beside_m, 0.0), column(beside_m, 0.0), column(0.0, goal_y_m / 2.0)])
+    place_m, goal_m = np.array([[0.0, -0.3, -5.0]]), np.array([[0.0, goal_y_m, -5.0]])
+    none = np.zeros(1, dtype=bool)
+    tasks = Tasks(np.full(1, Task.GOAL, dtype=np.int8), goal_m, ~none, none, lost_m)
+    fleet = FleetState(20.0, ("a",), place_m, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    now = TickInputs.of(
+        fleet, tasks, Plan(Formation(10.0, 20.0)), Traits.alike(1), SETTINGS, before_s=19.9, own=1
+    )
+    _, _, routes = follow_routes(now, None, np.empty((0, 3)))
+    assert routes is not None
+    assert np.isfinite(routes.corner_m[0, 0]).all()
+    assert not routes.no_way.any()
+    assert routes.passage.tolist() == [narrows]
 
 
 def test_vehicle_in_formation_leaves_a_passage_of_columns() -> None:
