@@ -30,9 +30,13 @@ def number(ui: Console, name: str) -> float:
     return float(re.findall(r"-?\d+(?:\.\d+)?", text)[0])
 
 
+def placed(ui: Console) -> list[float]:
+    return [number(ui, f"placing-{name}") for name in ("x", "y", "turn")]
+
+
 def dragged(ui: Console, word: str, off_px: float, by_px: tuple[int, int]) -> None:
-    """Drag what is drawn `off_px` below a word of the scene, until the placement is another one."""
-    before = [number(ui, f"placing-{name}") for name in ("x", "y", "turn")]
+    """Drag what is drawn `off_px` below a word of the scene, until the placement has changed, and rests."""
+    before = placed(ui)
 
     def pull() -> None:
         x, y = ui.resting(word)
@@ -44,9 +48,12 @@ def dragged(ui: Console, word: str, off_px: float, by_px: tuple[int, int]) -> No
 
     def is_moved(within_ms: float) -> None:
         ui.page.wait_for_timeout(min(within_ms, 500.0))
-        assert [number(ui, f"placing-{name}") for name in ("x", "y", "turn")] != before
+        assert placed(ui) != before
 
     ui.until(pull, is_moved)
+    while (now := placed(ui)) != before:  # a slow page follows the pointer late
+        before = now
+        ui.page.wait_for_timeout(500)
 
 
 def becomes(ui: Console, name: str, good: Callable[[float], bool]) -> float:
