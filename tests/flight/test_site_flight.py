@@ -141,3 +141,19 @@ def test_cut_bus_holds_both_halves_until_it_heals() -> None:
         assert show.violations == 0
 
     fly_site(story, site_config(4, 4), **BUS)
+
+
+def test_all_hold_for_each_of_two_stations_that_are_cut_off() -> None:
+    """The second is cut off while all hold for the first: its bus may heal as well."""
+
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show.network.cut({"north", "west", "east"}, {"south"})
+        await show.wait(4.0)
+        show.network.cut({"north", "east"}, {"west"}, {"south"})
+        await show.wait(4.0)  # 8 s after the first cut: for south alone they would go on after 6.5
+        assert show["north"].view.show is ShowPhase.PAUSED
+        await show.reach(ShowPhase.RUNNING, "north", "east", limit_s=20.0)
+        assert show.violations == 0
+
+    fly_site(story, site_config(4, 4), **BUS)
