@@ -161,7 +161,10 @@ class Memory:
     center: Center | None  # None until a formation flies
     radius_m: float
     desired_m_s: Array  # (n, 3) velocity after the safety filter, NaN where not commanded
-    asked_m_s: Array  # (n, 3) the same, of vehicles that yield to a lack of authority what the law requires
+    unfiltered_m_s: Array  # (n, 3) before it, NaN where not commanded
+    asked_m_s: (
+        Array  # (n, 3) `desired_m_s`, or what the law requires of vehicles that yield to a lack of authority
+    )
     setpoint_m_s: Array  # (n, 3) as sent for it, less the trim; NaN where not commanded
     yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement
@@ -191,6 +194,7 @@ class Memory:
             center=None,
             radius_m=0.0,
             desired_m_s=nowhere,
+            unfiltered_m_s=nowhere,
             setpoint_m_s=nowhere,
             asked_m_s=nowhere,
             yaw_rad=nothing,

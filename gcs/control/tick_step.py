@@ -128,8 +128,9 @@ def tick(
         least.lack_m_s,
         least.reserve_m_s,
     )
+    all_m_s, shares = (reached_m_s, None) if others is None else others.unfiltered(reached_m_s)
     allowed_m_s, limited_by = filter_velocities(
-        reached_m_s, _surroundings(now, authority, routes), settings.safety
+        all_m_s, _surroundings(now, authority, routes, shares), settings.safety
     )
     shaped = shape_setpoints(
         now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
@@ -138,13 +139,16 @@ def tick(
 
     def remember() -> Memory:
         place, change = (places.place, places.change) if places.move_on is None else places.move_on()
-        commanded_m_s, asked_m_s = _of_commanded(now.commanded, allowed_m_s, desired_m_s, yields)
+        commanded_m_s, unfiltered_m_s, asked_m_s = _of_commanded(
+            now.commanded, allowed_m_s, reached_m_s, desired_m_s, yields
+        )
         trim_m_s, expected_m_s, pace = shaped.learn()
         return Memory(
             time_s=fleet.time_s,
             center=lead.center,
             radius_m=lead.radius_m,
             desired_m_s=commanded_m_s,
+            unfiltered_m_s=unfiltered_m_s,
             asked_m_s=asked_m_s,
             setpoint_m_s=np.where(now.commanded[:, None], shaped.setpoint_m_s - memory.trim_m_s, np.nan),
             yaw_rad=yaw_rad,
@@ -228,18 +232,21 @@ def _authority(now: TickInputs, memory: Memory) -> Authority:
 
 @kernel
 def _of_commanded(
-    commanded: Mask, allowed_m_s: Array, desired_m_s: Array, yields: Mask
-) -> tuple[Array, Array]:
-    """(n, 3) velocities as `desired_m_s` and `asked_m_s` of Memory."""
+    commanded: Mask, allowed_m_s: Array, reached_m_s: Array, desired_m_s: Array, yields: Mask
+) -> tuple[Array, Array, Array]:
+    """(n, 3) velocities as `desired_m_s`, `unfiltered_m_s` and `asked_m_s` of Memory."""
     commanded_m_s, asked_m_s = np.full_like(allowed_m_s, np.nan), np.full_like(allowed_m_s, np.nan)
+    unfiltered_m_s = np.full_like(allowed_m_s, np.nan)
     for i in range(len(commanded)):
         if commanded[i]:
-            commanded_m_s[i] = allowed_m_s[i]
+            commanded_m_s[i], unfiltered_m_s[i] = allowed_m_s[i], reached_m_s[i]
             asked_m_s[i] = desired_m_s[i] if yields[i] else allowed_m_s[i]
-    return commanded_m_s, asked_m_s
+    return commanded_m_s, unfiltered_m_s, asked_m_s
 
 
-def _surroundings(now: TickInputs, authority: Authority, routes: GoalRoutes | None) -> Surroundings:
+def _surroundings(
+    now: TickInputs, authority: Authority, routes: GoalRoutes | None, shares: Mask | None
+) -> Surroundings:
     safety = now.settings.safety
     wander_m = authority.wander_m(safety.authority)
     wander_m[now.descending] = 0.0
@@ -269,6 +276,7 @@ def _surroundings(now: TickInputs, authority: Authority, routes: GoalRoutes | No
         now.tasks.drift,
         None if routes is None else routes.passage,
         now.traits.response,
+        shares,
     )
 
 

@@ -8,8 +8,9 @@ from pydantic import Field, TypeAdapter
 from gcs.model.interrupted_flight import Offer
 from gcs.model.state import VehicleId
 from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.stations.messages import COUNT_MAX
 
-Named: TypeAlias = Annotated[tuple[VehicleId, ...], Field(max_length=1400)]
+Named: TypeAlias = Annotated[tuple[VehicleId, ...], Field(max_length=COUNT_MAX)]
 Text: TypeAlias = Annotated[str, Field(max_length=500)]
 
 PART_MAX: Final = 40_000

@@ -38,6 +38,10 @@ they still break a constraint of an overlooked pair then, all vehicles brake.
 """
 
 
+HOPS = 2
+"""From an own vehicle to those of other stations that its neighbours may have to make room for."""
+
+
 class Limits(Settings):
     """Limits of every setpoint. A longer vector is scaled; its direction is kept."""
 
@@ -83,6 +87,7 @@ class Surroundings:
     drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
     passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
     response: FleetResponse | None = None  # (n,) in what their stops differ from `braking`; None: in nothing
+    shares: Mask | None = None  # (n,) other stations', which keep apart by the same filter; None: none
 
     def over_link(self, delay_s: float) -> "Surroundings":
         """The same when stops begin a round trip of 2 `delay_s` later."""
@@ -97,32 +102,36 @@ def filter_velocities(
     """Bring the desired velocities within every limit and constraint.
 
     Args:
-        desired_m_s: (n, 3), show frame; rows not finite become rest, rows not commanded are ignored.
+        desired_m_s: (n, 3), show frame; rows not finite become rest, rows neither commanded nor shared are
+            ignored.
         surroundings: the same n rows.
         settings: limits and margins.
 
-    Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not.
+    Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not. Rest where not commanded.
     """
     here, limits = surroundings.over_link(settings.link_delay_s), settings.limits
     braking = settings.braking.over_link(settings.link_delay_s)
+    own = np.array(here.commanded)
+    moved = own if here.shares is None else own | here.shares
     position_m, desired_m_s = _later_and_only(
         np.array(here.position_m),
         np.array(here.velocity_m_s),
         np.array(desired_m_s),
-        np.array(here.commanded),
+        moved,
         settings.link_delay_s,
     )
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
-    walls = _walls(position_m, here, settings, braking)
+    here = replace(here, commanded=moved)
+    pairs, involved = _first_pairs(position_m, desired_m_s, own, here, settings, braking)
+    walls = _walls(position_m, replace(here, commanded=involved), settings, braking)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
     allowed_m_s = searched_m_s = desired_m_s
-    pairs = _pairs(position_m, searched_m_s, SPARE_M_S, here, settings, braking)
     for attempt in range(ATTEMPTS):
         joined = _joined(walls, pairs)
         if attempt < SOLUTIONS:
             allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s)
         allowed_m_s = shortened(allowed_m_s, *joined)
-        strays = _lengths(searched_m_s, allowed_m_s) > SPARE_M_S
+        strays = (_lengths(searched_m_s, allowed_m_s) > SPARE_M_S) & involved
         if not np.count_nonzero(strays):
             break  # every change is within the searched range
         searched_m_s = np.where(strays[:, None], allowed_m_s, searched_m_s)
@@ -138,7 +147,40 @@ def filter_velocities(
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
+    if moved is not own:
+        allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, walls, pairs, joined, here.names)
+
+
+def _first_pairs(
+    position_m: Array,
+    desired_m_s: Array,
+    own: Mask,
+    here: Surroundings,
+    settings: SafetySettings,
+    braking: Braking,
+) -> tuple[Pairs, Mask]:
+    """Pairs of the `own` (n,) commanded vehicles, of their neighbours of other stations, and of theirs.
+
+    Two stations project the velocities of a pair alike, and each sends its own. So both must know what else
+    keeps either vehicle from giving way.
+
+    Returns: the pairs, and (n,) the own vehicles and those neighbours.
+    """
+    if here.shares is None:
+        return _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking), own
+    pairs = _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking, own)
+    near = own
+    for _ in range(HOPS):
+        reached = near.copy()
+        reached[pairs.first] = True
+        reached[pairs.other] |= here.shares[pairs.other]
+        new, near = reached & ~near, reached
+        if not new.any():
+            break
+        further = _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking, new)
+        pairs = pairs.joined(further.not_in(pairs, len(position_m)))
+    return pairs, near
 
 
 def _pairs(

@@ -247,7 +247,7 @@ def separation_constraints(
     Args:
         position_m: (n, 3), show frame; NaN rows take no part.
         velocity_m_s: (n, 3) measured. Its closing part continues for ``braking.lead_s``.
-        commanded: (n,) True where this tick sends a setpoint.
+        commanded: (n,) True where this tick sends a setpoint, or another station that keeps apart likewise.
         airborne: (n,) True where a vehicle is in the air or may be.
         floor: ellipsoid and margin.
         braking: how vehicles stop.

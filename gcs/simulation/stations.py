@@ -147,6 +147,7 @@ class SimulatedStations:
         return replace(
             first,
             desired_m_s=self._column("desired_m_s"),
+            unfiltered_m_s=self._column("unfiltered_m_s"),
             asked_m_s=self._column("asked_m_s"),
             setpoint_m_s=self._column("setpoint_m_s"),
             yaw_rad=self._column("yaw_rad"),

@@ -24,7 +24,7 @@ from gcs.model.state import Array, Mask, Mode, VehicleId
 
 Codes: TypeAlias = NDArray[np.uint8]
 
-VERSION: Final = 1
+VERSION: Final = 2
 
 STATES, FORMATION, SLOTS, HOMES = 1, 2, 3, 4
 """Kinds of messages."""
@@ -51,8 +51,9 @@ AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY, OWNED, COMMANDED = (1 << bit for bit
 ROW: Final = np.dtype(
     [
         ("position_m", "<f4", 3),  # NaN: never received
-        # velocity; the desired one, flown to by the newest setpoint; that setpoint, without the trim
-        ("motion_cm_s", "<i2", 9),
+        # velocity; the one before the safety filter; the desired one after it, flown to by the newest
+        # setpoint; that setpoint, without the trim
+        ("motion_cm_s", "<i2", 12),
         ("epoch", "u1"),  # of its ownership: a station that takes vehicles over counts on
         ("phase", "u1"),
         ("flags", "u1"),
@@ -70,7 +71,7 @@ _ECHO: Final = struct.Struct("<HIf")
 _FORMATION: Final = struct.Struct("<BBIIHIBBff9d")
 _SLOTS: Final = struct.Struct("<BBIIHH")
 SLOT_STEPS: Final = 32767.0
-COUNT_MAX: Final = 1400
+COUNT_MAX: Final = 1200
 """Vehicles of one station: their batch stays below 60,000 bytes."""
 
 SIDES_MAX: Final = 20_000
@@ -119,7 +120,8 @@ class StateBatch:
     head: BatchHead
     position_m: Array  # (n, 3) brought forward as in FleetState; of silent vehicles the last one
     velocity_m_s: Array  # (n, 3)
-    desired_m_s: Array  # (n, 3) NaN: not commanded
+    unfiltered_m_s: Array  # (n, 3) what the safety filter was given, NaN: not commanded
+    desired_m_s: Array  # (n, 3) what it made of that, NaN: not commanded
     setpoint_m_s: Array  # (n, 3) for them, without the trim; NaN: not commanded
     uncertainty_m: Array  # (n,)
     age_s: Array  # (n,) of the measurement, inf: never received
@@ -137,13 +139,18 @@ class StateBatch:
     link_quality: Array  # 0 to 1, NaN: unknown
 
     def encode(self) -> bytes:
-        """The bytes: the head, and 42 for each vehicle."""
-        motion = (self.position_m, self.velocity_m_s, self.desired_m_s, self.setpoint_m_s)
+        """The bytes: the head, and 48 for each vehicle."""
+        velocities = (self.velocity_m_s, self.unfiltered_m_s, self.desired_m_s, self.setpoint_m_s)
         columns = (self.uncertainty_m, self.age_s, self.yaw_rad, self.battery_remaining, self.link_quality)
         masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned)
         codes = (self.phases, self.modes, self.epochs)
         # put together first: the compiled code then always gets the same kinds of arrays
-        parts = np.concatenate(motion, axis=1), np.stack(columns), np.stack(masks), np.stack(codes)
+        parts = (
+            np.concatenate([self.position_m, *velocities], axis=1),
+            np.stack(columns),
+            np.stack(masks),
+            np.stack(codes),
+        )
         return self.head.encode(len(self.position_m)) + _packed(*parts).tobytes()
 
 
@@ -268,7 +275,7 @@ def _packed(
     """(n,) rows of `ROW`.
 
     Args:
-        motion: (n, 12) position, velocity, desired velocity, setpoint.
+        motion: (n, 15) position, velocity, velocity before the safety filter and after it, setpoint.
         columns: (5, n) uncertainty, age, yaw, battery, link quality.
         masks: (6, n) in the order of the flags.
         codes: (3, n) phase, mode, epoch.
@@ -279,9 +286,9 @@ def _packed(
     for i in range(n):
         for axis in range(3):
             position_m[i, axis] = motion[i, axis]
-        for axis in range(9):
+        for axis in range(12):
             motion_cm_s[i, axis] = _cm_s(motion[i, 3 + axis])
-        flags[i] = COMMANDED if np.isfinite(motion[i, 6]) else 0
+        flags[i] = COMMANDED if np.isfinite(motion[i, 9]) else 0
         for bit in range(len(masks)):
             flags[i] |= masks[bit, i] << bit
         rows[i].phase, rows[i].mode, rows[i].epoch = codes[0, i], codes[1, i], codes[2, i]

@@ -63,6 +63,7 @@ def batch(
         head=BatchHead(sequence, site.site, lead.term, lead.number, *about, echoes),
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
+        unfiltered_m_s=memory.unfiltered_m_s[:n],
         desired_m_s=memory.desired_m_s[:n],
         setpoint_m_s=memory.setpoint_m_s[:n],
         uncertainty_m=uncertainty_m,

@@ -50,7 +50,8 @@ class ReportedVehicles(NamedTuple):
     epochs: Codes  # of that ownership
     position_m: Array  # (k, 3) of the newest batch that had one
     velocity_m_s: Array  # (k, 3)
-    desired_m_s: Array  # (k, 3) NaN: not commanded
+    unfiltered_m_s: Array  # (k, 3) what their station's safety filter was given, NaN: not commanded
+    desired_m_s: Array  # (k, 3) what it made of that, NaN: not commanded
     setpoint_m_s: Array  # (k, 3) for them, without the trim
     uncertainty_m: Array
     measured_s: Array  # when the position was measured
@@ -87,6 +88,7 @@ class ReportedVehicles(NamedTuple):
             epochs=np.zeros(count, np.uint8),
             position_m=no_vector(),
             velocity_m_s=no_vector(),
+            unfiltered_m_s=no_vector(),
             desired_m_s=no_vector(),
             setpoint_m_s=no_vector(),
             uncertainty_m=np.zeros(count),
@@ -150,27 +152,30 @@ def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: i
         commanded = flags[j] & COMMANDED != 0
         for k in range(3):
             known.velocity_m_s[row, k] = motion_cm_s[j, k] / 100.0
-            known.desired_m_s[row, k] = motion_cm_s[j, 3 + k] / 100.0 if commanded else np.nan
-            known.setpoint_m_s[row, k] = motion_cm_s[j, 6 + k] / 100.0 if commanded else np.nan
+            known.unfiltered_m_s[row, k] = motion_cm_s[j, 3 + k] / 100.0 if commanded else np.nan
+            known.desired_m_s[row, k] = motion_cm_s[j, 6 + k] / 100.0 if commanded else np.nan
+            known.setpoint_m_s[row, k] = motion_cm_s[j, 9 + k] / 100.0 if commanded else np.nan
 
 
 @kernel
 def at_time(
-    known: ReportedVehicles, mine: Mask, here: Mask, now_s: float, age_max_s: float
-) -> tuple[Array, Array, Mask, Mask]:
+    known: ReportedVehicles, mine: Mask, here: Mask, shares: Mask, now_s: float, age_max_s: float
+) -> tuple[Array, Array, Array, Mask, Mask]:
     """The vehicles at the time of a tick.
 
     Args:
         known: of k vehicles.
         mine: (k,) those that this station flies itself: without position, neither in the air nor formed.
         here: (stations + 1,) whether each station is received; the last: False.
+        shares: (stations + 1,) whether it also receives this one, and both do now; the last: False.
         now_s: of the tick, own clock.
         age_max_s: a vehicle with an older position is not commanded by its station.
 
-    Returns: (k, 3) positions and (k,) their uncertainty, (k,) in the air, and (k,) in formation.
+    Returns: (k, 3) positions and (k,) their uncertainty, (k, 3) velocities before the safety filter, NaN
+        where not `shares`, (k,) in the air, and (k,) in formation.
     """
     k = len(known.owner)
-    position_m, uncertainty_m = np.empty((k, 3)), np.empty(k)
+    position_m, uncertainty_m, unfiltered_m_s = np.empty((k, 3)), np.empty(k), np.full((k, 3), np.nan)
     airborne, formed = np.empty(k, np.bool_), np.empty(k, np.bool_)
     for i in range(k):
         forward_s = min(max(now_s - known.made_s[i], 0.0), FORWARD_MAX_S)
@@ -182,7 +187,10 @@ def at_time(
         age_s = now_s - known.measured_s[i]
         airborne[i] = known.airborne[i] and not mine[i]
         formed[i] = known.formed[i] and age_s <= age_max_s and here[known.owner[i]] and not mine[i]
-    return position_m, uncertainty_m, airborne, formed
+        if age_s <= age_max_s and shares[known.owner[i]] and not mine[i]:
+            for axis in range(3):
+                unfiltered_m_s[i, axis] = known.unfiltered_m_s[i, axis]
+    return position_m, uncertainty_m, unfiltered_m_s, airborne, formed
 
 
 @kernel
@@ -210,6 +218,7 @@ def warm_up() -> None:
         head,
         position_m=vectors,
         velocity_m_s=vectors,
+        unfiltered_m_s=vectors,
         desired_m_s=vectors,
         setpoint_m_s=vectors,
         uncertainty_m=numbers,
@@ -229,5 +238,5 @@ def warm_up() -> None:
     )
     known = ReportedVehicles.unknown(1)
     take(known, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)
-    at_time(known, ~flags, np.zeros(2, np.bool_), 0.0, 1.0)
+    at_time(known, ~flags, np.zeros(2, np.bool_), np.zeros(2, np.bool_), 0.0, 1.0)
     without_control(known, ~flags, 0.0, 1.0)

@@ -46,6 +46,12 @@ LOST_S: Final = 0.5
 """A station without a batch for this time is lost: its vehicles are without control until they are seen."""
 
 
+SHARES_S: Final = 0.3
+"""Two stations count on each other's share of keeping apart while each has a batch of the other no older than
+this; else each gives way completely.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class StationFleet:
     """The vehicles of one station, in the order of its rows: its own, then those that it stands by for."""
@@ -81,6 +87,7 @@ class Station:
     batch: BatchHead | None = None
     arrived_s: float = -np.inf
     made_s: float = -np.inf  # of the batch, as far as the delay is known
+    ours_age_s: float = np.inf  # of the own newest batch that it had then
     homes: tuple[bytes, bytes] = (
         b"",
         b"",
@@ -182,8 +189,10 @@ class Site:
         if batch.site != self.site or len(wire) != len(station.rows):
             raise LinkError("a batch of another site")
         self.lead.observe(batch.term, batch.lead)
+        station.ours_age_s = np.inf
         for echo in batch.echoes:
             if echo.station == self.number:
+                station.ours_age_s = echo.held_s
                 self.delays.echoed(station.number, echo.sequence, echo.held_s, arrived_s)
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
@@ -269,20 +278,24 @@ class Site:
         """All vehicles of the other stations at `now_s`: once a tick."""
         known, age_max_s = self.known, self._without_control.telemetry_age_max_s
         here = np.zeros(len(self.names) + 1, np.bool_)  # the last: no station flies it
-        pace = 1.0
+        shares, pace = here.copy(), 1.0
         for name in self.present(now_s):
             station = self.stations[name]
             here[station.number] = True
+            shares[station.number] = max(now_s - station.arrived_s, station.ours_age_s) <= SHARES_S
             if station.batch is not None:
                 pace = min(pace, station.batch.pace)
         age_s = now_s - known.measured_s
         self._kept.note(known.desired_m_s, known.setpoint_m_s, age_s, now_s, ~here[known.owner])
-        position_m, uncertainty_m, airborne, formed = at_time(known, self._mine, here, now_s, age_max_s)
+        position_m, uncertainty_m, unfiltered_m_s, airborne, formed = at_time(
+            known, self._mine, here, shares, now_s, age_max_s
+        )
         paths, owners, drift = self._paths(np.flatnonzero(self._without(now_s)), age_s)
         return Others(
             self.ids,
             position_m,
             known.velocity_m_s.copy(),
+            unfiltered_m_s,
             uncertainty_m,
             self._charge,
             airborne,

@@ -167,6 +167,7 @@ def station_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
         fleet.ids[own:],
         fleet.position_m[own:].copy(),
         fleet.velocity_m_s[own:].copy(),
+        fleet.velocity_m_s[own:].copy(),
         np.zeros(elsewhere),
         np.ones(elsewhere),
         everyone,

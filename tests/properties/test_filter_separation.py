@@ -48,6 +48,20 @@ def test_floor_and_margin_hold_for_the_whole_reaction_time(
 
 
 @CALM
+@given(legal_fleets(), masks(6))
+def test_two_stations_keep_pairs_apart_as_one_does(fleet: tuple[Array, Array], mask: Mask) -> None:
+    position, desired = fleet
+    assume(closest(position) >= SAFETY.floor.horizontal_m + SAFETY.floor.margin_m)
+    one, own = around(position), mask[: len(position)]
+    together = np.zeros_like(desired)
+    for part in (own, ~own):
+        station = replace(one, commanded=part, shares=~part)
+        together += filter_velocities(desired, station, SAFETY)[0]
+    assert together == pytest.approx(filter_velocities(desired, one, SAFETY)[0], abs=0.02)
+    event(f"{int(own.sum())} of {len(own)} are the first station's")
+
+
+@CALM
 @given(
     legal_fleets(), masks(6), vectors(6, 5.0), st.permutations(range(6)), within(-3.0, 3.0), vectors(1, 50.0)
 )

@@ -134,27 +134,27 @@ def test_what_does_not_fit_is_refused_with_its_place(
     assert stated.startswith("site.yaml: line ")
 
 
-def test_at_most_100_stations_and_1400_vehicles_of_each() -> None:
+def test_at_most_100_stations_and_1200_vehicles_of_each() -> None:
     def many(raw: dict[str, Any]) -> None:
         raw["formation"] = {"radius_m": 80.0, "height_m": 100.0}
         raw["control"] = {"safety": {"fence": {"height_max_m": 300.0, "distance_max_m": 400.0}}}
         for number in range(5):
             link: dict[str, object] = {"name": f"more{number}", "transport": "native"}
             link |= {"listen": f"udpin://127.0.0.1:{16000 + number}"}
-            link["vehicles"] = {"first_system_id": 1, "count": 250, "id_pattern": "{link}x{system_id}"}
+            link["vehicles"] = {"first_system_id": 1, "count": 239, "id_pattern": "{link}x{system_id}"}
             raw["links"].append(link)
             raw["stations"][0]["links"].append(link["name"])
 
-    assert len(station_config(site_of(many), "north").ids) == 1254
+    assert len(station_config(site_of(many), "north").ids) == 1199
 
     def one_more(raw: dict[str, Any]) -> None:
         many(raw)
-        vehicles = {"first_system_id": 1, "count": 250, "id_pattern": "{link}x{system_id}"}
+        vehicles = {"first_system_id": 1, "count": 239, "id_pattern": "{link}x{system_id}"}
         link = {"name": "last", "listen": "udpin://127.0.0.1:16010", "vehicles": vehicles}
         raw["links"].append(link)
         raw["stations"][0]["links"].append("last")
 
-    assert "stations.0.links: 1504 vehicles; one station flies at most 1400" in refusal(one_more)
+    assert "stations.0.links: 1438 vehicles; one station flies at most 1200" in refusal(one_more)
 
     def crowded(raw: dict[str, Any]) -> None:
         names = [f"s{number}" for number in range(104)]

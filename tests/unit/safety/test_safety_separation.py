@@ -1,5 +1,6 @@
 """How pairs are held apart, against numbers computed by hand."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -64,6 +65,19 @@ def test_commanded_vehicle_yields_fully_to_an_uncommanded_one() -> None:
     brake = float(BRAKING.speed_m_s(np.array([0.5]))[0])
     assert allowed[0, 0] == pytest.approx(-3.0 + brake, abs=2e-3)
     assert not allowed[1].any()
+
+
+def test_pair_of_two_stations_that_share_yields_half_each() -> None:
+    position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])
+    desired, both = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]), surroundings(position)
+    for own in ([True, False], [False, True]):
+        here = replace(both, commanded=np.array(own), shares=~np.array(own))
+        allowed, reasons = filter_velocities(desired, here, SETTINGS)
+        row = own.index(True)
+        assert allowed[row] == pytest.approx(filtered(desired, both)[row])
+        assert reasons[row] == f"separation from d{1 - row}"
+        assert not allowed[1 - row].any()
+        assert reasons[1 - row] == ""
 
 
 def test_vehicle_of_unknown_velocity_is_kept_away_from() -> None:

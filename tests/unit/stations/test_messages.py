@@ -49,6 +49,7 @@ def batch(count: int, head: BatchHead = HEAD) -> StateBatch:
         head=head,
         position_m=rng.uniform(-500.0, 500.0, (count, 3)),
         velocity_m_s=rng.uniform(-8.0, 8.0, (count, 3)),
+        unfiltered_m_s=0.5 * desired_m_s,
         desired_m_s=desired_m_s,
         setpoint_m_s=1.5 * desired_m_s,
         uncertainty_m=rng.uniform(0.02, 3.0, count),
@@ -79,7 +80,7 @@ def test_batch_arrives_as_it_was(count: int) -> None:
     known = np.isfinite(sent.age_s)
     assert received.position_m[known] == pytest.approx(sent.position_m[known], abs=1e-4)
     assert np.isnan(received.position_m[~known]).all()
-    for name in ("velocity_m_s", "desired_m_s", "setpoint_m_s"):
+    for name in ("velocity_m_s", "unfiltered_m_s", "desired_m_s", "setpoint_m_s"):
         there, here = getattr(sent, name)[known], getattr(received, name)[known]
         assert here == pytest.approx(there, abs=0.0051, nan_ok=True)
     assert received.uncertainty_m == pytest.approx(sent.uncertainty_m, abs=0.0051)

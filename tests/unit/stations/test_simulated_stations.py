@@ -6,6 +6,14 @@ from gcs.simulation.metrics import report
 from gcs.simulation.scenario import Scenario
 
 
+def test_crowd_of_many_stations_keeps_apart_as_that_of_one() -> None:
+    """A vehicle between two of other stations has nowhere to go, and those behind it have to know."""
+    scenario = scenarios.load(scenarios.find("stations-scale"))
+    changed = {"duration_s": 13.0, "stations": {"count": 20, "delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}}
+    record = fly(Scenario.model_validate(scenario.model_dump() | changed), 400, 1)
+    assert min(record.closest_m) >= 2.6  # of the 2.7 m that floor, margin and reserve ask for
+
+
 def flown(stations: int) -> dict[str, object]:
     scenario = scenarios.load(scenarios.find("stations"))
     changed = {"stations": {"count": stations, "loss": 0.05}, "duration_s": 44.0}

@@ -9,8 +9,8 @@ import pytest
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.stations.lead import Lead
-from gcs.stations.messages import PHASE_CODE, BatchHead, FormationMessage, SlotsMessage
-from gcs.stations.site import LOST_S, Site, StationFleet, WithoutControl
+from gcs.stations.messages import PHASE_CODE, BatchHead, Echo, FormationMessage, SlotsMessage
+from gcs.stations.site import LOST_S, SHARES_S, Site, StationFleet, WithoutControl
 from tests.unit.stations.test_messages import HEAD, batch
 
 FLEETS = {
@@ -64,6 +64,37 @@ def test_old_batch_makes_vehicles_less_certain() -> None:
     new_m, old_m = (north.others(now_s).uncertainty_m[:3] for now_s in (100.0, 100.2))
     assert new_m == pytest.approx(0.1)
     assert old_m == pytest.approx(np.hypot(0.1, 0.06))  # it may have changed its velocity by 0.6 m/s
+
+
+@pytest.mark.parametrize(
+    ("held_s", "later_s", "shares"),
+    [
+        (0.05, 0.05, True),
+        (SHARES_S + 0.01, 0.05, False),  # it does not hear of the own vehicles any more
+        (0.05, SHARES_S + 0.01, False),
+        (None, 0.05, False),
+    ],
+)
+def test_station_shares_only_while_both_hear_each_other(
+    held_s: float | None, later_s: float, shares: bool
+) -> None:
+    north = site()
+    echoes = () if held_s is None else (Echo(0, 1, held_s),)
+    unfiltered_m_s = np.array([[3.0, 0.0, 0.0], [np.nan] * 3, [3.0, 0.0, 0.0]])
+    desired_m_s = np.where(np.isfinite(unfiltered_m_s), 1.0, np.nan)  # the second is not commanded
+    age_s = np.array([0.1, 0.1, 0.6])  # the third is silent: its own station does not command it
+    sent = from_south(
+        north,
+        head(north, echoes=echoes),
+        unfiltered_m_s=unfiltered_m_s,
+        desired_m_s=desired_m_s,
+        setpoint_m_s=desired_m_s,
+        age_s=age_s,
+    )
+    north.receive("south", "states", sent, 100.0)
+    seen = north.others(100.0 + later_s)
+    assert np.isfinite(seen.unfiltered_m_s[:, 0]).tolist() == [shares, False, False, False]
+    assert not shares or seen.unfiltered_m_s[0].tolist() == [3.0, 0.0, 0.0]
 
 
 def test_silent_station_is_lost_and_its_space_closed() -> None:
