@@ -12,6 +12,7 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.preflight_gate import REASON_MAX, PreflightGate
 from gcs.flight.site_display import SiteDisplay
+from gcs.flight.site_holds import FORMED, SiteHolds
 from gcs.flight.site_member import SiteMember
 from gcs.flight.site_plan import SitePlanEditor
 from gcs.flight.site_requests import (
@@ -36,7 +37,7 @@ from gcs.flight.site_shows import SiteShowPlayer
 from gcs.flight.standby import TAKE_OVER, Standby
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Interruption, Offer
-from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
+from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, CommandRecord, ShowAction, StationView, VehicleAction
@@ -45,20 +46,6 @@ log = logging.getLogger(__name__)
 
 NO_STATION: Final = "of no station"
 """Stands for the station of a vehicle that none flies."""
-
-FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
-
-GONE_HOLD_S: Final = 6.0
-"""When a station with vehicles in the air is lost, all hold for this time; then they close the gap.
-
-If its process has ended no bus heals: they hold for HOLDS_LEAST_S only.
-"""
-
-HOLDS_LEAST_S: Final = 1.0
-"""Time in which the lead notices as well what a follower holds for."""
-
-SETTLED_S: Final = 0.5
-"""A phase of the lead counts once it has lasted so long: an operator's command may be under way to it."""
 
 READY_EVERY_S, READY_LEAST_S = 2.0, 0.25
 """Time between two checks of readiness, and the least time when a vehicle became ready between them."""
@@ -88,10 +75,12 @@ class SiteCommander(Commander):
         self._member, self._standby, self._plan, self._display = member, standby, plan, display
         self._gate, self._shows = preflight_gate, show_player
         self._routing = SiteRouting(member, flight.book)
-        self._waits_for = ""  # the station for which this one holds, by itself
-        self._waits_since_s = 0.0
-        self._gone: dict[str, float] = {}  # lost, with vehicles in the air: until when all hold
-        self._lead_show: tuple[ShowPhase, float] = (ShowPhase.IDLE, 0.0)
+        self._holds = SiteHolds(
+            flight,
+            member,
+            partial(super().execute_show_failsafe, ShowAction.PAUSE),
+            partial(super().command_show, ShowAction.RESUME),
+        )
 
     # commands
 
@@ -116,7 +105,7 @@ class SiteCommander(Commander):
         local = partial(
             super().command_show, action, own_here, show_hash=show_hash, at_unix_time_s=at_unix_time_s
         )
-        self._waits_for = ""
+        self._holds.end()
         may_skip = action is not ShowAction.START or vehicles is not None
         record = self._local(action.value, local, others=self._others_fly(action) and may_skip)
         reached = (*AIRBORNE,) if action is not ShowAction.START else (Phase.STANDBY,)
@@ -316,9 +305,9 @@ class SiteCommander(Commander):
             interrupted = self.recovery.view()
             self._member.sender.offers = () if interrupted is None else interrupted.offers
         if self._standby.look(now_s):
-            self._waits_for = ""
+            self._holds.end()
             super().command_show(ShowAction.RESUME)
-        self._follow(now_s)
+        self._holds.advance(now_s)
 
     def _take(self, sender: str, request: Request) -> None:
         match request:
@@ -359,7 +348,7 @@ class SiteCommander(Commander):
             return partial(self.flight.book.done, request.action, formed, {}, "flies already")
         if request.reason:
             return partial(super().execute_show_failsafe, request.action, request.reason)
-        self._waits_for = ""
+        self._holds.end()
         if request.action is ShowAction.START:
             self._shows.named = None if request.named is None else frozenset(request.named)
         return partial(
@@ -404,59 +393,3 @@ class SiteCommander(Commander):
         except GcsError as refused:
             return str(refused)
         return ""
-
-    # the show
-
-    def _follow(self, now_s: float) -> None:
-        """Keep this station's show with the lead's, and hold while a station is missing."""
-        flight, member = self.flight, self._member
-        lead = member.site.lead
-        newly_gone = self._note_gone(now_s)
-        if flight.show in FORMED and newly_gone:
-            name = min(newly_gone)
-            self._wait_for(name, f"station {name} is not received: all hold")
-        elif flight.show in FORMED and not lead.leads and self._lead_silent(now_s):
-            self._wait_for(lead.name, f"the leading station {lead.name} is silent: all hold")
-        elif not lead.leads and lead.name in member.present():
-            self._keep_with_lead(now_s)
-        if self._waits_for and flight.show is ShowPhase.PAUSED and self._may_go_on(now_s):
-            self._waits_for = ""
-            super().command_show(ShowAction.RESUME)
-
-    def _lead_silent(self, now_s: float) -> bool:
-        station = self._member.site.stations[self._member.site.lead.name]
-        return now_s - station.arrived_s > self._member.lead_silent_s
-
-    def _note_gone(self, now_s: float) -> list[str]:
-        """Note stations that are lost with vehicles in the air. Returns: those that were not until now."""
-        member, before = self._member, self._gone
-        lost = [name for name in member.site.lost(now_s) if member.ids_of(name, *AIRBORNE)]
-        hold_s = {name: HOLDS_LEAST_S if member.ended(name) else GONE_HOLD_S for name in lost}
-        self._gone = {name: before.get(name, now_s + hold_s[name]) for name in lost}
-        return [name for name in lost if name not in before]
-
-    def _wait_for(self, station: str, reason: str) -> None:
-        log.warning("holds_for_station", extra={"other": station, "reason": reason})
-        super().execute_show_failsafe(ShowAction.PAUSE, reason)
-        self._waits_for, self._waits_since_s = station, self.flight.fleet.time_s
-
-    def _may_go_on(self, now_s: float) -> bool:
-        """Whether what this station waited for is over."""
-        lead, member = self._member.site.lead, self._member
-        if not self.flight.in_phase(Phase.FORMATION) or now_s - self._waits_since_s < HOLDS_LEAST_S:
-            return False
-        if not lead.leads:
-            return lead.name in member.present() and member.show_of(lead.name) in FORMED
-        return all(now_s >= until_s for until_s in self._gone.values())
-
-    def _keep_with_lead(self, now_s: float) -> None:
-        flight, lead = self.flight, self._member.site.lead
-        show = self._member.show_of(lead.name)
-        if show is not self._lead_show[0]:
-            self._lead_show = show, now_s
-        if now_s - self._lead_show[1] < SETTLED_S:
-            return
-        if show is ShowPhase.PAUSED and flight.show in FORMED and not self._waits_for:
-            self._wait_for(lead.name, f"the leading station {lead.name} holds")
-        elif show is ShowPhase.RUNNING and flight.show is ShowPhase.ASSEMBLING:
-            flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
