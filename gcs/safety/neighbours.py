@@ -40,7 +40,7 @@ def near_pairs(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array)
         radius_m: (n,) radius of each one's search.
     """
     if len(position_m) <= FEW:
-        return near_pairs_of(some, position_m, takes_part, radius_m)
+        return _near_pairs_of(some, position_m, takes_part, radius_m)
     rows, start, low_m, cell_m, across = _sorted_into_cells(position_m, takes_part, radius_m)
     place_m, look_m, of_some = position_m[rows], radius_m[rows], some[rows]  # contiguous, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
@@ -55,7 +55,7 @@ def near_pairs(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array)
 
 
 @kernel
-def near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
+def _near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
     """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by comparing all pairs."""
     n, found = len(position_m), 0
     room = n * some.sum() + 1

@@ -19,7 +19,7 @@ from gcs.safety.constraints import (
     Braking,
     allowed_speed_m_s,
 )
-from gcs.safety.neighbours import FEW, Rows, near_pairs, near_pairs_of
+from gcs.safety.neighbours import Rows, near_pairs
 
 
 class Floor(Settings):
@@ -371,10 +371,7 @@ def _found(
     known, measured_m_s, course_m_s, spare_m_s, place_m, look_m = _looks(
         position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, each, numbers
     )
-    if only.sum() <= FEW:
-        first, second = near_pairs_of(only, place_m, known, look_m)
-    else:
-        first, second = near_pairs(commanded & only, place_m, known, look_m)
+    first, second = near_pairs(commanded & only, place_m, known, look_m)
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
