@@ -258,7 +258,7 @@ def _leg_s(
     speed_m_s: float,
     reach_m: float,
 ) -> float:
-    """Duration of the leg from corner `here` (-1: the start, a place anywhere) to corner `v`.
+    """Duration of the leg from corner `here` (-1: a place at which a way may turn anyhow) to corner `v`.
 
     Infinity where no earliest route has this leg, it is blocked, too long, or ends beyond `reach_m`.
     """
@@ -302,10 +302,13 @@ def search(
     length_m, rank_s = np.zeros(count), np.full(count, inf)  # inf: not open
     closed = np.zeros(count, np.bool_)
     covered_s = covered(place, half_m, goal)
+    from_inside = bool((first_m != half_m).any())
     here, here_s, here_m, x_m, y_m = -1, 0.0, 0.0, start[0], start[1]
     best, best_cost, leave_s, best_s = -2, inf, inf, inf
     while True:
         legs_m = first_m if here < 0 else half_m
+        # a corner by which the start leaves a box is passed at any angle
+        bends = -1 if here < 0 or (from_inside and before[here] < 0) else here
         own_m_s = (0.0, 0.0) if here < 0 else (corners[here, 2], corners[here, 3])
         mover = (x_m, y_m, own_m_s[0], own_m_s[1])
         leaves_s, there_s = last_leg(
@@ -320,7 +323,7 @@ def search(
             if closed[v]:
                 continue
             until_s = min(best_cost, arrival_s[v])
-            fly_s = _leg_s(place, legs_m, corners, here, mover, here_s, v, until_s, speed_m_s, reach_m)
+            fly_s = _leg_s(place, legs_m, corners, bends, mover, here_s, v, until_s, speed_m_s, reach_m)
             if fly_s == inf:
                 continue
             vx_m_s, vy_m_s = corners[v, 2], corners[v, 3]

@@ -126,8 +126,8 @@ def shortest_m(boxes: Boxes, goal_m: Array) -> float:
             if there_m >= least_m.get(v, np.inf) or np.hypot(*nodes_m[v]) > REACH_M:
                 continue
             half_m = boxes.half_m if u else boxes.first_m
-            leg = (*nodes_m[u].tolist(), *(way_m / max(length_m, 1e-9)).tolist())
-            if not is_blocked(boxes.place, half_m, leg, 0.0, length_m):
+            leg = (*nodes_m[u].tolist(), *(SPEED_M_S * way_m / max(length_m, 1e-9)).tolist())
+            if not is_blocked(boxes.place, half_m, leg, 0.0, length_m / SPEED_M_S):
                 least_m[v] = there_m
                 heapq.heappush(open_nodes, (there_m, v))
     return np.inf
@@ -143,6 +143,17 @@ def test_past_standing_boxes_no_way_is_shorter(scene: tuple[Outlines, Boxes, Goa
     assert route.reaches == (shortest < np.inf)
     if route.reaches and (boxes.first_m == boxes.half_m).all():  # the centre begins outside
         assert abs(SPEED_M_S * route.arrival_s[-1] - shortest) < 1e-6
+
+
+def test_way_out_of_two_boxes_turns_where_it_leaves_them() -> None:
+    boxes = [Ellipse(5.0, -12.76, 3.0, 9.0, 60.0), Ellipse(-11.0, 10.73, 6.07, 6.0, 60.0)]
+    outlines = Outlines.of(
+        {"south": boxes[0], "west": boxes[1], "north": Ellipse(9.25, 18.0, 18.0, 3.0, 60.0)}
+    )
+    grown = Boxes.grown(outlines, np.full(3, GROWN_M), np.zeros(2))
+    route = find_route(grown, np.zeros(2), Goal(np.array([58.3, 0.0]), np.zeros(2)), SPEED_M_S, REACH_M)
+    assert route.reaches
+    assert SPEED_M_S * route.arrival_s[-1] < 61.0
 
 
 @CALM
