@@ -61,6 +61,9 @@ UNSEEN: Final = """(rows) => [...document.querySelectorAll(rows)].filter((row) =
 }).map((row) => row.textContent)"""
 """Which of these cannot be scrolled to. In one turn of the page: no alarm comes or goes meanwhile."""
 
+ALL_SHOWN: Final = "Object.keys(window.seen.reported).every((id) => id in window.seen.shown)"
+"""Whether every alarm that came is on the page."""
+
 STAYING: Final = "[data-alarm]:is([data-severity=emergency], [data-severity=warning])"
 """Alarms that stay until they are acknowledged."""
 
@@ -123,11 +126,13 @@ def listed(ui: Console) -> list[dict[str, Any]]:
 
 
 def not_shown_in_time(ui: Console) -> list[str]:
-    """Alarms sent to the page and not shown on it so long after, without the time it stood still."""
+    """Alarms that the page showed so long after they came, without the time it stood still."""
+    ui.page.wait_for_function(ALL_SHOWN, timeout=SOON_MS)
+    ui.page.evaluate("() => new Promise(requestAnimationFrame)")  # ends the time that it stands still now
     seen = ui.seen()
     late = []
     for alarm, reported_ms in seen["reported"].items():
-        shown_ms = seen["shown"].get(alarm, float("inf"))
+        shown_ms = seen["shown"].get(alarm, seen["message_ms"])
         stalled_ms = sum(
             max(0.0, min(each["to_ms"], shown_ms) - max(each["from_ms"], reported_ms))
             for each in seen["stalled"]
