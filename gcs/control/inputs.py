@@ -162,9 +162,7 @@ class Memory:
     radius_m: float
     desired_m_s: Array  # (n, 3) velocity after the safety filter, NaN where not commanded
     unfiltered_m_s: Array  # (n, 3) before it, NaN where not commanded
-    asked_m_s: (
-        Array  # (n, 3) `desired_m_s`, or what the law requires of vehicles that yield to a lack of authority
-    )
+    asked_m_s: Array  # (n, 3) the first; of those that yield to a lack of authority what the law requires
     setpoint_m_s: Array  # (n, 3) as sent for it, less the trim; NaN where not commanded
     yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement

@@ -25,7 +25,8 @@ class Others:
     ids: tuple[VehicleId, ...]
     position_m: Array  # (k, 3) brought forward to the tick
     velocity_m_s: Array  # (k, 3)
-    unfiltered_m_s: Array  # (k, 3) what their stations' safety filters are given; NaN: not to be counted on
+    unfiltered_m_s: Array  # (k, 3) what their stations' safety filters were given; NaN: not to be counted on
+    filtered_m_s: Array  # (k, 3) what these made of that; NaN alike
     uncertainty_m: Array  # (k,) standard deviation of the position, sideways
     charge: Array  # (k,)
     airborne: Mask  # (k,) in the air, or possibly so
@@ -41,6 +42,7 @@ class Others:
         freeze(self.position_m, (k, 3), "position_m")
         freeze(self.velocity_m_s, (k, 3), "velocity_m_s")
         freeze(self.unfiltered_m_s, (k, 3), "unfiltered_m_s")
+        freeze(self.filtered_m_s, (k, 3), "filtered_m_s")
         freeze(self.uncertainty_m, (k,), "uncertainty_m")
         freeze(self.charge, (k,), "charge")
 
@@ -101,17 +103,17 @@ class Others:
             replace(memory, unfollowed_s=unfollowed_s),
         )
 
-    def unfiltered(self, own_m_s: Array) -> tuple[Array, Mask]:
+    def velocities(self, own_m_s: Array) -> tuple[Array, Array]:
         """Velocities before the safety filter: `own_m_s` (n + k, 3), and of these k what is reported.
 
-        Returns: (n + k, 3), and (n + k,) the vehicles of other stations that keep apart likewise.
+        Returns: (n + k, 3), and (n + k, 3) what the filters of these k made of it, NaN in all other rows.
         """
-        all_m_s, shares = own_m_s.copy(), np.zeros(len(own_m_s), np.bool_)
-        first = len(own_m_s) - len(self.ids)
-        shares[first:] = np.isfinite(self.unfiltered_m_s).all(axis=1)
-        shares[first:] &= np.isfinite(self.position_m).all(axis=1)
-        all_m_s[shares] = self.unfiltered_m_s[shares[first:]]
-        return all_m_s, shares
+        n = len(own_m_s) - len(self.ids)
+        shared = np.isfinite(self.unfiltered_m_s[:, :1])
+        all_m_s, shared_m_s = own_m_s.copy(), np.full_like(own_m_s, np.nan)
+        all_m_s[n:] = np.where(shared, self.unfiltered_m_s, own_m_s[n:])
+        shared_m_s[n:] = self.filtered_m_s
+        return all_m_s, shared_m_s
 
     def _drift_after(self, own: tuple[Array, Array] | None, count: int) -> tuple[Array, Array] | None:
         """(n + k, 3) positions and velocities, as in Tasks, of `count` own vehicles and of these."""

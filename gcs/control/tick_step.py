@@ -128,9 +128,9 @@ def tick(
         least.lack_m_s,
         least.reserve_m_s,
     )
-    all_m_s, shares = (reached_m_s, None) if others is None else others.unfiltered(reached_m_s)
+    all_m_s, shared_m_s = (reached_m_s, None) if others is None else others.velocities(reached_m_s)
     allowed_m_s, limited_by = filter_velocities(
-        all_m_s, _surroundings(now, authority, routes, shares), settings.safety
+        all_m_s, _surroundings(now, authority, routes, shared_m_s), settings.safety
     )
     shaped = shape_setpoints(
         now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
@@ -245,7 +245,7 @@ def _of_commanded(
 
 
 def _surroundings(
-    now: TickInputs, authority: Authority, routes: GoalRoutes | None, shares: Mask | None
+    now: TickInputs, authority: Authority, routes: GoalRoutes | None, shared_m_s: Array | None
 ) -> Surroundings:
     safety = now.settings.safety
     wander_m = authority.wander_m(safety.authority)
@@ -276,7 +276,7 @@ def _surroundings(
         now.tasks.drift,
         None if routes is None else routes.passage,
         now.traits.response,
-        shares,
+        shared_m_s,
     )
 
 

@@ -14,6 +14,7 @@ from gcs.model.jit import kernel
 from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
+from gcs.safety.across_stations import with_reports
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
 from gcs.safety.neighbours import FEW, Rows
@@ -36,10 +37,6 @@ SOLUTIONS, ATTEMPTS = 3, 6
 close too, at last with all pairs of up to `FEW` vehicles. After that the velocities are only shortened. If
 they still break a constraint of an overlooked pair then, all vehicles brake.
 """
-
-
-HOPS = 2
-"""From an own vehicle to those of other stations that its neighbours may have to make room for."""
 
 
 class Limits(Settings):
@@ -87,7 +84,7 @@ class Surroundings:
     drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
     passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
     response: FleetResponse | None = None  # (n,) in what their stops differ from `braking`; None: in nothing
-    shares: Mask | None = None  # (n,) other stations', which keep apart by the same filter; None: none
+    shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
 
     def over_link(self, delay_s: float) -> "Surroundings":
         """The same when stops begin a round trip of 2 `delay_s` later."""
@@ -112,7 +109,7 @@ def filter_velocities(
     here, limits = surroundings.over_link(settings.link_delay_s), settings.limits
     braking = settings.braking.over_link(settings.link_delay_s)
     own = np.array(here.commanded)
-    moved = own if here.shares is None else own | here.shares
+    moved = own if here.shared_m_s is None else own | np.isfinite(here.shared_m_s[:, 0])
     position_m, desired_m_s = _later_and_only(
         np.array(here.position_m),
         np.array(here.velocity_m_s),
@@ -140,7 +137,7 @@ def filter_velocities(
             near = _pairs(position_m, searched_m_s, 2.0 * limits.fastest_m_s, here, settings, braking)
         else:
             near = _pairs(position_m, searched_m_s, SPARE_M_S, here, settings, braking, strays)
-        overlooked = near.not_in(pairs, len(position_m))
+        overlooked = with_reports(near.not_in(pairs, len(position_m)), own, here.shared_m_s)
         if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
             break
         pairs = pairs.joined(overlooked)
@@ -167,20 +164,17 @@ def _first_pairs(
 
     Returns: the pairs, and (n,) the own vehicles and those neighbours.
     """
-    if here.shares is None:
+    if here.shared_m_s is None:
         return _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking), own
     pairs = _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking, own)
-    near = own
-    for _ in range(HOPS):
-        reached = near.copy()
-        reached[pairs.first] = True
-        reached[pairs.other] |= here.shares[pairs.other]
-        new, near = reached & ~near, reached
-        if not new.any():
-            break
-        further = _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking, new)
-        pairs = pairs.joined(further.not_in(pairs, len(position_m)))
-    return pairs, near
+    involved = own.copy()
+    involved[pairs.first] = True
+    involved[pairs.other] |= here.commanded[pairs.other]
+    neighbours = involved & ~own
+    if neighbours.any():
+        theirs = _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking, neighbours)
+        pairs = pairs.joined(theirs.not_in(pairs, len(position_m)))
+    return with_reports(pairs, own, here.shared_m_s), involved
 
 
 def _pairs(

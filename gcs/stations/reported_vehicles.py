@@ -160,22 +160,23 @@ def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: i
 @kernel
 def at_time(
     known: ReportedVehicles, mine: Mask, here: Mask, shares: Mask, now_s: float, age_max_s: float
-) -> tuple[Array, Array, Array, Mask, Mask]:
+) -> tuple[Array, Array, Array, Array, Mask, Mask]:
     """The vehicles at the time of a tick.
 
     Args:
         known: of k vehicles.
         mine: (k,) those that this station flies itself: without position, neither in the air nor formed.
         here: (stations + 1,) whether each station is received; the last: False.
-        shares: (stations + 1,) whether it also receives this one, and both do now; the last: False.
+        shares: (stations + 1,) whether each also receives this one, both just now; the last: False.
         now_s: of the tick, own clock.
         age_max_s: a vehicle with an older position is not commanded by its station.
 
-    Returns: (k, 3) positions and (k,) their uncertainty, (k, 3) velocities before the safety filter, NaN
-        where not `shares`, (k,) in the air, and (k,) in formation.
+    Returns: (k, 3) positions and (k,) their uncertainty, (k, 3) velocities before and (k, 3) after the safety
+        filter, NaN where not `shares`, (k,) in the air, and (k,) in formation.
     """
     k = len(known.owner)
-    position_m, uncertainty_m, unfiltered_m_s = np.empty((k, 3)), np.empty(k), np.full((k, 3), np.nan)
+    position_m, uncertainty_m = np.empty((k, 3)), np.empty(k)
+    unfiltered_m_s, filtered_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
     airborne, formed = np.empty(k, np.bool_), np.empty(k, np.bool_)
     for i in range(k):
         forward_s = min(max(now_s - known.made_s[i], 0.0), FORWARD_MAX_S)
@@ -190,7 +191,8 @@ def at_time(
         if age_s <= age_max_s and shares[known.owner[i]] and not mine[i]:
             for axis in range(3):
                 unfiltered_m_s[i, axis] = known.unfiltered_m_s[i, axis]
-    return position_m, uncertainty_m, unfiltered_m_s, airborne, formed
+                filtered_m_s[i, axis] = known.desired_m_s[i, axis]
+    return position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed
 
 
 @kernel

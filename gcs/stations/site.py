@@ -287,7 +287,7 @@ class Site:
                 pace = min(pace, station.batch.pace)
         age_s = now_s - known.measured_s
         self._kept.note(known.desired_m_s, known.setpoint_m_s, age_s, now_s, ~here[known.owner])
-        position_m, uncertainty_m, unfiltered_m_s, airborne, formed = at_time(
+        position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed = at_time(
             known, self._mine, here, shares, now_s, age_max_s
         )
         paths, owners, drift = self._paths(np.flatnonzero(self._without(now_s)), age_s)
@@ -296,6 +296,7 @@ class Site:
             position_m,
             known.velocity_m_s.copy(),
             unfiltered_m_s,
+            filtered_m_s,
             uncertainty_m,
             self._charge,
             airborne,

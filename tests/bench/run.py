@@ -168,6 +168,7 @@ def station_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
         fleet.position_m[own:].copy(),
         fleet.velocity_m_s[own:].copy(),
         fleet.velocity_m_s[own:].copy(),
+        fleet.velocity_m_s[own:].copy(),
         np.zeros(elsewhere),
         np.ones(elsewhere),
         everyone,

@@ -54,10 +54,11 @@ def test_two_stations_keep_pairs_apart_as_one_does(fleet: tuple[Array, Array], m
     assume(closest(position) >= SAFETY.floor.horizontal_m + SAFETY.floor.margin_m)
     one, own = around(position), mask[: len(position)]
     together = np.zeros_like(desired)
+    alone = filter_velocities(desired, one, SAFETY)[0]
     for part in (own, ~own):
-        station = replace(one, commanded=part, shares=~part)
+        station = replace(one, commanded=part, shared_m_s=np.where(part[:, None], np.nan, alone))
         together += filter_velocities(desired, station, SAFETY)[0]
-    assert together == pytest.approx(filter_velocities(desired, one, SAFETY)[0], abs=0.02)
+    assert together == pytest.approx(alone, abs=0.02)
     event(f"{int(own.sum())} of {len(own)} are the first station's")
 
 

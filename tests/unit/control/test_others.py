@@ -32,6 +32,7 @@ def others_of(ids: tuple[str, ...], position_m: Array, *, formed: bool = True) -
         position_m.copy(),
         np.zeros((k, 3)),
         np.full((k, 3), np.nan),
+        np.full((k, 3), np.nan),
         np.full(k, 0.05),
         np.ones(k),
         flying,

@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from gcs.safety.across_stations import CHANGE_M_S
 from gcs.safety.constraints import Braking, Constraints
 from gcs.safety.filter import Limits, filter_velocities
 from gcs.safety.separation import (
@@ -70,14 +71,25 @@ def test_commanded_vehicle_yields_fully_to_an_uncommanded_one() -> None:
 def test_pair_of_two_stations_that_share_yields_half_each() -> None:
     position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])
     desired, both = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]), surroundings(position)
+    together = filtered(desired, both)
     for own in ([True, False], [False, True]):
-        here = replace(both, commanded=np.array(own), shares=~np.array(own))
+        shared = np.where(np.array(own)[:, None], np.nan, together)
+        here = replace(both, commanded=np.array(own), shared_m_s=shared)
         allowed, reasons = filter_velocities(desired, here, SETTINGS)
         row = own.index(True)
-        assert allowed[row] == pytest.approx(filtered(desired, both)[row])
+        assert allowed[row] == pytest.approx(together[row])
         assert reasons[row] == f"separation from d{1 - row}"
         assert not allowed[1 - row].any()
         assert reasons[1 - row] == ""
+
+
+def test_own_vehicle_yields_what_the_other_station_does_not() -> None:
+    position = np.array([[-4.0, 0.0, -20.0], [4.0, 0.0, -20.0]])  # 5 m to floor and margin
+    desired = np.array([[6.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    reported = np.array([[np.nan] * 3, [-0.5, 0.0, 0.0]])  # something that is not known here pushes it
+    here = replace(surroundings(position, commanded=[True, False]), shared_m_s=reported)
+    brake = float(BRAKING.speed_m_s(np.array([5.0]))[0])
+    assert filtered(desired, here)[0, 0] == pytest.approx(brake - 0.5 + CHANGE_M_S, abs=2e-3)
 
 
 def test_vehicle_of_unknown_velocity_is_kept_away_from() -> None:
