@@ -127,7 +127,7 @@ def listed(ui: Console) -> list[dict[str, Any]]:
 
 def not_shown_in_time(ui: Console) -> list[str]:
     """Alarms that the page showed so long after they came, without the time it stood still."""
-    ui.page.wait_for_function(ALL_SHOWN, timeout=SOON_MS)
+    wait_until("every alarm is on the page", SOON_S, lambda: bool(ui.page.evaluate(ALL_SHOWN)))
     ui.page.evaluate("() => new Promise(requestAnimationFrame)")  # ends the time that it stands still now
     seen = ui.seen()
     late = []
