@@ -1,7 +1,8 @@
 """Repulsion of large fleets: pairs that are near exactly, the rest from cells (Barnes and Hut 1986).
 
-The unit cube about the sphere is divided into cells. On a vehicle push all vehicles of its own cell and of
-the cells near it one by one, and each cell farther away like one charge at its members' mean direction.
+The unit cube about the sphere is divided into cells, and blocks of 2 x 2 x 2 cells. On a vehicle push all
+vehicles of its own cell and of the cells near it one by one, each cell farther away like one charge at its
+members' mean direction, and each block that is not near likewise.
 """
 
 from typing import TypeAlias
@@ -15,11 +16,16 @@ from gcs.model.state import Array
 Flat: TypeAlias = NDArray[np.float32]
 Rows: TypeAlias = NDArray[np.intp]
 
-ACROSS = 10
-"""Cells along each axis of the cube; about 350 of them meet the sphere."""
+Ones: TypeAlias = tuple[Flat, Flat]
+"""Mean directions (3, m) and charges (m,) of groups of vehicles."""
 
-NEAR = 2.5
-"""Cells are near when their mean directions are nearer than this many edges of a cell."""
+BLOCKS = 0.08
+"""Blocks along each axis of the cube, times the root of the number of vehicles. Of 10,000 vehicles about 230
+blocks and 900 cells hold any.
+"""
+
+NEAR = 2.8
+"""Cells are near when their mean directions are nearer than so many edges of a cell, and blocks likewise."""
 
 COINCIDENT = np.float32(1e-9)
 """Added to squared distances, so that vehicles in one direction, and a vehicle and itself, do not push."""
@@ -33,20 +39,21 @@ def pushes_by_cells(direction: Array, charge: Array) -> Array:
         direction: (n, 3) unit vectors.
         charge: (n,) above 0.
     """
-    n, (rows, start) = len(direction), _sorted_into_cells(direction)
+    n, across = len(direction), max(1, round(BLOCKS * np.sqrt(len(direction))))
+    rows, number, start = _sorted_into_cells(direction, across)
     place, own = np.empty((3, n), np.float32), np.empty(n, np.float32)
     for a in range(n):
         own[a] = charge[rows[a]]
         for k in range(3):
             place[k, a] = direction[rows[a], k]
-    begin = start[:-1][start[1:] > start[:-1]]  # of the cells that hold any
-    end = start[1:][start[1:] > start[:-1]]
-    middle, whole = _as_one(place, own, begin, end)
-    there, theirs = np.empty((3, n + len(begin)), np.float32), np.empty(n + len(begin), np.float32)
+    cells = _as_one(place, own, start)
+    part = _firsts(number)
+    blocks = _as_one(place, own, start[part])
+    there, theirs = np.empty((3, n + len(number)), np.float32), np.empty(n + len(number), np.float32)
     push, found = np.empty((n, 3)), np.empty(3, np.float32)
-    for c in range(len(begin)):
-        count = _gather(c, place, own, begin, end, middle, whole, there, theirs)
-        for a in range(begin[c], end[c]):
+    for c in range(len(number)):
+        count = _gather(c, across, place, own, start, part, cells, blocks, there, theirs)
+        for a in range(start[c], start[c + 1]):
             _push_on(place[:, a], there, theirs, count, found)
             for k in range(3):
                 push[rows[a], k] = own[a] * found[k]
@@ -54,11 +61,11 @@ def pushes_by_cells(direction: Array, charge: Array) -> Array:
 
 
 @kernel
-def _as_one(place: Flat, own: Flat, begin: Rows, end: Rows) -> tuple[Flat, Flat]:
-    """(3, m) mean directions and (m,) charges of the m cells with these first and last members."""
-    middle, whole = np.zeros((3, len(begin)), np.float32), np.zeros(len(begin), np.float32)
-    for c in range(len(begin)):
-        for a in range(begin[c], end[c]):
+def _as_one(place: Flat, own: Flat, start: Rows) -> Ones:
+    """(3, m) mean directions and (m,) charges of the members from each of `start` (m + 1,) to the next."""
+    middle, whole = np.zeros((3, len(start) - 1), np.float32), np.zeros(len(start) - 1, np.float32)
+    for c in range(len(whole)):
+        for a in range(start[c], start[c + 1]):
             whole[c] += own[a]
             for k in range(3):
                 middle[k, c] += own[a] * place[k, a]
@@ -70,47 +77,75 @@ def _as_one(place: Flat, own: Flat, begin: Rows, end: Rows) -> tuple[Flat, Flat]
 @kernel
 def _gather(
     c: int,
+    across: int,
     place: Flat,
     own: Flat,
-    begin: Rows,
-    end: Rows,
-    middle: Flat,
-    whole: Flat,
+    start: Rows,
+    part: Rows,
+    cells: Ones,
+    blocks: Ones,
     there: Flat,
     theirs: Flat,
 ) -> int:
     """Write what pushes on the members of cell c: places (3, ...) and charges. Returns: their number."""
-    count, near = 0, (2.0 * NEAR / ACROSS) ** 2
-    for d in range(len(begin)):
-        x, y, z = middle[0, d] - middle[0, c], middle[1, d] - middle[1, c], middle[2, d] - middle[2, c]
-        if x * x + y * y + z * z < near:
-            more = end[d] - begin[d]
-            there[:, count : count + more] = place[:, begin[d] : end[d]]
-            theirs[count : count + more] = own[begin[d] : end[d]]
-            count += more
-        else:
-            there[:, count], theirs[count] = middle[:, d], whole[d]
+    count, (middle, whole), (far_middle, far_whole) = 0, cells, blocks
+    near, near_block = (NEAR / across) ** 2, (2.0 * NEAR / across) ** 2
+    x, y, z = middle[0, c], middle[1, c], middle[2, c]
+    for block in range(len(far_whole)):
+        dx, dy, dz = far_middle[0, block] - x, far_middle[1, block] - y, far_middle[2, block] - z
+        if dx * dx + dy * dy + dz * dz >= near_block:
+            there[0, count], there[1, count] = far_middle[0, block], far_middle[1, block]
+            there[2, count], theirs[count] = far_middle[2, block], far_whole[block]
             count += 1
+            continue
+        for d in range(part[block], part[block + 1]):
+            dx, dy, dz = middle[0, d] - x, middle[1, d] - y, middle[2, d] - z
+            if dx * dx + dy * dy + dz * dz < near:
+                for a in range(start[d], start[d + 1]):
+                    there[0, count], there[1, count] = place[0, a], place[1, a]
+                    there[2, count], theirs[count] = place[2, a], own[a]
+                    count += 1
+            else:
+                there[0, count], there[1, count] = middle[0, d], middle[1, d]
+                there[2, count], theirs[count] = middle[2, d], whole[d]
+                count += 1
     return count
 
 
 @kernel
-def _sorted_into_cells(direction: Array) -> tuple[Rows, Rows]:
-    """Rows (n,) cell by cell, and (cells + 1,) where each cell begins in them."""
-    n, cells = len(direction), ACROSS**3
+def _firsts(number: Rows) -> Rows:
+    """(b + 1,) places where each of b blocks begins in the numbers (c,) of cells, and c."""
+    new = np.ones(len(number) + 1, np.bool_)
+    for c in range(1, len(number)):
+        new[c] = number[c] // 8 != number[c - 1] // 8
+    return np.flatnonzero(new)
+
+
+@kernel
+def _sorted_into_cells(direction: Array, across: int) -> tuple[Rows, Rows, Rows]:
+    """Sort n vehicles into the cells of `across` blocks along each axis.
+
+    Returns: (n,) rows cell by cell, (c,) numbers of the cells that hold any, and (c + 1,) where each begins
+        in the rows. The cells of a block have numbers that follow each other.
+    """
+    n, cells = len(direction), 8 * across**3
     cell, start, rows = np.zeros(n, np.intp), np.zeros(cells + 1, np.intp), np.empty(n, np.intp)
     for i in range(n):
+        block, inside = 0, 0
         for k in range(3):
-            along = 0.5 * (direction[i, k] + 1.0) * ACROSS
-            cell[i] = cell[i] * ACROSS + (int(min(along, ACROSS - 1.0)) if along > 0.0 else 0)
+            along = (direction[i, k] + 1.0) * across  # in cells, two to a block
+            at = int(min(along, 2.0 * across - 1.0)) if along > 0.0 else 0
+            block, inside = block * across + at // 2, 2 * inside + at % 2
+        cell[i] = 8 * block + inside
         start[cell[i] + 1] += 1
+    number = np.flatnonzero(start[1:])
     for c in range(cells):
         start[c + 1] += start[c]
     free = start[:-1].copy()
     for i in range(n):
         rows[free[cell[i]]] = i
         free[cell[i]] += 1
-    return rows, start
+    return rows, number, np.append(start[number], n)
 
 
 @kernel_in_any_order

@@ -1,6 +1,7 @@
 """Slots of fleets that are too large to sum the push of every pair in a tick."""
 
 import numpy as np
+import pytest
 
 from gcs.formation.far_field import pushes_by_cells
 from gcs.formation.repulsion import CELLS_FROM, NEAREST_FACTOR, sweep
@@ -25,11 +26,12 @@ def all_pairs(direction: Array, charge: Array) -> Array:
     return push
 
 
-def test_pushes_by_cells_are_those_of_all_pairs() -> None:
+@pytest.mark.parametrize("count", [COUNT, 5000])
+def test_pushes_by_cells_are_those_of_all_pairs(count: int) -> None:
     random = np.random.default_rng(1)
-    direction = lattice(COUNT) + random.normal(0.0, 0.1 / np.sqrt(COUNT), (COUNT, 3))
+    direction = lattice(count) + random.normal(0.0, 0.1 / np.sqrt(count), (count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    charge = random.uniform(0.5, 2.0, COUNT)
+    charge = random.uniform(0.5, 2.0, count)
     exact = tangential(all_pairs(direction, charge), direction)
     error = tangential(pushes_by_cells(direction, charge), direction) - exact
     assert np.sqrt((error**2).sum() / (exact**2).sum()) < 0.07
