@@ -37,8 +37,8 @@ HANDSHAKE_MS: Final = 2000
 
 
 SIGNS_IN_LEASE: Final = 2
-"""A connection without other messages carries that many signs of life in a lease. With Zenoh's own 4 a station
-at 10 Hz sent one between the messages of any two ticks: half of the processor time of Zenoh's threads.
+"""So many signs of life in a lease are sent over a connection without other messages. With Zenoh's own 4 a
+station at 10 Hz sent one between the messages of any two ticks: half of the time of Zenoh's threads.
 """
 
 RUNTIMES: Final = ("rx", "tx", "net", "acc")

@@ -7,8 +7,10 @@ slower autopilot, late links, a passage. It shows in what its filter allowed at 
 
 import numpy as np
 
+from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NO_ROW
+from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Pairs
 
 CHANGE_M_S = 0.3
@@ -26,11 +28,33 @@ def with_reports(pairs: Pairs, own: Mask, shared_m_s: Array | None) -> Pairs:
     """
     if shared_m_s is None:
         return pairs
-    mine_first = own[pairs.first]
-    mixed = np.flatnonzero((mine_first != own[pairs.other]) & (pairs.second != NO_ROW))
-    mine_first, first, other = mine_first[mixed], pairs.first[mixed], pairs.other[mixed]
-    mine, theirs = np.where(mine_first, first, other), np.where(mine_first, other, first)
-    normal = np.where(mine_first[:, None], pairs.normal[mixed], -pairs.normal[mixed])
-    reported_m_s = (normal * shared_m_s[theirs]).sum(axis=1)
-    bound_m_s = pairs.bound_m_s[mixed] + reported_m_s - CHANGE_M_S
-    return pairs.joined(Pairs(mine, np.full(len(mine), NO_ROW), theirs, normal, bound_m_s))
+    return pairs.joined(
+        Pairs(
+            *_against_reports(
+                pairs.first, pairs.second, pairs.other, pairs.normal, pairs.bound_m_s, own, shared_m_s
+            )
+        )
+    )
+
+
+@kernel
+def _against_reports(
+    first: Rows, second: Rows, other: Rows, normal: Array, bound_m_s: Array, own: Mask, shared_m_s: Array
+) -> tuple[Rows, Rows, Rows, Array, Array]:
+    """The constraints that `with_reports` adds; the first arguments are those of `Pairs`."""
+    mixed = np.empty(len(first), np.intp)
+    count = 0
+    for k in range(len(first)):
+        mixed[count] = k
+        count += own[first[k]] != own[other[k]] and second[k] != NO_ROW
+    mine, theirs = np.empty(count, np.intp), np.empty(count, np.intp)
+    normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
+    for a in range(count):
+        k = mixed[a]
+        mine_first = own[first[k]]
+        mine[a], theirs[a] = (first[k], other[k]) if mine_first else (other[k], first[k])
+        bounds_m_s[a] = bound_m_s[k] - CHANGE_M_S
+        for axis in range(3):
+            normals[a, axis] = normal[k, axis] if mine_first else -normal[k, axis]
+            bounds_m_s[a] += normals[a, axis] * shared_m_s[theirs[a], axis]
+    return mine, np.full(count, NO_ROW), theirs, normals, bounds_m_s

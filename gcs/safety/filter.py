@@ -401,6 +401,8 @@ def warm_up() -> None:
     settings = SafetySettings()
     pairs = _pairs(position_m, velocity_m_s, SPARE_M_S, here, settings, settings.braking)
     any_broken(velocity_m_s, *_joined(Constraints.none(), pairs))
+    own, shared = np.array([True, False, True]), replace(here, shared_m_s=velocity_m_s)
+    _first_pairs(position_m, velocity_m_s, own, shared, settings, settings.braking)
     columns_m = np.array([[[x_m, 0.0, -20.0], [x_m, 0.0, 0.0]] for x_m in (-1.0, 1.0)])
     keepout_constraints(
         position_m,

@@ -244,10 +244,8 @@ class SlotsMessage:
         _check(version, kind, SLOTS)
         if len(payload) != _SLOTS.size + 6 * count:
             raise LinkError(f"slots of {len(payload)} bytes for {count} vehicles")
-        place = np.frombuffer(payload, "<i2", offset=_SLOTS.size).reshape(count, 3).astype(np.float64)
-        length = np.linalg.norm(place, axis=1, keepdims=True)
-        with np.errstate(invalid="ignore"):
-            return SlotsMessage(site, term, lead, place / np.where(length > SLOT_STEPS / 2, length, np.nan))
+        steps = np.frombuffer(payload, "<i2", offset=_SLOTS.size).reshape(count, 3)
+        return SlotsMessage(site, term, lead, _directions(steps))
 
 
 def encode_homes(home_m: Array) -> bytes:
@@ -266,6 +264,19 @@ def decode_homes(payload: bytes) -> Array:
 def _check(version: int, kind: int, expected: int) -> None:
     if (version, kind) != (VERSION, expected):
         raise LinkError(f"message {kind} of version {version}, where {expected} of {VERSION} is expected")
+
+
+@kernel
+def _directions(steps: NDArray[np.int16]) -> Array:
+    """(n, 3) unit vectors of (n, 3) steps; NaN: none."""
+    place = np.empty(steps.shape)
+    for i in range(len(steps)):
+        x, y, z = float(steps[i, 0]), float(steps[i, 1]), float(steps[i, 2])
+        length = np.sqrt(x * x + y * y + z * z)
+        if not length > SLOT_STEPS / 2:
+            length = np.nan
+        place[i, 0], place[i, 1], place[i, 2] = x / length, y / length, z / length
+    return place
 
 
 @kernel
