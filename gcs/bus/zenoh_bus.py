@@ -36,11 +36,6 @@ HANDSHAKE_MS: Final = 2000
 """Limit of one attempt to connect: closing waits for it, and so does the next attempt."""
 
 
-SIGNS_IN_LEASE: Final = 2
-"""So many signs of life in a lease are sent over a connection without other messages. With Zenoh's own 4 a
-station at 10 Hz sent one between the messages of any two ticks: half of the time of Zenoh's threads.
-"""
-
 RUNTIMES: Final = ("rx", "tx", "net", "acc")
 
 
@@ -83,7 +78,6 @@ def configuration(
         "scouting/gossip/enabled": False,
         "transport/link/protocols": ["tls" if tls else "tcp"],
         "transport/link/tx/lease": round(1000 * lease_s),
-        "transport/link/tx/keep_alive": SIGNS_IN_LEASE,
         "transport/link/tx/queue/size/real_time": BURST,
         "transport/link/rx/max_message_size": MESSAGE_MAX,
         "transport/unicast/open_timeout": HANDSHAKE_MS,
