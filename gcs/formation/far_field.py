@@ -16,12 +16,12 @@ from gcs.model.state import Array
 Flat: TypeAlias = NDArray[np.float32]
 Rows: TypeAlias = NDArray[np.intp]
 
-Ones: TypeAlias = tuple[Flat, Flat]
-"""Mean directions (3, m) and charges (m,) of groups of vehicles."""
+Charges: TypeAlias = tuple[Flat, Flat]
+"""Directions (3, m) and charges (m,): of vehicles, or of cells or blocks, each as one charge."""
 
-BLOCKS = 0.08
-"""Blocks along each axis of the cube, times the root of the number of vehicles. Of 10,000 vehicles about 230
-blocks and 900 cells hold any.
+BLOCKS_OVER_ROOT = 0.08
+"""Number of blocks along each axis of the cube over the square root of the number of vehicles: 8 of 10,000
+vehicles, of which about 230 blocks and 900 cells meet the sphere.
 """
 
 NEAR = 2.8
@@ -39,29 +39,29 @@ def pushes_by_cells(direction: Array, charge: Array) -> Array:
         direction: (n, 3) unit vectors.
         charge: (n,) above 0.
     """
-    n, across = len(direction), max(1, round(BLOCKS * np.sqrt(len(direction))))
+    n, across = len(direction), max(1, round(BLOCKS_OVER_ROOT * np.sqrt(len(direction))))
     rows, number, start = _sorted_into_cells(direction, across)
     place, own = np.empty((3, n), np.float32), np.empty(n, np.float32)
     for a in range(n):
         own[a] = charge[rows[a]]
         for k in range(3):
             place[k, a] = direction[rows[a], k]
-    cells = _as_one(place, own, start)
-    part = _firsts(number)
-    blocks = _as_one(place, own, start[part])
-    there, theirs = np.empty((3, n + len(number)), np.float32), np.empty(n + len(number), np.float32)
+    vehicles, cells = (place, own), _as_one(place, own, start)
+    first = _first_cells(number)
+    blocks = _as_one(place, own, start[first])
+    pushing = np.empty((3, n + len(number)), np.float32), np.empty(n + len(number), np.float32)
     push, found = np.empty((n, 3)), np.empty(3, np.float32)
     for c in range(len(number)):
-        count = _gather(c, across, place, own, start, part, cells, blocks, there, theirs)
+        count = _gather(c, across, vehicles, cells, blocks, start, first, pushing)
         for a in range(start[c], start[c + 1]):
-            _push_on(place[:, a], there, theirs, count, found)
+            _push_on(place[:, a], pushing[0], pushing[1], count, found)
             for k in range(3):
                 push[rows[a], k] = own[a] * found[k]
     return push
 
 
 @kernel
-def _as_one(place: Flat, own: Flat, start: Rows) -> Ones:
+def _as_one(place: Flat, own: Flat, start: Rows) -> Charges:
     """(3, m) mean directions and (m,) charges of the members from each of `start` (m + 1,) to the next."""
     middle, whole = np.zeros((3, len(start) - 1), np.float32), np.zeros(len(start) - 1, np.float32)
     for c in range(len(whole)):
@@ -78,43 +78,62 @@ def _as_one(place: Flat, own: Flat, start: Rows) -> Ones:
 def _gather(
     c: int,
     across: int,
-    place: Flat,
-    own: Flat,
+    vehicles: Charges,
+    cells: Charges,
+    blocks: Charges,
     start: Rows,
-    part: Rows,
-    cells: Ones,
-    blocks: Ones,
-    there: Flat,
-    theirs: Flat,
+    first: Rows,
+    pushing: Charges,
 ) -> int:
-    """Write what pushes on the members of cell c: places (3, ...) and charges. Returns: their number."""
-    count, (middle, whole), (far_middle, far_whole) = 0, cells, blocks
-    near, near_block = (NEAR / across) ** 2, (2.0 * NEAR / across) ** 2
-    x, y, z = middle[0, c], middle[1, c], middle[2, c]
-    for block in range(len(far_whole)):
-        dx, dy, dz = far_middle[0, block] - x, far_middle[1, block] - y, far_middle[2, block] - z
-        if dx * dx + dy * dy + dz * dz >= near_block:
-            there[0, count], there[1, count] = far_middle[0, block], far_middle[1, block]
-            there[2, count], theirs[count] = far_middle[2, block], far_whole[block]
+    """Write to `pushing` what pushes on the members of cell c. Returns: how many.
+
+    Args:
+        c: place of the cell.
+        across: number of blocks along each axis.
+        vehicles: cell by cell.
+        cells: each as one charge.
+        blocks: each as one charge.
+        start: where each cell begins in the vehicles, and their number.
+        first: where each block begins in the cells, and their number.
+        pushing: changed.
+    """
+    count, near, near_block = 0, (NEAR / across) ** 2, (2.0 * NEAR / across) ** 2
+    for block in range(len(first) - 1):
+        if _square_between(cells, c, blocks, block) >= near_block:
+            _put(pushing, count, blocks, block)
             count += 1
             continue
-        for d in range(part[block], part[block + 1]):
-            dx, dy, dz = middle[0, d] - x, middle[1, d] - y, middle[2, d] - z
-            if dx * dx + dy * dy + dz * dz < near:
-                for a in range(start[d], start[d + 1]):
-                    there[0, count], there[1, count] = place[0, a], place[1, a]
-                    there[2, count], theirs[count] = place[2, a], own[a]
-                    count += 1
-            else:
-                there[0, count], there[1, count] = middle[0, d], middle[1, d]
-                there[2, count], theirs[count] = middle[2, d], whole[d]
+        for d in range(first[block], first[block + 1]):
+            if _square_between(cells, c, cells, d) >= near:
+                _put(pushing, count, cells, d)
+                count += 1
+                continue
+            for a in range(start[d], start[d + 1]):
+                _put(pushing, count, vehicles, a)
                 count += 1
     return count
 
 
 @kernel
-def _firsts(number: Rows) -> Rows:
-    """(b + 1,) places where each of b blocks begins in the numbers (c,) of cells, and c."""
+def _square_between(some: Charges, i: int, others: Charges, j: int) -> float:
+    """Square of the distance between the directions of one charge and of another."""
+    square = 0.0
+    for k in range(3):
+        square += (some[0][k, i] - others[0][k, j]) ** 2
+    return square
+
+
+@kernel
+def _put(pushing: Charges, at: int, charges: Charges, j: int) -> None:
+    """Write one charge to place `at`."""
+    for k in range(3):
+        pushing[0][k, at] = charges[0][k, j]
+    pushing[1][at] = charges[1][j]
+
+
+@kernel
+def _first_cells(number: Rows) -> Rows:
+    """(b + 1,) places of the first cell of each of b blocks in the cells' numbers (c,), and c."""
     new = np.ones(len(number) + 1, np.bool_)
     for c in range(1, len(number)):
         new[c] = number[c] // 8 != number[c - 1] // 8

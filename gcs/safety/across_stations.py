@@ -28,13 +28,8 @@ def with_reports(pairs: Pairs, own: Mask, shared_m_s: Array | None) -> Pairs:
     """
     if shared_m_s is None:
         return pairs
-    return pairs.joined(
-        Pairs(
-            *_against_reports(
-                pairs.first, pairs.second, pairs.other, pairs.normal, pairs.bound_m_s, own, shared_m_s
-            )
-        )
-    )
+    columns = pairs.first, pairs.second, pairs.other, pairs.normal, pairs.bound_m_s
+    return pairs.joined(Pairs(*_against_reports(*columns, own, shared_m_s)))
 
 
 @kernel

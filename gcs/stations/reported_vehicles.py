@@ -211,24 +211,6 @@ def without_control(known: ReportedVehicles, mine: Mask, now_s: float, age_max_s
     return without
 
 
-@kernel
-def lay(place: Array, rows: Rows, slots: Array, turn_rad: float) -> None:
-    """Write (m, 3) slots, turned about the vertical as by `gcs.formation.law.turned`, to their rows (m,).
-
-    Args:
-        place: (k, 3) changed; NaN slots change nothing.
-        rows: of these k.
-        slots: unit vectors from the centre.
-        turn_rad: clockwise from above.
-    """
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
-    for j in range(len(rows)):
-        x, y, z = slots[j, 0], slots[j, 1], slots[j, 2]
-        if np.isfinite(x):
-            row = rows[j]
-            place[row, 0], place[row, 1], place[row, 2] = c * x - s * y, s * x + c * y, z
-
-
 @cache
 def warm_up() -> None:
     """Compile or load every kernel of the batches and slots, so that nothing is compiled in flight."""
@@ -261,5 +243,4 @@ def warm_up() -> None:
     take(known, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)
     at_time(known, ~flags, np.zeros(2, np.bool_), np.zeros(2, np.bool_), 0.0, 1.0)
     without_control(known, ~flags, 0.0, 1.0)
-    slots = SlotsMessage.decode(SlotsMessage(1, 1, 0, vectors).encode()).place
-    lay(vectors.copy(), np.zeros(1, np.intp), slots, 0.0)
+    SlotsMessage.decode(SlotsMessage(1, 1, 0, vectors).encode())

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
+from gcs.formation.law import turned
 from gcs.model.errors import LinkError
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import Array, Mask, VehicleId, freeze
@@ -35,7 +36,6 @@ from gcs.stations.reported_vehicles import (
     ReportedVehicles,
     Rows,
     at_time,
-    lay,
     take,
     without_control,
 )
@@ -359,8 +359,10 @@ class Site:
         place = np.full((n + self.count, 3), np.nan)
         for number, (made_s, slots) in self._led.place.items():
             name = self.names[number]
-            rows = self._all_rows[:n] if name == self.own else self._all_rows[n:][self.stations[name].rows]
-            lay(place, rows, slots, spin_rad_s * max(now_s - made_s, 0.0))
+            rows = np.arange(n) if name == self.own else self.stations[name].rows + n
+            known = np.isfinite(slots[:, 0])
+            turn_rad = spin_rad_s * max(now_s - made_s, 0.0)
+            place[rows[known]] = turned(slots[known], turn_rad) if turn_rad else slots[known]
         return place
 
     def plan_version(self) -> int | None:

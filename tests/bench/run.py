@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from gcs.control import ControlSettings, Memory, Tasks, tick, warm_up
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
-from gcs.formation.article import ArticleParameters, formation_force
+from gcs.formation.article import ArticleParameters, formation_force, repulsion_force
 from gcs.formation.law import directions_from, goal_velocity
 from gcs.formation.orbit import Center
+from gcs.formation.repulsion import pushes
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
@@ -200,6 +201,13 @@ def _broadcast_force(
     return repulsion - pull
 
 
+def sphere_pushes(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The repulsion of one sweep of the slots; beside it the article's, over all pairs."""
+    direction, _ = directions_from(on_sphere(count, 100.0).position_m, np.array([0.0, 0.0, -110.0]))
+    charge = np.ones(count)
+    return lambda: pushes(direction, charge), lambda: repulsion_force(direction, charge, gain=1.0)
+
+
 def flat_filter(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
     """The filter on a flat ring whose drones all want to the other side; beside it pyrvo (2D)."""
     radius_m = 6.0 * count / (2.0 * np.pi)
@@ -284,6 +292,7 @@ ROWS: tuple[tuple[str, str, Callable[[int], tuple[Callable[[], object], Callable
     *(("tick, 32 boxes, no way", "the tick without boxes", shut_in_tick, count) for count in (8, 1_000)),
     *(("tick, a quarter lost", "the tick with none lost", lost_tick, count) for count in (100, 1_200)),
     ("tick, 3/4 elsewhere", "the tick of a quarter alone", station_tick, 1_200),
+    *(("pushes of a sweep", "article, all pairs", sphere_pushes, count) for count in (1_000, 10_000)),
     *(("filter, flat ring", "pyrvo (ORCA, 2D only)", flat_filter, count) for count in (20, 100)),
     ("assembly, 30 s", "the article's law and dynamics, 20 Hz, numpy", simulated_assembly, 100),
     ("point masses, a step", "one vehicle at a time", simulation_step, 100),
