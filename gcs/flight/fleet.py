@@ -26,7 +26,7 @@ from gcs.flight.running_show import ShowRun
 from gcs.flight.timecode import Timecode
 from gcs.flight.uncontrolled_space import UncontrolledSpace
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle, VehicleStates
-from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW, nearest_m
+from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW
 from gcs.links import Command, ParameterValue
 from gcs.links.batch_link import Link
 from gcs.model.errors import CommandError, RefusedError, UnknownError
@@ -50,6 +50,7 @@ from gcs.model.state import (
 from gcs.planning.return_paths.paths import ReturnPaths, keeps_to_path, lowest_beside_m
 from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, Placed
+from gcs.safety.neighbours import near_pairs
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
@@ -76,7 +77,9 @@ def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
         return bool(near.all())
     evenly = NEAREST_FACTOR_FEW.get(len(offset_m), NEAREST_FACTOR) / np.sqrt(len(offset_m))
     least = SPREAD_SHARE * evenly * np.sqrt(charge.min() / charge.mean())  # small charges settle closer
-    return bool(nearest_m(offset_m / distance_m[:, None]) >= least)
+    every = np.ones(len(offset_m), np.bool_)
+    first, _ = near_pairs(every, offset_m / distance_m[:, None], every, np.full(len(offset_m), least / 2.0))
+    return len(first) == 0
 
 
 Joined: TypeAlias = tuple[Sequence[Telemetry], Telemetry]

@@ -17,7 +17,7 @@ from gcs.model.state import TINY, Array, Mask
 from gcs.safety.across_stations import with_reports
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
-from gcs.safety.neighbours import FEW, Rows
+from gcs.safety.neighbours import FEW, Rows, near_pairs
 from gcs.safety.separation import (
     Floor,
     Pairs,
@@ -422,3 +422,4 @@ def warm_up() -> None:
         segments_of=np.arange(2 * OWNERS_MOST),
     )
     minimum_separation(position_m, all_rows, settings.floor)
+    near_pairs(all_rows, position_m, all_rows, zero)
