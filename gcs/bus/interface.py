@@ -13,6 +13,11 @@ log = logging.getLogger(__name__)
 PAYLOAD_MAX: Final = 60_000
 """Bytes of one message: with its key it stays below one batch of the transport."""
 
+CONNECTION_S: Final = 1.0
+"""A connection over a cut bus, or to a station that hangs, stays for so long; that of a process that ends
+closes at once.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Received:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.bus.interface import PAYLOAD_MAX, Accepts, BusCounters, Received, anything
+from gcs.bus.interface import CONNECTION_S, PAYLOAD_MAX, Accepts, BusCounters, Received, anything
 from gcs.model.errors import LinkError
 
 UNDER_WAY_MAX: Final = 4096
@@ -23,12 +23,13 @@ class MemoryNetwork:
     delay_s: float = 0.0
     spread_s: float = 0.0  # each message is later or earlier by up to this
     loss: float = 0.0  # share of the messages
-    lease_s: float = 0.2  # a station that is cut off stays present for this time
+    connection_s: float = CONNECTION_S  # a station that is cut off stays present for this time
     seed: int = 0
     tells_arrival: bool = True  # False: messages have the time at which they were collected
     buses: dict[str, "MemoryBus"] = field(default_factory=dict)
     _groups: tuple[frozenset[str], ...] = ()
     _cut_s: float = -np.inf
+    _deaf: dict[tuple[str, str], float] = field(default_factory=dict)  # receiver and sender: since when
     _random: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
@@ -42,21 +43,32 @@ class MemoryNetwork:
     def cut(self, *groups: Collection[str]) -> None:
         """From now on only stations of the same group receive each other; without groups all do again."""
         self._groups, self._cut_s = tuple(map(frozenset, groups)), self.now_s()
+        self._deaf.clear()
+
+    def deafen(self, receiver: str, sender: str) -> None:
+        """From now on the receiver receives nothing of the sender; it closes the connection of the two."""
+        self._deaf[receiver, sender] = self.now_s()
 
     def connects(self, one: str, other: str) -> bool:
-        """Whether messages pass between the two."""
+        """Whether the two are connected."""
         together = not self._groups or any({one, other} <= group for group in self._groups)
-        return together and self.buses[one].open and self.buses[other].open
+        deaf_s = min(self._deaf.get(pair, np.inf) for pair in ((one, other), (other, one)))
+        kept = self.now_s() - deaf_s < self.connection_s
+        return together and kept and self.buses[one].open and self.buses[other].open
 
     def present(self, station: str) -> frozenset[str]:
         """Stations that are present as far as that one knows."""
-        kept = self.now_s() - self._cut_s < self.lease_s
+        kept = self.now_s() - self._cut_s < self.connection_s
         others = [name for name, bus in self.buses.items() if name != station and bus.open]
         return frozenset(name for name in others if kept or self.connects(station, name))
 
     def carry(self, sender: str, topic: str, payload: bytes) -> None:
         """Put a message on its way to every other station."""
-        others = [bus for name, bus in self.buses.items() if name != sender and self.connects(sender, name)]
+        others = [
+            bus
+            for name, bus in self.buses.items()
+            if name != sender and self.connects(sender, name) and (name, sender) not in self._deaf
+        ]
         late_s = self.delay_s + self.spread_s * self._random.uniform(-1.0, 1.0, len(others))
         kept = self._random.random(len(others)) >= self.loss
         now_s = self.now_s()
@@ -128,12 +140,12 @@ def network(
     delay_s: float = 0.0,
     spread_s: float = 0.0,
     loss: float = 0.0,
-    lease_s: float = 0.2,
+    connection_s: float = CONNECTION_S,
     seed: int = 0,
     tells_arrival: bool = True,
 ) -> MemoryNetwork:
     """A network with a bus for each of these stations; settings as of `MemoryNetwork`."""
-    made = MemoryNetwork(now_s, delay_s, spread_s, loss, lease_s, seed, tells_arrival)
+    made = MemoryNetwork(now_s, delay_s, spread_s, loss, connection_s, seed, tells_arrival)
     for station in stations:
         made.bus(station)
     return made

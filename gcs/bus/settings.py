@@ -13,7 +13,7 @@ from gcs.service.access import is_loopback
 class BusSettings(Settings):
     """The bus of a site; each station's own endpoint is listed with the station."""
 
-    lease_s: Annotated[float, Field(ge=0.1, le=10.0)] = 0.2  # a station that hangs is gone after it
+    lease_s: Annotated[float, Field(ge=0.1, le=10.0)] = 0.2  # a standby takes over after it and the watchdog
     lead_silent_s: Annotated[float, Field(ge=0.5, le=60.0)] = 2.0  # of a silent lead the last plan is flown
     standby_rejoins: bool = (
         False  # vehicles that a standby took over go back into formation without a command

@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 
 import zenoh
 
-from gcs.bus.interface import PAYLOAD_MAX, Accepts, BusCounters, Received, anything
+from gcs.bus.interface import CONNECTION_S, PAYLOAD_MAX, Accepts, BusCounters, Received, anything
 from gcs.bus.settings import Endpoint, key_files
 from gcs.model.errors import LinkError
 
@@ -57,9 +57,7 @@ def kept(stations: int) -> int:
     return 64 + 2 * stations
 
 
-def configuration(
-    station: str, endpoints: Mapping[str, Endpoint], lease_s: float, keys: Path | None
-) -> zenoh.Config:
+def configuration(station: str, endpoints: Mapping[str, Endpoint], keys: Path | None) -> zenoh.Config:
     """Zenoh's configuration of one station of the site. Raises: LinkError when a file of keys is missing.
 
     Of each pair of stations the first by name connects. If both do, a connection that one makes anew joins
@@ -77,7 +75,7 @@ def configuration(
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/protocols": ["tls" if tls else "tcp"],
-        "transport/link/tx/lease": round(1000 * lease_s),
+        "transport/link/tx/lease": round(1000 * CONNECTION_S),  # with 4 signs of life
         "transport/link/tx/queue/size/real_time": BURST,
         "transport/link/rx/max_message_size": MESSAGE_MAX,
         "transport/unicast/open_timeout": HANDSHAKE_MS,
@@ -162,7 +160,6 @@ class ZenohBus:
         station: str,
         endpoints: Mapping[str, Endpoint],
         *,
-        lease_s: float,
         keys: Path | None,
         now_s: Callable[[], float],
     ) -> None:
@@ -171,20 +168,19 @@ class ZenohBus:
         Args:
             station: its name.
             endpoints: of all stations of the site, this one among them.
-            lease_s: a station that sends nothing for this time is gone.
             keys: the folder of `make_site_keys`; None: no TLS, for loopback only.
             now_s: the loop's clock.
         """
         self.station = station
         self.counters = BusCounters()
         self.accepts: Accepts = anything
-        self._endpoints, self._lease_s, self._keys = dict(endpoints), lease_s, keys
+        self._endpoints, self._keys = dict(endpoints), keys
         self._now_s = now_s
         self._open: _Open | None = None
         self._present: set[str] = set()
 
     async def run(self) -> None:
-        config = configuration(self.station, self._endpoints, self._lease_s, self._keys)
+        config = configuration(self.station, self._endpoints, self._keys)
         here = self._endpoints[self.station]
         os.environ.setdefault("ZENOH_RUNTIME", threads(len(self._endpoints)))
         try:

@@ -183,7 +183,7 @@ def make_membership(config: Config, site: Config) -> Membership:
     station = config.site_rows.station
     endpoints = {each.name: each.endpoint for each in site.stations}
     now_s = asyncio.get_running_loop().time
-    bus = ZenohBus(station, endpoints, lease_s=site.bus.lease_s, keys=site.bus.keys, now_s=now_s)
+    bus = ZenohBus(station, endpoints, keys=site.bus.keys, now_s=now_s)
     return Membership(station, site, bus, secrets.randbits(31))
 
 

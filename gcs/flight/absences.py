@@ -6,12 +6,16 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Final
 
-from gcs.stations.site import Site
+from gcs.bus.interface import CONNECTION_S
+from gcs.stations.site import SHARES_S, Site
 
 log = logging.getLogger(__name__)
 
 FENCED_S: Final = 1.0
 """An owner that has not received its standby for this time has its vehicles hold."""
+
+ENDED_WITHIN_S: Final = CONNECTION_S / 2.0
+"""A connection that closes so soon after a batch is not over a cut bus."""
 
 
 @dataclass(eq=False)
@@ -20,7 +24,6 @@ class Absences:
 
     site: Site
     standbys: Sequence[str]  # stations that take over vehicles of this one
-    lease_s: float  # a connection over a cut bus stays for so long
     stall_s: float  # a standby may take over after a longer pause of this station
     _ticked_s: float = -inf
     _arrived_s: dict[str, float] = field(default_factory=dict)  # newest batch of each station
@@ -45,10 +48,11 @@ class Absences:
         return not self._unanswered
 
     def _note_ended(self, connected: Collection[str], now_s: float, before_s: float) -> None:
-        """A connection closes at once where a process has ended, and after the lease where the bus is cut.
+        """A connection closes at once where a process has ended, and after CONNECTION_S where the bus is cut.
 
         The newest batch may have arrived right after the tick before the one that took it. Where ticks were
-        late nothing is known, and the station counts as cut off.
+        late nothing is known, and the station counts as cut off. So does one whose newest batch says that it
+        received this station no more: it may have closed the connection itself.
         """
         for name, station in self.site.stations.items():
             arrived = station.arrived_s != self._arrived_s.get(name, -inf)
@@ -57,7 +61,8 @@ class Absences:
             if arrived or name in connected:
                 self._ended.pop(name, None)
             elif name not in self._ended:
-                self._ended[name] = now_s - self._after_s.get(name, -inf) < self.lease_s
+                soon = now_s - self._after_s.get(name, -inf) < ENDED_WITHIN_S
+                self._ended[name] = soon and station.ours_age_s <= SHARES_S
 
     def _note_stall(self, now_s: float, before_s: float) -> None:
         """Nothing changes with a standby cut off for FENCED_S before: the vehicles hold already."""

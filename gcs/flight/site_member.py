@@ -133,8 +133,8 @@ class SiteMember:
             ]
             for name in self.stands_by_for
         }
-        lease_s = site_config.bus.lease_s
-        self._absences = Absences(site, self.standbys, lease_s, lease_s + site_config.setpoint_timeout_s)
+        stall_s = site_config.bus.lease_s + site_config.setpoint_timeout_s
+        self._absences = Absences(site, self.standbys, stall_s)
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.return_number = 0  # of the newest collective return that was received

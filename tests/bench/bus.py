@@ -70,7 +70,7 @@ def _make(kind: str, station: str, endpoints: dict[str, Endpoint], keys: Path) -
     if kind == "udp":
         return DatagramBus(station, endpoints)
     tls = keys if kind == "zenoh, TLS" else None
-    return ZenohBus(station, endpoints, lease_s=0.2, keys=tls, now_s=time.monotonic)
+    return ZenohBus(station, endpoints, keys=tls, now_s=time.monotonic)
 
 
 async def _fly(bus: Bus, rows: int, seconds: float, out: Connection) -> None:

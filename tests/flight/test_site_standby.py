@@ -133,6 +133,20 @@ def test_any_station_has_the_standby_go_on() -> None:
     fly_site(story, two_hosts(2, west=True), **BUS)
 
 
+def test_owner_unheard_by_its_standby_gives_its_vehicles_up() -> None:
+    """A cut of one direction: the standby ends the connection, as a process that ends does."""
+
+    async def story(show: SiteShow) -> None:
+        await show.start()
+        show.network.deafen("south", "north")
+        await show.until(lambda: show.in_phase("south", Phase.HOLD) == 4, 6.0)
+        await show.until(lambda: flies_on(show, "south"), 20.0)
+        assert both_never_at_once(show)
+        assert show.violations == 0
+
+    fly_site(story, two_hosts(4, rejoins=True), **BUS)
+
+
 def flies_on(show: SiteShow, name: str) -> bool:
     """Whether all vehicles fly in formation at that station, and its show runs."""
     return show[name].view.show is ShowPhase.RUNNING and show.in_phase(name, Phase.FORMATION) == 4

@@ -187,7 +187,7 @@ def test_a_larger_message_of_another_program_is_dropped() -> None:
 
     async def story() -> None:
         async with opened(north):
-            with zenoh.open(configuration("rogue", endpoints, 0.5, None)) as session:
+            with zenoh.open(configuration("rogue", endpoints, None)) as session:
                 token = session.liveliness().declare_token("gcs/rogue/alive")
                 await until("present", lambda: north.present == {"rogue"})
                 inbox = Inbox(north)
@@ -293,7 +293,7 @@ def test_a_station_without_a_certificate_of_the_site_is_refused(
 ) -> None:
     endpoints, keys = site
     make_site_keys(tmp_path / "other", {"west": ["127.0.0.1"]})
-    config = configuration("west", endpoints, 0.5, tmp_path / "other")
+    config = configuration("west", endpoints, tmp_path / "other")
     config.insert_json5("access_control", '{"enabled": false}')
     authority, certificate, key = key_files(keys, "west")[0], *key_files(tmp_path / "other", "west")[1:]
     config.insert_json5("transport/link/tls/root_ca_certificate", f'"{authority}"')  # it trusts the others
@@ -308,12 +308,12 @@ def test_a_station_without_a_certificate_of_the_site_is_refused(
 
 def test_a_station_that_publishes_as_another_is_refused(site: tuple[dict[str, Endpoint], Path]) -> None:
     endpoints, keys = site
-    config = configuration("west", endpoints, 0.5, keys)
+    config = configuration("west", endpoints, keys)
     config.insert_json5("access_control", '{"enabled": false}')
     asyncio.run(refused_beside_others(endpoints, keys, config, "south"))
 
 
 def test_a_connection_without_tls_is_refused(site: tuple[dict[str, Endpoint], Path]) -> None:
     endpoints, keys = site
-    config = configuration("west", endpoints, 0.5, None)
+    config = configuration("west", endpoints, None)
     asyncio.run(refused_beside_others(endpoints, keys, config, "west"))

@@ -27,7 +27,7 @@ def endpoints_of(*stations: str) -> dict[str, Endpoint]:
 
 
 def bus_of(station: str, endpoints: dict[str, Endpoint], keys: Path | None = None) -> ZenohBus:
-    return ZenohBus(station, endpoints, lease_s=0.5, keys=keys, now_s=time.monotonic)
+    return ZenohBus(station, endpoints, keys=keys, now_s=time.monotonic)
 
 
 @asynccontextmanager

@@ -34,12 +34,12 @@ def test_a_lease_is_at_least_a_tenth_of_a_second() -> None:
 
 
 def test_zenoh_searches_for_no_station_and_lets_none_search() -> None:
-    config = configuration("north", ENDPOINTS, 0.2, None)
+    config = configuration("north", ENDPOINTS, None)
     assert json.loads(config.get_json("listen/endpoints")) == ["tcp/127.0.0.1:7400"]
     assert json.loads(config.get_json("connect/endpoints")) == ["tcp/127.0.0.1:7401"]
     for way in ("multicast", "gossip"):
         assert json.loads(config.get_json(f"scouting/{way}/enabled")) is False
-    assert json.loads(config.get_json("transport/link/tx/lease")) == 200
+    assert json.loads(config.get_json("transport/link/tx/lease")) == 1000
 
 
 def test_of_each_pair_of_stations_one_connects() -> None:
@@ -47,7 +47,7 @@ def test_of_each_pair_of_stations_one_connects() -> None:
     endpoints = {name: Endpoint(host="127.0.0.1", port=7400 + k) for k, name in enumerate("dbca")}
     listens, connects = [], []
     for name in endpoints:
-        config = configuration(name, endpoints, 0.2, None)
+        config = configuration(name, endpoints, None)
         (own,) = json.loads(config.get_json("listen/endpoints"))
         listens.append(own)
         connects += [{own, other} for other in json.loads(config.get_json("connect/endpoints"))]
@@ -58,7 +58,7 @@ def test_of_each_pair_of_stations_one_connects() -> None:
 
 def test_with_keys_only_tls_is_spoken_and_all_else_is_denied(tmp_path: Path) -> None:
     make_site_keys(tmp_path, {name: ["127.0.0.1"] for name in ENDPOINTS})
-    config = configuration("north", ENDPOINTS, 0.2, tmp_path)
+    config = configuration("north", ENDPOINTS, tmp_path)
     assert json.loads(config.get_json("transport/link/protocols")) == ["tls"]
     assert json.loads(config.get_json("transport/link/tls/enable_mtls")) is True
     access = json.loads(config.get_json("access_control"))
@@ -68,4 +68,4 @@ def test_with_keys_only_tls_is_spoken_and_all_else_is_denied(tmp_path: Path) -> 
 def test_missing_keys_are_named(tmp_path: Path) -> None:
     make_site_keys(tmp_path, {"north": ["127.0.0.1"]})
     with pytest.raises(LinkError, match=r"south\.pem is missing: gcs key site makes it"):
-        configuration("south", ENDPOINTS, 0.2, tmp_path)
+        configuration("south", ENDPOINTS, tmp_path)

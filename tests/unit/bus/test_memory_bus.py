@@ -81,7 +81,7 @@ def test_loss_is_the_given_share_and_repeats_with_the_seed(clock: Clock) -> None
 
 
 def test_a_cut_bus_carries_within_each_half_until_it_heals(clock: Clock) -> None:
-    site = network(["a", "b", "c", "d"], clock, lease_s=0.2)
+    site = network(["a", "b", "c", "d"], clock, connection_s=0.2)
     site.cut(["a", "b"], ["c", "d"])
     site.buses["a"].publish("states", b"1")
     assert payloads(site.buses["b"]) == [b"1"]
